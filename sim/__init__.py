@@ -1,0 +1,1 @@
+"""The simulated world, the mission and the command line."""

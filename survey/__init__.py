@@ -1,0 +1,23 @@
+"""The foundation of firnline: the nouns of a survey, terrain reconstruction, scoring, formats, figures."""
+
+from survey.area import SurveyArea
+from survey.dem import Dem
+from survey.errors import CapacityError, ConfigError, FirnlineError, InputError
+from survey.grid import Grid
+from survey.route import Leg, Route
+from survey.surface_points import SurfacePoints
+from survey.trajectory import Trajectory
+
+__all__ = [
+    "CapacityError",
+    "ConfigError",
+    "Dem",
+    "FirnlineError",
+    "Grid",
+    "InputError",
+    "Leg",
+    "Route",
+    "SurfacePoints",
+    "SurveyArea",
+    "Trajectory",
+]

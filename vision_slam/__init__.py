@@ -1,0 +1,1 @@
+"""Localization from what a rover senses; it sees a recording, never a world."""
