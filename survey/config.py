@@ -1,6 +1,7 @@
 """Settings that are checked before any work starts: strict, frozen, with units in their names."""
 
 import difflib
+import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,12 +19,6 @@ class Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
-
-    def __init__(self, **values: Any) -> None:
-        try:
-            super().__init__(**values)
-        except ValidationError as error:
-            raise ConfigError(_sentence(error, type(self), type(self).__name__)) from error
 
 
 AnySection = TypeVar("AnySection", bound=BaseModel)
@@ -83,7 +78,8 @@ def _toml_value(text: str) -> Any:
 def validated(model: type[AnySection], values: Mapping[str, Any], where: str) -> AnySection:
     """Build a configuration, or refuse with one sentence that names the key."""
     try:
-        return model.model_validate(dict(values))
+        # TOML has lists only; in JSON mode they may stand for tuples, and nothing else is converted.
+        return model.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
         raise ConfigError(_sentence(error, model, where)) from error
 

@@ -1,7 +1,8 @@
 """Where a rover was, when, and how surely."""
 
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from pyproj import CRS
@@ -9,6 +10,8 @@ from pyproj import CRS
 from survey.arrays import FloatArray, checked
 from survey.errors import InputError
 from survey.geodesy import projected_crs
+from survey.io.tables import read_table, write_table
+from survey.io.tracks import TUM_COLUMNS, read_tum, write_tum
 
 
 @dataclass(frozen=True)
@@ -78,3 +81,43 @@ class Trajectory:
     def length_m(self) -> float:
         """Distance travelled [m]."""
         return float(np.linalg.norm(np.diff(self.position, axis=0), axis=1).sum())
+
+    def write(self, path: str | Path) -> None:
+        """Write ``.tum`` text (poses alone) or a ``.csv`` table (with covariance and health)."""
+        poses = np.column_stack([self.time_s, self.position, self.quaternion])
+        if Path(path).suffix == ".tum":
+            write_tum(path, poses)
+        else:
+            upper = self.covariance[:, _UPPER[0], _UPPER[1]]
+            write_table(
+                path, dict(zip(_COLUMNS, np.column_stack([poses, upper, self.health]).T, strict=True))
+            )
+
+    @classmethod
+    def read(cls, path: str | Path, crs: CRS | str) -> Self:
+        """Read what `write` wrote; a ``.tum`` file has no covariance, it becomes zero.
+
+        Raises
+        ------
+        InputError
+            Missing, cut off, or not of that form.
+        """
+        if Path(path).suffix == ".tum":
+            rows = read_tum(path)
+            return cls(
+                rows[:, 0], rows[:, 1:4], rows[:, 4:8], np.zeros((len(rows), 3, 3)), projected_crs(crs, "it")
+            )
+        table = read_table(path, _COLUMNS, what="the trajectory")
+        rows = np.column_stack([table[name] for name in _COLUMNS])
+        covariance = np.empty((len(rows), 3, 3))
+        covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = rows[:, 8:14]
+        place, turn = rows[:, 1:4], rows[:, 4:8]
+        return cls(rows[:, 0], place, turn, covariance, projected_crs(crs, "the trajectory"), rows[:, 14])
+
+
+_UPPER = np.triu_indices(3)
+_COLUMNS = (
+    *TUM_COLUMNS,
+    *("var_xx_m2", "cov_xy_m2", "cov_xz_m2", "var_yy_m2", "cov_yz_m2", "var_zz_m2"),
+    "health",
+)

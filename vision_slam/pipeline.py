@@ -1,0 +1,91 @@
+"""The main path of localization: records in, trajectory and landmarks out."""
+
+import numpy as np
+
+from survey.arrays import FloatArray
+from survey.errors import InputError
+from survey.recording import Odometry, Recording
+from survey.surface_points import SurfacePoints
+from survey.trajectory import Trajectory
+from vision_slam.config import LocalizationConfig
+from vision_slam.landmarks import placed_landmarks
+from vision_slam.rotation import quaternions, rotations
+from vision_slam.smoother import SmoothedPath, smooth
+
+
+def localize(
+    recording: Recording, config: LocalizationConfig | None = None
+) -> tuple[Trajectory, SurfacePoints]:
+    """Estimate where the rover was and where its landmarks are.
+
+    The odometry is reckoned from the surveyed start, its errors are estimated from GPS
+    and barometer, and the landmarks are placed from the corrected path. A recording
+    without odometry is a kinematic GPS survey: the fixes are the path and the ground
+    below the antenna the surface.
+
+    Parameters
+    ----------
+    recording : Recording
+        What the rover sensed.
+    config : LocalizationConfig, optional
+        What is assumed of the sensors.
+
+    Returns
+    -------
+    trajectory : Trajectory
+        Poses with covariances of position.
+    points : SurfacePoints
+        Landmarks with 3 × 3 covariances that hold both the sighting's own error and the
+        path's. Neighbouring landmarks share the path's part: as independent points they
+        claim more than they know.
+
+    Raises
+    ------
+    InputError
+        Sightings are missing, or none passes the gates.
+    """
+    settings = config or LocalizationConfig()
+    if recording.odometry is None:
+        return _kinematic_survey(recording, settings)
+    if recording.sightings is None:
+        raise InputError(
+            "the recording has odometry and no sightings; without landmarks there is no surface to map."
+        )
+    reckoned = dead_reckoning(recording.odometry, recording.start)
+    path = smooth(recording, reckoned, settings)
+    return _trajectory(recording, path), placed_landmarks(recording, path, settings)
+
+
+def dead_reckoning(odometry: Odometry, start: FloatArray) -> FloatArray:
+    """Sum the odometry's steps from the start: positions (N, 3) [m] in the world."""
+    steps = np.einsum("nij,nj->ni", rotations(odometry.attitude_rad[:-1]), odometry.step)
+    return np.vstack([start, start + np.cumsum(steps, axis=0)])
+
+
+def _trajectory(recording: Recording, path: SmoothedPath) -> Trajectory:
+    assert recording.odometry is not None
+    return Trajectory(
+        recording.odometry.time_s,
+        path.position,
+        quaternions(path.attitude_rad),
+        path.covariance[:, :3, :3],
+        recording.crs,
+    )
+
+
+def _kinematic_survey(recording: Recording, config: LocalizationConfig) -> tuple[Trajectory, SurfacePoints]:
+    ground = recording.gps.position - [0.0, 0.0, recording.antenna_height_m]
+    level = np.array([1.0, 1.0, config.gps_vertical_factor])
+    variance = (config.gps_bias_sigma_m**2 + config.gps_white_sigma_m**2) * level**2
+    covariance = np.tile(np.diag(variance), (len(ground), 1, 1))
+    heading = np.arctan2(np.gradient(ground[:, 1]), np.gradient(ground[:, 0]))
+    attitude = np.column_stack([np.zeros_like(heading), np.zeros_like(heading), heading])
+    trajectory = Trajectory(recording.gps.time_s, ground, quaternions(attitude), covariance, recording.crs)
+    points = SurfacePoints(
+        ground,
+        covariance=covariance,
+        origins=recording.gps.position,
+        crs=recording.crs,
+        vertical_datum=recording.vertical_datum,
+    )
+    return trajectory, points
