@@ -4,6 +4,7 @@ from survey.area import SurveyArea
 from survey.dem import Dem
 from survey.errors import CapacityError, ConfigError, FirnlineError, InputError
 from survey.grid import Grid
+from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.route import Leg, Route
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
@@ -13,11 +14,14 @@ __all__ = [
     "ConfigError",
     "Dem",
     "FirnlineError",
+    "GaussianProcessConfig",
     "Grid",
     "InputError",
     "Leg",
+    "Reconstruction",
     "Route",
     "SurfacePoints",
     "SurveyArea",
     "Trajectory",
+    "reconstruct",
 ]

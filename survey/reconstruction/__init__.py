@@ -1,0 +1,31 @@
+"""Terrain reconstruction: from measured points to a map that states its own uncertainty."""
+
+from survey.reconstruction.base import (
+    INTERPOLATED,
+    MEASURED,
+    RAY_BOUNDED,
+    UNSEEN,
+    Reconstruction,
+    TerrainModel,
+)
+from survey.reconstruction.config import GaussianProcessConfig
+from survey.reconstruction.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.mean import ConstantMean, DemMean, FunctionMean, Mean, PlaneMean
+from survey.reconstruction.reconstruct import reconstruct
+
+__all__ = [
+    "INTERPOLATED",
+    "MEASURED",
+    "RAY_BOUNDED",
+    "UNSEEN",
+    "ConstantMean",
+    "DemMean",
+    "FunctionMean",
+    "GaussianProcessConfig",
+    "GaussianProcessTerrain",
+    "Mean",
+    "PlaneMean",
+    "Reconstruction",
+    "TerrainModel",
+    "reconstruct",
+]

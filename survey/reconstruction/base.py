@@ -1,0 +1,240 @@
+"""What a terrain reconstruction is, and what every terrain model can be asked."""
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from survey.arrays import FloatArray, frozen
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.geodesy import same_crs
+from survey.grid import Grid
+from survey.io.files import existing_file, replacing
+from survey.io.raster import read_raster, write_raster
+from survey.surface_points import SurfacePoints
+
+UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
+"""Codes of `Reconstruction.support`: what stands behind the height of a node."""
+
+Quantity = Literal["mean", "std", "lower", "upper", "support"]
+
+ELEVATION = "elevation_m"
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A map of the terrain with its uncertainty.
+
+    Parameters
+    ----------
+    mean : Dem
+        Most likely height at every node of a grid [m]; NaN where the method is silent.
+    std : Dem
+        Standard deviation of that height [m].
+    support : (H, W) array_like of int
+        0 unseen, 1 interpolated, 2 bounded by a line of sight, 3 measured.
+    method : str
+        The method's name: ``gp``, ``dense``, ``tin`` …
+    hyperparameters : mapping of str to float, str or list
+        What the method assumed or fitted, units in the names.
+    lower, upper : Dem, optional
+        Bounds of the height [m], where a method gives other ones than ``mean ± k std``.
+    quantity : str
+        What is mapped, with its unit: ``elevation_m`` unless another value was asked for.
+    diagnostics : mapping of str to float, str or list
+        What the method found out about its input: outliers, the calibration …
+
+    Raises
+    ------
+    InputError
+        When the rasters do not lie on one grid, or a support code is unknown.
+
+    Notes
+    -----
+    One height per place: no overhangs, no open crevasses.
+
+    Examples
+    --------
+    >>> grid = Grid((0.0, 0.0, 2.0, 1.0), 1.0)
+    >>> flat = Dem.on(grid, np.zeros(grid.shape))
+    >>> Reconstruction(flat, flat, np.full(grid.shape, MEASURED), "tin", {}).share_of(MEASURED)
+    1.0
+    """
+
+    mean: Dem
+    std: Dem
+    support: npt.NDArray[np.uint8]
+    method: str
+    hyperparameters: Mapping[str, Any]
+    lower: Dem | None = None
+    upper: Dem | None = None
+    quantity: str = ELEVATION
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        codes = np.asarray(self.support)
+        if codes.shape != self.mean.shape or not np.isin(codes, (0, 1, 2, 3)).all():
+            raise InputError(
+                f"the support codes have the shape {codes.shape} for a map of {self.mean.shape}, or values other "
+                "than 0, 1, 2, 3; give one code per node."
+            )
+        object.__setattr__(self, "support", frozen(codes, np.uint8))
+        for name in ("std", "lower", "upper"):
+            dem: Dem | None = getattr(self, name)
+            if dem is None:
+                continue
+            same_crs(self.mean.crs, dem.crs, f"the mean and the {name}")
+            if dem.shape != self.mean.shape or not dem.transform.almost_equals(self.mean.transform):
+                raise InputError(f"the mean and the {name} do not lie on one grid; compute both on the same.")
+        for name in ("hyperparameters", "diagnostics"):
+            object.__setattr__(self, name, MappingProxyType(_plain(getattr(self, name), name)))
+
+    def share_of(self, code: int) -> float:
+        """Return the share of nodes with this support code."""
+        return float(np.mean(self.support == code))
+
+    def interval(self, sigmas: float = 1.959964) -> tuple[Dem, Dem]:
+        """Return lower and upper height [m]: the method's own bounds, or ``mean ± sigmas · std``."""
+        if self.lower is not None and self.upper is not None:
+            return self.lower, self.upper
+        grid, half = self.mean.grid(), sigmas * self.std.elevation
+        datum = self.mean.vertical_datum
+        return (
+            Dem.on(grid, self.mean.elevation - half, datum),
+            Dem.on(grid, self.mean.elevation + half, datum),
+        )
+
+    def write(self, folder: str | Path) -> None:
+        """Write ``dem.tif``, ``support.tif`` and ``reconstruction.json`` into an existing folder.
+
+        ``dem.tif`` is a Cloud-Optimized GeoTIFF of two bands, elevation and standard
+        deviation [m]. Bounds of the method's own go to ``bounds.tif``. Equal maps give
+        equal bytes. Rasters hold float32, which is 0.25 mm at 4,000 m.
+
+        Raises
+        ------
+        InputError
+            When the folder is missing or cannot be written to.
+        """
+        place = Path(folder)
+        dem = self.mean
+        name = self.quantity.rsplit("_", 1)[0] if self.quantity != ELEVATION else "elevation"
+
+        def write(file: str, bands: dict[str, FloatArray]) -> None:
+            write_raster(place / file, bands, dem.transform, dem.crs, dem.vertical_datum)
+
+        write("dem.tif", {name: dem.elevation, "standard_deviation": self.std.elevation})
+        write("support.tif", {"support": self.support.astype(np.float64)})
+        if self.lower is not None and self.upper is not None:
+            write("bounds.tif", {"lower": self.lower.elevation, "upper": self.upper.elevation})
+        facts = {
+            "method": self.method,
+            "quantity": self.quantity,
+            "hyperparameters": dict(self.hyperparameters),
+            "diagnostics": dict(self.diagnostics),
+        }
+        with replacing(place / "reconstruction.json") as draft:
+            draft.write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, folder: str | Path) -> Self:
+        """Read what `write` wrote.
+
+        Raises
+        ------
+        InputError
+            When a file is missing, empty or damaged.
+        """
+        place = Path(folder)
+        facts = _facts(place / "reconstruction.json")
+        mean, std = (Dem.read(place / "dem.tif", band=band) for band in (1, 2))
+        support = read_raster(place / "support.tif").values
+        if not np.isin(support, (0, 1, 2, 3)).all():
+            raise InputError(f"{place / 'support.tif'} holds codes other than 0 to 3; reconstruct again.")
+        bounds = place / "bounds.tif"
+        lower, upper = (Dem.read(bounds, band=band) for band in (1, 2)) if bounds.exists() else (None, None)
+        return cls(
+            mean,
+            std,
+            support.astype(np.uint8),
+            facts["method"],
+            facts["hyperparameters"],
+            lower,
+            upper,
+            facts["quantity"],
+            facts["diagnostics"],
+        )
+
+
+class TerrainModel(ABC):
+    """A surface that learns from points and can be asked anywhere.
+
+    The constructor stores settings; `fit` checks and learns; `update` returns a model that
+    knows more points, and leaves this one as it is.
+    """
+
+    @abstractmethod
+    def fit(self, points: SurfacePoints) -> Self:
+        """Learn from points, and return the model."""
+
+    @abstractmethod
+    def update(self, points: SurfacePoints) -> Self:
+        """Return a model that also knows these points, without fitting settings anew."""
+
+    @abstractmethod
+    def predict(self, xy: npt.ArrayLike, what: Quantity = "mean") -> FloatArray:
+        """Return one quantity at the places (N, 2) [m]: height, standard deviation, bounds [m] or code."""
+
+    @abstractmethod
+    def grid(self, grid: Grid) -> Reconstruction:
+        """Return the map on the nodes of a grid."""
+
+    @abstractmethod
+    def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
+        """Draw n surfaces (n, H, W) [m] that agree with the points."""
+
+    @abstractmethod
+    def save(self, path: str | Path) -> None:
+        """Write the model to one file."""
+
+    @classmethod
+    @abstractmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what `save` wrote."""
+
+
+def _plain(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return a copy of numbers, texts and lists as JSON has them."""
+    try:
+        text = json.dumps(dict(values), default=_number, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"the {name} hold what JSON cannot ({error}); give numbers, texts and lists."
+        ) from error
+    result: dict[str, Any] = json.loads(text)
+    return result
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"a {type(value).__name__}")
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    file = existing_file(path, "the reconstruction's description")
+    try:
+        facts: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        missing = {"method", "quantity", "hyperparameters", "diagnostics"} - set(facts)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{file} is damaged ({error}); reconstruct again.") from error
+    if missing:
+        raise InputError(f"{file} lacks {', '.join(sorted(missing))}; reconstruct again.")
+    return facts

@@ -1,0 +1,95 @@
+"""From points to a map, in one call."""
+
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from survey.area import SurveyArea
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.geodesy import same_crs
+from survey.grid import Grid
+from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
+from survey.reconstruction.config import GaussianProcessConfig
+from survey.reconstruction.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.mean import Mean
+from survey.reconstruction.triangulation import triangulate
+from survey.surface_points import SurfacePoints
+
+Method = Literal["gp", "dense", "tin"]
+
+
+def reconstruct(
+    points: SurfacePoints,
+    grid: Grid,
+    prior: Dem | Mean | None = None,
+    *,
+    method: Method = "gp",
+    config: GaussianProcessConfig | None = None,
+    value: str = ELEVATION,
+    area: SurveyArea | None = None,
+) -> Reconstruction:
+    """Map the terrain, or another sampled quantity, from points.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        What was measured, with its uncertainty.
+    grid : Grid
+        The nodes to map, in the points' CRS.
+    prior : Dem or Mean, optional
+        What the surface is expected to be, e.g. a satellite's coarse elevation model;
+        without it a constant, or a plane when `config` says so.
+    method : {"gp", "dense", "tin"}
+        The fast Gaussian process, the dense one, or linear interpolation in triangles,
+        which knows no prior and leaves NaN outside the points' hull.
+    config : GaussianProcessConfig, optional
+        By default everything is fitted to the points.
+    value : str
+        ``elevation_m``, or the name of a value that the points carry.
+    area : SurveyArea, optional
+        Nodes outside it get NaN.
+
+    Returns
+    -------
+    Reconstruction
+        Mean, standard deviation and support on the grid.
+
+    Raises
+    ------
+    InputError
+        Points, grid, prior or area in different systems, a prior that does not cover the
+        grid, too few points, or a task beyond the memory allowed.
+    """
+    same_crs(points.crs, grid.crs, "the points and the grid")
+    if method not in get_args(Method):
+        raise InputError(f"the method {method!r} is not known; take one of {', '.join(get_args(Method))}.")
+    if method == "tin":
+        result = triangulate(points, grid, quantity=value)
+    else:
+        model = GaussianProcessTerrain(config or GaussianProcessConfig(), prior, method, value)
+        result = model.fit(points).grid(grid)
+    return result if area is None else within(result, area)
+
+
+def within(result: Reconstruction, area: SurveyArea) -> Reconstruction:
+    """Return the map with NaN outside an area; refuse an area that holds no node."""
+    area.require_crs(result.mean.crs, "the map")
+    inside = area.contains(result.mean.xy).reshape(result.mean.shape)
+    if not inside.any():
+        raise InputError(
+            "no node of the grid lies in the survey area; check that both are in the same place."
+        )
+
+    def cut(dem: Dem) -> Dem:
+        return Dem.on(dem.grid(), np.where(inside, dem.elevation, np.nan), dem.vertical_datum)
+
+    return replace(
+        result,
+        mean=cut(result.mean),
+        std=cut(result.std),
+        support=np.where(inside, result.support, UNSEEN),
+        lower=cut(result.lower) if result.lower else None,
+        upper=cut(result.upper) if result.upper else None,
+    )
