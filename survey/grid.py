@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from affine import Affine
@@ -62,6 +62,21 @@ class Grid:
                 raise InputError(
                     f"a side of the grid measures {side:g} m, which is no whole number of {self.step_m:g} m steps; change one of the two."
                 )
+
+    @classmethod
+    def over(cls, bounds: tuple[float, float, float, float], step_m: float, crs: Any) -> Self:
+        """Return the smallest grid from the south-west corner on that covers the bounds.
+
+        Examples
+        --------
+        >>> Grid.over((0.0, 0.0, 9.5, 4.0), 1.0, "EPSG:32608").bounds
+        (0.0, 0.0, 10.0, 4.0)
+        """
+        xmin, ymin, xmax, ymax = checked(bounds, (4,), "the grid's bounds").tolist()
+        if not (np.isfinite(step_m) and step_m > 0):
+            raise InputError(f"the grid's step is {step_m} m; it must be greater than 0.")
+        columns, rows = np.ceil((xmax - xmin) / step_m - 1e-9), np.ceil((ymax - ymin) / step_m - 1e-9)
+        return cls((xmin, ymin, xmin + float(columns) * step_m, ymin + float(rows) * step_m), step_m, crs)
 
     @property
     def shape(self) -> tuple[int, int]:

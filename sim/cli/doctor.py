@@ -1,0 +1,92 @@
+"""``firnline doctor``: check that everything is here that firnline needs."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import typer
+
+from sim.cli.options import Json
+from sim.cli.outcome import refusals_told
+
+_OWN = ("survey", "planners", "vision_slam", "sim")
+
+
+def refuse_foreign_packages() -> None:
+    """End with exit code 1 when another distribution's package hides one of firnline's four."""
+    home = Path(__file__).resolve().parents[2]
+    for name in _OWN:
+        spec = find_spec(name)
+        if spec is None or spec.origin is None or Path(spec.origin).resolve().parents[1] != home:
+            place = "nowhere" if spec is None else spec.origin
+            typer.echo(
+                f"firnline: the package {name!r} resolves to {place}, not to {home}; "
+                "install firnline into an environment of its own.",
+                err=True,
+            )
+            raise SystemExit(1)
+
+
+@refusals_told
+def doctor(as_json: Json = False) -> None:
+    """Check the installation: packages, transformation grids, memory, write access.
+
+    For example:
+
+      firnline doctor
+    """
+    import json
+
+    findings = [*_packages(), *_machine()]
+    if as_json:
+        typer.echo(json.dumps([{"what": w, "found": f, "well": ok} for w, f, ok in findings], indent=2))
+    else:
+        for what, found, well in findings:
+            typer.echo(f"{'ok  ' if well else 'LOOK'}  {what:<24} {found}")
+    if not all(well for _, _, well in findings):
+        raise typer.Exit(1)
+
+
+Finding = tuple[str, str, bool]
+
+
+def _packages() -> list[Finding]:
+    import platform
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    from packaging.requirements import Requirement
+
+    rows: list[Finding] = [("Python", platform.python_version(), True)]
+    for line in requires("firnline") or []:
+        requirement = Requirement(line)
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        try:
+            found = version(requirement.name)
+            rows.append((requirement.name, found, requirement.specifier.contains(found, prereleases=True)))
+        except PackageNotFoundError:
+            rows.append((requirement.name, "missing; install firnline again", False))
+    return rows
+
+
+def _machine() -> list[Finding]:
+    import os
+
+    import pyproj
+    import rasterio
+
+    memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    data = Path(pyproj.datadir.get_data_dir())
+    grids = sorted(data.glob("*egm96*")) + sorted(data.glob("*egm08*"))
+    geoid = ", ".join(grid.name for grid in grids) or "none: heights stay in the datum of their file"
+    return [
+        ("cores", str(os.cpu_count()), True),
+        ("memory", f"{memory_gib:.0f} GiB", memory_gib >= 2.0),
+        ("GDAL", rasterio.__gdal_version__, True),
+        ("PROJ", pyproj.proj_version_str, True),
+        ("geoid grids", geoid, True),
+        (
+            "this folder",
+            "can be written to" if os.access(".", os.W_OK) else "is read-only; runs need --runs",
+            True,
+        ),
+    ]

@@ -1,0 +1,39 @@
+"""``firnline init``: a mission file to start from, every setting explained."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.outcome import refusals_told
+
+
+@refusals_told
+def init(
+    path: Annotated[Path, typer.Argument(help="The mission file to write.")] = Path("mission.toml"),
+    dem: Annotated[
+        Path | None,
+        typer.Option("--dem", help="Survey this fine elevation raster instead of random terrain."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+) -> None:
+    """Write a mission file with every setting, its unit and its default.
+
+    For example:
+
+      firnline init my-survey.toml
+
+      firnline init my-survey.toml --dem lidar.tif
+    """
+    from sim.template import mission_template
+    from survey.dem import Dem
+    from survey.errors import InputError
+    from survey.io.files import replacing
+
+    if path.exists() and not force:
+        raise InputError(f"{path} exists; choose another name or add --force to replace it.")
+    if dem is not None:
+        Dem.read(dem)
+    with replacing(path.resolve()) as draft:
+        draft.write_text(mission_template(path.stem, dem), encoding="utf-8")
+    typer.echo(f"{path} written; look it through, then: firnline run {path}")

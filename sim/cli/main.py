@@ -1,0 +1,40 @@
+"""The command ``firnline``: its verbs stand in the order of the flow."""
+
+import sys
+
+import typer
+
+from sim.cli import doctor, init, plan, reconstruct, report, run, score, show, simulate
+
+app = typer.Typer(
+    name="firnline",
+    help="Plan, simulate and judge robotic surveys of glaciers and other terrain.",
+    epilog="Start with: firnline init my-survey.toml, then firnline run my-survey.toml.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,
+)
+for command in (
+    init.init,
+    plan.plan,
+    simulate.simulate,
+    reconstruct.reconstruct,
+    score.score,
+    report.report,
+    run.run,
+    show.show,
+    doctor.doctor,
+):
+    app.command()(command)
+
+
+def main() -> None:
+    """Run the command line; exit codes are told in `sim.cli.outcome`."""
+    doctor.refuse_foreign_packages()
+    app(args=sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""What the commands do with a mission file: run it up to a stage, and say how it went."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from sim.cli.progress import StageProgress, logged_to
+from sim.config import MissionConfig
+from sim.mission import run_mission
+from sim.runs import open_run, read_mission
+from survey.io.documents import read_json
+from survey.store import RunFolder
+
+
+def run_until(
+    mission_file: Path,
+    stage: str,
+    *,
+    runs: Path,
+    settings: list[str] | None,
+    quiet: bool,
+    verbose: int,
+    first: str | None = None,
+) -> tuple[MissionConfig, RunFolder]:
+    """Run a mission up to a stage, from where it was left or from `first` on."""
+    mission = read_mission(mission_file, settings or ())
+    run = open_run(mission, runs)
+    if first is not None:
+        run.discard_from(first)
+    with logged_to(run.path / "log.jsonl", verbose):
+        run_mission(mission, run, until=stage, watch=StageProgress(quiet=quiet))
+    return mission, run
+
+
+def summary(run: RunFolder) -> dict[str, Any]:
+    """Return where the run stands: folder, stage times, and the score when there is one."""
+    stages = {name: entry["wall_s"] for name, entry in run.manifest["stages"].items()}
+    content: dict[str, Any] = {"run": str(run.path), "stage_wall_s": stages}
+    if run.has("score"):
+        content["score"] = read_json(run.folder("score") / "score.json", "the score")
+    if run.has("report"):
+        content["report"] = str(run.folder("report") / "index.html")
+    return content
+
+
+def tell(run: RunFolder, *, as_json: bool) -> None:
+    """Print the summary, for people or as JSON."""
+    content = summary(run)
+    if as_json:
+        typer.echo(json.dumps(content, indent=2))
+        return
+    total = sum(seconds or 0.0 for seconds in content["stage_wall_s"].values())
+    times = ", ".join(f"{name} {seconds or 0.0:.1f} s" for name, seconds in content["stage_wall_s"].items())
+    typer.echo(f"stages  {times} (together {total:.1f} s)")
+    if "score" in content:
+        typer.echo(f"RMSE    {content['score']['elevation']['rmse_m']:.3f} m")
+        for verdict in content["score"]["verdicts"]:
+            typer.echo(f"class   {verdict_line(verdict)}")
+    typer.echo(f"report  {content['report']}" if "report" in content else f"run     {content['run']}")
+
+
+def verdict_line(verdict: dict[str, Any]) -> str:
+    """Say one verdict in words."""
+    word = "met" if verdict["met"] else "not met"
+    return f"{verdict['map_class']} ({verdict['standard']}, limit {verdict['limit_m']:.4f} m): {word}"

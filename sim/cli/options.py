@@ -1,0 +1,19 @@
+"""Options that several commands share: `run`, `plan`, `simulate`, `reconstruct`, `score`, `report`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+RUNS = Path("results/runs")
+
+Runs = Annotated[Path, typer.Option("--runs", help="Folder that holds all runs.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
+Verbose = Annotated[
+    int, typer.Option("--verbose", "-v", count=True, help="More words; -vv shows tracebacks.")
+]

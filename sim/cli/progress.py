@@ -1,0 +1,77 @@
+"""Progress of a mission on stderr, and the same in the run's ``log.jsonl``."""
+
+import json
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from survey.store import STAGES
+
+_DOING = {
+    "plan": "planning the route",
+    "simulate": "driving and sensing",
+    "localize": "estimating path and landmarks",
+    "reconstruct": "reconstructing the terrain",
+    "score": "scoring",
+    "report": "drawing the report",
+}
+
+
+class StageProgress:
+    """Shows each stage while it runs; use as the `watch` of `run_mission`."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        self.seconds: dict[str, float] = {}
+        self._console = Console(stderr=True, quiet=quiet, highlight=False)
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Show one stage."""
+        number = f"{STAGES.index(stage) + 1}/{len(STAGES)}"
+        began = time.perf_counter()
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        with Progress(*columns, console=self._console, transient=True) as bar:
+            bar.add_task(f"{number} {_DOING[stage]} …", total=None)
+            yield
+        self.seconds[stage] = time.perf_counter() - began
+        self._console.print(f"{number} {stage:<12} {self.seconds[stage]:6.1f} s")
+
+
+class _JsonLines(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        when = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+        entry = {
+            "time": when,
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        return json.dumps(entry, ensure_ascii=False)
+
+
+@contextmanager
+def logged_to(path: Path, verbose: int) -> Iterator[None]:
+    """Append log records of firnline's packages to a file of JSON lines; echo them with -v."""
+    handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")]
+    handlers[0].setFormatter(_JsonLines())
+    if verbose:
+        handlers.append(logging.StreamHandler())
+    loggers = [logging.getLogger(name) for name in ("survey", "planners", "vision_slam", "sim", "firnline")]
+    for logger in loggers:
+        logger.setLevel(logging.DEBUG)
+        for handler in handlers:
+            logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            for handler in handlers:
+                logger.removeHandler(handler)
+        for handler in handlers:
+            handler.close()

@@ -1,0 +1,72 @@
+"""``firnline reconstruct``: a map from measured points."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.outcome import refusals_told
+
+
+@refusals_told
+def reconstruct(
+    source: Annotated[
+        Path, typer.Argument(help="Points (CSV, GeoPackage, LAS/LAZ, PLY) or mission file (TOML).")
+    ],
+    prior: Annotated[
+        Path | None, typer.Option("--prior", help="Coarse elevation raster to build around.")
+    ] = None,
+    grid: Annotated[float, typer.Option("--grid", help="Distance between the nodes of the map [m].")] = 1.0,
+    method: Annotated[str, typer.Option("--method", help="gp, dense or tin.")] = "gp",
+    value: Annotated[
+        str | None, typer.Option("--value", help="Map this sampled quantity instead of elevation.")
+    ] = None,
+    crs: Annotated[
+        str | None, typer.Option("--crs", help="CRS of points that carry none, e.g. EPSG:32608.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")
+    ] = Path("reconstruction"),
+    force: Annotated[bool, typer.Option("--force", help="Replace a reconstruction that is there.")] = False,
+    runs: Runs = RUNS,
+    settings: Settings = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Reconstruct terrain from points, with its standard deviation.
+
+    For example:
+
+      firnline reconstruct landmarks.csv --crs EPSG:32608 --prior srtm.tif --grid 2
+
+      firnline reconstruct cloud.laz --method tin -o map
+
+      firnline reconstruct mine.toml
+    """
+    if source.suffix == ".toml":
+        from sim.cli.mission_file import run_until, tell
+
+        _, run = run_until(source, "reconstruct", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
+        tell(run, as_json=as_json)
+        return
+    import json
+
+    from survey.errors import InputError
+    from survey.reconstruction import reconstruct_file
+
+    if (out / "dem.tif").exists() and not force:
+        raise InputError(
+            f"{out / 'dem.tif'} exists; choose another folder with --out or add --force to replace it."
+        )
+    result = reconstruct_file(source, prior=prior, step_m=grid, method=method, value=value, crs=crs)
+    out.mkdir(parents=True, exist_ok=True)
+    result.write(out)
+    if as_json:
+        typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
+    else:
+        rows, columns = result.mean.shape
+        typer.echo(
+            f"{rows} × {columns} nodes by {result.method}, written to {out / 'dem.tif'} ({json.dumps(dict(result.hyperparameters))})"
+        )

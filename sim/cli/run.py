@@ -1,0 +1,54 @@
+"""``firnline run``: a whole mission, continued where it was stopped."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.outcome import NOT_MET, refusals_told
+
+
+@refusals_told
+def run(
+    mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")],
+    runs: Runs = RUNS,
+    first: Annotated[
+        str | None, typer.Option("--from", metavar="STAGE", help="Do this stage and all after it anew.")
+    ] = None,
+    until: Annotated[str, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = "report",
+    fresh: Annotated[bool, typer.Option("--fresh", help="Do every stage anew.")] = False,
+    require: Annotated[
+        bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
+    ] = False,
+    settings: Settings = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Run a mission from plan to report, or go on where it was stopped.
+
+    Stages: plan, simulate, localize, reconstruct, score, report. The report's path is
+    printed last.
+
+    For example:
+
+      firnline run examples/srtm_ridge.toml
+
+      firnline run mine.toml --set planner.swaths=6 --require
+    """
+    from sim.cli.mission_file import run_until, summary, tell
+    from survey.errors import ConfigError
+    from survey.store import STAGES
+
+    for stage in (first, until):
+        if stage is not None and stage not in STAGES:
+            raise ConfigError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
+    start = "plan" if fresh else first
+    _, folder = run_until(
+        mission, until, runs=runs, settings=settings, quiet=quiet, verbose=verbose, first=start
+    )
+    tell(folder, as_json=as_json)
+    wanted = summary(folder).get("score", {}).get("verdicts", [])
+    if require and not any(verdict["met"] and verdict["wanted"] for verdict in wanted):
+        raise typer.Exit(NOT_MET)

@@ -1,0 +1,74 @@
+"""``firnline score``: judge how good a map is."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.outcome import refusals_told
+
+
+@refusals_told
+def score(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Map (raster; its second band is the standard deviation) or mission file (TOML)."
+        ),
+    ],
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="Reference raster, finer and surer than the map.")
+    ] = None,
+    area: Annotated[Path | None, typer.Option("--area", help="Judge only inside this polygon.")] = None,
+    route: Annotated[
+        Path | None, typer.Option("--route", help="Route that was driven, for coverage, α and β.")
+    ] = None,
+    runs: Runs = RUNS,
+    settings: Settings = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Judge a map against a reference: error statistics, coverage, map class.
+
+    For example:
+
+      firnline score mine.tif --truth lidar.tif --area site.gpkg
+
+      firnline score mine.toml
+    """
+    if source.suffix == ".toml":
+        from sim.cli.mission_file import run_until, tell
+
+        _, run = run_until(source, "score", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
+        tell(run, as_json=as_json)
+        return
+    _score_file(source, truth, area, route, as_json=as_json)
+
+
+def _score_file(
+    source: Path, truth: Path | None, area: Path | None, route: Path | None, *, as_json: bool
+) -> None:
+    import json
+
+    import survey
+    from sim.cli.mission_file import verdict_line
+    from survey.errors import InputError
+
+    if truth is None:
+        raise InputError(f"{source} cannot be judged alone; name the reference raster with --truth.")
+    result = survey.Reconstruction.read(source)
+    judged = survey.score(
+        result,
+        truth=survey.Dem.read(truth),
+        route=None if route is None else survey.Route.read(route),
+        area=None if area is None else survey.SurveyArea.read(area, crs=result.mean.crs),
+    ).to_dict()
+    if as_json:
+        typer.echo(json.dumps(judged, indent=2))
+        return
+    for name, figure in judged["elevation"].items():
+        typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
+    for verdict in judged["verdicts"]:
+        typer.echo(verdict_line(verdict))

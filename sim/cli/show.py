@@ -1,0 +1,39 @@
+"""``firnline show``: where a run stands."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.options import Json
+from sim.cli.outcome import refusals_told
+
+
+@refusals_told
+def show(
+    run: Annotated[
+        Path, typer.Argument(help="A run folder, a mission's folder of runs, or its latest link.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Tell which stages of a run are done, how long they took and what came out.
+
+    Every file is checked against the checksum that was taken when it was written.
+
+    For example:
+
+      firnline show results/runs/srtm-ridge
+    """
+    from sim.cli.mission_file import tell
+    from survey.store import STAGES, RunFolder
+
+    folder = RunFolder.find(run)
+    done = [stage for stage in STAGES if folder.has(stage)]
+    for stage in done:
+        folder.verify(stage)
+    if not as_json:
+        missing = [stage for stage in STAGES if stage not in done]
+        typer.echo(
+            f"done    {', '.join(done) or 'nothing'}" + (f"; open: {', '.join(missing)}" if missing else "")
+        )
+    tell(folder, as_json=as_json)

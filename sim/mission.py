@@ -1,0 +1,128 @@
+"""A mission from plan to report: each stage reads the files of those before it and writes its own.
+
+area, prior ──plan──▶ route ──simulate──▶ recording ──localize──▶ trajectory, points
+                                  └─ truth ─┐                          │
+report ◀──report── score ◀──score───────────┴── reconstruction ◀── reconstruct
+"""
+
+import logging
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+import planners
+import survey
+from sim.config import MissionConfig
+from sim.ideal import simulate_ideal
+from sim.report import write_mission_report
+from sim.statistical import simulate_statistical
+from sim.world import build_world
+from survey.io.documents import write_json
+from survey.recording import Recording
+from survey.store import STAGES, RunFolder
+from survey.truth import Truth
+from vision_slam import localize, trajectory_error
+
+logger = logging.getLogger(__name__)
+
+Watch = Callable[[str], AbstractContextManager[object]]
+"""Called with a stage's name; gives the context in which the stage runs, to show or time it."""
+
+
+def run_mission(
+    mission: MissionConfig, run: RunFolder, *, until: str = "report", watch: Watch = nullcontext
+) -> None:
+    """Do every stage that is not done yet, in order.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        What to do.
+    run : RunFolder
+        Where it is kept; finished stages are checked against their checksums and kept.
+    until : str
+        The last stage.
+    watch : callable
+        Wraps each stage that is run.
+
+    Raises
+    ------
+    InputError
+        What a stage refuses, or a finished stage whose files were changed.
+    """
+    with threadpool_limits(limits=1):  # one order of sums keeps the bytes, and spinning threads are slower
+        for name in STAGES[: STAGES.index(until) + 1]:
+            if run.has(name):
+                run.verify(name)
+                continue
+            with watch(name), run.stage(name) as folder:
+                _STAGES[name](mission, run, folder)
+            logger.info("finished the stage %s", name)
+
+
+def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Plan the route from the area and the prior alone."""
+    world = build_world(mission)
+    world.area.write(folder / "area.gpkg")
+    world.prior.write(folder / "prior.tif")
+    planners.plan(world.area, world.prior, mission.planner).write(folder / "route.geojson")
+
+
+def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Drive the route over the real terrain and record what the rover senses."""
+    route = survey.Route.read(run.folder("plan") / "route.geojson")
+    drive = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
+    recording, truth = drive(build_world(mission).terrain, route, mission)
+    recording.write(folder / "recording")
+    truth.write(folder / "truth")
+
+
+def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Estimate path and landmarks from the recording, and from nothing else."""
+    recording = Recording.read(run.folder("simulate") / "recording")
+    trajectory, points = localize(recording, mission.assumed)
+    trajectory.write(folder / "trajectory.tum")
+    trajectory.write(folder / "trajectory.csv")
+    points.write(folder / "surface_points.gpkg")
+
+
+def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Map the terrain from the surface points, around the prior."""
+    config = mission.reconstruction
+    area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")
+    points = survey.SurfacePoints.read(run.folder("localize") / "surface_points.gpkg")
+    prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
+    grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
+    survey.reconstruct(points, grid, prior=prior, method=config.method, config=config.gp).write(folder)
+
+
+def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Judge the map and the path against the truth."""
+    truth = Truth.read(run.folder("simulate") / "truth")
+    judged = survey.score(
+        survey.Reconstruction.read(run.folder("reconstruct")),
+        truth=truth.dem,
+        route=survey.Route.read(run.folder("plan") / "route.geojson"),
+        area=survey.SurveyArea.read(run.folder("plan") / "area.gpkg"),
+        sample_step_m=mission.score.sample_step_m,
+    )
+    write_json(folder / "score.json", judged.to_dict())
+    trajectory = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", truth.dem.crs)
+    write_json(folder / "localization.json", trajectory_error(trajectory, truth.trajectory).to_dict())
+
+
+def report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Put everything on one page."""
+    write_mission_report(folder, run)
+
+
+_STAGES: dict[str, Callable[[MissionConfig, RunFolder, Path], None]] = {
+    "plan": plan,
+    "simulate": simulate,
+    "localize": estimate,
+    "reconstruct": reconstruct,
+    "score": score,
+    "report": report,
+}

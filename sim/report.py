@@ -1,0 +1,46 @@
+"""The page of a mission, made from its run folder alone."""
+
+from importlib.metadata import version
+from pathlib import Path
+
+import survey
+from survey.io.documents import read_json
+from survey.reporting import write_report
+from survey.store import RunFolder
+from survey.truth import Truth
+
+
+def write_mission_report(folder: Path, run: RunFolder) -> Path:
+    """Write ``index.html`` and its figures into `folder`; return the page."""
+    plan, localized = run.folder("plan"), run.folder("localize")
+    truth = Truth.read(run.folder("simulate") / "truth")
+    reconstruction = survey.Reconstruction.read(run.folder("reconstruct"))
+    area = survey.SurveyArea.read(plan / "area.gpkg")
+    route = survey.Route.read(plan / "route.geojson")
+    localization = run.folder("score") / "localization.json"
+    return write_report(
+        folder,
+        title=run.path.parent.name,
+        area=area,
+        prior=survey.Dem.read(plan / "prior.tif"),
+        truth=truth.dem,
+        route=route,
+        reconstruction=reconstruction,
+        score=survey.Score.from_dict(read_json(run.folder("score") / "score.json", "the score")),
+        trajectory=survey.Trajectory.read(localized / "trajectory.csv", truth.dem.crs),
+        reference_trajectory=truth.trajectory,
+        points=survey.SurfacePoints.read(localized / "surface_points.gpkg"),
+        localization=read_json(localization, "the localization error") if localization.exists() else None,
+        config_text=(run.path / "config.toml").read_text(encoding="utf-8"),
+        provenance=_provenance(run),
+    )
+
+
+def _provenance(run: RunFolder) -> dict[str, str]:
+    manifest = run.manifest
+    facts = {
+        "firnline": version("firnline"),
+        "seed": str(manifest["seed"]),
+        "configuration": manifest["config_sha256"],
+    }
+    return facts | {f"input {name}": digest for name, digest in manifest["inputs_sha256"].items()}
