@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
 
@@ -10,7 +11,21 @@ from pyproj import CRS
 
 from survey.arrays import BoolArray, FloatArray, checked, frozen
 from survey.errors import InputError
-from survey.geodesy import UNSTATED, projected_crs
+from survey.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum
+from survey.io.points import PLACE, PointTable, read_point_table, write_point_table
+
+_SIGMA = "sigma_z_m"
+_COVARIANCE = {
+    "cov_xx_m2": (0, 0),
+    "cov_xy_m2": (0, 1),
+    "cov_xz_m2": (0, 2),
+    "cov_yy_m2": (1, 1),
+    "cov_yz_m2": (1, 2),
+    "cov_zz_m2": (2, 2),
+}
+_ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
+_RANGE = "range_m"
+_VALUE_SIGMA = "sigma_"
 
 
 @dataclass(frozen=True)
@@ -106,6 +121,99 @@ class SurfacePoints:
                 f"{n_bad} surface points have an elevation variance of 0 or less; every measurement errs, state by how much."
             )
 
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        crs: Any = None,
+        sigma_m: float | None = None,
+        vertical_datum: str | None = None,
+    ) -> Self:
+        """Read points from CSV, GeoPackage, GeoJSON, LAS, LAZ or PLY.
+
+        Columns are ``x_m``, ``y_m``, ``z_m`` (the geometry, where the format has one), and
+        for the uncertainty either ``sigma_z_m`` or the six ``cov_xx_m2``, ``cov_xy_m2``,
+        ``cov_xz_m2``, ``cov_yy_m2``, ``cov_yz_m2``, ``cov_zz_m2``. Optional ones are
+        ``origin_x_m``, ``origin_y_m``, ``origin_z_m`` and ``range_m``. Every other column of
+        numbers is a sampled value, such as ``temperature_c``; ``sigma_temperature_c`` is its
+        standard deviation.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file; its ending names the format.
+        crs : str or pyproj.CRS, optional
+            For files that carry none, as CSV; refused when the file names another one.
+        sigma_m : float, optional
+            Standard deviation of the elevation [m] for files that state none.
+        vertical_datum : str, optional
+            For files that do not state it.
+
+        Raises
+        ------
+        InputError
+            The file is missing, empty or damaged, lacks a column or the uncertainty,
+            holds NaN, is in degrees or names no CRS.
+        """
+        table = read_point_table(path)
+        try:
+            return cls._from_table(table, crs, sigma_m, vertical_datum)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    @classmethod
+    def _from_table(cls, table: PointTable, crs: Any, sigma_m: float | None, datum: str | None) -> Self:
+        columns = dict(table.columns)
+        xyz = np.column_stack([columns.pop(name) for name in PLACE])
+        covariance, sigma = _uncertainty(columns, sigma_m)
+        has_origins = all(name in columns for name in _ORIGIN)
+        origins = np.column_stack([columns.pop(name) for name in _ORIGIN]) if has_origins else None
+        range_m = columns.pop(_RANGE, None)
+        sigmas = {
+            name.removeprefix(_VALUE_SIGMA): columns.pop(name)
+            for name in list(columns)
+            if name.startswith(_VALUE_SIGMA)
+        }
+        stated = table.vertical_datum
+        if stated and datum:
+            same_vertical_datum(stated, datum, "the file and the request")
+        return cls(
+            xyz,
+            covariance,
+            sigma,
+            origins,
+            range_m,
+            columns,
+            sigmas,
+            _one_crs(table.crs, crs),
+            stated or datum or UNSTATED,
+        )
+
+    def write(self, path: str | Path) -> None:
+        """Write the columns that `read` describes to the format that the file's ending names.
+
+        Equal points give equal bytes. CSV carries neither CRS nor vertical datum; LAS and
+        LAZ round coordinates to 0.1 mm.
+
+        Raises
+        ------
+        InputError
+            Another ending, a missing folder or a full disk.
+        """
+        columns: dict[str, FloatArray] = dict(zip(PLACE, self.xyz.T, strict=True))
+        if self.covariance is not None:
+            columns |= {name: self.covariance[:, i, j] for name, (i, j) in _COVARIANCE.items()}
+        else:
+            columns[_SIGMA] = self.sigma_z
+        if self.origins is not None:
+            columns |= dict(zip(_ORIGIN, self.origins.T, strict=True))
+        if self.range_m is not None:
+            columns[_RANGE] = self.range_m
+        columns |= dict(self.values)
+        columns |= {_VALUE_SIGMA + name: sigma for name, sigma in self.value_sigmas.items()}
+        write_point_table(path, PointTable(columns, self.crs, self.vertical_datum))
+
     def __len__(self) -> int:
         return len(self.xyz)
 
@@ -144,3 +252,34 @@ class SurfacePoints:
             self.crs,
             self.vertical_datum,
         )
+
+
+def _uncertainty(
+    columns: dict[str, FloatArray], sigma_m: float | None
+) -> tuple[FloatArray | None, FloatArray | float | None]:
+    """Take the columns of the uncertainty out, and return the covariance or the sigma."""
+    found = [name for name in _COVARIANCE if name in columns]
+    sigma = columns.pop(_SIGMA, None)
+    if found and len(found) < len(_COVARIANCE):
+        missing = ", ".join(name for name in _COVARIANCE if name not in found)
+        raise InputError(f"the covariance lacks the columns {missing}; give all six or {_SIGMA}.")
+    if found:
+        entries = {name: columns.pop(name) for name in _COVARIANCE}
+        covariance = np.empty((len(entries["cov_xx_m2"]), 3, 3))
+        for name, (i, j) in _COVARIANCE.items():
+            covariance[:, i, j] = covariance[:, j, i] = entries[name]
+        return covariance, None
+    if sigma is None and sigma_m is None:
+        raise InputError(
+            f"the file states no uncertainty; add a column {_SIGMA} or the six cov_*_m2, or name one sigma for all."
+        )
+    return None, sigma if sigma is not None else sigma_m
+
+
+def _one_crs(stated: Any, named: Any) -> CRS:
+    """Return the CRS of the file or, where it has none, the one that was named."""
+    if stated is None or named is None:
+        return projected_crs(stated if stated is not None else named, "the set of surface points")
+    of_file, wanted = (projected_crs(crs, "the set of surface points") for crs in (stated, named))
+    same_crs(of_file, wanted, "the file and the request")
+    return of_file

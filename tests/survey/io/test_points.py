@@ -1,0 +1,88 @@
+"""Point files come back as they went, and say what is wrong with them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from survey.errors import InputError
+from survey.surface_points import SurfacePoints
+
+FORMATS = [".csv", ".gpkg", ".geojson", ".las", ".laz", ".ply"]
+CRS = "EPSG:32608"
+
+
+@pytest.fixture
+def points() -> SurfacePoints:
+    rng = np.random.default_rng(5)
+    n = 7
+    root = rng.standard_normal((n, 3, 3))
+    return SurfacePoints(
+        np.column_stack([500_000 + 9 * rng.random(n), 6_500_000 + 9 * rng.random(n), rng.random(n)]),
+        covariance=root @ root.transpose(0, 2, 1) + np.eye(3),
+        origins=rng.random((n, 3)),
+        range_m=rng.random(n),
+        values={"temperature_c": rng.random(n)},
+        value_sigmas={"temperature_c": 0.1 + rng.random(n)},
+        crs=CRS,
+        vertical_datum="EGM2008 height",
+    )
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_column_comes_back(points: SurfacePoints, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"points{suffix}"
+    points.write(path)
+    stated = {"crs": CRS, "vertical_datum": "EGM2008 height"} if suffix == ".csv" else {}
+    back = SurfacePoints.read(path, **stated)
+    # LAS keeps tenths of a millimetre; GeoJSON is written with 7 decimals; the others are exact.
+    step = {".las": 5.1e-5, ".laz": 5.1e-5, ".geojson": 1e-7}.get(suffix, 0.0)
+    np.testing.assert_allclose(back.xyz, points.xyz, rtol=0, atol=step)
+    for name in ("covariance", "origins", "range_m"):
+        np.testing.assert_allclose(getattr(back, name), getattr(points, name), rtol=1e-12)
+    np.testing.assert_allclose(back.values["temperature_c"], points.values["temperature_c"], rtol=1e-12)
+    np.testing.assert_allclose(back.value_sigmas["temperature_c"], points.value_sigmas["temperature_c"])
+    assert back.crs.equals(points.crs, ignore_axis_order=True)
+    assert back.vertical_datum == points.vertical_datum
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_equal_points_give_equal_bytes(points: SurfacePoints, suffix: str, tmp_path: Path) -> None:
+    one, two = tmp_path / f"one{suffix}", tmp_path / "other"
+    two.mkdir()
+    points.write(one)
+    points.write(two / one.name)
+    assert one.read_bytes() == (two / one.name).read_bytes()
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("damage", ["missing", "empty", "garbage", "cut"])
+def test_damaged_files_are_named_in_one_sentence(
+    points: SurfacePoints, suffix: str, damage: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"damaged{suffix}"
+    points.write(path)
+    whole = path.read_bytes()
+    if damage == "missing":
+        path.unlink()
+    else:
+        path.write_bytes(
+            {"empty": b"", "garbage": b"\x07no points\xff" * 9, "cut": whole[: len(whole) // 2]}[damage]
+        )
+    with pytest.raises(InputError) as refusal:
+        SurfacePoints.read(path, crs=CRS)
+    message = str(refusal.value)
+    assert path.name in message
+    assert "\n" not in message
+
+
+def test_a_missing_column_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text("x_m,y,z_m,sigma_z_m\n1,2,3,0.1\n")
+    with pytest.raises(InputError, match="y_m"):
+        SurfacePoints.read(path, crs=CRS)
+
+
+def test_an_unknown_ending_names_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.gpkg"):
+        SurfacePoints.read(tmp_path / "points.xyz", crs=CRS)
