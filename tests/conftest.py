@@ -1,0 +1,42 @@
+"""Worlds with known answers, and the place of the real data."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from survey import Dem, Grid
+
+CRS = "EPSG:32608"
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20261121)
+
+
+@pytest.fixture
+def plane() -> Dem:
+    """z = 100 + 0.1 x − 0.2 y on 21 × 11 nodes, 5 m apart."""
+    grid = Grid((0.0, 0.0, 100.0, 50.0), 5.0, CRS)
+    x, y = np.meshgrid(grid.x, grid.y)
+    return Dem.on(grid, 100.0 + 0.1 * x - 0.2 * y)
+
+
+@pytest.fixture
+def cosine_hill() -> Dem:
+    """z = 50 + 5 cos(2π x / 200) cos(2π y / 200) on 101 × 101 nodes, 2 m apart."""
+    grid = Grid((0.0, 0.0, 200.0, 200.0), 2.0, CRS)
+    x, y = np.meshgrid(grid.x, grid.y)
+    return Dem.on(grid, 50.0 + 5.0 * np.cos(2 * np.pi * x / 200) * np.cos(2 * np.pi * y / 200))
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of measured data, told by FIRNLINE_DATA or beside the checkout."""
+    default = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("FIRNLINE_DATA", default))
+    if not folder.is_dir():
+        pytest.skip(f"the folder of real data {folder} is not here; set FIRNLINE_DATA")
+    return folder

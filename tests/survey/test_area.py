@@ -1,0 +1,88 @@
+import json
+
+import numpy as np
+import pytest
+import shapely
+from shapely import Polygon
+
+from survey import InputError, SurveyArea
+
+CRS = "EPSG:32608"
+SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
+
+
+def test_holes_and_no_go_zones_are_not_contained():
+    area = SurveyArea(SQUARE, CRS, no_go=(shapely.box(40, 40, 60, 60),))
+    np.testing.assert_array_equal(
+        area.contains([[10, 10], [50, 50], [0, 0], [101, 50]]), [True, False, True, False]
+    )
+
+
+def test_reference_is_the_centroid_and_the_farthest_point_a_corner():
+    area = SurveyArea(SQUARE, CRS)
+    np.testing.assert_allclose(area.reference, [50.0, 50.0])
+    assert area.farthest_m == pytest.approx(np.hypot(50.0, 50.0))
+
+
+@pytest.mark.parametrize("name", ["a.gpkg", "a.geojson"])
+def test_file_gives_back_outline_no_go_and_starts(tmp_path, name):
+    area = SurveyArea(SQUARE, CRS, no_go=(shapely.box(40, 40, 60, 60),), starts=[[1.0, 2.0]])
+    area.write(tmp_path / name)
+    back = SurveyArea.read(tmp_path / name)
+    assert back.polygon.equals(area.polygon)
+    assert back.no_go[0].equals(area.no_go[0])
+    np.testing.assert_allclose(back.starts, area.starts)
+    assert back.crs == area.crs
+
+
+def test_degrees_are_reprojected_when_a_crs_is_named(tmp_path):
+    ring = [[-134.55, 58.44], [-134.54, 58.44], [-134.54, 58.445], [-134.55, 58.445], [-134.55, 58.44]]
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    with pytest.raises(InputError, match="degree"):
+        SurveyArea.read(tmp_path / "a.geojson")
+    area = SurveyArea.read(tmp_path / "a.geojson", crs=CRS)
+    # 0.01° of longitude at 58.44° N is 583 m, 0.005° of latitude 557 m (WGS 84, to a per cent).
+    assert area.polygon.area == pytest.approx(583.0 * 557.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("polygon", "words"),
+    [
+        (Polygon([(0, 0), (10, 10), (10, 0), (0, 10)]), "not a simple polygon"),
+        (Polygon(), "empty"),
+        (shapely.LineString([(0, 0), (1, 1)]), "a polygon was expected"),
+        (Polygon([(0, 0), (5, 5), (10, 10)]), "encloses no ground|not a simple"),
+        (Polygon([(0, 0), (1e400, 0), (1, 1)]), "NaN or infinite"),
+        (Polygon(SQUARE.exterior, [[(200, 200), (210, 200), (210, 210)]]), "not a simple polygon"),
+    ],
+)
+def test_refuses_what_is_no_area(polygon, words):
+    with pytest.raises(InputError, match=words):
+        SurveyArea(polygon, CRS)
+
+
+def test_refuses_no_go_that_covers_everything():
+    with pytest.raises(InputError, match="cover the whole"):
+        SurveyArea(SQUARE, CRS, no_go=(SQUARE.buffer(1.0),))
+
+
+def test_refuses_a_start_in_a_no_go_zone():
+    with pytest.raises(InputError, match="no-go zone"):
+        SurveyArea(SQUARE, CRS, no_go=(shapely.box(40, 40, 60, 60),), starts=[[50.0, 50.0]])
+
+
+def test_refuses_an_unknown_role(tmp_path):
+    SurveyArea(SQUARE, CRS).write(tmp_path / "a.geojson")
+    text = (tmp_path / "a.geojson").read_text().replace('"role": "area"', '"role": "aria"')
+    (tmp_path / "a.geojson").write_text(text)
+    with pytest.raises(InputError, match="role 'aria'"):
+        SurveyArea.read(tmp_path / "a.geojson")
+
+
+def test_real_outlines_are_read(real_data):
+    folder = real_data / "dem_oggm_glaciers" / "outlines"
+    area = SurveyArea.read(folder / "RGI60-01.10689_Columbia.shp", crs="EPSG:32606")
+    parts = shapely.get_parts(area.polygon)
+    # The outline of Columbia Glacier has 141 rings.
+    assert sum(1 + len(part.interiors) for part in parts) == 141

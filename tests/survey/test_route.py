@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from survey import InputError, Leg, Route
+
+CRS = "EPSG:32608"
+
+
+@pytest.fixture
+def hairpin() -> Route:
+    legs = (
+        Leg("swath", [[0.0, 0.0], [10.0, 0.0]]),
+        Leg("transit", [[10.0, 0.0], [10.0, 5.0]]),
+        Leg("swath", [[10.0, 5.0], [0.0, 5.0]]),
+    )
+    return Route(legs, CRS, "lawnmower", 5.0, {"time_s": 25.0})
+
+
+def test_samples_lie_at_equal_distances_and_know_their_leg(hairpin):
+    samples = hairpin.sample(2.5)
+    np.testing.assert_allclose(samples.distance_m, np.arange(0.0, 25.1, 2.5))
+    np.testing.assert_allclose(samples.xy[[0, 4, 6, 10]], [[0, 0], [10, 0], [10, 5], [0, 5]])
+    np.testing.assert_array_equal(samples.leg, [0, 0, 0, 0, 1, 1, 2, 2, 2, 2, 2])
+    np.testing.assert_allclose(samples.heading_rad[[0, 4, 6]], [0.0, np.pi / 2, np.pi])
+
+
+def test_file_gives_the_route_back(hairpin, tmp_path):
+    hairpin.write(tmp_path / "r.geojson")
+    back = Route.read(tmp_path / "r.geojson")
+    assert [leg.kind for leg in back.legs] == ["swath", "transit", "swath"]
+    np.testing.assert_array_equal(back.path(), hairpin.path())
+    assert back.prediction == {"time_s": 25.0}
+    assert (back.pattern, back.spacing_m, back.crs) == ("lawnmower", 5.0, hairpin.crs)
+
+
+def test_refuses_legs_that_do_not_join():
+    with pytest.raises(InputError, match=r"jumps 5\.00 m"):
+        Route((Leg("swath", [[0, 0], [1, 0]]), Leg("swath", [[1, 5], [0, 5]])), CRS, "x")
+
+
+@pytest.mark.parametrize(
+    ("kind", "xy", "words"),
+    [
+        ("swath", [[0, 0]], "at least two"),
+        ("swim", [[0, 0], [1, 1]], "swath or transit"),
+        ("swath", [[0, np.nan], [1, 1]], "NaN"),
+    ],
+)
+def test_refuses_a_bad_leg(kind, xy, words):
+    with pytest.raises(InputError, match=words):
+        Leg(kind, xy)
+
+
+def test_refuses_a_route_without_length():
+    with pytest.raises(InputError, match="no length"):
+        Route((Leg("swath", [[1, 1], [1, 1]]),), CRS, "x").sample(1.0)
