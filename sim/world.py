@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from affine import Affine
 from rasterio.features import shapes
 from scipy.ndimage import distance_transform_edt
 
@@ -143,7 +144,7 @@ def _padded(terrain: Dem, bounds: tuple[float, float, float, float]) -> Dem:
     values[r0 - first_row : r1 - first_row, c0 - first_column : c1 - first_column] = terrain.elevation[
         r0:r1, c0:c1
     ]
-    transform = terrain.transform * terrain.transform.translation(first_column, first_row)
+    transform = terrain.transform @ Affine.translation(first_column, first_row)
     return Dem(values, transform, terrain.crs, terrain.vertical_datum)
 
 

@@ -230,7 +230,7 @@ class Dem:
                 f"the window {tuple(round(b, 2) for b in bounds)} holds {len(rows)} × {len(columns)} cells of the DEM, "
                 f"whose bounds are {tuple(round(b, 2) for b in self.bounds)}; at least 2 × 2 are needed."
             )
-        shifted = self.transform * Affine.translation(columns[0], rows[0])
+        shifted = self.transform @ Affine.translation(columns[0], rows[0])
         values = self.elevation[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         return self._with(values, shifted)
 
@@ -258,7 +258,7 @@ class Dem:
         blocks = self.elevation[: rows * n, : columns * n].reshape(rows, n, columns, n)
         n_valid = np.isfinite(blocks).sum(axis=(1, 3))
         mean = np.where(n_valid * 2 >= n * n, np.nansum(blocks, axis=(1, 3)) / np.maximum(n_valid, 1), np.nan)
-        return self._with(mean, self.transform * Affine.scale(n))
+        return self._with(mean, self.transform @ Affine.scale(n))
 
     def _with(self, elevation: FloatArray, transform: Affine | None = None) -> Self:
         return type(self)(elevation, transform or self.transform, self.crs, self.vertical_datum)

@@ -79,7 +79,7 @@ def test_same_dem_same_bytes(plane, tmp_path):
         ([[1.0]], Affine(1, 0, 0, 0, -1, 0), CRS, "at least 2 × 2"),
         (np.full((3, 3), np.nan), Affine(1, 0, 0, 0, -1, 0), CRS, "no height at all"),
         (np.full((3, 3), np.inf), Affine(1, 0, 0, 0, -1, 0), CRS, "infinite"),
-        (np.zeros((3, 3)), Affine.rotation(10) * Affine(1, 0, 0, 0, -1, 0), CRS, "rotated"),
+        (np.zeros((3, 3)), Affine.rotation(10) @ Affine(1, 0, 0, 0, -1, 0), CRS, "rotated"),
         (np.zeros((3, 3)), Affine(1, 0, 0, 0, 1, 0), CRS, "northern"),
         (np.zeros((3, 3)), Affine(1, 0, 0, 0, -2, 0), CRS, "square"),
         (np.zeros((3, 3)), Affine(1, 0, 0, 0, -1, 0), "EPSG:4326", "metres"),

@@ -11,7 +11,7 @@ def test_nodes_include_both_ends_and_rows_run_from_north_to_south():
     assert grid.shape == (601, 601)
     assert (grid.x[0], grid.x[-1], grid.y[0], grid.y[-1]) == (0.0, 600.0, 600.0, 0.0)
     np.testing.assert_array_equal(grid.xy[:2], [[0.0, 600.0], [1.0, 600.0]])
-    assert grid.transform * (0.5, 0.5) == (0.0, 600.0)
+    assert grid.transform @ (0.5, 0.5) == (0.0, 600.0)
 
 
 @pytest.mark.parametrize(
