@@ -80,9 +80,11 @@ def test_refuses_an_unknown_role(tmp_path):
         SurveyArea.read(tmp_path / "a.geojson")
 
 
-def test_real_outlines_are_read(real_data):
+def test_real_outlines_are_read_and_a_broken_one_is_named(real_data):
     folder = real_data / "dem_oggm_glaciers" / "outlines"
-    area = SurveyArea.read(folder / "RGI60-01.10689_Columbia.shp", crs="EPSG:32606")
-    parts = shapely.get_parts(area.polygon)
-    # The outline of Columbia Glacier has 141 rings.
-    assert sum(1 + len(part.interiors) for part in parts) == 141
+    glaciers = SurveyArea.read(folder / "rgi_oetztal.shp", crs="EPSG:32632")
+    assert glaciers.polygon.geom_type == "MultiPolygon"
+    assert sum(len(part.interiors) for part in glaciers.polygon.geoms) > 0
+    # One ring of the Columbia Glacier's outline touches itself.
+    with pytest.raises(InputError, match=r"Columbia.*Ring Self-intersection"):
+        SurveyArea.read(folder / "RGI60-01.10689_Columbia.shp", crs="EPSG:32606")
