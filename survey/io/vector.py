@@ -23,8 +23,14 @@ _DRIVERS = {
     ".shp": "ESRI Shapefile",
 }
 
-# GeoPackages carry the time of their last change; a fixed one keeps equal content equal to the byte.
-pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
+pyogrio.set_gdal_config_options(
+    {
+        # GeoPackages carry the time of their last change; a fixed one keeps equal content equal to the byte.
+        "OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z",
+        # A ring that is not closed is refused, not closed behind the user's back.
+        "OGR_GEOMETRY_ACCEPT_UNCLOSED_RING": "NO",
+    }
+)
 
 
 class Features(NamedTuple):

@@ -80,11 +80,12 @@ def test_refuses_an_unknown_role(tmp_path):
         SurveyArea.read(tmp_path / "a.geojson")
 
 
-def test_real_outlines_are_read_and_a_broken_one_is_named(real_data):
-    folder = real_data / "dem_oggm_glaciers" / "outlines"
-    glaciers = SurveyArea.read(folder / "rgi_oetztal.shp", crs="EPSG:32632")
-    assert glaciers.polygon.geom_type == "MultiPolygon"
-    assert sum(len(part.interiors) for part in glaciers.polygon.geoms) > 0
-    # One ring of the Columbia Glacier's outline touches itself.
-    with pytest.raises(InputError, match=r"Columbia.*Ring Self-intersection"):
-        SurveyArea.read(folder / "RGI60-01.10689_Columbia.shp", crs="EPSG:32606")
+def test_real_outlines_are_read_and_broken_ones_are_named(real_data):
+    release = SurveyArea.read(real_data / "dem_avaframe_tirol" / "polygons" / "relHit.shp")
+    assert release.crs.to_epsg() == 31287
+    assert release.polygon.area == pytest.approx(213_814, abs=1.0)
+    # Rings of the glacier inventory's outlines touch themselves.
+    with pytest.raises(InputError, match=r"oetztal.*Ring Self-intersection"):
+        SurveyArea.read(real_data / "dem_oggm_glaciers" / "outlines" / "rgi_oetztal.shp", crs="EPSG:32632")
+    with pytest.raises(InputError, match="do not form a closed|cannot be built"):
+        SurveyArea.read(real_data / "coverage_fields2cover" / "strips.geojson", crs="EPSG:32632")
