@@ -87,5 +87,5 @@ def test_real_outlines_are_read_and_broken_ones_are_named(real_data):
     # Rings of the glacier inventory's outlines touch themselves.
     with pytest.raises(InputError, match=r"oetztal.*Ring Self-intersection"):
         SurveyArea.read(real_data / "dem_oggm_glaciers" / "outlines" / "rgi_oetztal.shp", crs="EPSG:32632")
-    with pytest.raises(InputError, match="do not form a closed|cannot be built"):
+    with pytest.raises(InputError, match="empty polygon"):
         SurveyArea.read(real_data / "coverage_fields2cover" / "strips.geojson", crs="EPSG:32632")
