@@ -8,6 +8,7 @@ from pathlib import Path
 import tomlkit
 
 from sim.config import MissionConfig
+from sim.world import build_world
 from survey.config import read_toml, validated, with_overrides
 from survey.io.files import existing_file
 from survey.store import RunFolder, checksum
@@ -30,7 +31,11 @@ def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:
 
 
 def open_run(mission: MissionConfig, runs: Path) -> RunFolder:
-    """Find or make the run folder that belongs to a mission and its input files."""
+    """Find or make the run folder that belongs to a mission and its input files.
+
+    The world of a new mission is built once before anything is written, so that bad input
+    is refused and leaves nothing behind.
+    """
     inputs = {
         name: checksum(existing_file(file, f"the file of {name},"))
         for name, file in mission.input_files.items()
@@ -41,7 +46,10 @@ def open_run(mission: MissionConfig, runs: Path) -> RunFolder:
         "python": platform.python_version(),
         "versions": {name: version(name) for name in _PACKAGES},
     }
-    return RunFolder.open(runs, mission.name, resolved_text(mission), inputs, facts)
+    text = resolved_text(mission)
+    if not RunFolder.place(runs, mission.name, text, inputs).exists():
+        build_world(mission)
+    return RunFolder.open(runs, mission.name, text, inputs, facts)
 
 
 def resolved_text(mission: MissionConfig) -> str:

@@ -1,6 +1,7 @@
 """The world of a mission: the real terrain, what is known of it beforehand, and the area to survey."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -27,6 +28,7 @@ class World:
     area: SurveyArea
 
 
+@lru_cache(maxsize=1)  # checked once, then used by two stages
 def build_world(mission: MissionConfig) -> World:
     """Build the world that a mission describes.
 

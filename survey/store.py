@@ -53,6 +53,11 @@ class RunFolder:
     path: Path
 
     @classmethod
+    def place(cls, runs: Path, name: str, config_text: str, inputs: Mapping[str, str]) -> Path:
+        """Return where a mission is kept, whether it is there yet or not."""
+        return runs / name / _digest(config_text, inputs)[:12]
+
+    @classmethod
     def open(
         cls, runs: Path, name: str, config_text: str, inputs: Mapping[str, str], facts: Mapping[str, Any]
     ) -> "RunFolder":
@@ -76,8 +81,7 @@ class RunFolder:
         InputError
             When the folder cannot be made or written to.
         """
-        digest = hashlib.sha256(json.dumps([config_text, dict(sorted(inputs.items()))]).encode()).hexdigest()
-        run = cls(runs / name / digest[:12])
+        run = cls(cls.place(runs, name, config_text, inputs))
         try:
             run.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -88,7 +92,7 @@ class RunFolder:
             shutil.rmtree(leftover, ignore_errors=True)
         if not run._manifest_file.exists():
             _write_text(run.path / "config.toml", config_text)
-            run._save({"config_sha256": digest, **facts, "inputs_sha256": dict(inputs), "stages": {}})
+            run._save({"config_sha256": _digest(config_text, inputs), **facts, "inputs_sha256": dict(inputs), "stages": {}})
         run._point_latest()
         return run
 
@@ -188,6 +192,10 @@ class RunFolder:
         draft.unlink(missing_ok=True)
         draft.symlink_to(self.path.name)
         draft.replace(link)
+
+
+def _digest(config_text: str, inputs: Mapping[str, str]) -> str:
+    return hashlib.sha256(json.dumps([config_text, dict(sorted(inputs.items()))]).encode()).hexdigest()
 
 
 def _write_text(path: Path, text: str) -> None:
