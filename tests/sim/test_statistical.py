@@ -110,12 +110,12 @@ def test_what_lies_behind_a_ridge_is_not_seen():
     _, y = np.meshgrid(grid.x, grid.y)
     ridge = Dem.on(grid, 5.0 * np.exp(-(((y - 60.0) / 2.0) ** 2)))
     route = Route((Leg("swath", [[5.0, 50.0], [195.0, 50.0]]),), CRS, "line")
-    recording, truth = simulate_statistical(ridge, route, mission(1))
+    recording, truth = simulate_statistical(ridge, route, mission(1, landmarks_per_m=20.0))
     sightings = recording.sightings
     turn = rotations(recording.odometry.attitude_rad[sightings.pose])
     place = truth.trajectory.position[sightings.pose] + np.einsum("nij,nj->ni", turn, sightings.offset)
     behind = place[:, 1] > 64.0
-    in_front = place[:, 1] < 40.0
+    in_front = place[:, 1] < 36.0  # the same distance on the open side
     assert in_front.sum() > 100
     # Errors along the line of sight may push a few of the crest's landmarks over it.
-    assert behind.sum() < 0.02 * len(place)
+    assert behind.sum() < 0.1 * in_front.sum()
