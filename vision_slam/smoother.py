@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from survey.arrays import FloatArray, IntArray
 from survey.recording import Recording
+from vision_slam.chain import solve_chain
 from vision_slam.config import LocalizationConfig
 from vision_slam.rotation import turned
 
@@ -88,20 +88,11 @@ class _System:
         place = (np.concatenate(self.rows), np.concatenate(self.columns))
         shape = (self.n_rows, self.n_unknowns)
         design = sparse.csr_array((np.concatenate(self.entries), place), shape=shape)
-        factor = splu(
-            sparse.csc_matrix(design.T @ design), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+        information = sparse.coo_array(design.T @ design)
+        estimate, covariance = solve_chain(
+            information, design.T @ np.concatenate(self.right), _PER_NODE, self.n_nodes
         )
-        estimate = factor.solve(design.T @ np.concatenate(self.right))
-        covariance = np.empty((self.n_nodes, 5, 5))
-        for first in range(0, self.n_nodes, 64):  # in blocks, so that memory stays small
-            nodes = np.arange(first, min(first + 64, self.n_nodes))
-            wanted = (nodes[:, None] * _PER_NODE + np.arange(5)).ravel()
-            unit = np.zeros((self.n_unknowns, len(wanted)))
-            unit[wanted, np.arange(len(wanted))] = 1.0
-            block = factor.solve(unit)[wanted].reshape(len(nodes), 5, len(nodes), 5)
-            covariance[nodes] = block[np.arange(len(nodes)), :, np.arange(len(nodes)), :]
-        covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
-        return estimate[:-2].reshape(self.n_nodes, _PER_NODE), covariance
+        return estimate, covariance[:, :5, :5]
 
 
 def _nodes(path: FloatArray, spacing_m: float) -> IntArray:
