@@ -9,13 +9,14 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
+from pyproj import CRS
 from typer.testing import CliRunner
 
 from sim.cli.main import app
 from survey import Dem, Grid, SurveyArea
 from survey.io.vector import write_features
 
-CRS = "EPSG:32608"
+UTM = "EPSG:32608"
 RANDOM = """
 schema_version = 1
 name = "m"
@@ -34,7 +35,7 @@ FROM_DEM = RANDOM.replace(
 )
 
 
-def write_raw(path: Path, values: np.ndarray, crs: str | None = CRS, transform: Affine | None = None) -> None:
+def write_raw(path: Path, values: np.ndarray, crs: str | None = UTM, transform: Affine | None = None) -> None:
     """Write a GeoTIFF without any of firnline's checks."""
     height, width = values.shape
     profile = {"height": height, "width": width, "count": 1, "dtype": "float32", "nodata": -9999.0}
@@ -121,16 +122,14 @@ def not_a_number_inside(folder: Path) -> None:
     write_raw(folder / "dem.tif", values)
 
 
-def area(shape: shapely.Geometry, role: str = "area", crs: str = CRS) -> Callable[[Path], None]:
+def area(shape: shapely.Geometry, role: str = "area", crs: str = UTM) -> Callable[[Path], None]:
     def write(folder: Path) -> None:
         good_dem(folder)
-        from pyproj import CRS as AnyCrs
-
         shapes, roles = [shape], [role]
         if role != "area":
             shapes, roles = [shapely.box(0, 0, 150, 150), shape], ["area", role]
         write_features(
-            folder / "area.gpkg", shapes, {"role": np.array(roles, dtype=object)}, AnyCrs(crs), layer="area"
+            folder / "area.gpkg", shapes, {"role": np.array(roles, dtype=object)}, CRS(crs), layer="area"
         )
 
     return write
@@ -265,7 +264,7 @@ def test_bad_missions(tmp_path, monkeypatch, mission, prepare, args, code, words
 POINTS = "x_m,y_m,z_m,sigma_z_m\n" + "".join(
     f"{x}.0,{y}.0,{x + y}.0,0.1\n" for x in (1, 50, 99) for y in (2, 40, 97)
 )
-RECONSTRUCT = ["reconstruct", "points.csv", "--crs", CRS, "--grid", "10"]
+RECONSTRUCT = ["reconstruct", "points.csv", "--crs", UTM, "--grid", "10"]
 
 
 def points(text: str) -> Callable[[Path], None]:
@@ -279,26 +278,26 @@ def existing_map(folder: Path) -> None:
 
 
 def two_datums(folder: Path) -> None:
-    grid = Grid((0.0, 0.0, 90.0, 90.0), 10.0, CRS)
+    grid = Grid((0.0, 0.0, 90.0, 90.0), 10.0, UTM)
     Dem.on(grid, np.zeros(grid.shape), "EGM96 height").write(folder / "map.tif")
     Dem.on(grid, np.zeros(grid.shape), "ellipsoidal height").write(folder / "truth.tif")
 
 
 def two_systems(folder: Path) -> None:
-    grid = Grid((0.0, 0.0, 90.0, 90.0), 10.0, CRS)
+    grid = Grid((0.0, 0.0, 90.0, 90.0), 10.0, UTM)
     Dem.on(grid, np.zeros(grid.shape)).write(folder / "map.tif")
     Dem.on(Grid(grid.bounds, 10.0, "EPSG:32609"), np.zeros(grid.shape)).write(folder / "truth.tif")
 
 
 def far_apart(folder: Path) -> None:
-    grid = Grid((0.0, 0.0, 90.0, 90.0), 10.0, CRS)
+    grid = Grid((0.0, 0.0, 90.0, 90.0), 10.0, UTM)
     Dem.on(grid, np.zeros(grid.shape)).write(folder / "map.tif")
-    far = Grid((9000.0, 0.0, 9090.0, 90.0), 10.0, CRS)
+    far = Grid((9000.0, 0.0, 9090.0, 90.0), 10.0, UTM)
     Dem.on(far, np.zeros(grid.shape)).write(folder / "truth.tif")
 
 
 def square_area(folder: Path) -> None:
-    SurveyArea.rectangle((0.0, 0.0, 100.0, 100.0), CRS).write(folder / "area.geojson")
+    SurveyArea.rectangle((0.0, 0.0, 100.0, 100.0), UTM).write(folder / "area.geojson")
 
 
 SCORE = ["score", "map.tif", "--truth", "truth.tif"]
@@ -325,7 +324,7 @@ TOOLS: list[tuple[str, Callable[[Path], None], list[str], int, str]] = [
     (
         "grid step zero",
         points(POINTS),
-        ["reconstruct", "points.csv", "--crs", CRS, "--grid", "0"],
+        ["reconstruct", "points.csv", "--crs", UTM, "--grid", "0"],
         3,
         "greater than 0",
     ),

@@ -1,0 +1,66 @@
+"""The house: imports go down, the wheel owns its four names, pybullet stays upstairs."""
+
+import ast
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("survey", "planners", "vision_slam", "sim")
+
+
+def imported_by(file: Path) -> set[str]:
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file} has a relative import"
+            names.add((node.module or "").split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("package", ["survey", "planners", "vision_slam"])
+def test_lower_rooms_import_neither_the_roof_nor_the_physics(package):
+    allowed = {
+        "survey": {"survey"},
+        "planners": {"planners", "survey"},
+        "vision_slam": {"vision_slam", "survey"},
+    }[package]
+    for file in (ROOT / package).rglob("*.py"):
+        assert not imported_by(file) & (set(PACKAGES) - allowed | {"pybullet"}), file
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_package_can_be_imported_first(package):
+    # A circular import shows when another package comes first.
+    subprocess.run(
+        [sys.executable, "-c", f"import {package}; [getattr({package}, n) for n in {package}.__all__]"],
+        check=True,
+    )
+
+
+def test_the_wheel_owns_exactly_four_names(tmp_path):
+    builder = "from hatchling.build import build_wheel; import sys; build_wheel(sys.argv[1])"
+    subprocess.run([sys.executable, "-c", builder, str(tmp_path)], check=True, cwd=ROOT, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    owned = {name.split("/")[0] for name in names if ".dist-info/" not in name}
+    assert owned == set(PACKAGES)
+    assert any(name.startswith("survey/reporting/") and name.endswith((".html", ".j2")) for name in names)
+
+
+def test_help_starts_without_heavy_packages():
+    probe = (
+        "import sys; sys.argv = ['firnline', '--help']\n"
+        "from sim.cli.main import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'scipy', 'matplotlib', 'rasterio', 'pydantic', 'shapely'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", probe], check=True, capture_output=True, cwd=ROOT)
