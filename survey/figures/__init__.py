@@ -1,0 +1,31 @@
+"""Figures of a survey: types in, `matplotlib.figure.Figure` out; no file is read or written.
+
+Every figure has one style, states its units, and can be told apart by the colour-blind.
+"""
+
+from survey.figures.curves import terrain_profile, trajectory_error
+from survey.figures.errors import (
+    calibration_plot,
+    error_against_distance,
+    error_histogram,
+    error_map,
+    height_error,
+)
+from survey.figures.maps import deviation_map, landmark_map, route_map, support_map, terrain_comparison
+from survey.figures.style import png_bytes
+
+__all__ = [
+    "calibration_plot",
+    "deviation_map",
+    "error_against_distance",
+    "error_histogram",
+    "error_map",
+    "height_error",
+    "landmark_map",
+    "png_bytes",
+    "route_map",
+    "support_map",
+    "terrain_comparison",
+    "terrain_profile",
+    "trajectory_error",
+]

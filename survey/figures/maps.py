@@ -1,0 +1,262 @@
+"""Maps of the site: the route on the relief, surfaces side by side, what the map rests on, the landmarks."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
+from matplotlib.figure import Figure
+
+from survey.area import SurveyArea
+from survey.dem import Dem
+from survey.figures.cartography import (
+    add_colour_bar,
+    draw_area,
+    draw_contours,
+    draw_raster,
+    draw_route,
+    draw_route_lines,
+    draw_scale_and_north,
+    draw_terrain,
+    elevation_limits,
+    grouped,
+    map_figure,
+    relief_exaggeration,
+    view,
+)
+from survey.figures.style import DENSITY, DEVIATION, FULL_IN, HALF_IN, INK, round_number, styled
+from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
+from survey.route import Route
+from survey.surface_points import SurfacePoints
+
+_SUPPORT = {
+    UNSEEN: ("Unseen", "#dcdcdc"),
+    INTERPOLATED: ("Interpolated", "#a6cee3"),
+    RAY_BOUNDED: ("Ray-bounded", "#e6ab02"),
+    MEASURED: ("Measured", "#1f5f8b"),
+}
+
+
+@styled
+def route_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | None = None) -> Figure:
+    """Draw the hillshaded terrain with contours, the area, no-go ground and the route.
+
+    Swaths are numbered in driving order and carry an arrow, transits are dashed, each
+    rover has its colour.
+
+    Parameters
+    ----------
+    terrain : Dem
+        Background of the map.
+    area : SurveyArea, optional
+        Outline and no-go zones; ground outside is veiled.
+    route : Route, optional
+        In the CRS of the terrain.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page.
+
+    Raises
+    ------
+    InputError
+        When the area is in another CRS than the terrain.
+
+    Examples
+    --------
+    >>> from survey.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
+    >>> figure = route_map(Dem.on(grid, grid.xy[:, 0].reshape(grid.shape)))
+    >>> figure.axes[0].get_xlabel()
+    'Easting [m]'
+    """
+    if area is not None:
+        area.require_crs(terrain.crs, "the terrain")
+    bounds = view(terrain, area)
+    drawing = map_figure(FULL_IN, bounds, legend=area is not None or route is not None)
+    axes = drawing.maps[0]
+    limits = elevation_limits(terrain)
+    image = draw_terrain(axes, terrain, limits, exaggeration=relief_exaggeration(terrain))
+    interval = draw_contours(axes, terrain)
+    handles = [*(draw_area(axes, area) if area else []), *(draw_route(axes, route) if route else [])]
+    add_colour_bar(image, drawing, "Elevation [m]")
+    draw_scale_and_north(axes)
+    axes.set_title("Survey map" + (f", contours every {interval:g} m" if interval else ""))
+    if handles:
+        drawing.figure.legend(
+            handles=handles, loc="lower center", ncols=min(len(handles), 8), columnspacing=1.4
+        )
+    return drawing.figure
+
+
+@styled
+def terrain_comparison(
+    reference: Dem,
+    reconstruction: Reconstruction,
+    prior: Dem | None = None,
+    *,
+    area: SurveyArea | None = None,
+) -> Figure:
+    """Draw reference, reconstruction and prior side by side with the same colour limits.
+
+    Parameters
+    ----------
+    reference : Dem
+        The terrain as it is.
+    reconstruction : Reconstruction
+        The survey's map.
+    prior : Dem, optional
+        What was known before, e.g. from a satellite.
+    area : SurveyArea, optional
+        Its outline is drawn and sets what is shown.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page; one axes per surface, one colour bar.
+    """
+    bounds = view(reconstruction.mean, area)
+    surfaces = {"Reference": reference, "Reconstruction": reconstruction.mean}
+    if prior is not None:
+        surfaces[f"Prior, {prior.step_m:g} m cells"] = prior
+    drawing = map_figure(FULL_IN, bounds, n_maps=len(surfaces))
+    shown = [clipped(dem, bounds) for dem in surfaces.values()]
+    limits = elevation_limits(*shown)
+    exaggeration = relief_exaggeration(reconstruction.mean)
+    for axes, name, dem in zip(drawing.maps, surfaces, shown, strict=True):
+        image = draw_terrain(axes, dem, limits, exaggeration=exaggeration)
+        if area is not None:
+            draw_area(axes, area)
+        axes.set_title(name)
+    add_colour_bar(image, drawing, "Elevation [m]")
+    return drawing.figure
+
+
+@styled
+def deviation_map(
+    reconstruction: Reconstruction, *, area: SurveyArea | None = None, route: Route | None = None
+) -> Figure:
+    """Draw the standard deviation that the reconstruction claims.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        The survey's map.
+    area : SurveyArea, optional
+        Only nodes inside are shown.
+    route : Route, optional
+        Its swaths are drawn as thin lines.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as half a page.
+    """
+    std = reconstruction.std
+    drawing = map_figure(HALF_IN, view(std, area))
+    axes = drawing.maps[0]
+    values = np.array(std.elevation)
+    if area is not None:
+        values[~area.contains(std.xy).reshape(std.shape)] = np.nan
+    top = float(np.nanpercentile(values, 99.5))
+    image = draw_raster(axes, values, std, DEVIATION, Normalize(0.0, max(top, 1e-9)))
+    draw_outline_and_route(axes, area, route)
+    extend = "max" if float(np.nanmax(values)) > top else "neither"
+    add_colour_bar(image, drawing, "Standard deviation [m]", extend=extend)
+    axes.set_title("Claimed uncertainty (1 σ)")
+    return drawing.figure
+
+
+@styled
+def support_map(
+    reconstruction: Reconstruction, *, area: SurveyArea | None = None, route: Route | None = None
+) -> Figure:
+    """Draw what stands behind each node: a measurement, a line of sight, interpolation, nothing.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        The survey's map.
+    area : SurveyArea, optional
+        Its outline is drawn; the shares in the legend then count nodes inside it.
+    route : Route, optional
+        Its swaths are drawn as thin lines.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as half a page.
+    """
+    dem = reconstruction.mean
+    drawing = map_figure(HALF_IN, view(dem, area))
+    axes = drawing.maps[0]
+    codes = np.array(reconstruction.support, dtype=np.float64)
+    colours = ListedColormap([colour for _, colour in _SUPPORT.values()])
+    image = draw_raster(axes, codes, dem, colours, BoundaryNorm([-0.5, 0.5, 1.5, 2.5, 3.5], 4))
+    draw_outline_and_route(axes, area, route)
+    counted = codes.ravel() if area is None else codes.ravel()[area.contains(dem.xy)]
+    add_colour_bar(image, drawing, "")
+    shares = [f"{name}\n{np.mean(counted == code):.0%}" for code, (name, _) in _SUPPORT.items()]
+    drawing.bar.set_yticks(list(_SUPPORT), shares, fontsize=7)
+    drawing.bar.tick_params(length=0)
+    axes.set_title("Support")
+    return drawing.figure
+
+
+@styled
+def landmark_map(
+    points: SurfacePoints, terrain: Dem, *, area: SurveyArea | None = None, route: Route | None = None
+) -> Figure:
+    """Draw how densely the surface was measured.
+
+    Points are counted in squares of a round size, about thirty to the longer side.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Landmarks or other measured points.
+    terrain : Dem
+        Gives what is shown.
+    area : SurveyArea, optional
+        Its outline is drawn and sets what is shown.
+    route : Route, optional
+        Its swaths are drawn as thin lines.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as half a page.
+    """
+    bounds = view(terrain, area)
+    drawing = map_figure(HALF_IN, bounds)
+    axes = drawing.maps[0]
+    xmin, ymin, xmax, ymax = bounds
+    cell = round_number(max(xmax - xmin, ymax - ymin) / 30.0)
+    east, north = np.arange(xmin, xmax + cell, cell), np.arange(ymin, ymax + cell, cell)
+    x, y = points.xy.T
+    counts = np.histogram2d(x, y, bins=[east, north])[0].T
+    top = float(np.percentile(counts[counts > 0], 98.0)) if counts.any() else 1.0
+    shown = np.where(counts > 0, counts, np.nan)
+    image = axes.pcolormesh(east, north, shown, cmap=DENSITY, norm=Normalize(0.0, top), zorder=1)
+    axes.plot(*points.xy.T, ".", color=INK, alpha=0.5, markersize=1.2, markeredgewidth=0, zorder=2)
+    axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
+    draw_outline_and_route(axes, area, route)
+    add_colour_bar(
+        image, drawing, f"Points per {cell:g} m square", extend="max" if counts.max() > top else "neither"
+    )
+    axes.set_title(f"Landmarks ({grouped(len(points))})")
+    return drawing.figure
+
+
+def draw_outline_and_route(axes: Axes, area: SurveyArea | None, route: Route | None) -> None:
+    """Draw, on a map about something else, where it was measured."""
+    if area is not None:
+        draw_area(axes, area, veil=False)
+    if route is not None:
+        draw_route_lines(axes, route)
+
+
+def clipped(dem: Dem, bounds: tuple[float, float, float, float]) -> Dem:
+    """Keep the cells that a map shows, so that far ones do not set its colours."""
+    xmin, ymin, xmax, ymax = bounds
+    margin = dem.step_m
+    return dem.window((xmin - margin, ymin - margin, xmax + margin, ymax + margin))

@@ -1,0 +1,122 @@
+"""The look of every figure: a field report that is legible at page width and safe for the colour-blind."""
+
+import io
+import math
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib.style
+import numpy as np
+import numpy.typing as npt
+from cmcrameri import cm
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+
+FULL_IN = 9.0
+"""Width of a figure that takes the whole page [in]; the report shows 120 CSS pixels per inch."""
+HALF_IN = 4.4
+"""Width of a figure that shares the page with another one [in]."""
+DPI = 144
+
+INK = "#1d2a35"
+MUTED = "#66727c"
+VEIL = "#e6e9ec"
+REFERENCE = "#1d2a35"
+ESTIMATE = "#d55e00"
+PRIOR = "#8a8f94"
+CLAIM = "#0072b2"
+NO_GO = "#b3262b"
+ROVERS = ("#d55e00", "#0072b2", "#009e73", "#aa4499", "#b58900", "#332288")
+"""One colour for each rover; after the last one they begin again."""
+
+ELEVATION = ListedColormap(cm.davos(np.linspace(0.35, 0.96, 256)), name="ice")
+ERROR = cm.vik
+DEVIATION = cm.lajolla_r
+DENSITY = cm.devon_r
+
+_SETTINGS: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "grid.color": "#d7dce0",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "lines.solid_capstyle": "round",
+    "hatch.linewidth": 0.8,
+    "image.interpolation": "nearest",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+
+def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Run a drawing function under the report's settings, whatever the user's own are."""
+
+    @wraps(draw)
+    def under_style(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        with matplotlib.style.context(_SETTINGS, after_reset=True):
+            return draw(*args, **kwargs)
+
+    return under_style
+
+
+@styled
+def png_bytes(figure: Figure) -> bytes:
+    """Render a figure; the same figure gives the same bytes (no date, no program name).
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Any figure of this package.
+
+    Returns
+    -------
+    bytes
+        A PNG file of 144 pixels per inch.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def round_number(value: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above `value`.
+
+    Examples
+    --------
+    >>> [round_number(v) for v in (0.03, 1.9, 137.0)]
+    [0.02, 1.0, 100.0]
+    """
+    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
+    return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= value * (1 + 1e-9))
+
+
+def symmetric_limits(errors: npt.ArrayLike) -> Normalize:
+    """Return colour limits that are equal on both sides of zero and hold 99 % of the errors."""
+    finite = np.asarray(errors)[np.isfinite(errors)]
+    limit = float(np.percentile(np.abs(finite), 99.0)) if finite.size else 1.0
+    return Normalize(-max(limit, 1e-9), max(limit, 1e-9))

@@ -1,0 +1,157 @@
+"""The page: whole in itself, the same each time, honest in words, safe whatever the text."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from survey.errors import InputError
+from survey.reporting import write_report
+from survey.reporting.page import _write
+
+FIGURES = {
+    "map", "terrain", "std", "support", "landmarks", "error", "profile", "calibration", "histogram", "distance", "trajectory",
+}  # fmt: skip
+TITLE = "Ridge <script>alert(1)</script> & co"
+CONFIG = "[planner]\nswaths = 4  # a < b\n"
+
+
+class Outline(HTMLParser):
+    """Collects tags with attributes."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags = []
+        self.open = []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def all(self, name):
+        return [attributes for tag, attributes in self.tags if tag == name]
+
+
+def arguments(site, scored):
+    return {
+        "title": TITLE,
+        "area": site.area,
+        "prior": site.prior,
+        "truth": site.truth,
+        "route": site.route,
+        "reconstruction": site.reconstruction,
+        "score": scored,
+    }
+
+
+def extras(site):
+    return {
+        "trajectory": site.trajectory,
+        "reference_trajectory": site.reference_trajectory,
+        "points": site.points,
+        "localization": {"ate_rmse_m": 0.3123, "n_loops": 2},
+        "config_text": CONFIG,
+        "provenance": {"numpy": "2.4.6", "Seed": "7"},
+    }
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory, site, scored):
+    return write_report(
+        tmp_path_factory.mktemp("run") / "6-report",
+        **arguments(site, scored),
+        **extras(site),
+    )
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return report.read_text(encoding="utf-8")
+
+
+def test_all_figures_lie_beside_the_page(report):
+    assert report.name == "index.html"
+    assert {path.stem for path in (report.parent / "figures").iterdir()} == FIGURES
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (report.parent / "figures").iterdir())
+
+
+def test_the_page_loads_nothing(page):
+    outline = Outline(page)
+    images = outline.all("img")
+    assert len(images) == len(FIGURES)
+    assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in images)
+    assert not {"script", "link", "iframe", "object", "video"} & {tag for tag, _ in outline.tags}
+    assert not re.search(r"https?://|url\(|@import", page)
+
+
+def test_the_page_is_well_formed(page):
+    outline = Outline(page)
+    assert outline.open == []
+    assert len(outline.all("h1")) == 1
+    assert all("scope" in header for header in outline.all("th"))
+
+
+def test_the_page_stays_small(report):
+    # The limit for pages of 600 × 600 m is 4 MB; this site is a third as wide.
+    assert report.stat().st_size < 4_000_000
+
+
+def test_text_is_escaped(page):
+    assert "<script" not in page
+    assert "Ridge &lt;script&gt;alert(1)&lt;/script&gt; &amp; co" in page
+    assert "a &lt; b" in page
+
+
+def test_the_verdict_comes_first_and_names_the_standard(page, scored):
+    verdict = scored.verdicts[0]
+    body = page[page.index("<body>") :]
+    assert body.index("Met") < body.index("<img")
+    assert verdict.standard in page
+    assert f"its RMSE is {verdict.rmse_m:.3f} m, the limit {verdict.limit_m:.3f} m" in page
+
+
+def test_results_settings_and_provenance_are_shown(page):
+    for text in (
+        "ATE RMSE",
+        "0.312 m",
+        "Loops",
+        "length_scale_m",
+        "matern52",
+        "numpy",
+        "2.4.6",
+        "EGM96",
+        "swaths = 4",
+    ):
+        assert text in page
+
+
+def test_the_same_survey_gives_the_same_bytes(report, tmp_path, site, scored):
+    again = write_report(tmp_path / "again", **arguments(site, scored), **extras(site))
+    assert again.read_bytes() == report.read_bytes()
+    for path in (report.parent / "figures").iterdir():
+        assert path.read_bytes() == (again.parent / "figures" / path.name).read_bytes()
+
+
+def test_what_was_not_given_is_left_out(tmp_path, site, scored):
+    page = write_report(tmp_path / "report", **(arguments(site, scored) | {"prior": None}))
+    figures = {path.stem for path in (page.parent / "figures").iterdir()}
+    assert figures == FIGURES - {"trajectory", "landmarks"}
+    assert "Localization" not in page.read_text(encoding="utf-8")
+
+
+def test_a_folder_without_parent_is_refused(tmp_path, site, scored):
+    with pytest.raises(InputError, match="no parent folder"):
+        write_report(tmp_path / "missing" / "report", **arguments(site, scored))
+
+
+def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
+    blocked = tmp_path / "report"
+    blocked.write_text("in the way")
+    with pytest.raises(InputError, match="could not be made"):
+        _write(blocked, "<p>page</p>", {})
+    assert blocked.read_text() == "in the way"
