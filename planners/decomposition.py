@@ -4,13 +4,18 @@ from typing import Any
 
 import numpy as np
 import shapely
+from shapely import Polygon
 
+from planners.swaths import axes_of
 from planners.transit import FreeGround
 from survey.arrays import FloatArray, IntArray
 from survey.errors import ConfigError, InputError
 
 _SHORTEST_M = 0.01
 """Clipping leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
+
+_CRUMB_M2 = 1e-4
+_POCKET_ROUNDS = 4
 
 
 def swaths_on(
@@ -20,7 +25,9 @@ def swaths_on(
 
     The ground's width across the heading is divided into ``n = ceil(width / spacing)``
     equal strips; a swath runs along the middle of each, from border to border, so a
-    rectangle gets the lines at ``(i + 1/2) L / n``.
+    rectangle gets the lines at ``(i + 1/2) L / n``. Ground that no such swath sweeps and
+    that is longer than a spacing along the heading (a passage beside a hole, a flat tip)
+    gets a swath of its own; `unswept` tells what still is left.
 
     Parameters
     ----------
@@ -37,7 +44,7 @@ def swaths_on(
     Returns
     -------
     list of (2, 2) ndarray
-        Both ends of every swath [m], line by line, all pointing along the heading.
+        Both ends of every swath [m], cell by cell, all pointing along the heading.
 
     Raises
     ------
@@ -46,37 +53,29 @@ def swaths_on(
     InputError
         Ground on which no swath fits.
     """
-    _check_spacing(spacing_m)
+    _require_spacing(spacing_m)
     if not (np.isfinite(inset_m) and inset_m >= 0.0):
         raise ConfigError(f"the inset is {inset_m} m; it must be 0 or greater.")
     lines = clipped(ground, _lines_over(ground.polygon, spacing_m, heading_deg), inset_m=inset_m)
+    lines += _in_pockets(ground, lines, spacing_m, heading_deg, inset_m)
     if not lines:
         xmin, ymin, xmax, ymax = ground.polygon.bounds
         raise InputError(
             f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with an inset of {inset_m:g} m; "
             "reduce the inset or give a larger area."
         )
-    return lines
+    return _cell_by_cell(lines, heading_deg)
 
 
-def _check_spacing(spacing_m: float) -> None:
+def _require_spacing(spacing_m: float) -> None:
     if not (np.isfinite(spacing_m) and spacing_m > 0.0):
         raise ConfigError(f"the spacing of the swaths is {spacing_m} m; it must be greater than 0.")
 
 
-def _axes(heading_deg: float) -> tuple[FloatArray, FloatArray]:
-    """Return the unit vectors along the heading and to its right; exact for multiples of 90°."""
-    quarter, rest = divmod(heading_deg, 90.0)
-    angle = np.radians(rest)
-    c, s = (np.cos(angle), np.sin(angle)) if rest else (1.0, 0.0)
-    for _ in range(int(quarter) % 4):
-        c, s = -s, c
-    return np.array([c, s]) + 0.0, np.array([s, -c]) + 0.0
-
-
 def _lines_over(polygon: Any, spacing_m: float, heading_deg: float) -> list[FloatArray]:
     """Return the middle lines of equal strips over the polygon, longer than it."""
-    along, right = _axes(heading_deg)
+    along, left = axes_of(heading_deg)
+    right = -left
     xy = shapely.get_coordinates(polygon)
     u, v = xy @ along, xy @ right
     n = max(int(np.ceil((v.max() - v.min()) / spacing_m - 1e-9)), 1)
@@ -84,6 +83,61 @@ def _lines_over(polygon: Any, spacing_m: float, heading_deg: float) -> list[Floa
     reach = 1.0 + 0.01 * (u.max() - u.min())
     first, last = (u.min() - reach) * along, (u.max() + reach) * along
     return [np.array([first + offset * right, last + offset * right]) for offset in offsets]
+
+
+def _cell_by_cell(lines: list[FloatArray], heading_deg: float) -> list[FloatArray]:
+    """Sort straight lines from left to right of the heading and along it, then by their cells."""
+    along, left = axes_of(heading_deg)
+    start = np.array([line[0] for line in lines])
+    order = np.lexsort((start @ along, np.round(-(start @ left), 6)))
+    swaths = [lines[i] for i in order]
+    return [swaths[i] for i in np.argsort(cells(swaths, heading_deg), kind="stable")]
+
+
+def unswept(ground: FreeGround, swaths: list[FloatArray], spacing_m: float) -> list[Polygon]:
+    """Return the pieces of ground farther than half a spacing from every swath, the largest first.
+
+    Parallel swaths leave the tips beyond their ends where a border is slanted; no metre
+    of such a tip is farther than half a spacing from the line that the swath is cut from.
+    """
+    _require_spacing(spacing_m)
+    swept = shapely.union_all(
+        shapely.buffer([shapely.linestrings(swath) for swath in swaths], 0.5 * spacing_m, quad_segs=16)
+    )
+    rest = shapely.get_parts(shapely.difference(ground.polygon, swept))
+    return sorted((piece for piece in rest if piece.area > _CRUMB_M2), key=lambda piece: -piece.area)
+
+
+def _in_pockets(
+    ground: FreeGround, lines: list[FloatArray], spacing_m: float, heading_deg: float, inset_m: float
+) -> list[FloatArray]:
+    """Lay a swath through every unswept piece that is longer than a spacing along the heading."""
+    added: list[FloatArray] = []
+    for _ in range(_POCKET_ROUNDS):
+        found: list[FloatArray] = []
+        for piece in unswept(ground, lines + added, spacing_m):
+            line = _longest_through(piece, heading_deg)
+            if line is not None and np.hypot(*(line[1] - line[0])) > spacing_m:
+                found += clipped(ground, [line], inset_m=inset_m)
+        if not found:
+            break
+        added += found
+    return added
+
+
+def _longest_through(piece: Polygon, heading_deg: float) -> FloatArray | None:
+    """Return the line along the heading, as long as the piece, through its middle or its widest place."""
+    along, left = axes_of(heading_deg)
+    xy = shapely.get_coordinates(piece)
+    u, v = xy @ along, xy @ left
+    inside = shapely.get_coordinates(piece.representative_point())[0] @ left
+    best, longest = None, 0.0
+    for offset in (0.5 * (v.min() + v.max()), inside):
+        line = np.array([u.min() * along + offset * left, u.max() * along + offset * left])
+        met = shapely.intersection(piece, shapely.linestrings(line)).length
+        if met > longest:
+            best, longest = line, met
+    return best
 
 
 def clipped(ground: FreeGround, lines: list[FloatArray], *, inset_m: float = 0.0) -> list[FloatArray]:
@@ -143,10 +197,10 @@ def cells(swaths: list[FloatArray], heading_deg: float) -> IntArray:
     (N,) ndarray of int
         The cell of each swath, counted from 0 in the order of the lines.
     """
-    along, right = _axes(heading_deg)
+    along, left = axes_of(heading_deg)
     ends = ends_of(swaths).reshape(-1, 2, 2)
     u = np.sort(ends @ along, axis=1)
-    line = np.unique(np.round(ends[:, 0] @ right, 3), return_inverse=True)[1]
+    line = np.unique(np.round(-(ends[:, 0] @ left), 3), return_inverse=True)[1]
     cell = np.full(len(swaths), -1, dtype=np.int64)
     n_cells = 0
     for i in range(len(swaths)):

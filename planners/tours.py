@@ -74,7 +74,7 @@ def _near_ends(xy: FloatArray) -> IntArray:
     return rows
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _exact(a: int, b: int, t: Transits) -> float:
     """Return the length of the transit between two ends [m]."""
     if t.length[a, b] < 0.0:

@@ -1,0 +1,120 @@
+"""Which way swaths should run: across the narrow side, up the slope, or across the terrain's grain."""
+
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from planners.decomposition import swaths_on
+from planners.swaths import axes_of
+from planners.transit import FreeGround
+from survey.arrays import FloatArray
+from survey.dem import Dem
+from survey.errors import InputError
+
+HeadingRule = Literal["narrowest", "fewest-swaths", "slope", "grain"]
+
+_MOST_EDGES = 24
+
+
+def heading_by(
+    rule: HeadingRule, ground: FreeGround, *, dem: Dem | None = None, spacing_m: float | None = None
+) -> float:
+    """Return the swaths' heading [deg, 0 to 180), counter-clockwise from east.
+
+    Parameters
+    ----------
+    rule : {"narrowest", "fewest-swaths", "slope", "grain"}
+        ``narrowest``: across the smallest width of the ground's hull.
+        ``fewest-swaths``: of the directions of the ground's longest edges, the one that
+        needs the fewest swaths, then the fewest swath metres; for concave ground and holes.
+        ``slope``: along the mean gradient, so that a rover climbs and never traverses.
+        ``grain``: along the direction in which the terrain changes most, so that lines are
+        sparse only where heights are alike: the first axis of the gradient's second moments
+        (structure tensor).
+    ground : FreeGround
+        Where swaths will be laid.
+    dem : Dem, optional
+        Needed by ``slope`` and ``grain``.
+    spacing_m : float, optional
+        Needed by ``fewest-swaths`` [m].
+
+    Raises
+    ------
+    InputError
+        What the rule needs is missing, or the terrain is flat or without a grain.
+
+    Examples
+    --------
+    >>> ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 30.0))
+    >>> heading_by("narrowest", ground)
+    0.0
+    """
+    if rule == "narrowest":
+        return _narrowest(ground)
+    if rule == "fewest-swaths":
+        if spacing_m is None:
+            raise InputError("the rule fewest-swaths needs the spacing of the swaths; name it.")
+        return _fewest_swaths(ground, spacing_m)
+    if dem is None:
+        raise InputError(f"the rule {rule} needs a DEM of the ground; give one or choose narrowest.")
+    east, north = _gradient_within(dem, ground)
+    return _slope(east, north) if rule == "slope" else _grain(east, north)
+
+
+def _edge_headings(xy: FloatArray) -> FloatArray:
+    """Return the headings of the longest edges of a ring [deg, 0 to 180), each once."""
+    edges = np.diff(xy, axis=0)
+    longest = np.argsort(-np.hypot(*edges.T), kind="stable")[:_MOST_EDGES]
+    headings: FloatArray = np.unique(
+        np.round(np.degrees(np.arctan2(edges[longest, 1], edges[longest, 0])) % 180.0, 6) % 180.0
+    )
+    return headings
+
+
+def _narrowest(ground: FreeGround) -> float:
+    """Return the heading of the hull's edge across which it is narrowest (Houle and Toussaint 1988)."""
+    hull = shapely.get_coordinates(ground.polygon.convex_hull)
+    edges = np.diff(hull, axis=0)
+    headings = np.degrees(np.arctan2(edges[:, 1], edges[:, 0])) % 180.0
+    widths = np.array([np.ptp(hull @ axes_of(heading)[1]) for heading in headings])
+    good = np.round(headings[widths <= widths.min() * (1.0 + 1e-9)], 9) % 180.0
+    return float(good[np.argmin(np.minimum(good, 180.0 - good))])
+
+
+def _fewest_swaths(ground: FreeGround, spacing_m: float) -> float:
+    largest = ground.parts[0]
+    candidates = np.union1d(
+        _edge_headings(shapely.get_coordinates(largest.exterior)),
+        _edge_headings(shapely.get_coordinates(ground.polygon.convex_hull)),
+    )
+
+    def effort(heading_deg: float) -> tuple[int, float]:
+        swaths = swaths_on(ground, spacing_m, heading_deg)
+        return len(swaths), float(sum(np.hypot(*(s[-1] - s[0])) for s in swaths))
+
+    return float(min(candidates, key=effort))
+
+
+def _gradient_within(dem: Dem, ground: FreeGround) -> tuple[FloatArray, FloatArray]:
+    east, north = (g.ravel() for g in dem.gradient())
+    xy = dem.xy
+    known = np.isfinite(east) & np.isfinite(north) & shapely.contains_xy(ground.polygon, xy[:, 0], xy[:, 1])
+    if not known.any():
+        raise InputError("the DEM has no height on the ground; give one that covers it.")
+    return east[known], north[known]
+
+
+def _slope(east: FloatArray, north: FloatArray) -> float:
+    x, y = float(east.mean()), float(north.mean())
+    if np.hypot(x, y) < 1e-6:
+        raise InputError("the ground does not slope on average; choose another rule for the heading.")
+    return float(np.degrees(np.arctan2(y, x)) % 180.0)
+
+
+def _grain(east: FloatArray, north: FloatArray) -> float:
+    x, y = east - east.mean(), north - north.mean()
+    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+    if np.hypot(xx - yy, 2.0 * xy) < 1e-9 * (xx + yy) or xx + yy == 0.0:
+        raise InputError("the terrain changes alike in all directions; choose another rule for the heading.")
+    return float(np.degrees(0.5 * np.arctan2(2.0 * xy, xx - yy)) % 180.0)
