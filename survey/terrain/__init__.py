@@ -1,0 +1,38 @@
+"""Terrain to survey in simulation: random and real, with the relief of ice and the satellite's view of it."""
+
+from survey.terrain.interpolation import smooth_interpolation
+from survey.terrain.landforms import (
+    cosine_surface,
+    diamond_square,
+    gaussian_hills,
+    random_dem,
+    slope_and_waves,
+)
+from survey.terrain.micro_relief import ice_micro_relief
+from survey.terrain.random_fields import (
+    fractional_brownian,
+    matern_field,
+    spectral_field,
+    squared_exponential_field,
+)
+from survey.terrain.real import SampleSite, real_sample, sample_site
+from survey.terrain.satellite import SatelliteDem, satellite_copy
+
+__all__ = [
+    "SampleSite",
+    "SatelliteDem",
+    "cosine_surface",
+    "diamond_square",
+    "fractional_brownian",
+    "gaussian_hills",
+    "ice_micro_relief",
+    "matern_field",
+    "random_dem",
+    "real_sample",
+    "sample_site",
+    "satellite_copy",
+    "slope_and_waves",
+    "smooth_interpolation",
+    "spectral_field",
+    "squared_exponential_field",
+]

@@ -1,0 +1,234 @@
+"""Gaussian random terrain, drawn wave by wave from its spectrum."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from survey.arrays import BoolArray, FloatArray
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.grid import Grid
+from survey.reconstruction.kernels import Kernel, Matern32, Matern52, SquaredExponential
+
+SpectralDensity = Callable[[FloatArray], FloatArray]
+
+# Beyond this correlation two places count as independent: it sets how far the box is padded.
+_NEGLIGIBLE = 1e-3
+_LEAST_SHARE_OF_VARIANCE = 0.95
+
+
+def squared_exponential_field(
+    grid: Grid, rng: np.random.Generator, *, relief_m: float = 25.0, length_scale_m: float = 220.0
+) -> Dem:
+    r"""Draw endlessly smooth terrain, the kind on which the glacier paper's swath counts come out.
+
+    The covariance is :math:`\exp(-h^2 / 2 l^2)` before the heights are scaled to the relief.
+
+    Parameters
+    ----------
+    grid : Grid
+        Where the heights are wanted.
+    rng : numpy.random.Generator
+        Source of the draws.
+    relief_m : float
+        Highest minus lowest node [m]; the lowest is at 0.
+    length_scale_m : float
+        The length l [m].
+
+    Returns
+    -------
+    Dem
+        On the grid, without a vertical datum.
+
+    Raises
+    ------
+    InputError
+        A relief that is not positive, or a step too coarse for the length scale.
+    ConfigError
+        A length scale that is not positive.
+
+    Notes
+    -----
+    Scaling to one relief makes the variance a random number: the drawn terrain has the
+    shape of the stated covariance, not its height.
+
+    Examples
+    --------
+    >>> grid = Grid((0.0, 0.0, 600.0, 600.0), 50.0)
+    >>> dem = squared_exponential_field(grid, np.random.default_rng(1), relief_m=25.0)
+    >>> dem.shape, dem.relief_m
+    ((13, 13), 25.0)
+    """
+    return _kernel_terrain(grid, rng, SquaredExponential(1.0, length_scale_m), relief_m)
+
+
+def matern_field(
+    grid: Grid,
+    rng: np.random.Generator,
+    *,
+    relief_m: float = 25.0,
+    nu: float = 1.5,
+    length_scale_m: float = 200.0,
+) -> Dem:
+    """Draw terrain with one (ν = 3/2) or two (ν = 5/2) derivatives, rougher than the squared exponential.
+
+    Parameters are those of `squared_exponential_field`, and
+
+    Parameters
+    ----------
+    nu : {1.5, 2.5}
+        Smoothness of the Matérn covariance.
+
+    Examples
+    --------
+    >>> matern_field(Grid((0.0, 0.0, 60.0, 60.0), 2.0), np.random.default_rng(1), nu=2.5).shape
+    (31, 31)
+    """
+    kernels = {1.5: Matern32, 2.5: Matern52}
+    if nu not in kernels:
+        raise InputError(f"the Matérn smoothness is {nu}; 1.5 or 2.5 was expected.")
+    return _kernel_terrain(grid, rng, kernels[nu](1.0, length_scale_m), relief_m)
+
+
+def fractional_brownian(
+    grid: Grid, rng: np.random.Generator, *, relief_m: float = 25.0, hurst: float = 0.9
+) -> Dem:
+    r"""Draw self-similar terrain: fractional Brownian motion of two variables.
+
+    The mean squared height difference grows with the distance as :math:`h^{2H}`, from a
+    spectrum :math:`S(\omega) \propto \omega^{-2H-2}` [Mandelbrot, 1982].
+
+    Parameters
+    ----------
+    hurst : float
+        The exponent H, between 0 (rough) and 1 (smooth), both excluded.
+
+    Notes
+    -----
+    Waves longer than the padded box (three times the site) are missing, so the growth
+    slackens over distances near the site's width.
+
+    Examples
+    --------
+    >>> fractional_brownian(Grid((0.0, 0.0, 60.0, 60.0), 2.0), np.random.default_rng(1)).relief_m
+    25.0
+    """
+    if not 0.0 < hurst < 1.0:
+        raise InputError(f"the Hurst exponent is {hurst}; a number between 0 and 1 was expected.")
+
+    def density(omega: FloatArray) -> FloatArray:
+        squared: FloatArray = (omega**2).sum(axis=-1)
+        return np.where(squared > 0.0, np.where(squared > 0.0, squared, 1.0) ** (-hurst - 1.0), 0.0)
+
+    xmin, ymin, xmax, ymax = grid.bounds
+    heights, _ = spectral_field(grid, rng, density, padding_m=2.0 * max(xmax - xmin, ymax - ymin))
+    return with_relief(grid, heights, relief_m)
+
+
+def kernel_field(grid: Grid, rng: np.random.Generator, kernel: Kernel) -> FloatArray:
+    """Draw heights (H, W) [m] with mean 0 and the kernel's covariance; refuse a step too coarse for it."""
+    heights, variance_m2 = spectral_field(
+        grid, rng, kernel.spectral_density, padding_m=kernel.decay_m(_NEGLIGIBLE)
+    )
+    require_resolved(grid, variance_m2 / kernel.variance_m2, kernel.length_scales_m[0])
+    return heights
+
+
+def spectral_field(
+    grid: Grid, rng: np.random.Generator, density: SpectralDensity, *, padding_m: float
+) -> tuple[FloatArray, float]:
+    r"""Draw a stationary Gaussian field as a sum of waves on a box larger than the grid.
+
+    .. math::  z(x) = \mathrm{Re} \sum_k a_k e^{i \omega_k x}, \qquad
+               E|a_k|^2 \propto S(\omega_k) / A
+
+    with A the area of the box [Shinozuka and Jan, 1972, J. Sound Vib. 25]. The box repeats
+    itself; it is at least `padding_m` wider than the grid, so no two nodes of the grid
+    are nearer around the box than that.
+
+    Parameters
+    ----------
+    grid : Grid
+        Where the heights are wanted.
+    rng : numpy.random.Generator
+        Source of the draws, used from the longest wave to the shortest: a grid of the
+        same bounds and a finer step gives the same field with finer waves added.
+    density : callable
+        Maps angular frequencies (..., 2), east and north [rad/m], to the spectral density
+        [m⁴], whose integral over the plane is (2π)² times the variance.
+    padding_m : float
+        Distance beyond which correlations may be neglected [m].
+
+    Returns
+    -------
+    heights : (H, W) ndarray
+        Height [m], mean 0 over the draws.
+    variance_m2 : float
+        Variance that the waves on the box carry [m²]: what is lost beyond the grid's
+        shortest wave (two steps) is missing here.
+
+    Examples
+    --------
+    >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 1.0)
+    >>> kernel = SquaredExponential(4.0, 5.0)
+    >>> heights, variance = spectral_field(
+    ...     grid, np.random.default_rng(1), kernel.spectral_density, padding_m=20.0
+    ... )
+    >>> heights.shape, round(variance, 6)
+    ((41, 41), 4.0)
+    """
+    (n_y, height_m), (n_x, width_m) = (_padded(nodes, grid.step_m, padding_m) for nodes in grid.shape)
+    south = fft.fftfreq(n_y, 1.0 / n_y)[:, None]
+    east = np.arange(n_x // 2 + 1)[None, :]
+    wave_numbers = np.stack(np.broadcast_arrays(east / width_m, -south / height_m), axis=-1)
+    power = density(2.0 * np.pi * wave_numbers) / (width_m * height_m)
+    resolved = (np.abs(south) < n_y / 2) & (east < n_x / 2)
+    power = np.where(resolved, power, 0.0)
+    variance_m2 = float(power[:, 0].sum() + 2.0 * power[:, 1:].sum())
+    # The waves without an east component stand once in the half plane, their mirror images too.
+    power[:, 0] *= 2.0
+    amplitudes = np.sqrt(power) * _waves(rng, np.abs(wave_numbers).max(axis=-1), resolved)
+    heights = fft.irfft2(amplitudes, s=(n_y, n_x), norm="forward", overwrite_x=True)
+    return np.ascontiguousarray(heights[: grid.shape[0], : grid.shape[1]]), variance_m2
+
+
+def _padded(nodes: int, step_m: float, padding_m: float) -> tuple[int, float]:
+    """Return nodes and length of the box along one axis: a whole multiple of the site at every step."""
+    side_m = (nodes - 1) * step_m
+    repeats = 1 + max(1, int(np.ceil(padding_m / side_m - 1e-9)))
+    return repeats * (nodes - 1), repeats * side_m
+
+
+def _waves(
+    rng: np.random.Generator, wave_number: FloatArray, resolved: BoolArray
+) -> npt.NDArray[np.complex128]:
+    """Draw complex unit-variance amplitudes, the longest waves first."""
+    order = np.argsort(np.where(resolved, wave_number, np.inf), axis=None, kind="stable")
+    order = order[: int(resolved.sum())]
+    draws = rng.standard_normal((len(order), 2)) / np.sqrt(2.0)
+    amplitudes = np.zeros(wave_number.shape, dtype=np.complex128)
+    amplitudes.ravel()[order] = draws[:, 0] + 1j * draws[:, 1]
+    return amplitudes
+
+
+def require_resolved(grid: Grid, share: float, length_m: float) -> None:
+    """Refuse a grid whose shortest wave leaves out much of the field's variance."""
+    if share < _LEAST_SHARE_OF_VARIANCE:
+        raise InputError(
+            f"nodes {grid.step_m:g} m apart hold {100.0 * share:.0f} % of the variance of terrain that is correlated "
+            f"over {length_m:g} m; use a finer grid or longer waves."
+        )
+
+
+def with_relief(grid: Grid, heights: FloatArray, relief_m: float) -> Dem:
+    """Scale heights to lie between 0 and the relief."""
+    if not (np.isfinite(relief_m) and relief_m > 0.0):
+        raise InputError(f"the relief is {relief_m} m; it must be greater than 0.")
+    lowest, highest = float(heights.min()), float(heights.max())
+    return Dem.on(grid, (heights - lowest) / (highest - lowest) * relief_m)
+
+
+def _kernel_terrain(grid: Grid, rng: np.random.Generator, kernel: Kernel, relief_m: float) -> Dem:
+    return with_relief(grid, kernel_field(grid, rng, kernel), relief_m)

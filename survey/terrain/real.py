@@ -1,0 +1,125 @@
+"""Real elevations that come with matplotlib: the Jacksboro fault, Tennessee, from the Shuttle's radar."""
+
+from typing import NamedTuple
+
+import numpy as np
+from affine import Affine
+from pyproj import CRS
+
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.io.raster import Raster, reprojected
+
+_FILE = "jacksboro_fault_dem.npz"
+_GEOGRAPHIC = CRS("EPSG:4326")
+_UTM = CRS("EPSG:32616")
+# The Shuttle mission's heights count from this geoid; the file itself does not say so.
+_VERTICAL_DATUM = "EGM96 height"
+
+
+class SampleSite(NamedTuple):
+    """A real site: the coarse cells on and around it, and its ``(xmin, ymin, xmax, ymax)`` [m]."""
+
+    prior: Dem
+    bounds: tuple[float, float, float, float]
+
+
+def real_sample(cell_m: float = 75.0) -> Dem:
+    """Return the real terrain that matplotlib installs, in UTM zone 16N.
+
+    344 × 403 cells of 3 arc-seconds from the Shuttle Radar Topography Mission (about 32 km by
+    30 km, 236 to 1076 m), found through matplotlib's own sample-data call and reprojected
+    bilinearly.
+
+    Parameters
+    ----------
+    cell_m : float
+        Width of the square cells [m]; the source has about 75 m by 93 m.
+
+    Returns
+    -------
+    Dem
+        Heights above the EGM96 geoid, as the mission delivers them; the file does not
+        state its datum. Nodata where the turned source leaves corners.
+
+    Raises
+    ------
+    InputError
+        When matplotlib was installed without its sample data.
+
+    Notes
+    -----
+    The source has whole metres. Of its stored latitudes ``ymax`` (36.446°) is the northern
+    edge; ``ymin`` (36.733°) is wrong, being counted northward from there: with 36.446° the
+    highest cell falls on the summit of Cross Mountain (36.1983° N, 84.2306° W, 1077 m).
+    Heights include trees, as the radar saw them.
+
+    Examples
+    --------
+    >>> dem = real_sample()
+    >>> dem.crs.name, dem.vertical_datum
+    ('WGS 84 / UTM zone 16N', 'EGM96 height')
+    """
+    warped = reprojected(_read(), _UTM, cell_m)
+    return Dem(warped.values, warped.transform, _UTM, warped.vertical_datum)
+
+
+def sample_site(row: int = 78, column: int = 219, n_cells: int = 8, margin: int = 4) -> SampleSite:
+    """Return a window of the real sample as the coarse prior of a site, by default a 25 m ridge.
+
+    Parameters
+    ----------
+    row, column : int
+        Of the window's north-western cell of 75 m in `real_sample`.
+    n_cells : int
+        Cells along each side; 8 make the paper's 600 × 600 m.
+    margin : int
+        Further cells around the window, which a smooth interpolation needs at its edges.
+
+    Returns
+    -------
+    SampleSite
+        The prior with its margin, and the bounds of the site within it [m].
+
+    Raises
+    ------
+    InputError
+        When the window with its margin reaches beyond the sample or onto nodata.
+
+    Examples
+    --------
+    >>> site = sample_site()
+    >>> site.prior.shape, site.bounds[2] - site.bounds[0]
+    ((16, 16), 600.0)
+    """
+    dem = real_sample()
+    size = n_cells + 2 * margin
+    first_row, first_column = row - margin, column - margin
+    cells = dem.elevation[first_row : first_row + size, first_column : first_column + size]
+    if min(first_row, first_column) < 0 or cells.shape != (size, size) or np.isnan(cells).any():
+        raise InputError(
+            f"the window at row {row}, column {column} with a margin of {margin} cells reaches beyond the sample's "
+            f"{dem.shape[0]} × {dem.shape[1]} cells; choose another place."
+        )
+    prior = Dem(
+        cells, dem.transform @ Affine.translation(first_column, first_row), dem.crs, dem.vertical_datum
+    )
+    xmin, ymin, xmax, ymax = prior.bounds
+    inset = margin * dem.step_m
+    return SampleSite(prior, (xmin + inset, ymin + inset, xmax - inset, ymax - inset))
+
+
+def _read() -> Raster:
+    from matplotlib.cbook import get_sample_data
+
+    try:
+        with np.load(get_sample_data(_FILE, asfileobj=False)) as stored:
+            arrays = {name: np.asarray(stored[name], dtype=np.float64) for name in stored}
+    except OSError as error:
+        raise InputError(
+            f"matplotlib's sample {_FILE} is not installed ({error}); install matplotlib from its wheel."
+        ) from error
+    # The stored ymax is the northern edge, but ymin was reckoned north of it; it is not used.
+    west, north = float(arrays["xmin"]), float(arrays["ymax"])
+    transform = Affine(float(arrays["dx"]), 0.0, west, 0.0, -float(arrays["dy"]), north)
+    return Raster(arrays["elevation"], transform, _GEOGRAPHIC, _VERTICAL_DATUM)
