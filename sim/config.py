@@ -11,14 +11,14 @@ from survey.reconstruction import GaussianProcessConfig
 from vision_slam import LocalizationConfig
 
 Family = Literal[
-    "squared-exponential",
-    "matern-3/2",
-    "matern-5/2",
-    "gaussian-hills",
-    "cosine-surface",
-    "diamond-square",
-    "fractional-brownian",
-    "slope-and-waves",
+    "squared_exponential",
+    "matern32",
+    "matern52",
+    "gaussian_hills",
+    "cosine_surface",
+    "diamond_square",
+    "fractional_brownian",
+    "slope_and_waves",
 ]
 
 
@@ -26,7 +26,7 @@ class RandomTerrain(Section):
     """Terrain drawn at random."""
 
     source: Literal["random"]
-    family: Family = "squared-exponential"
+    family: Family = "squared_exponential"
     """Kind of random surface."""
     size_m: PositiveFloat = 600.0
     """Side of the square site [m]."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 import planners
@@ -94,8 +95,18 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")
     points = survey.SurfacePoints.read(run.folder("localize") / "surface_points.gpkg")
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
+    if prior is not None:
+        points = within(prior, points)
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     survey.reconstruct(points, grid, prior=prior, method=config.method, config=config.gp).write(folder)
+
+
+def within(prior: survey.Dem, points: survey.SurfacePoints) -> survey.SurfacePoints:
+    """Leave out landmarks beyond the prior's edge, where there is nothing to build around; their number is logged."""
+    known = np.isfinite(prior.at(points.xy))
+    if not known.all():
+        logger.warning("%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points))
+    return points.select(known)
 
 
 def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:

@@ -42,7 +42,7 @@ def build_world(mission: MissionConfig) -> World:
             terrain = _random_terrain(config, mission.seed)
             return _surveyed(mission, terrain, None)
         case SampleTerrain() as config:
-            prior, bounds = landforms.real_sample()
+            prior, bounds = landforms.sample_site()
             grid = Grid(bounds, config.step_m, prior.crs)
             return _surveyed(mission, landforms.smooth_interpolation(prior, grid), prior.window(bounds))
         case DemTerrain() as config:
@@ -65,7 +65,7 @@ def _random_terrain(config: RandomTerrain, seed: int) -> Dem:
     )
 
 
-_SCALED = ("squared-exponential", "matern-3/2", "matern-5/2")
+_SCALED = ("squared_exponential", "matern32", "matern52")
 
 
 def _surveyed(mission: MissionConfig, terrain: Dem, prior: Dem | None) -> World:
@@ -134,12 +134,15 @@ def _satellite_copy(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> D
 
 
 def _padded(terrain: Dem, bounds: tuple[float, float, float, float]) -> Dem:
-    """Return the cells within bounds, NaN where the raster does not reach."""
+    """Return the cells within bounds, NaN where the raster does not reach.
+
+    Bounds that run through cell centres take both outer ones, as a grid's nodes do; others
+    are moved to the nearest cell edge.
+    """
     xmin, ymin, xmax, ymax = bounds
     step = terrain.step_m
-    first_column = round((xmin - terrain.bounds[0]) / step)
-    first_row = round((terrain.bounds[3] - ymax) / step)
-    columns, rows = round((xmax - xmin) / step), round((ymax - ymin) / step)
+    first_column, columns = _span((xmin - terrain.bounds[0]) / step, (xmax - xmin) / step)
+    first_row, rows = _span((terrain.bounds[3] - ymax) / step, (ymax - ymin) / step)
     values = np.full((rows, columns), np.nan)
     r0, c0 = max(first_row, 0), max(first_column, 0)
     r1, c1 = min(first_row + rows, terrain.shape[0]), min(first_column + columns, terrain.shape[1])
@@ -148,6 +151,13 @@ def _padded(terrain: Dem, bounds: tuple[float, float, float, float]) -> Dem:
     ]
     transform = terrain.transform @ Affine.translation(first_column, first_row)
     return Dem(values, transform, terrain.crs, terrain.vertical_datum)
+
+
+def _span(offset: float, width: float) -> tuple[int, int]:
+    """First cell and number of cells of a stretch given in cell widths from the raster's edge."""
+    through_centres = abs(offset - np.floor(offset) - 0.5) < 1e-6
+    first = int(np.floor(offset)) if through_centres else round(offset)
+    return first, round(width) + int(through_centres)
 
 
 def _continued(elevation: FloatArray) -> FloatArray:
