@@ -136,6 +136,24 @@ class FourierBasis:
         """Angular frequencies (K, 2) [rad/m]."""
         return self.box.omega(self.lattice)
 
+    def weights_of(self, transform: ComplexArray) -> FloatArray:
+        """Cosine and sine sums (m,) from a centred transform of points that reaches this basis or further."""
+        centre_p, centre_q = (n // 2 for n in transform.shape)
+        sums = transform[self.lattice[:, 0] + centre_p, self.lattice[:, 1] + centre_q]
+        return np.concatenate([sums.real, sums.imag[1:]])
+
+    def coefficients_of(self, weights: FloatArray) -> ComplexArray:
+        """Centred coefficients for `FourierBox.evaluate` from cosine and sine weights (m,)."""
+        (half_p, half_q), n = self.half, len(self.lattice)
+        coefficients = np.zeros((2 * half_p + 1, 2 * half_q + 1), dtype=complex)
+        waves = weights[:n] + 1j * np.concatenate([[0.0], weights[n:]])
+        coefficients[self.lattice[:, 0] + half_p, self.lattice[:, 1] + half_q] = waves
+        return coefficients
+
+    def doubled(self, per_wave: FloatArray) -> FloatArray:
+        """Repeat a value per wave (K,) for its cosine and its sine (m,)."""
+        return np.concatenate([per_wave, per_wave[1:]])
+
 
 def _runs(lattice: IntArray) -> IntArray:
     """Bounds (R, 2) of the stretches in which q rises by one at constant p."""

@@ -285,6 +285,11 @@ class Sum(Kernel):
         """Free parameters: logarithms, and an angle in radians."""
         return np.concatenate([part.log_parameters for part in self.parts])
 
+    @property
+    def variance_gradient(self) -> FloatArray:
+        """Derivative (P,) of `variance_m2` with respect to `log_parameters`."""
+        return np.concatenate([part.variance_gradient for part in self.parts])
+
     def with_log_parameters(self, log_parameters: npt.ArrayLike) -> Self:
         """Return the same family with other parameters."""
         theta = np.asarray(log_parameters, dtype=np.float64)

@@ -31,6 +31,11 @@ class Kernel(ABC):
     def log_parameters(self) -> FloatArray:
         """Free parameters as unconstrained numbers: logarithms, and an angle in radians."""
 
+    @property
+    @abstractmethod
+    def variance_gradient(self) -> FloatArray:
+        """Derivative (P,) of `variance_m2` with respect to `log_parameters`."""
+
     @abstractmethod
     def with_log_parameters(self, log_parameters: npt.ArrayLike) -> Self:
         """Return the same family with other parameters."""
@@ -114,6 +119,13 @@ class Stationary(Kernel):
         if self.anisotropy == 1.0:
             return changed
         return replace(changed, anisotropy=float(np.exp(theta[2])), angle_deg=float(np.degrees(theta[3])))
+
+    @property
+    def variance_gradient(self) -> FloatArray:
+        """Derivative (P,) of `variance_m2` with respect to `log_parameters`."""
+        gradient = np.zeros(len(self.parameter_names))
+        gradient[0] = self.variance_m2
+        return gradient
 
     def _along_and_across(self, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rotate (..., 2) vectors to the axes of the anisotropy."""
