@@ -41,19 +41,30 @@ class MapFigure(NamedTuple):
 
 
 def view(dem: Dem, area: SurveyArea | None) -> Bounds:
-    """Return what a map shows: the area with a margin of 4 %, as far as the DEM reaches."""
+    """Return what a map shows: the area with a margin of 4 %, as far as the DEM reaches.
+
+    Strips are shown with ground on both sides, so that title, scale and colour bar have room.
+    """
+    west, south, east, north = dem.bounds
     if area is None:
-        return dem.bounds
+        return _widened((west, south, east, north))
     xmin, ymin, xmax, ymax = area.bounds
     margin = 0.04 * max(xmax - xmin, ymax - ymin)
-    west, south, east, north = dem.bounds
     shown = (
         max(xmin - margin, west),
         max(ymin - margin, south),
         min(xmax + margin, east),
         min(ymax + margin, north),
     )
-    return shown if shown[0] < shown[2] and shown[1] < shown[3] else dem.bounds
+    return _widened(shown if shown[0] < shown[2] and shown[1] < shown[3] else dem.bounds)
+
+
+def _widened(bounds: Bounds) -> Bounds:
+    """Grow the shorter side to half of the width or to 1 / 2.2 of the height."""
+    xmin, ymin, xmax, ymax = bounds
+    width, height = xmax - xmin, ymax - ymin
+    x, y = 0.5 * max(height / 2.2 - width, 0.0), 0.5 * max(0.5 * width - height, 0.0)
+    return xmin - x, ymin - y, xmax + x, ymax + y
 
 
 def map_figure(width_in: float, bounds: Bounds, *, n_maps: int = 1, legend: bool = False) -> MapFigure:
@@ -62,9 +73,9 @@ def map_figure(width_in: float, bounds: Bounds, *, n_maps: int = 1, legend: bool
     Sizes are set by hand [in]: an automatic layout would place every map a little differently.
     """
     left, right, gap, top = 0.92, 0.94, 0.14, 0.46
-    bottom = 0.80 if legend else 0.52
+    bottom = 0.95 if legend else 0.52
     xmin, ymin, xmax, ymax = bounds
-    aspect = max((ymax - ymin) / (xmax - xmin), 0.2)
+    aspect = (ymax - ymin) / (xmax - xmin)
     room = width_in - left - right
     map_width = min((room - gap * (n_maps - 1)) / n_maps, _TALLEST_MAP_IN / aspect)
     map_height = map_width * aspect
@@ -177,16 +188,16 @@ def elevation_limits(*dems: Dem) -> Normalize:
     return Normalize(low, max(high, low + 1e-6))
 
 
-def draw_contours(axes: Axes, dem: Dem) -> float | None:
-    """Draw about a dozen contours, every fifth one strong and labelled; return their interval [m]."""
+def draw_contours(axes: Axes, dem: Dem) -> list[Line2D]:
+    """Draw about a dozen contours, every fifth one strong and labelled; return legend entries."""
     dem = thinned(dem)
     if dem.relief_m < 1e-6:
-        return None
+        return []
     interval = round_number(dem.relief_m / 8.0)
     low, high = float(np.nanmin(dem.elevation)), float(np.nanmax(dem.elevation))
     steps = np.arange(math.ceil(low / interval), math.floor(high / interval) + 1)
     if not len(steps):
-        return None
+        return []
     widths = np.where(steps % 5 == 0, 0.9, 0.45)
     lines = axes.contour(
         dem.x,
@@ -203,7 +214,7 @@ def draw_contours(axes: Axes, dem: Dem) -> float | None:
     labels = axes.clabel(lines, levels=strong, fontsize=7, fmt=lambda level: f"{level:.{decimals}f}")
     for label in labels:
         label.set_path_effects([patheffects.withStroke(linewidth=2.0, foreground="white")])
-    return interval
+    return [Line2D([], [], color=INK, linewidth=0.6, alpha=0.7, label=f"Contours, {interval:g} m")]
 
 
 def draw_area(axes: Axes, area: SurveyArea, *, veil: bool = True) -> list[Patch]:
@@ -338,41 +349,38 @@ def _mark_ends(axes: Axes, path: FloatArray, colour: str) -> None:
         )
 
 
-def draw_scale_and_north(axes: Axes) -> None:
+def draw_scale_and_north(drawing: MapFigure) -> None:
     """Draw a scale bar and a grid-north arrow above the map, where they cover nothing."""
+    axes = drawing.maps[0]
     xmin, xmax = axes.get_xlim()
     width = xmax - xmin
     length = round_number(width / 4.0)
     end = xmax - 0.09 * width
     place = axes.get_xaxis_transform()
+    inch = 1.0 / (axes.get_position().height * drawing.figure.get_figheight())
     for start, colour in ((end - length, INK), (end - length / 2.0, "white")):
-        axes.add_patch(_bar(start, length / 2.0, colour, place))
+        bar: dict[str, Any] = {
+            "facecolor": colour,
+            "edgecolor": INK,
+            "linewidth": 0.8,
+            "clip_on": False,
+            "transform": place,
+        }
+        axes.add_patch(Rectangle((start, 1.0 + 0.10 * inch), length / 2.0, 0.08 * inch, **bar))
     text = f"{grouped(length / 1000.0)} km" if length >= 1000.0 else f"{length:g} m"
-    axes.text(end - length - 0.015 * width, 1.024, text, transform=place, ha="right", va="center", fontsize=8)
+    middle = 1.0 + 0.14 * inch
     axes.text(
-        0.962, 1.024, "N", transform=axes.transAxes, ha="center", va="center", fontsize=9, fontweight="bold"
+        end - length - 0.015 * width, middle, text, transform=place, ha="right", va="center", fontsize=8
     )
+    axes.text(0.955, middle, "N", transform=axes.transAxes, ha="center", va="center", fontweight="bold")
     arrow = {"arrowstyle": "-|>", "color": INK, "mutation_scale": 12, "shrinkA": 0, "shrinkB": 0}
     axes.annotate(
         "",
-        xy=(0.985, 1.05),
-        xytext=(0.985, 1.005),
+        xy=(0.985, 1.0 + 0.34 * inch),
+        xytext=(0.985, 1.0 + 0.03 * inch),
         xycoords="axes fraction",
         arrowprops=arrow,
         annotation_clip=False,
-    )
-
-
-def _bar(start: float, length: float, colour: str, place: object) -> Patch:
-    return Rectangle(
-        (start, 1.015),
-        length,
-        0.014,
-        transform=place,
-        facecolor=colour,
-        edgecolor=INK,
-        linewidth=0.8,
-        clip_on=False,
     )
 
 

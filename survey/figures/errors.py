@@ -100,8 +100,8 @@ def error_map(
     axes = drawing.maps[0]
     image = draw_raster(axes, error, reconstruction.mean, ERROR, symmetric_limits(error))
     draw_outline_and_route(axes, area, route)
-    add_colour_bar(image, drawing, "Reconstruction \u2212 reference [m]", extend="both")
-    axes.set_title("Error")
+    add_colour_bar(image, drawing, "Error [m]", extend="both")
+    axes.set_title("Reconstruction \u2212 reference")
     return drawing.figure
 
 
@@ -253,7 +253,9 @@ def calibration_plot(
     figure = Figure(figsize=(FULL_IN, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_coverage(left, calibration)
-    _draw_standardized(right, np.abs(error) / reconstruction.std.elevation)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a claim of no error at all is infinitely exceeded
+        ratio = np.abs(error) / reconstruction.std.elevation
+    _draw_standardized(right, ratio)
     return figure
 
 
@@ -274,7 +276,7 @@ def _draw_coverage(axes: Axes, calibration: Calibration) -> None:
 
 
 def _draw_standardized(axes: Axes, ratio: FloatArray) -> None:
-    z = ratio[np.isfinite(ratio)]
+    z = ratio[~np.isnan(ratio)]
     edges = np.linspace(0.0, 4.0, 33)
     counts, _ = np.histogram(z, edges)
     density = counts / (z.size * np.diff(edges))

@@ -1,6 +1,9 @@
 """Maps of the site: the route on the relief, surfaces side by side, what the map rests on, the landmarks."""
 
+import math
+
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
@@ -72,19 +75,20 @@ def route_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | No
     if area is not None:
         area.require_crs(terrain.crs, "the terrain")
     bounds = view(terrain, area)
-    drawing = map_figure(FULL_IN, bounds, legend=area is not None or route is not None)
+    drawing = map_figure(FULL_IN, bounds, legend=True)
     axes = drawing.maps[0]
     limits = elevation_limits(terrain)
     image = draw_terrain(axes, terrain, limits, exaggeration=relief_exaggeration(terrain))
-    interval = draw_contours(axes, terrain)
-    handles = [*(draw_area(axes, area) if area else []), *(draw_route(axes, route) if route else [])]
+    handles: list[Artist] = [*draw_contours(axes, terrain)]
+    if area is not None:
+        handles += draw_area(axes, area)
+    if route is not None:
+        handles += draw_route(axes, route)
     add_colour_bar(image, drawing, "Elevation [m]")
-    draw_scale_and_north(axes)
-    axes.set_title("Survey map" + (f", contours every {interval:g} m" if interval else ""))
-    if handles:
-        drawing.figure.legend(
-            handles=handles, loc="lower center", ncols=min(len(handles), 8), columnspacing=1.4
-        )
+    draw_scale_and_north(drawing)
+    axes.set_title("Survey map")
+    columns = len(handles) if len(handles) <= 6 else math.ceil(len(handles) / 2)
+    drawing.figure.legend(handles=handles, loc="lower center", ncols=columns, columnspacing=1.6)
     return drawing.figure
 
 

@@ -156,8 +156,10 @@ def _map_pictures(survey: _Survey) -> dict[str, Picture]:
         ),
         "terrain": Picture(
             _png(figures.terrain_comparison(survey.truth, reconstruction, survey.prior, area=area)),
-            "Reference, reconstruction and prior side by side",
-            "Reference, reconstruction and prior, all in the same colours.",
+            "Reference and reconstruction side by side",
+            "The ground as it is, as it was mapped, and as it was known before; all in the same colours."
+            if survey.prior
+            else "The ground as it is and as it was mapped, in the same colours.",
         ),
         "std": Picture(
             _png(figures.deviation_map(reconstruction, area=area, route=route)),

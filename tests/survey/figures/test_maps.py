@@ -8,7 +8,7 @@ from survey.area import SurveyArea
 from survey.dem import Dem
 from survey.errors import InputError
 from survey.figures import deviation_map, landmark_map, png_bytes, route_map, support_map, terrain_comparison
-from survey.figures.cartography import elevation_limits, relief_exaggeration, thinned
+from survey.figures.cartography import elevation_limits, relief_exaggeration, thinned, view
 from survey.figures.style import ROVERS
 from survey.grid import Grid
 from survey.route import Leg, Route
@@ -44,7 +44,14 @@ def test_swaths_are_numbered_and_transits_dashed_in_the_colour_of_their_rover(si
         assert line.is_dashed() == (leg.kind == "transit")
     words = texts(figure)
     assert [words.count(number) for number in ("1", "2", "3")] == [2, 2, 0]
-    assert {"Survey area", "No-go", "Rover 1, swaths (2)", "Rover 2, swaths (2)", "Transit"} <= set(words)
+    assert {
+        "Contours, 2 m",
+        "Survey area",
+        "No-go",
+        "Rover 1, swaths (2)",
+        "Rover 2, swaths (2)",
+        "Transit",
+    } <= set(words)
 
 
 def test_one_rover_needs_no_name_and_many_swaths_few_numbers(site):
@@ -154,6 +161,14 @@ def test_large_rasters_are_thinned_in_place():
     assert small.shape == (2, 801)
     # Elevation is easting, so the kept cells must still lie where their values say.
     np.testing.assert_allclose(small.elevation[0], small.x, atol=1e-9)
+
+
+@pytest.mark.parametrize(("width", "height"), [(800.0, 100.0), (100.0, 800.0), (300.0, 300.0)])
+def test_strips_are_shown_with_room_on_both_sides(width, height):
+    grid = Grid((0.0, 0.0, width, height), 50.0)
+    xmin, ymin, xmax, ymax = view(Dem.on(grid, np.zeros(grid.shape)), None)
+    assert 0.5 <= (ymax - ymin) / (xmax - xmin) <= 2.2 + 1e-12
+    assert (xmin + xmax, ymin + ymax) == (width, height)
 
 
 def test_limits_of_constant_surfaces_do_not_collapse():
