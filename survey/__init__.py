@@ -1,11 +1,13 @@
 """The foundation of firnline: the nouns of a survey, terrain reconstruction, scoring, formats, figures."""
 
+from survey import terrain
 from survey.area import SurveyArea
 from survey.dem import Dem
 from survey.errors import CapacityError, ConfigError, FirnlineError, InputError
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.route import Leg, Route
+from survey.scoring import Score, score
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 
@@ -20,8 +22,11 @@ __all__ = [
     "Leg",
     "Reconstruction",
     "Route",
+    "Score",
     "SurfacePoints",
     "SurveyArea",
     "Trajectory",
     "reconstruct",
+    "score",
+    "terrain",
 ]

@@ -1,0 +1,209 @@
+"""How much of an area a route sampled: science-centric and robot-centric coverage (Eq. 11)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from survey.area import SurveyArea
+from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.errors import InputError
+from survey.route import Route
+from survey.scoring.spread import centeredness, distribution
+
+# A sample on the edge between two cells counts for the north-eastern one whatever the rounding.
+_SLACK_CELLS = 1e-6
+
+
+@dataclass(frozen=True)
+class SampleCells:
+    """Every place of an area where a sample could be taken: cells as wide as the samples' spacing.
+
+    The cells are counted from the south-western corner of the area's bounds; a cell belongs
+    to the area when its centre lies on free ground.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        The ground to be mapped.
+    step_m : float
+        Width of a cell [m].
+
+    Raises
+    ------
+    InputError
+        A width that is not positive, or so large that no centre lies in the area.
+
+    Examples
+    --------
+    >>> cells = SampleCells(SurveyArea.rectangle((0.0, 0.0, 30.0, 20.0), "EPSG:32608"), 10.0)
+    >>> len(cells.centres)
+    6
+    """
+
+    area: SurveyArea
+    step_m: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.step_m) and self.step_m > 0.0):
+            raise InputError(f"the sample spacing is {self.step_m} m; it must be greater than 0.")
+        if not self._inside.any():
+            raise InputError(
+                f"no centre of a {self.step_m:g} m cell lies in the survey area; sample more finely."
+            )
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """Number of rows (from the south) and columns that cover the area's bounds."""
+        xmin, ymin, xmax, ymax = self.area.bounds
+        rows, columns = ((side / self.step_m) for side in (ymax - ymin, xmax - xmin))
+        return max(1, int(np.ceil(rows - 1e-9))), max(1, int(np.ceil(columns - 1e-9)))
+
+    @cached_property
+    def _all_centres(self) -> FloatArray:
+        xmin, ymin, _, _ = self.area.bounds
+        rows, columns = np.indices(self._shape)
+        return np.column_stack(
+            [xmin + (columns.ravel() + 0.5) * self.step_m, ymin + (rows.ravel() + 0.5) * self.step_m]
+        )
+
+    @cached_property
+    def _inside(self) -> BoolArray:
+        return self.area.contains(self._all_centres)
+
+    @property
+    def centres(self) -> FloatArray:
+        """Centres (S, 2) of the area's cells [m], row by row from the south-west."""
+        return self._all_centres[self._inside]
+
+    def visited(self, xy: Any) -> FloatArray:
+        """Return the centres (M, 2) of the area's cells that hold one or more of the places (N, 2).
+
+        Places on the area's northern and eastern bounds count for the cell that ends there.
+        """
+        points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+        xmin, ymin, xmax, ymax = self.area.bounds
+        slack = _SLACK_CELLS * self.step_m
+        near = (points >= (xmin - slack, ymin - slack)).all(axis=1)
+        near &= (points <= (xmax + slack, ymax + slack)).all(axis=1)
+        index = np.unique(self._index(points[near]))
+        return self._all_centres[index[self._inside[index]]]
+
+    def _index(self, points: FloatArray) -> IntArray:
+        xmin, ymin, _, _ = self.area.bounds
+        rows, columns = self._shape
+        cell = np.floor((points - (xmin, ymin)) / self.step_m + _SLACK_CELLS).astype(np.int64)
+        column, row = np.clip(cell, 0, (columns - 1, rows - 1)).T
+        index: IntArray = row * columns + column
+        return index
+
+
+def science_coverage(samples: Any, possible: Any, reference: Any) -> float:
+    r"""Share of an area's scientific value that samples reach (Eq. 11 of the glacier paper).
+
+    .. math::  SCC = \sum_{m=1}^M \|x_m - x_{ref}\| \Big/ \sum_{s=1}^S \|x_s - x_{ref}\|
+
+    Parameters
+    ----------
+    samples : (M, 2) array_like
+        Easting and northing of the samples, each place once [m].
+    possible : (S, 2) array_like
+        Every place where a sample could be taken [m].
+    reference : (2,) array_like
+        The point from which value is counted [m].
+
+    Returns
+    -------
+    float
+        Between 0 and 1 when the samples are among the possible ones.
+
+    Notes
+    -----
+    The weight makes a sample at the reference worth nothing and one in the farthest corner
+    worth most; read it beside the plain share of cells.
+
+    Examples
+    --------
+    >>> square = [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
+    >>> science_coverage(square[:2], square, (0.5, 0.5))
+    0.5
+    """
+
+    def total(places: Any) -> float:
+        offsets = np.asarray(places, dtype=np.float64).reshape(-1, 2) - np.asarray(reference)
+        return float(np.hypot(*offsets.T).sum())
+
+    whole = total(possible)
+    if whole == 0.0:
+        raise InputError(
+            "every possible sample lies on the reference point; give a larger area or finer samples."
+        )
+    return total(samples) / whole
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How much of the area a route sampled, and how evenly; ``None`` where there was no route.
+
+    Parameters
+    ----------
+    scc : float
+        Science-centric coverage, 0 to 1 (Eq. 11).
+    cells_share : float
+        Plain share of the area's cells that were visited.
+    robot_centric : float
+        Distance driven over the distance that would visit every cell in lines one cell
+        apart (:math:`D_S / D_T`); above 1 when the route crosses itself a lot.
+    alpha : float
+        Centeredness of the samples, 0 is best (Eqs. 12 and 13).
+    beta : float
+        Distributedness about the swaths (Eqs. 14 to 16); 0 for straight swaths, ``None``
+        where it is not defined.
+    """
+
+    scc: float | None = None
+    cells_share: float | None = None
+    robot_centric: float | None = None
+    alpha: float | None = None
+    beta: float | None = None
+
+    @classmethod
+    def of(cls, route: Route, area: SurveyArea, sample_step_m: float = 10.0) -> Self:
+        """Measure a route over an area, sampled at equal steps along everything driven.
+
+        Parameters
+        ----------
+        route : Route
+            Swaths and transits of all rovers; transits count for all but β.
+        area : SurveyArea
+            In the same CRS. Its reference point is the one of Eqs. 11 and 13.
+        sample_step_m : float
+            Distance between samples, and width of the cells [m].
+
+        Raises
+        ------
+        InputError
+            Mixed CRS, a step that is not positive or larger than the area.
+
+        Examples
+        --------
+        >>> from survey.route import Leg
+        >>> area = SurveyArea.rectangle((0.0, 0.0, 40.0, 40.0), "EPSG:32608")
+        >>> line = Route((Leg("swath", [[5.0, 5.0], [5.0, 35.0]]),), "EPSG:32608", "line")
+        >>> coverage = Coverage.of(line, area)
+        >>> coverage.cells_share, coverage.beta
+        (0.25, 0.0)
+        """
+        area.require_crs(route.crs, "the route")
+        cells = SampleCells(area, sample_step_m)
+        tracks = [route.sample(sample_step_m, rover) for rover in range(route.n_rovers)]
+        samples = np.vstack([track.xy for track in tracks])
+        visited, possible = cells.visited(samples), cells.centres
+        return cls(
+            scc=science_coverage(visited, possible, area.reference),
+            cells_share=len(visited) / len(possible),
+            robot_centric=route.length_m / (len(possible) * sample_step_m),
+            alpha=centeredness(samples, area.reference, area.farthest_m),
+            beta=distribution(route, tracks),
+        )

@@ -1,0 +1,209 @@
+"""The judgement of a survey against a reference terrain."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from survey.area import SurveyArea
+from survey.arrays import FloatArray
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.geodesy import same_crs, same_vertical_datum
+from survey.reconstruction.base import ELEVATION, Reconstruction
+from survey.route import Route
+from survey.scoring.accuracy import Calibration, ErrorStatistics
+from survey.scoring.coverage import Coverage
+from survey.scoring.standards import Verdict, judge
+
+
+@dataclass(frozen=True)
+class Score:
+    """How good a survey was.
+
+    Parameters
+    ----------
+    coverage : Coverage
+        What the route sampled; its values are ``None`` without a route.
+    elevation : ErrorStatistics
+        Errors of the map at the nodes that were scored.
+    calibration : Calibration
+        Whether its standard deviations are honest there.
+    verdicts : tuple of Verdict
+        Classes of the map, the loosest first.
+    n_outside : int
+        Nodes that were left out because they lie outside the area.
+    n_unknown : int
+        Nodes in the area where the reference has no height.
+    n_silent : int
+        Nodes in the area, with a reference, where the map gives no height.
+    """
+
+    coverage: Coverage
+    elevation: ErrorStatistics
+    calibration: Calibration
+    verdicts: tuple[Verdict, ...]
+    n_outside: int = 0
+    n_unknown: int = 0
+    n_silent: int = 0
+
+    @property
+    def covered_share(self) -> float:
+        """Share of the nodes to be scored at which the map gives a height.
+
+        The error statistics of a map that covers less than all speak of that part alone.
+        """
+        return self.elevation.n / (self.elevation.n + self.n_silent)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, units in the keys; ``None`` where a value does not exist."""
+        plain: dict[str, Any] = _without_nan({**asdict(self), "covered_share": self.covered_share})
+        return plain
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Rebuild a score from what `to_dict` gave.
+
+        Raises
+        ------
+        InputError
+            When a part is missing or unknown.
+        """
+        try:
+            return cls(
+                coverage=Coverage(**values["coverage"]),
+                elevation=ErrorStatistics(**_with_nan(values["elevation"])),
+                calibration=_calibration(values["calibration"]),
+                verdicts=tuple(Verdict(**verdict) for verdict in values["verdicts"]),
+                **{name: int(values[name]) for name in ("n_outside", "n_unknown", "n_silent")},
+            )
+        except (KeyError, TypeError) as error:
+            raise InputError(
+                f"the score is incomplete or not firnline's ({error}); score the survey again."
+            ) from error
+
+
+def score(
+    reconstruction: Reconstruction,
+    *,
+    truth: Dem,
+    route: Route | None = None,
+    area: SurveyArea | None = None,
+    sample_step_m: float = 10.0,
+) -> Score:
+    """Judge a map, and the route that led to it, against a reference terrain.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        The map of elevation; judged at its own nodes.
+    truth : Dem
+        The reference, interpolated bilinearly to those nodes.
+    route : Route, optional
+        What was driven; without it there is no coverage.
+    area : SurveyArea, optional
+        Only nodes on its free ground count; by default all nodes of the map do.
+    sample_step_m : float
+        Distance between samples along the route, and width of the cells of Eq. 11 [m].
+
+    Returns
+    -------
+    Score
+        Nodes left out are counted in it, each under its reason.
+
+    Raises
+    ------
+    InputError
+        Mixed CRS or vertical datums, a map of another quantity, or no node at which
+        map, area and reference meet.
+
+    Notes
+    -----
+    The RMSE is that of the whole surface. Standards judge independent check points of higher
+    accuracy instead; the verdicts say so.
+
+    Examples
+    --------
+    >>> from survey.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 10.0)
+    >>> flat, sure = Dem.on(grid, np.zeros(grid.shape)), Dem.on(grid, np.full(grid.shape, 0.1))
+    >>> high = Dem.on(grid, np.full(grid.shape, 0.2))
+    >>> result = score(Reconstruction(high, sure, np.full(grid.shape, 3), "gp", {}), truth=flat)
+    >>> result.elevation.rmse_m, result.calibration.z_rms, result.verdicts[0].met
+    (0.2, 2.0, True)
+    """
+    _check_systems(reconstruction, truth, area)
+    ground = area or SurveyArea.rectangle(reconstruction.mean.grid().bounds, reconstruction.mean.crs)
+    compared = _compare(reconstruction, truth, ground)
+    elevation = ErrorStatistics.of(compared.errors)
+    return Score(
+        coverage=Coverage() if route is None else Coverage.of(route, ground, sample_step_m),
+        elevation=elevation,
+        calibration=Calibration.of(compared.errors, compared.std),
+        verdicts=judge(elevation.rmse_m),
+        n_outside=compared.n_outside,
+        n_unknown=compared.n_unknown,
+        n_silent=compared.n_silent,
+    )
+
+
+class _Comparison(NamedTuple):
+    """Errors and stated deviations (N,) [m] where they exist, and how many nodes were left out and why."""
+
+    errors: FloatArray
+    std: FloatArray
+    n_outside: int
+    n_unknown: int
+    n_silent: int
+
+
+def _compare(reconstruction: Reconstruction, truth: Dem, area: SurveyArea) -> _Comparison:
+    """Take the map's errors at the nodes where area, reference and map all speak."""
+    nodes = reconstruction.mean.xy
+    inside = area.contains(nodes)
+    heights = reconstruction.mean.elevation.ravel()[inside]
+    reference = truth.at(nodes[inside])
+    known, given = np.isfinite(reference), np.isfinite(heights)
+    scored = known & given
+    if not scored.any():
+        raise InputError(
+            f"there is nothing to score: of {len(nodes)} nodes of the map {int(inside.sum())} lie in the area, "
+            f"{int(known.sum())} of those on the reference and {int(scored.sum())} have a height in both; check that the three overlap."
+        )
+    return _Comparison(
+        errors=(heights - reference)[scored],
+        std=reconstruction.std.elevation.ravel()[inside][scored],
+        n_outside=int((~inside).sum()),
+        n_unknown=int((~known).sum()),
+        n_silent=int((known & ~given).sum()),
+    )
+
+
+def _check_systems(reconstruction: Reconstruction, truth: Dem, area: SurveyArea | None) -> None:
+    """Refuse what cannot be compared."""
+    mean = reconstruction.mean
+    if reconstruction.quantity != ELEVATION:
+        raise InputError(f"the map shows {reconstruction.quantity}; only maps of {ELEVATION} can be scored.")
+    same_crs(mean.crs, truth.crs, "the map and the reference")
+    same_vertical_datum(mean.vertical_datum, truth.vertical_datum, "the map and the reference")
+    if area is not None:
+        area.require_crs(mean.crs, "the map")
+
+
+def _calibration(values: Mapping[str, Any]) -> Calibration:
+    known = _with_nan({**values, "shares": [math.nan if s is None else s for s in values["shares"]]})
+    return Calibration(**{**known, "levels": tuple(known["levels"]), "shares": tuple(known["shares"])})
+
+
+def _with_nan(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: math.nan if value is None else value for key, value in values.items()}
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
