@@ -26,7 +26,7 @@ from survey.figures.style import (
     styled,
     symmetric_limits,
 )
-from survey.geodesy import same_crs
+from survey.geodesy import same_crs, same_vertical_datum
 from survey.reconstruction.base import Reconstruction
 from survey.route import Route
 from survey.scoring import Calibration, ErrorStatistics
@@ -44,7 +44,7 @@ def height_error(
     Raises
     ------
     InputError
-        When map and reference are in different CRS or share no node.
+        When map and reference are in different CRS or above different vertical datums, or share no node.
 
     Examples
     --------
@@ -57,6 +57,7 @@ def height_error(
     """
     mean = reconstruction.mean
     same_crs(mean.crs, reference.crs, "the reconstruction and the reference")
+    same_vertical_datum(mean.vertical_datum, reference.vertical_datum, "the reconstruction and the reference")
     nodes = mean.xy
     error = mean.elevation.ravel() - reference.at(nodes)
     if area is not None:

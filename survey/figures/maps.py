@@ -161,10 +161,11 @@ def deviation_map(
     values = np.array(std.elevation)
     if area is not None:
         values[~area.contains(std.xy).reshape(std.shape)] = np.nan
-    top = float(np.nanpercentile(values, 99.5))
+    stated = values[np.isfinite(values)]
+    top = float(np.percentile(stated, 99.5)) if stated.size else 1.0
     image = draw_raster(axes, values, std, DEVIATION, Normalize(0.0, max(top, 1e-9)))
     draw_outline_and_route(axes, area, route)
-    extend = "max" if float(np.nanmax(values)) > top else "neither"
+    extend = "max" if (stated > top).any() else "neither"
     add_colour_bar(image, drawing, "Standard deviation [m]", extend=extend)
     axes.set_title("Claimed uncertainty (1 σ)")
     return drawing.figure

@@ -128,9 +128,10 @@ def write_report(
     page = _render(
         title=title,
         pictures=pictures,
-        verdict=score.verdicts[0],
-        verdict_sentence=words.verdict_sentence(score.verdicts[0]),
-        verdicts=words.verdict_rows(score),
+        is_met=score.verdicts[0].met,
+        verdict_sentence=words.verdict_sentence(score.verdicts),
+        conditions=words.conditions(score),
+        classes=words.classes_by_standard(score),
         key_numbers=words.key_numbers(score, route),
         calibration_sentence=words.calibration_sentence(score.calibration),
         scores=words.score_rows(score),

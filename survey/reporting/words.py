@@ -1,11 +1,11 @@
 """What the numbers of a survey say, in plain words."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from survey.route import Route
-from survey.scoring import Calibration, Score, Verdict
+from survey.scoring import Calibration, Coverage, ErrorStatistics, Score, Verdict
 
 MINUS = "\u2212"
 
@@ -20,6 +20,11 @@ _UNITS = {
     "rad": "rad",
     "hz": "Hz",
     "percent": "%",
+}
+_STANDARDS = {
+    "asprs-1990-as-in-paper": "ASPRS 1990 as read in the glacier paper",
+    "asprs-1990-spot-heights": "ASPRS 1990, spot heights",
+    "asprs-1990-contours": "ASPRS 1990, contours",
 }
 _ACRONYMS = {"ate", "gps", "nees", "nmad", "rmse", "rms", "rpe"}
 
@@ -42,6 +47,8 @@ def number(value: float | None, unit: str = "", decimals: int = 3) -> str:
     """
     if value is None or math.isnan(value):
         return "–"
+    if math.isinf(value):
+        return "∞"
     return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", MINUS) + (f" {unit}" if unit else "")
 
 
@@ -56,14 +63,44 @@ def percent(share: float | None) -> str:
     return "–" if share is None or math.isnan(share) else f"{100.0 * share:.1f}%"
 
 
-def verdict_sentence(verdict: Verdict) -> str:
-    """Say if the class was met, with the RMSE beside its limit and the standard by name."""
-    outcome = "meets" if verdict.met else "does not meet"
-    interval = f" for a contour interval of {number(verdict.interval_m, 'm')}" if verdict.interval_m else ""
-    return (
-        f"The map {outcome} {verdict.standard}, {verdict.map_class}{interval}: "
-        f"its RMSE is {number(verdict.rmse_m, 'm')}, the limit {number(verdict.limit_m, 'm')}."
+def standard_name(standard: str) -> str:
+    """Return a standard's name as a reader knows it."""
+    return _STANDARDS.get(standard, standard)
+
+
+def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
+    """Say if the first class was met, with the RMSE beside its limit, and which is the tightest one met.
+
+    Examples
+    --------
+    >>> from survey.scoring import judge
+    >>> print(verdict_sentence(judge(0.28)))
+    The map meets Class 3 of ASPRS 1990 as read in the glacier paper, for a contour interval of 2.743 m: its RMSE is 0.280 m, the limit 0.457 m. The tightest limit that it meets is 0.305 m (Class 2, interval 1.829 m).
+    """
+    first, met = verdicts[0], [verdict for verdict in verdicts if verdict.met]
+    sentence = (
+        f"The map {'meets' if first.met else 'does not meet'} {first.map_class} of {standard_name(first.standard)}, "
+        f"for a contour interval of {number(first.interval_m, 'm')}: "
+        f"its RMSE is {number(first.rmse_m, 'm')}, the limit {number(first.limit_m, 'm')}."
     )
+    if not met or met[-1] is first:
+        return sentence
+    best = met[-1]
+    return (
+        f"{sentence} The tightest limit that it meets is {number(best.limit_m, 'm')} "
+        f"({best.map_class}, interval {number(best.interval_m, 'm')})."
+    )
+
+
+def conditions(score: Score) -> list[str]:
+    """Return what the verdict assumes: the standard's condition, and how much of the area it speaks of."""
+    notes = [score.verdicts[0].note] if score.verdicts[0].note else []
+    if score.n_silent:
+        notes.append(
+            f"The map gives a height at {percent(score.covered_share)} of the nodes to be scored; "
+            "every error on this page is of that part alone."
+        )
+    return notes
 
 
 def calibration_sentence(calibration: Calibration) -> str:
@@ -80,6 +117,8 @@ def calibration_sentence(calibration: Calibration) -> str:
     'The claimed uncertainty is honest: 94.9% of the errors lie within the claimed 95% interval, and errors are 1.02 times as large as claimed.'
     """
     share, ratio = calibration.coverage_95, calibration.z_rms
+    if math.isnan(share):
+        return "The map states no standard deviation, so there is no claim to judge."
     facts = (
         f"{percent(share)} of the errors lie within the claimed 95% interval, "
         f"and errors are {number(ratio, decimals=2)} times as large as claimed"
@@ -91,6 +130,15 @@ def calibration_sentence(calibration: Calibration) -> str:
     if ratio > 1.25:
         return f"The claimed uncertainty is honest for most of the map, but a few errors are far larger: {facts}."
     return f"The claimed uncertainty is honest: {facts}."
+
+
+def classes_by_standard(score: Score) -> dict[str, list[tuple[Verdict, str, str]]]:
+    """Return, for each standard by name, its verdicts with interval and limit as text."""
+    tables: dict[str, list[tuple[Verdict, str, str]]] = {}
+    for verdict in score.verdicts:
+        row = (verdict, number(verdict.interval_m, "m"), number(verdict.limit_m, "m"))
+        tables.setdefault(standard_name(verdict.standard), []).append(row)
+    return tables
 
 
 def key_numbers(score: Score, route: Route) -> list[Row]:
@@ -117,53 +165,76 @@ def _fleet(route: Route) -> str:
 
 def score_rows(score: Score) -> dict[str, list[Row]]:
     """Return the table of scores, grouped, each with a line that explains it."""
-    e, c, k = score.elevation, score.coverage, score.calibration
     return {
-        "Elevation": [
+        "Elevation": _elevation_rows(score.elevation),
+        "Uncertainty": _calibration_rows(score.calibration),
+        "Coverage": _coverage_rows(score.coverage),
+        "Nodes of the map": [
             Row(
-                "Nodes compared",
-                f"{e.n:,}".replace(",", "\u202f"),
-                "nodes inside the area with known reference",
+                "Compared",
+                number(score.elevation.n, decimals=0),
+                "inside the area, with reference and height",
             ),
-            Row("RMSE", number(e.rmse_m, "m"), "root mean square error; what the standards judge"),
-            Row("Bias", number(e.bias_m, "m"), "mean error; positive: the map lies too high"),
-            Row("Standard deviation", number(e.std_m, "m"), "spread of the errors about the bias"),
-            Row("Median", number(e.median_m, "m"), "half of the errors are above, half below"),
             Row(
-                "NMAD",
-                number(e.nmad_m, "m"),
-                "spread that single outliers cannot move; the standard deviation of normal errors",
+                "Silent",
+                number(score.n_silent, decimals=0),
+                "inside the area, but without a height in the map",
             ),
-            Row("95th percentile of |error|", number(e.p95_m, "m"), "95 of 100 nodes err by less"),
-            Row("Largest |error|", number(e.worst_m, "m"), "the worst node"),
-            Row("Skewness", number(e.skewness, decimals=2), "0 for errors as often high as low"),
-            Row("Kurtosis", number(e.kurtosis, decimals=2), "how heavy the tails are"),
-        ],
-        "Uncertainty": [
-            Row("Errors within the 95% interval", percent(k.coverage_95), "95% when the claim is honest"),
-            Row(
-                "RMS of error over claimed σ",
-                number(k.z_rms, decimals=2),
-                "1 when honest, above 1 too confident",
-            ),
-        ],
-        "Coverage": [
-            Row("Science coverage (SCC)", percent(c.scc), "distance-weighted share of the possible samples"),
-            Row("Cells visited", percent(c.cells_share), "plain share of the possible samples"),
-            Row(
-                "Robot-centric coverage",
-                percent(c.robot_centric),
-                "share weighted by distance from where the rover was",
-            ),
-            Row("Bias of the samples α", number(c.alpha), "0 when the samples are centred in the area"),
-            Row("Winding of the swaths β", number(c.beta), "0 for straight swaths; – when it is not defined"),
+            Row("Unknown", number(score.n_unknown, decimals=0), "inside the area, but without reference"),
+            Row("Outside", number(score.n_outside, decimals=0), "outside the area, never scored"),
         ],
     }
 
 
-def verdict_rows(score: Score) -> list[tuple[Verdict, str, str]]:
-    """Return each verdict with its interval and limit as text."""
-    return [(v, number(v.interval_m, "m"), number(v.limit_m, "m")) for v in score.verdicts]
+def _elevation_rows(e: ErrorStatistics) -> list[Row]:
+    return [
+        Row("RMSE", number(e.rmse_m, "m"), "root mean square error; what the standards judge"),
+        Row("Bias", number(e.bias_m, "m"), "mean error; positive: the map lies too high"),
+        Row("Standard deviation", number(e.std_m, "m"), "spread of the errors about the bias"),
+        Row("Median", number(e.median_m, "m"), "half of the errors are above, half below"),
+        Row(
+            "NMAD",
+            number(e.nmad_m, "m"),
+            "spread without regard to outliers; for normal errors the standard deviation",
+        ),
+        Row("95th percentile of |error|", number(e.p95_m, "m"), "95 of 100 nodes err by less"),
+        Row("Largest |error|", number(e.worst_m, "m"), "the worst node"),
+        Row("Skewness", number(e.skewness, decimals=2), "0 for symmetric errors"),
+        Row(
+            "Excess kurtosis",
+            number(e.kurtosis, decimals=2),
+            "0 for normal errors, above 0 for rare large ones",
+        ),
+    ]
+
+
+def _calibration_rows(k: Calibration) -> list[Row]:
+    return [
+        Row("Errors within the 95% interval", percent(k.coverage_95), "95% when the claim is honest"),
+        Row(
+            "RMS of error over claimed σ", number(k.z_rms, decimals=2), "1 when honest, above 1 too confident"
+        ),
+    ]
+
+
+def _coverage_rows(c: Coverage) -> list[Row]:
+    return [
+        Row(
+            "Science-centric coverage (SCC)",
+            percent(c.scc),
+            "share of the possible samples, far ones counting more",
+        ),
+        Row("Cells visited", percent(c.cells_share), "plain share of the possible samples"),
+        Row(
+            "Robot-centric coverage",
+            number(c.robot_centric),
+            "distance driven over that of visiting every cell in lines",
+        ),
+        Row(
+            "Centeredness α", number(c.alpha), "0 when the samples are balanced about the centre, 1 at worst"
+        ),
+        Row("Distributedness β", number(c.beta), "0 for straight swaths; – where it is not defined"),
+    ]
 
 
 def named_values(values: Mapping[str, float]) -> list[Row]:

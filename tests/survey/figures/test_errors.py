@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from affine import Affine
 
 from survey.dem import Dem
 from survey.errors import InputError
@@ -32,10 +33,17 @@ def test_ground_without_reference_has_no_error(site):
 
 
 def test_a_reference_elsewhere_is_refused(site):
-    far = Dem.on(site.grid, site.truth.elevation).window((500_000.0, 6_712_000.0, 500_010.0, 6_712_010.0))
-    moved = Dem(far.elevation, far.transform.translation(1e6, 0.0) @ far.transform, far.crs)
+    moved = Dem(
+        site.truth.elevation, Affine(5.0, 0.0, 900_000.0, 0.0, -5.0, 6_712_200.0), site.truth.crs, "EGM96"
+    )
     with pytest.raises(InputError, match="nothing can be compared"):
         height_error(site.reconstruction, moved)
+
+
+def test_another_vertical_datum_is_refused(site):
+    ellipsoidal = Dem(site.truth.elevation, site.truth.transform, site.truth.crs, "WGS 84 ellipsoid")
+    with pytest.raises(InputError, match="EGM96"):
+        error_map(site.reconstruction, ellipsoidal)
 
 
 def test_error_colours_are_symmetric(site):

@@ -1,11 +1,21 @@
 """Sentences say what the numbers say."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
-from survey.reporting.words import calibration_sentence, named_values, number, percent, setting
-from survey.scoring import Calibration
+from survey.reporting.words import (
+    calibration_sentence,
+    conditions,
+    named_values,
+    number,
+    percent,
+    score_rows,
+    setting,
+    verdict_sentence,
+)
+from survey.scoring import Calibration, judge
 
 
 @pytest.mark.parametrize(
@@ -25,8 +35,39 @@ def test_the_sentence_fits_the_calibration(coverage, ratio, opening):
     assert f"{100 * coverage:.1f}%" in sentence
 
 
+def test_a_map_without_deviations_makes_no_claim():
+    nothing = Calibration.of([0.1], [math.nan])
+    assert "no claim to judge" in calibration_sentence(nothing)
+
+
+def test_a_missed_class_is_said_plainly():
+    sentence = verdict_sentence(judge(0.9))
+    assert "does not meet Class 3" in sentence
+    assert "its RMSE is 0.900 m, the limit 0.457 m." in sentence
+    assert "tightest" not in sentence
+
+
+def test_the_tightest_class_met_is_the_last_of_them():
+    assert verdict_sentence(judge(0.01)).endswith("it meets is 0.051 m (Class 1, interval 0.305 m).")
+
+
+def test_silent_nodes_are_told_with_the_verdict(scored):
+    assert len(conditions(scored)) == 1
+    half = replace(scored, n_silent=scored.elevation.n)
+    assert conditions(half)[1].startswith("The map gives a height at 50.0% of the nodes")
+
+
+def test_every_score_is_explained(scored):
+    rows = [row for group in score_rows(scored).values() for row in group]
+    assert all(row.value and row.meaning for row in rows)
+    assert {"RMSE", "NMAD", "Science-centric coverage (SCC)", "Distributedness β"} <= {
+        row.name for row in rows
+    }
+
+
 def test_numbers_that_do_not_exist_are_dashes():
     assert number(None, "m") == percent(None) == number(math.nan) == percent(math.nan) == "–"
+    assert number(math.inf) == "∞"
 
 
 def test_negative_and_large_numbers_are_typeset():
