@@ -1,5 +1,6 @@
 """Parallel swaths over any polygon: clipped to the free ground, cut into cells, at the best angle."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ _POCKET_ROUNDS = 4
 
 
 def swaths_on(
-    ground: FreeGround, spacing_m: float, heading_deg: float, *, inset_m: float = 0.0
+    ground: FreeGround, spacing_m: float, heading_deg: float, *, inset_m: float = 0.0, headland_m: float = 0.0
 ) -> list[FloatArray]:
     """Lay parallel swaths over the free ground.
 
@@ -39,7 +40,9 @@ def swaths_on(
         Direction of the first swath, counter-clockwise from east [deg]; the following
         swaths lie to its right.
     inset_m : float
-        How far swaths end before the border, across every border [m].
+        How far swaths end before the border, along their heading [m].
+    headland_m : float
+        Width of the strip along every border that swaths leave free [m].
 
     Returns
     -------
@@ -49,22 +52,34 @@ def swaths_on(
     Raises
     ------
     ConfigError
-        A spacing that is not greater than 0, an inset below 0.
+        A spacing that is not greater than 0, an inset or a headland below 0.
     InputError
         Ground on which no swath fits.
     """
     _require_spacing(spacing_m)
-    if not (np.isfinite(inset_m) and inset_m >= 0.0):
-        raise ConfigError(f"the inset is {inset_m} m; it must be 0 or greater.")
-    lines = clipped(ground, _lines_over(ground.polygon, spacing_m, heading_deg), inset_m=inset_m)
-    lines += _in_pockets(ground, lines, spacing_m, heading_deg, inset_m)
+    for name, width_m in (("inset", inset_m), ("headland", headland_m)):
+        if not (np.isfinite(width_m) and width_m >= 0.0):
+            raise ConfigError(f"the {name} is {width_m} m; it must be 0 or greater.")
+    inner = _without_headland(ground, headland_m)
+    lines = clipped(ground, _lines_over(inner, spacing_m, heading_deg), headland_m=headland_m)
+    lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
+    lines = [line for line in (_shortened(line, inset_m) for line in lines) if line is not None]
     if not lines:
         xmin, ymin, xmax, ymax = ground.polygon.bounds
         raise InputError(
-            f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with an inset of {inset_m:g} m; "
-            "reduce the inset or give a larger area."
+            f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with an inset of {inset_m:g} m and a headland "
+            f"of {headland_m:g} m; reduce them or give a larger area."
         )
     return _cell_by_cell(lines, heading_deg)
+
+
+def _shortened(line: FloatArray, inset_m: float) -> FloatArray | None:
+    """Return a straight line that ends `inset_m` earlier at both ends, or nothing when it is too short."""
+    length = float(np.hypot(*(line[-1] - line[0])))
+    if length - 2.0 * inset_m <= _SHORTEST_M:
+        return None
+    step = inset_m / length * (line[-1] - line[0])
+    return np.array([line[0] + step, line[-1] - step])
 
 
 def _require_spacing(spacing_m: float) -> None:
@@ -77,6 +92,8 @@ def _lines_over(polygon: Any, spacing_m: float, heading_deg: float) -> list[Floa
     along, left = axes_of(heading_deg)
     right = -left
     xy = shapely.get_coordinates(polygon)
+    if not len(xy):
+        return []
     u, v = xy @ along, xy @ right
     n = max(int(np.ceil((v.max() - v.min()) / spacing_m - 1e-9)), 1)
     offsets = v.min() + (np.arange(n) + 0.5) * (v.max() - v.min()) / n
@@ -94,31 +111,39 @@ def _cell_by_cell(lines: list[FloatArray], heading_deg: float) -> list[FloatArra
     return [swaths[i] for i in np.argsort(cells(swaths, heading_deg), kind="stable")]
 
 
-def unswept(ground: FreeGround, swaths: list[FloatArray], spacing_m: float) -> list[Polygon]:
+def unswept(
+    ground: FreeGround, swaths: list[FloatArray], spacing_m: float, *, headland_m: float = 0.0
+) -> list[Polygon]:
     """Return the pieces of ground farther than half a spacing from every swath, the largest first.
 
     Parallel swaths leave the tips beyond their ends where a border is slanted; no metre
     of such a tip is farther than half a spacing from the line that the swath is cut from.
+    Ground within `headland_m` of a border is not asked for.
     """
     _require_spacing(spacing_m)
     swept = shapely.union_all(
         shapely.buffer([shapely.linestrings(swath) for swath in swaths], 0.5 * spacing_m, quad_segs=16)
     )
-    rest = shapely.get_parts(shapely.difference(ground.polygon, swept))
+    rest = shapely.get_parts(shapely.difference(_without_headland(ground, headland_m), swept))
     return sorted((piece for piece in rest if piece.area > _CRUMB_M2), key=lambda piece: -piece.area)
 
 
+def _without_headland(ground: FreeGround, headland_m: float) -> Any:
+    """Return the ground less a border of that width; the same at swaths, headlands and pockets."""
+    return ground.polygon if headland_m == 0.0 else ground.polygon.buffer(-headland_m, quad_segs=4)
+
+
 def _in_pockets(
-    ground: FreeGround, lines: list[FloatArray], spacing_m: float, heading_deg: float, inset_m: float
+    ground: FreeGround, lines: list[FloatArray], spacing_m: float, heading_deg: float, headland_m: float
 ) -> list[FloatArray]:
     """Lay a swath through every unswept piece that is longer than a spacing along the heading."""
     added: list[FloatArray] = []
     for _ in range(_POCKET_ROUNDS):
         found: list[FloatArray] = []
-        for piece in unswept(ground, lines + added, spacing_m):
+        for piece in unswept(ground, lines + added, spacing_m, headland_m=headland_m):
             line = _longest_through(piece, heading_deg)
             if line is not None and np.hypot(*(line[1] - line[0])) > spacing_m:
-                found += clipped(ground, [line], inset_m=inset_m)
+                found += clipped(ground, [line], headland_m=headland_m)
         if not found:
             break
         added += found
@@ -140,14 +165,14 @@ def _longest_through(piece: Polygon, heading_deg: float) -> FloatArray | None:
     return best
 
 
-def clipped(ground: FreeGround, lines: list[FloatArray], *, inset_m: float = 0.0) -> list[FloatArray]:
+def clipped(ground: FreeGround, lines: list[FloatArray], *, headland_m: float = 0.0) -> list[FloatArray]:
     """Cut polylines (N, 2) to the free ground; none of the pieces has a metre outside it.
 
     Where the exact piece is not covered by the ground because of rounding, it is cut at
     a border moved `MARGIN_M` inwards instead.
     """
-    shape = ground.polygon if inset_m == 0.0 else ground.polygon.buffer(-inset_m, join_style="mitre")
-    inner = ground.inner if inset_m == 0.0 else shape
+    shape = _without_headland(ground, headland_m)
+    inner = ground.inner if headland_m == 0.0 else shape
     shapely.prepare(shape)
     pieces: list[FloatArray] = []
     for line in lines:
@@ -174,7 +199,7 @@ def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
     return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]
 
 
-def ends_of(swaths: list[FloatArray]) -> FloatArray:
+def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:
     """Return the first and last points (2 N, 2) of the swaths, swath by swath."""
     return np.array([[swath[0], swath[-1]] for swath in swaths], dtype=np.float64).reshape(-1, 2)
 

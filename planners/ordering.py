@@ -1,27 +1,41 @@
 """From swaths to legs: the order and direction of driving, joined by transits on free ground."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import shapely
 
 from planners.decomposition import ends_of
+from planners.reeds_shepp import Pose
 from planners.tours import Transits, boustrophedon, improved, nearest_next, tour_length, transits
 from planners.transit import FreeGround
+from planners.turns import Turning, Turns, turn_length_m
 from survey.arrays import FloatArray, IntArray
 from survey.errors import FirnlineError, InputError
 from survey.route import Leg
 from survey.streams import stream
 
 _KICKS_PER_SWATH, _MOST_KICKS = 25, 5_000
+_TURN_REACH, _MOST_STRUCK_OUT, _NO_WAY_M = 8.0, 60, 1e6
+
+
+class _NoTurnError(InputError):
+    """Two ends between which the ground leaves no room to turn."""
+
+    def __init__(self, message: str, ends: tuple[int, int]) -> None:
+        super().__init__(message)
+        self.ends = ends
 
 
 def connect(
-    swaths: list[FloatArray],
+    swaths: Sequence[FloatArray],
     ground: FreeGround,
     *,
     start: Any = None,
     end: Any = None,
+    axes: Sequence[FloatArray] | None = None,
+    turning: Turning | None = None,
     rover: int = 0,
 ) -> tuple[Leg, ...]:
     """Order the swaths and join them by the shortest transits that stay on the free ground.
@@ -39,6 +53,11 @@ def connect(
         Where rovers may be.
     start, end : (2,) array_like, optional
         Where the rover starts and has to finish [m]; anywhere by default.
+    axes : sequence of (2, 2) ndarray, optional
+        The straight line that each swath deviates from [m]; its first and last point by default.
+    turning : Turning, optional
+        Curved transits for a rover that cannot pivot; swaths then need room at their
+        ends, so lay them with an inset of about twice the radius.
     rover : int
         Who drives the legs.
 
@@ -52,7 +71,8 @@ def connect(
     ------
     InputError
         No swaths, a start or end off the free ground, or swaths that no way joins;
-        the message names the part of the ground that is cut off.
+        the message names the part of the ground that is cut off. A turn for which the
+        ground leaves no room.
 
     Examples
     --------
@@ -61,19 +81,28 @@ def connect(
     >>> [leg.kind for leg in connect(lines, ground)]
     ['swath', 'transit', 'swath']
     """
-    tour = Tour(swaths, ground, start, end)
-    return tour.legs(tour.best(), rover)
+    tour = Tour(swaths, ground, start, end, axes=axes, turning=turning)
+    return tour.driven(rover)
 
 
 class Tour:
     """The swaths of one rover, their ends and the transits between them."""
 
     def __init__(
-        self, swaths: list[FloatArray], ground: FreeGround, start: Any = None, end: Any = None
+        self,
+        swaths: Sequence[FloatArray],
+        ground: FreeGround,
+        start: Any = None,
+        end: Any = None,
+        *,
+        axes: Sequence[FloatArray] | None = None,
+        turning: Turning | None = None,
     ) -> None:
         if not swaths:
             raise InputError("there are no swaths to connect; lay at least one.")
-        self.swaths, self.ground = swaths, ground
+        self.swaths, self.ground, self.axes = swaths, ground, axes
+        self.turns = Turns(ground, turning) if turning is not None and turning.radius_m > 0.0 else None
+        self.n_struck_out = 0
         self.has_start, self.has_end = start is not None, end is not None
         anywhere = swaths[0][0]
         depot = np.array(
@@ -86,6 +115,8 @@ class Tour:
         is_free = np.zeros(len(self.ends))
         is_free[-2:] = [not self.has_end, not self.has_start]
         self.transits: Transits = transits(ground.network(inside), is_free)
+        if self.turns is not None:
+            self._charge_turns(self.turns.turning)
 
     @property
     def depot(self) -> int:
@@ -102,24 +133,72 @@ class Tour:
         tour = improved(nearest if shorter else given, self.transits, kicks)
         return _from_depot(tour, self.depot)
 
+    def driven(self, rover: int = 0) -> tuple[Leg, ...]:
+        """Return the legs of the best tour; turns that find no room are struck out and the tour made anew."""
+        while True:
+            try:
+                return self.legs(self.best(), rover)
+            except _NoTurnError as error:
+                self.n_struck_out += 1
+                if self.n_struck_out > _MOST_STRUCK_OUT:
+                    raise InputError(str(error)) from error
+                a, b = error.ends
+                self.transits.length[a, b] = self.transits.length[b, a] = _NO_WAY_M
+
     def legs(self, tour: IntArray, rover: int = 0) -> tuple[Leg, ...]:
         """Return the legs of a tour, every metre of them checked to be on the free ground."""
         legs: list[Leg] = []
         here = self.depot + 1 if self.has_start else None
-        for item in tour[1:]:
+        for item in tour[1:].tolist():
             legs += self._transit(here, item, rover)
-            swath = self.swaths[item >> 1]
-            legs.append(Leg("swath", swath[::-1] if item & 1 else swath, rover))
+            legs.append(self._swath(item, rover))
             here = item ^ 1
         if self.has_end:
             legs += self._transit(here, self.depot, rover)
         _require_covered(self.ground, legs)
         return tuple(legs)
 
+    def _swath(self, item: int, rover: int) -> Leg:
+        way = -1 if item & 1 else 1
+        axis = None if self.axes is None else self.axes[item >> 1][::way]
+        return Leg("swath", self.swaths[item >> 1][::way], rover, axis)
+
     def _transit(self, a: int | None, b: int, rover: int) -> list[Leg]:
         if a is None or np.array_equal(self.ends[a], self.ends[b]):
             return []
-        return [Leg("transit", self.ground.between(self.ends, self.transits.network, a, b), rover)]
+        if self.turns is None:
+            xy = self.ground.between(self.ends, self.transits.network, a, b)
+        else:
+            try:
+                xy = self.turns.between(self._pose(a, self.ends[b]), _turned(self._pose(b, self.ends[a])))
+            except InputError as error:
+                raise _NoTurnError(str(error), (a, b)) from error
+        return [Leg("transit", xy, rover)]
+
+    def _pose(self, end: int, other: FloatArray) -> Pose:
+        """Return the pose of a rover that has just come out of an end; at a depot it faces the other end."""
+        here = self.ends[end]
+        before = here - (other - here)
+        if end < self.depot:
+            swath = self.swaths[end >> 1]
+            before = swath[-2] if end & 1 else swath[1]
+        ahead = here - before
+        return float(here[0]), float(here[1]), float(np.arctan2(ahead[1], ahead[0]))
+
+    def _charge_turns(self, turning: Turning) -> None:
+        """Replace the lengths of short transits by those of the turns that they take."""
+        length = self.transits.length
+        for a in range(self.depot):
+            for b in self.transits.near[a].tolist():
+                straight = abs(float(length[a, b]))
+                if b < self.depot and straight < _TURN_REACH * turning.radius_m:
+                    pose = self._pose(a, self.ends[b])
+                    turn = turn_length_m(pose, _turned(self._pose(b, self.ends[a])), turning)
+                    length[a, b] = length[b, a] = max(turn, straight)
+
+
+def _turned(pose: Pose) -> Pose:
+    return pose[0], pose[1], pose[2] + np.pi
 
 
 def _from_depot(tour: IntArray, depot: int) -> IntArray:
