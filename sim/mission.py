@@ -105,7 +105,9 @@ def within(prior: survey.Dem, points: survey.SurfacePoints) -> survey.SurfacePoi
     """Leave out landmarks beyond the prior's edge, where there is nothing to build around; their number is logged."""
     known = np.isfinite(prior.at(points.xy))
     if not known.all():
-        logger.warning("%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points))
+        logger.warning(
+            "%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points)
+        )
     return points.select(known)
 
 

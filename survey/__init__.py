@@ -6,10 +6,12 @@ from survey.dem import Dem
 from survey.errors import CapacityError, ConfigError, FirnlineError, InputError
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
+from survey.recording import Recording
 from survey.route import Leg, Route
 from survey.scoring import Score, score
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
+from survey.truth import Truth
 
 __all__ = [
     "CapacityError",
@@ -21,11 +23,13 @@ __all__ = [
     "InputError",
     "Leg",
     "Reconstruction",
+    "Recording",
     "Route",
     "Score",
     "SurfacePoints",
     "SurveyArea",
     "Trajectory",
+    "Truth",
     "reconstruct",
     "score",
     "terrain",

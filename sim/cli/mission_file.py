@@ -56,12 +56,22 @@ def tell(run: RunFolder, *, as_json: bool) -> None:
     typer.echo(f"stages  {times} (together {total:.1f} s)")
     if "score" in content:
         typer.echo(f"RMSE    {content['score']['elevation']['rmse_m']:.3f} m")
-        for verdict in content["score"]["verdicts"]:
-            typer.echo(f"class   {verdict_line(verdict)}")
+        typer.echo(f"class   {best_class(content['score']['verdicts'])}")
     typer.echo(f"report  {content['report']}" if "report" in content else f"run     {content['run']}")
 
 
-def verdict_line(verdict: dict[str, Any]) -> str:
-    """Say one verdict in words."""
-    word = "met" if verdict["met"] else "not met"
-    return f"{verdict['map_class']} ({verdict['standard']}, limit {verdict['limit_m']:.4f} m): {word}"
+def best_class(verdicts: list[dict[str, Any]]) -> str:
+    """Say in words which is the strictest row of the standard that a map meets, or that it meets none."""
+    met = [verdict for verdict in verdicts if verdict["met"]]
+    row = met[-1] if met else verdicts[0]
+    words = "met, RMSE" if met else "not met, not even the loosest row: RMSE"
+    return (
+        f"{row['map_class']} at a {row['interval_m']:.4g} m interval ({row['standard']}) {words} "
+        f"{row['rmse_m']:.3f} m, limit {row['limit_m']:.4f} m"
+    )
+
+
+def class_met(content: dict[str, Any], wanted: str) -> bool:
+    """Tell whether the map meets the loosest row of the wanted class, ``class-1`` to ``class-3``."""
+    verdicts = content.get("score", {}).get("verdicts", [])
+    return any(v["met"] for v in verdicts if v["map_class"].lower().replace(" ", "-") == wanted)

@@ -37,7 +37,7 @@ def run(
 
       firnline run mine.toml --set planner.swaths=6 --require
     """
-    from sim.cli.mission_file import run_until, summary, tell
+    from sim.cli.mission_file import class_met, run_until, summary, tell
     from survey.errors import ConfigError
     from survey.store import STAGES
 
@@ -45,10 +45,9 @@ def run(
         if stage is not None and stage not in STAGES:
             raise ConfigError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
     start = "plan" if fresh else first
-    _, folder = run_until(
+    done, folder = run_until(
         mission, until, runs=runs, settings=settings, quiet=quiet, verbose=verbose, first=start
     )
     tell(folder, as_json=as_json)
-    wanted = summary(folder).get("score", {}).get("verdicts", [])
-    if require and not any(verdict["met"] and verdict["wanted"] for verdict in wanted):
+    if require and not class_met(summary(folder), done.score.require):
         raise typer.Exit(NOT_MET)

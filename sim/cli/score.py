@@ -53,7 +53,7 @@ def _score_file(
     import json
 
     import survey
-    from sim.cli.mission_file import verdict_line
+    from sim.cli.mission_file import best_class
     from survey.errors import InputError
 
     if truth is None:
@@ -70,5 +70,4 @@ def _score_file(
         return
     for name, figure in judged["elevation"].items():
         typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
-    for verdict in judged["verdicts"]:
-        typer.echo(verdict_line(verdict))
+    typer.echo(best_class(judged["verdicts"]))
