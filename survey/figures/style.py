@@ -32,7 +32,7 @@ ROVERS = ("#d55e00", "#0072b2", "#009e73", "#aa4499", "#b58900", "#332288")
 
 ELEVATION = ListedColormap(cm.davos(np.linspace(0.35, 0.96, 256)), name="ice")
 ERROR = cm.vik
-DEVIATION = cm.lajolla_r
+DEVIATION = ListedColormap(cm.lajolla_r(np.linspace(0.0, 0.85, 256)), name="deviation")
 DENSITY = cm.devon_r
 
 _SETTINGS: dict[str, Any] = {

@@ -66,7 +66,7 @@ def write_report(
     trajectory: Trajectory | None = None,
     reference_trajectory: Trajectory | None = None,
     points: SurfacePoints | None = None,
-    localization: Mapping[str, float] | None = None,
+    localization: Mapping[str, float | None] | None = None,
     config_text: str = "",
     provenance: Mapping[str, str] | None = None,
 ) -> Path:
@@ -97,7 +97,7 @@ def write_report(
         Where the rover believed to be and where it was; drawn when both are given.
     points : SurfacePoints, optional
         What the map was made from.
-    localization : mapping of str to float, optional
+    localization : mapping of str to float or None, optional
         Results of the localization, units in the names.
     config_text : str
         The resolved configuration, shown as it is.

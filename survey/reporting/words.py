@@ -20,11 +20,20 @@ _UNITS = {
     "rad": "rad",
     "hz": "Hz",
     "percent": "%",
+    "per_cent": "%",
 }
 _STANDARDS = {
     "asprs-1990-as-in-paper": "ASPRS 1990 as read in the glacier paper",
     "asprs-1990-spot-heights": "ASPRS 1990, spot heights",
     "asprs-1990-contours": "ASPRS 1990, contours",
+}
+_MEANINGS = {
+    "horizontal_rms_m": "error of the position on the map, over all poses",
+    "vertical_rms_m": "error of the height, over all poses",
+    "end_m": "error where the drive ended",
+    "end_per_cent": "the same, of the distance travelled",
+    "worst_m": "largest error of any pose",
+    "normalised_squared": "squared error over claimed variance; 3 when the claim is honest",
 }
 _ACRONYMS = {"ate", "gps", "nees", "nmad", "rmse", "rms", "rpe"}
 
@@ -38,18 +47,20 @@ class Row(NamedTuple):
 
 
 def number(value: float | None, unit: str = "", decimals: int = 3) -> str:
-    """Write a number with its unit; a dash when there is none.
+    """Write a number and, behind a space that does not break, its unit; a dash when there is none.
 
     Examples
     --------
-    >>> number(0.31249, "m"), number(None, "m")
-    ('0.312 m', '–')
+    >>> number(0.31249, "m").split(), number(None, "m")
+    (['0.312', 'm'], '–')
     """
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
         return "∞"
-    return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", MINUS) + (f" {unit}" if unit else "")
+    return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", MINUS) + (
+        f"\u00a0{unit}" if unit else ""
+    )
 
 
 def percent(share: float | None) -> str:
@@ -74,7 +85,7 @@ def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
     Examples
     --------
     >>> from survey.scoring import judge
-    >>> print(verdict_sentence(judge(0.28)))
+    >>> print(*verdict_sentence(judge(0.28)).split())
     The map meets Class 3 of ASPRS 1990 as read in the glacier paper, for a contour interval of 2.743 m: its RMSE is 0.280 m, the limit 0.457 m. The tightest limit that it meets is 0.305 m (Class 2, interval 1.829 m).
     """
     first, met = verdicts[0], [verdict for verdict in verdicts if verdict.met]
@@ -237,24 +248,27 @@ def _coverage_rows(c: Coverage) -> list[Row]:
     ]
 
 
-def named_values(values: Mapping[str, float]) -> list[Row]:
+def named_values(values: Mapping[str, float | None]) -> list[Row]:
     """Turn names with unit suffixes into table rows; names that begin with ``n_`` are counts.
 
     Examples
     --------
-    >>> named_values({"drift_rmse_m": 0.25, "n_loops": 3})
-    [Row(name='Drift RMSE', value='0.250 m', meaning=''), Row(name='Loops', value='3', meaning='')]
+    >>> [(row.name, *row.value.split()) for row in named_values({"drift_rmse_m": 0.25, "n_loops": 3})]
+    [('Drift RMSE', '0.250', 'm'), ('Loops', '3')]
     """
     return [_named_value(key, value) for key, value in values.items()]
 
 
-def _named_value(key: str, value: float) -> Row:
+def _named_value(key: str, value: float | None) -> Row:
+    meaning = _MEANINGS.get(key, "")
     if key.startswith("n_"):
-        return Row(_label(key.removeprefix("n_")), number(value, decimals=0))
-    stem, _, suffix = key.rpartition("_")
-    if stem and suffix in _UNITS:
-        return Row(_label(stem), number(value, _UNITS[suffix]))
-    return Row(_label(key), number(value))
+        return Row(_label(key.removeprefix("n_")), number(value, decimals=0), meaning)
+    decimals = 3 if value is None or abs(value) < 100.0 else 0
+    for suffix, unit in _UNITS.items():
+        stem = key.removesuffix(f"_{suffix}")
+        if stem != key:
+            return Row(_label(stem), number(value, unit, decimals), meaning)
+    return Row(_label(key), number(value, decimals=decimals), meaning)
 
 
 def _label(key: str) -> str:

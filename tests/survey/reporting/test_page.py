@@ -71,7 +71,8 @@ def report(tmp_path_factory, site, scored):
 
 @pytest.fixture(scope="module")
 def page(report):
-    return report.read_text(encoding="utf-8")
+    # Units stand behind a space that does not break.
+    return report.read_text(encoding="utf-8").replace("\u00a0", " ")
 
 
 def test_all_figures_lie_beside_the_page(report):

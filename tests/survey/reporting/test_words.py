@@ -41,14 +41,15 @@ def test_a_map_without_deviations_makes_no_claim():
 
 
 def test_a_missed_class_is_said_plainly():
-    sentence = verdict_sentence(judge(0.9))
+    sentence = verdict_sentence(judge(0.9)).replace("\u00a0", " ")
     assert "does not meet Class 3" in sentence
     assert "its RMSE is 0.900 m, the limit 0.457 m." in sentence
     assert "tightest" not in sentence
 
 
 def test_the_tightest_class_met_is_the_last_of_them():
-    assert verdict_sentence(judge(0.01)).endswith("it meets is 0.051 m (Class 1, interval 0.305 m).")
+    sentence = verdict_sentence(judge(0.01)).replace("\u00a0", " ")
+    assert sentence.endswith("it meets is 0.051 m (Class 1, interval 0.305 m).")
 
 
 def test_silent_nodes_are_told_with_the_verdict(scored):
@@ -71,14 +72,17 @@ def test_numbers_that_do_not_exist_are_dashes():
 
 
 def test_negative_and_large_numbers_are_typeset():
-    assert number(-12345.678, "m", 1) == "\u221212\u202f345.7 m"
+    assert number(-12345.678, "m", 1) == "\u221212\u202f345.7\u00a0m"
 
 
 def test_units_come_from_the_names():
-    rows = named_values({"heading_error_deg": 1.5, "share_tracked": 0.5, "n_frames": 12000})
+    rows = named_values(
+        {"heading_error_deg": 1.5, "share_tracked": 0.5, "end_per_cent": 0.4, "n_frames": 12000}
+    )
     assert [row[:2] for row in rows] == [
-        ("Heading error", "1.500 °"),
+        ("Heading error", "1.500\u00a0°"),
         ("Share tracked", "0.500"),
+        ("End", "0.400\u00a0%"),
         ("Frames", "12\u202f000"),
     ]
 
