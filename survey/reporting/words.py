@@ -35,7 +35,7 @@ _MEANINGS = {
     "worst_m": "largest error of any pose",
     "normalised_squared": "squared error over claimed variance; 3 when the claim is honest",
 }
-_ACRONYMS = {"ate", "gps", "nees", "nmad", "rmse", "rms", "rpe"}
+_ACRONYMS = {"ate", "gps", "nmad", "rmse", "rms", "rpe"}
 
 
 class Row(NamedTuple):
