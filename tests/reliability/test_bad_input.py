@@ -243,7 +243,7 @@ def refused(args: list[str], code: int, words: str) -> None:
     assert not result.stdout.strip()
     assert re.search(re.escape(words), result.stderr), result.stderr
     assert result.stderr.startswith("firnline: ")
-    assert result.stderr.strip().endswith((".", ";", ":")), "not a sentence"
+    assert result.stderr.strip().endswith((".", "?")), "not a sentence"
     assert len(result.stderr.strip().splitlines()) == 1
     assert "Traceback" not in result.stderr
 
