@@ -15,6 +15,7 @@ from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import InputError
+from survey.geodesy import projected_crs
 from survey.grid import Grid
 from survey.streams import stream
 
@@ -58,7 +59,11 @@ def build_world(mission: MissionConfig) -> World:
 
 def _random_terrain(config: RandomTerrain, seed: int) -> Dem:
     x, y = config.origin_m
-    grid = Grid((x, y, x + config.size_m, y + config.size_m), config.step_m, config.crs)
+    grid = Grid(
+        (x, y, x + config.size_m, y + config.size_m),
+        config.step_m,
+        projected_crs(config.crs, "the random terrain"),
+    )
     scale = {} if config.family not in _SCALED else {"length_scale_m": config.length_scale_m}
     return landforms.random_dem(
         config.family, grid, stream(seed, "terrain"), relief_m=config.relief_m, **scale
@@ -124,13 +129,24 @@ def _around(terrain: Dem, area: SurveyArea, margin_m: float = 30.0) -> Dem:
 
 def _satellite_copy(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> Dem:
     """Coarse cells over the area; where the fine raster is empty the nearest cell is continued."""
-    cell_m = mission.satellite.cell_m
+    cell_m = _whole_cells(mission.satellite.cell_m, terrain.step_m)
     xmin, ymin, xmax, ymax = area.bounds
     columns, rows = np.ceil((xmax - xmin) / cell_m - 1e-6), np.ceil((ymax - ymin) / cell_m - 1e-6)
     padded = _padded(terrain, (xmin, ymax - rows * cell_m, xmin + columns * cell_m, ymax))
     rng = stream(mission.seed, "satellite")
     coarse = landforms.satellite_copy(padded, cell_m=cell_m, sigma_m=mission.satellite.sigma_m, rng=rng)
     return Dem(_continued(coarse.elevation), coarse.transform, coarse.crs, coarse.vertical_datum)
+
+
+def _whole_cells(cell_m: float, step_m: float) -> float:
+    """Return the satellite's cell as a whole number of fine ones, which it must be to one part in a thousand."""
+    whole = max(round(cell_m / step_m), 1) * step_m
+    if abs(whole - cell_m) > 1e-3 * cell_m:
+        raise InputError(
+            f"satellite cells of {cell_m:g} m are no whole number of the terrain's {step_m:g} m cells; "
+            f"set satellite.cell_m = {whole:.6g}."
+        )
+    return whole
 
 
 def _padded(terrain: Dem, bounds: tuple[float, float, float, float]) -> Dem:

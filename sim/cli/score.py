@@ -1,12 +1,15 @@
 """``firnline score``: judge how good a map is."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import refusals_told
+
+if TYPE_CHECKING:
+    from survey import Dem, Reconstruction
 
 
 @refusals_told
@@ -58,12 +61,12 @@ def _score_file(
 
     if truth is None:
         raise InputError(f"{source} cannot be judged alone; name the reference raster with --truth.")
-    result = survey.Reconstruction.read(source)
+    map_, truth_dem = _map_of(source), survey.Dem.read(truth)
     judged = survey.score(
-        result,
-        truth=survey.Dem.read(truth),
+        map_,
+        truth=truth_dem,
         route=None if route is None else survey.Route.read(route),
-        area=None if area is None else survey.SurveyArea.read(area, crs=result.mean.crs),
+        area=None if area is None else survey.SurveyArea.read(area, crs=truth_dem.crs),
     ).to_dict()
     if as_json:
         typer.echo(json.dumps(judged, indent=2))
@@ -71,3 +74,20 @@ def _score_file(
     for name, figure in judged["elevation"].items():
         typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
     typer.echo(best_class(judged["verdicts"]))
+
+
+def _map_of(source: Path) -> "Reconstruction | Dem":
+    """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation."""
+    import numpy as np
+
+    import survey
+    from survey.io.raster import band_count
+    from survey.reconstruction import INTERPOLATED
+
+    if source.is_dir():
+        return survey.Reconstruction.read(source)
+    mean = survey.Dem.read(source)
+    if band_count(source) < 2:
+        return mean
+    std = survey.Dem.read(source, band=2)
+    return survey.Reconstruction(mean, std, np.full(mean.shape, INTERPOLATED), "outside", {})

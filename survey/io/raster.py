@@ -63,6 +63,12 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
     return Raster(values, transform, crs, datum or (vertical_datum_of(crs) if crs else UNSTATED))
 
 
+def band_count(path: str | Path) -> int:
+    """Return the number of bands of a raster that `read_raster` has read."""
+    with rasterio.open(path) as source:
+        return int(source.count)
+
+
 def write_raster(
     path: str | Path,
     bands: Mapping[str, FloatArray],

@@ -86,7 +86,7 @@ class Score:
 
 
 def score(
-    reconstruction: Reconstruction,
+    reconstruction: Reconstruction | Dem,
     *,
     truth: Dem,
     route: Route | None = None,
@@ -97,8 +97,9 @@ def score(
 
     Parameters
     ----------
-    reconstruction : Reconstruction
-        The map of elevation; judged at its own nodes.
+    reconstruction : Reconstruction or Dem
+        The map of elevation; judged at its own nodes. A bare DEM claims no uncertainty, so
+        there is no calibration.
     truth : Dem
         The reference, interpolated bilinearly to those nodes.
     route : Route, optional
@@ -134,9 +135,10 @@ def score(
     >>> result.elevation.rmse_m, result.calibration.z_rms, result.verdicts[0].met
     (0.2, 2.0, True)
     """
-    _check_systems(reconstruction, truth, area)
-    ground = area or SurveyArea.rectangle(reconstruction.mean.grid().bounds, reconstruction.mean.crs)
-    compared = _compare(reconstruction, truth, ground)
+    mean, std = _mean_and_std(reconstruction)
+    _check_systems(mean, truth, area)
+    ground = area or SurveyArea.rectangle(mean.grid().bounds, mean.crs)
+    compared = _compare(mean, std, truth, ground)
     elevation = ErrorStatistics.of(compared.errors)
     return Score(
         coverage=Coverage() if route is None else Coverage.of(route, ground, sample_step_m),
@@ -159,11 +161,20 @@ class _Comparison(NamedTuple):
     n_silent: int
 
 
-def _compare(reconstruction: Reconstruction, truth: Dem, area: SurveyArea) -> _Comparison:
+def _mean_and_std(reconstruction: Reconstruction | Dem) -> tuple[Dem, FloatArray]:
+    """Return the heights and their claimed deviations (H, W) [m], NaN where nothing is claimed."""
+    if isinstance(reconstruction, Dem):
+        return reconstruction, np.full(reconstruction.shape, np.nan)
+    if reconstruction.quantity != ELEVATION:
+        raise InputError(f"the map shows {reconstruction.quantity}; only maps of {ELEVATION} can be scored.")
+    return reconstruction.mean, reconstruction.std.elevation
+
+
+def _compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea) -> _Comparison:
     """Take the map's errors at the nodes where area, reference and map all speak."""
-    nodes = reconstruction.mean.xy
+    nodes = mean.xy
     inside = area.contains(nodes)
-    heights = reconstruction.mean.elevation.ravel()[inside]
+    heights = mean.elevation.ravel()[inside]
     reference = truth.at(nodes[inside])
     known, given = np.isfinite(reference), np.isfinite(heights)
     scored = known & given
@@ -174,18 +185,15 @@ def _compare(reconstruction: Reconstruction, truth: Dem, area: SurveyArea) -> _C
         )
     return _Comparison(
         errors=(heights - reference)[scored],
-        std=reconstruction.std.elevation.ravel()[inside][scored],
+        std=std.ravel()[inside][scored],
         n_outside=int((~inside).sum()),
         n_unknown=int((~known).sum()),
         n_silent=int((known & ~given).sum()),
     )
 
 
-def _check_systems(reconstruction: Reconstruction, truth: Dem, area: SurveyArea | None) -> None:
+def _check_systems(mean: Dem, truth: Dem, area: SurveyArea | None) -> None:
     """Refuse what cannot be compared."""
-    mean = reconstruction.mean
-    if reconstruction.quantity != ELEVATION:
-        raise InputError(f"the map shows {reconstruction.quantity}; only maps of {ELEVATION} can be scored.")
     same_crs(mean.crs, truth.crs, "the map and the reference")
     same_vertical_datum(mean.vertical_datum, truth.vertical_datum, "the map and the reference")
     if area is not None:
