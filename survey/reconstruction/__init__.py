@@ -10,7 +10,7 @@ from survey.reconstruction.base import (
 )
 from survey.reconstruction.config import GaussianProcessConfig
 from survey.reconstruction.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.mean import ConstantMean, DemMean, FunctionMean, Mean, PlaneMean
+from survey.reconstruction.mean import ConstantMean, DemMean, FunctionMean, Mean
 from survey.reconstruction.reconstruct import reconstruct
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "GaussianProcessConfig",
     "GaussianProcessTerrain",
     "Mean",
-    "PlaneMean",
     "Reconstruction",
     "TerrainModel",
     "reconstruct",

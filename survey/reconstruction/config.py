@@ -14,7 +14,15 @@ from survey.reconstruction.kernels import (
     Sum,
 )
 
-Family = Literal["auto", "squared-exponential", "matern-3/2", "matern-5/2", "rational-quadratic", "two-scale"]
+Family = Literal[
+    "auto",
+    "squared-exponential",
+    "matern-3/2",
+    "matern-5/2",
+    "rational-quadratic",
+    "two-scale",
+    "two-scale-matern",
+]
 
 
 class GaussianProcessConfig(Section):
@@ -33,7 +41,8 @@ class GaussianProcessConfig(Section):
     fit: bool = True
     """Whether to find the hyperparameters by their likelihood."""
     family: Family = "auto"
-    """Covariance function; ``auto`` takes the likeliest of them (the squared exponential when not fitted)."""
+    """Covariance function; ``auto`` takes the likeliest (the squared exponential when not fitted); two scales
+    are the sum of two squared exponentials or of two Matérn 3/2."""
     variance_m2: float | None = Field(default=None, gt=0)
     """Prior variance of the surface about its mean [m²]; the place where a fit starts."""
     length_scale_m: float | None = Field(default=None, gt=0)
@@ -64,7 +73,7 @@ class GaussianProcessConfig(Section):
     """Whether blocked cross-validation scales the standard deviation; as `fit` when left out."""
     tolerance_m: float = Field(default=1e-3, gt=0)
     """Error of the mean that the fast engine may add [m]."""
-    memory_mb: float = Field(default=1000.0, gt=0)
+    memory_mb: float = Field(default=300.0, gt=0)
     """Memory that the factorization may take [MB]; beyond it tiles are used."""
 
     @model_validator(mode="after")
@@ -72,7 +81,7 @@ class GaussianProcessConfig(Section):
         if not self.fit and (self.variance_m2 is None or self.length_scale_m is None):
             raise ValueError("fit = false needs variance_m2 and length_scale_m")
         second = (self.second_variance_m2, self.second_length_scale_m)
-        if not self.fit and self.family == "two-scale" and None in second:
+        if not self.fit and self.family.startswith("two-scale") and None in second:
             raise ValueError("fit = false with two scales needs second_variance_m2 and second_length_scale_m")
         return self
 
@@ -107,7 +116,8 @@ def kernel_of(
         return Matern52(*first)
     if family == "rational-quadratic":
         return RationalQuadratic(*first, shape=shape)
-    if family == "two-scale":
+    if family in ("two-scale", "two-scale-matern"):
+        kind = SquaredExponential if family == "two-scale" else Matern32
         variance, length = second[0] or 0.1 * variance_m2, second[1] or length_scale_m / 3.0
-        return Sum(SquaredExponential(*first), SquaredExponential(variance, length, anisotropy, angle_deg))
+        return Sum(kind(*first), kind(variance, length, anisotropy, angle_deg))
     return SquaredExponential(*first)

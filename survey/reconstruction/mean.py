@@ -13,24 +13,26 @@ from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import InputError
 
+# Half the arm of the central difference that gives a mean's slope [m].
+_ARM_M = 0.5
+
 
 class Mean(ABC):
-    """The expected surface: a known part and a trend with free coefficients."""
-
-    n_trend: int = 0
+    """The expected surface."""
 
     @abstractmethod
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the known part at the places (N, 2), as (N,) [m]."""
+        """Return the expected heights at the places (N, 2), as (N,) [m]."""
 
-    def trend(self, xy: FloatArray) -> FloatArray:
-        """Return the free terms at the places (N, 2), as (N, n_trend)."""
-        return np.zeros((len(xy), 0))
+    def gradient(self, xy: FloatArray) -> FloatArray:
+        """Return the slope (N, 2) to the east and to the north [m/m], by differences over a metre."""
+        arms = _ARM_M * np.eye(2)
+        return np.stack([(self.at(xy + arm) - self.at(xy - arm)) / (2 * _ARM_M) for arm in arms], axis=-1)
 
 
 @dataclass(frozen=True)
 class ConstantMean(Mean):
-    """A horizontal plane; its height is found by generalised least squares unless given [m].
+    """A horizontal plane at a known height [m].
 
     Examples
     --------
@@ -38,43 +40,11 @@ class ConstantMean(Mean):
     array([3., 3.])
     """
 
-    value_m: float | None = None
-
-    @property
-    def n_trend(self) -> int:  # type: ignore[override]
-        """Number of free coefficients."""
-        return int(self.value_m is None)
+    value_m: float
 
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the height given, or 0."""
-        return np.full(len(xy), self.value_m or 0.0)
-
-    def trend(self, xy: FloatArray) -> FloatArray:
-        """Return a column of ones, unless the height was given."""
-        return np.ones((len(xy), self.n_trend))
-
-
-@dataclass(frozen=True)
-class PlaneMean(Mean):
-    """A tilted plane through generalised least squares, told about `centre` at `scale_m`.
-
-    Examples
-    --------
-    >>> PlaneMean((0.0, 0.0), 10.0).trend(np.array([[10.0, 5.0]]))
-    array([[1. , 1. , 0.5]])
-    """
-
-    centre: tuple[float, float]
-    scale_m: float
-    n_trend: int = 3
-
-    def at(self, xy: FloatArray) -> FloatArray:
-        """Return 0: the whole plane is free."""
-        return np.zeros(len(xy))
-
-    def trend(self, xy: FloatArray) -> FloatArray:
-        """Return 1, easting and northing, the latter two scaled."""
-        return np.column_stack([np.ones(len(xy)), (xy - np.array(self.centre)) / self.scale_m])
+        """Return the height."""
+        return np.full(len(xy), self.value_m)
 
 
 @dataclass(frozen=True)
@@ -127,6 +97,12 @@ class DemMean(Mean):
 
     dem: Dem
     interpolation: Literal["bilinear", "delaunay"] = "bilinear"
+
+    def gradient(self, xy: FloatArray) -> FloatArray:
+        """Return the slope (N, 2); within an arm of the prior's rim that of the nearest inner place."""
+        xmin, ymin, xmax, ymax = self.dem.bounds
+        inner = np.clip(xy, [xmin + _ARM_M, ymin + _ARM_M], [xmax - _ARM_M, ymax - _ARM_M])
+        return super().gradient(inner)
 
     def at(self, xy: FloatArray) -> FloatArray:
         """Return the prior's heights [m]."""

@@ -68,7 +68,7 @@ def reconstruct(
     if method == "tin":
         result = triangulate(points, grid, quantity=value)
     else:
-        model = GaussianProcessTerrain(config or GaussianProcessConfig(), prior, method, value)
+        model = GaussianProcessTerrain(config or GaussianProcessConfig(), prior, method, value, grid.bounds)
         result = model.fit(points).grid(grid)
     return result if area is None else within(result, area)
 

@@ -1,0 +1,153 @@
+"""An honest scale for the standard deviation, from points that the map was not shown."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
+
+from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.streams import stream
+
+Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
+"""From the points kept (N,) and places (M, 2) to mean (M,) and variance (M,) of the surface."""
+
+_SHARE_IN_DISCS, _SHARE_SINGLE = 0.12, 0.04
+# Without enough points to say otherwise the scale is 1, give or take 30 %.
+_PRIOR_LOG_SD = 0.3
+_N_BINS = 3
+_N_LEAST = 30
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Factor on the standard deviation, by the distance to the nearest point.
+
+    Parameters
+    ----------
+    distance_m : (K,) ndarray
+        Distances to the nearest point, ascending [m].
+    scale : (K,) ndarray
+        Factor at each; constant beyond the ends, linear between.
+    held_out : mapping
+        What the points that were left out had to say: their number, their share within
+        the 95 % interval before and after.
+    """
+
+    distance_m: FloatArray
+    scale: FloatArray
+    held_out: dict[str, Any]
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return the scale 1."""
+        return cls(np.zeros(1), np.ones(1), {})
+
+    def facts(self) -> dict[str, Any]:
+        """Return the scale and what it rests on, for the record."""
+        return {"distance_m": self.distance_m, "scale": self.scale, **self.held_out}
+
+    def at(self, distance_m: FloatArray) -> FloatArray:
+        """Return the factor at distances (M,) [m]."""
+        return np.interp(distance_m, self.distance_m, self.scale)
+
+    @classmethod
+    def cross_validated(
+        cls, xy: FloatArray, values: FloatArray, noise_m2: FloatArray, predict: Predict, gaps_m: FloatArray
+    ) -> Self:
+        r"""Leave out whole discs of points and single ones, predict them, and compare.
+
+        A swath's points vouch for one another, so leaving out one at a time tells nothing
+        about the ground between swaths: discs as wide as the gaps of the survey do. Within
+        each range of distance to the nearest remaining point the scale s maximises
+
+        .. math::  \sum_i w \log N(e_i; 0, s^2 v_i + \sigma_i^2) - \frac{(\log s)^2}{2 \cdot 0.3^2}
+
+        with the prediction error e, its variance v and the point's own variance σ². The
+        weight w counts errors that lie closer together than they are far from data as one.
+
+        Parameters
+        ----------
+        xy, values, noise_m2 : (N, 2), (N,) and (N,) ndarray
+            The points, and the variances of their errors.
+        predict : callable
+            Maps from some of the points.
+        gaps_m : (M,) ndarray
+            Distances from places on the map to the nearest point [m].
+
+        Notes
+        -----
+        The scale never falls below 1: points stand where the rover could see, so that they
+        can prove a map too bold and not too cautious. The hyperparameters were fitted to
+        all points, and the test is not blind to them. Ground unlike any that was measured
+        cannot be foreseen.
+        """
+        kept = ~left_out(xy, gaps_m)
+        if (~kept).sum() < _N_LEAST or kept.sum() < _N_LEAST:
+            return cls.none()
+        mean, variance = predict(kept, xy[~kept])
+        error, noise = values[~kept] - mean, noise_m2[~kept]
+        distance = np.asarray(cKDTree(xy[kept]).query(xy[~kept])[0])
+        edges = np.quantile(distance, np.linspace(0.0, 1.0, _N_BINS + 1))
+        index = np.clip(np.searchsorted(edges, distance, side="right") - 1, 0, _N_BINS - 1)
+        middles, scales = [], []
+        for k in range(_N_BINS):
+            here = index == k
+            if here.any():
+                middles.append(float(np.median(distance[here])))
+                weight = _n_independent(xy[~kept][here], middles[-1]) / here.sum()
+                scales.append(max(1.0, _scale(error[here], variance[here], noise[here], weight)))
+        found = cls(np.array(middles), np.array(scales), {})
+        factor = found.at(distance)
+        facts = {
+            "n_held_out": int((~kept).sum()),
+            "coverage_95_before": _coverage(error, variance + noise),
+            "coverage_95_after": _coverage(error, factor**2 * variance + noise),
+        }
+        return cls(found.distance_m, found.scale, facts)
+
+
+def left_out(xy: FloatArray, gaps_m: FloatArray) -> BoolArray:
+    """Choose points to leave out (N,): discs as wide as the survey's gaps, and single points; always the same ones."""
+    rng = stream(0, "calibration")
+    tree = cKDTree(xy)
+    out = np.zeros(len(xy), dtype=bool)
+    widest = float(np.quantile(gaps_m, 0.95))
+    radii = widest * np.array([1.0, 0.6, 0.3])
+    centres: list[IntArray] = []
+    blocked = np.zeros(len(xy), dtype=bool)
+    for k, centre in enumerate(rng.permutation(len(xy))):
+        if out.sum() >= _SHARE_IN_DISCS * len(xy):
+            break
+        radius = radii[len(centres) % len(radii)]
+        if blocked[tree.query_ball_point(xy[centre], 2.0 * radius)].any():
+            continue
+        members = tree.query_ball_point(xy[centre], radius)
+        out[members] = True
+        blocked[members] = True
+        centres.append(centre)
+        if k > 20 * len(radii) * 100:
+            break
+    free = np.flatnonzero(~out)
+    out[rng.choice(free, size=int(_SHARE_SINGLE * len(free)), replace=False)] = True
+    return out
+
+
+def _n_independent(xy: FloatArray, correlation_m: float) -> int:
+    cells = np.floor(xy / max(correlation_m, 1e-3)).astype(np.int64)
+    return len(np.unique(cells, axis=0))
+
+
+def _scale(error: FloatArray, variance: FloatArray, noise: FloatArray, weight: float) -> float:
+    def negative(log_scale: float) -> float:
+        total = np.exp(2.0 * log_scale) * variance + noise
+        misfit = 0.5 * float(np.sum(np.log(total) + error**2 / total))
+        return weight * misfit + 0.5 * (log_scale / _PRIOR_LOG_SD) ** 2
+
+    return float(np.exp(minimize_scalar(negative, bounds=(-1.5, 1.5), method="bounded").x))
+
+
+def _coverage(error: FloatArray, variance: FloatArray) -> float:
+    return float(np.mean(np.abs(error) <= 1.959964 * np.sqrt(variance)))

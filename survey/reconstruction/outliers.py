@@ -1,0 +1,60 @@
+"""Points that disagree with their neighbours: found and reported, never dropped in silence."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from survey.arrays import FloatArray, IntArray
+
+SUSPECT_Z = 4.0
+"""A point this many standard deviations off what the others predict is called an outlier."""
+
+_TRUSTED_Z = 2.5
+_N_NAMED = 20
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Points whose leave-one-out z-score exceeds 4, the worst first.
+
+    Parameters
+    ----------
+    index : (K,) ndarray of int
+        Rows of the points as they were given.
+    z : (K,) ndarray
+        Error of the others' prediction in its standard deviations, with its sign.
+    treatment : str
+        What was done about them.
+    """
+
+    index: IntArray
+    z: FloatArray
+    treatment: str = "kept"
+
+    @classmethod
+    def among(cls, z_scores: FloatArray, rows: IntArray, treatment: str = "kept") -> Self:
+        """Pick the suspects from the z-scores (N,) of the points in these rows."""
+        worst = np.argsort(-np.abs(z_scores), kind="stable")
+        worst = worst[np.abs(z_scores[worst]) > SUSPECT_Z]
+        return cls(rows[worst], z_scores[worst], treatment)
+
+    def facts(self) -> dict[str, Any]:
+        """Return their number and the worst twenty, for the record."""
+        return {
+            "n": len(self.index),
+            "rows": self.index[:_N_NAMED],
+            "z_scores": np.round(self.z[:_N_NAMED], 2),
+            "treatment": self.treatment,
+        }
+
+
+def distrusted(variance: FloatArray, z_scores: FloatArray) -> FloatArray:
+    """Return noise variances (N,) that grow with what lies beyond 2.5 standard deviations (Huber's weights).
+
+    Examples
+    --------
+    >>> distrusted(np.ones(3), np.array([0.0, -2.5, 25.0]))
+    array([ 1.,  1., 10.])
+    """
+    return variance * np.maximum(1.0, np.abs(z_scores) / _TRUSTED_Z)
