@@ -81,19 +81,18 @@ def connect(
     >>> [leg.kind for leg in connect(lines, ground)]
     ['swath', 'transit', 'swath']
     """
-    tour = Tour(swaths, ground, start, end, axes=axes, turning=turning)
+    tour = Tours(swaths, ground, [(start, end)], axes=axes, turning=turning)
     return tour.driven(rover)
 
 
-class Tour:
-    """The swaths of one rover, their ends and the transits between them."""
+class Tours:
+    """The swaths and depots (start, end) of one or more rovers, and the transits between them."""
 
     def __init__(
         self,
         swaths: Sequence[FloatArray],
         ground: FreeGround,
-        start: Any = None,
-        end: Any = None,
+        depots: Sequence[tuple[Any, Any]],
         *,
         axes: Sequence[FloatArray] | None = None,
         turning: Turning | None = None,
@@ -103,35 +102,39 @@ class Tour:
         self.swaths, self.ground, self.axes = swaths, ground, axes
         self.turns = Turns(ground, turning) if turning is not None and turning.radius_m > 0.0 else None
         self.n_struck_out = 0
-        self.has_start, self.has_end = start is not None, end is not None
-        anywhere = swaths[0][0]
-        depot = np.array(
-            [anywhere if end is None else end, anywhere if start is None else start], dtype=float
-        )
-        _require_on_ground(ground, depot)
-        self.ends = np.vstack([ends_of(swaths), depot])
+        self.depots = list(depots)
+        here = swaths[0][0]
+        places = [here if place is None else place for start, end in self.depots for place in (end, start)]
+        depot_xy = np.array(places, dtype=np.float64).reshape(-1, 2)
+        _require_on_ground(ground, depot_xy)
+        self.ends = np.vstack([ends_of(swaths), depot_xy])
         inside = ground.inside(self.ends)
-        _require_joined(ground, inside)
+        _require_joined(ground, inside, len(swaths))
         is_free = np.zeros(len(self.ends))
-        is_free[-2:] = [not self.has_end, not self.has_start]
+        is_free[2 * len(swaths) :] = [place is None for start, end in self.depots for place in (end, start)]
         self.transits: Transits = transits(ground.network(inside), is_free)
         if self.turns is not None:
             self._charge_turns(self.turns.turning)
 
     @property
-    def depot(self) -> int:
-        """The tour's first item: entered at the route's end, left at its start."""
-        return len(self.ends) - 2
+    def first_depot(self) -> int:
+        """Return the item of the first depot: entered at the route's end, left at its start."""
+        return 2 * len(self.swaths)
 
-    def best(self) -> IntArray:
-        """Return the items (n_swaths + 1,) in the best order found, the depot first."""
-        given = boustrophedon(self.ends, self.depot)
+    def best(self, swaths: IntArray | None = None, depot: int = 0, *, n_kicks: int | None = None) -> IntArray:
+        """Return items in the best order found, beginning with the depot."""
+        chosen = np.arange(len(self.swaths)) if swaths is None else swaths
+        item = self.first_depot + 2 * depot
+        given = boustrophedon(self.ends, chosen, item)
         nearest = nearest_next(given, self.transits)
         shorter = tour_length(nearest, self.transits) < tour_length(given, self.transits) - 1e-3
-        n_kicks = min(_KICKS_PER_SWATH * len(self.swaths), _MOST_KICKS)
-        kicks = stream(0, "ordering").random((n_kicks, 3))
-        tour = improved(nearest if shorter else given, self.transits, kicks)
-        return _from_depot(tour, self.depot)
+        return self.better(nearest if shorter else given, n_kicks=n_kicks)
+
+    def better(self, items: IntArray, *, n_kicks: int | None = None) -> IntArray:
+        """Return a tour of the same swaths that is no longer."""
+        n = min(_KICKS_PER_SWATH * len(items), _MOST_KICKS) if n_kicks is None else n_kicks
+        kicks = stream(0, "ordering").random((n, 3))
+        return _from_depot(improved(items, self.transits, kicks), int(items[0]))
 
     def driven(self, rover: int = 0) -> tuple[Leg, ...]:
         """Return the legs of the best tour; turns that find no room are struck out and the tour made anew."""
@@ -148,13 +151,16 @@ class Tour:
     def legs(self, tour: IntArray, rover: int = 0) -> tuple[Leg, ...]:
         """Return the legs of a tour, every metre of them checked to be on the free ground."""
         legs: list[Leg] = []
-        here = self.depot + 1 if self.has_start else None
+        depot = int(tour[0])
+        start, end = self.depots[(depot - self.first_depot) // 2]
+        here = None if start is None else depot + 1
         for item in tour[1:].tolist():
             legs += self._transit(here, item, rover)
-            legs.append(self._swath(item, rover))
+            if item < self.first_depot:
+                legs.append(self._swath(item, rover))
             here = item ^ 1
-        if self.has_end:
-            legs += self._transit(here, self.depot, rover)
+        if end is not None:
+            legs += self._transit(here, depot, rover)
         _require_covered(self.ground, legs)
         return tuple(legs)
 
@@ -179,7 +185,7 @@ class Tour:
         """Return the pose of a rover that has just come out of an end; at a depot it faces the other end."""
         here = self.ends[end]
         before = here - (other - here)
-        if end < self.depot:
+        if end < self.first_depot:
             swath = self.swaths[end >> 1]
             before = swath[-2] if end & 1 else swath[1]
         ahead = here - before
@@ -188,10 +194,10 @@ class Tour:
     def _charge_turns(self, turning: Turning) -> None:
         """Replace the lengths of short transits by those of the turns that they take."""
         length = self.transits.length
-        for a in range(self.depot):
+        for a in range(self.first_depot):
             for b in self.transits.near[a].tolist():
                 straight = abs(float(length[a, b]))
-                if b < self.depot and straight < _TURN_REACH * turning.radius_m:
+                if b < self.first_depot and straight < _TURN_REACH * turning.radius_m:
                     pose = self._pose(a, self.ends[b])
                     turn = turn_length_m(pose, _turned(self._pose(b, self.ends[a])), turning)
                     length[a, b] = length[b, a] = max(turn, straight)
@@ -218,16 +224,16 @@ def _require_on_ground(ground: FreeGround, points: FloatArray) -> None:
             )
 
 
-def _require_joined(ground: FreeGround, points: FloatArray) -> None:
+def _require_joined(ground: FreeGround, points: FloatArray, n_swaths: int) -> None:
     """Refuse swaths on parts of the ground that no way joins to the start's part."""
     parts = ground.part_of(points)
-    home = parts[-1]
-    cut_off = sorted(set(parts[:-2].tolist()) - {int(home)})
+    of_swaths = parts[: 2 * n_swaths]
+    cut_off = sorted(set(of_swaths.tolist()) - {int(parts[-1])})
     if not cut_off:
         return
     first = ground.parts[cut_off[0]]
     place = first.representative_point()
-    n_swaths = int(np.isin(parts[:-2:2], cut_off).sum())
+    n_swaths = int(np.isin(of_swaths[::2], cut_off).sum())
     raise InputError(
         f"{n_swaths} swaths lie on {len(cut_off)} parts of the ground that no way joins to the rest; the largest, {first.area:.0f} m² around "
         f"({place.x:.1f}, {place.y:.1f}), is cut off by no-go, impassable or outside ground: start a rover there or leave that part out."

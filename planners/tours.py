@@ -41,16 +41,16 @@ class Tour(NamedTuple):
     """The row of items and, for each swath, its place in the row."""
 
     items: IntArray  # (n,)
-    place: IntArray  # (n,)
+    place: IntArray  # (E / 2,) -1 for swaths that are not in the row
 
 
 def transits(network: Network, is_free: FloatArray) -> Transits:
-    """Begin the table between the network's points, two per swath, the depot's two last.
+    """Begin the table between the network's points, two per swath, those of the depots last.
 
     Ends with ``is_free`` > 0 are joined to any other at no cost.
     """
     xy = network.sights.xy
-    n_swaths = len(xy) // 2 - 1
+    n_swaths = len(xy) // 2
     if n_swaths > MAX_SWATHS:
         raise CapacityError(
             f"{n_swaths} swaths are too many to order at once (at most {MAX_SWATHS}); widen the spacing or split the area."
@@ -114,7 +114,7 @@ def _try_reversal(end: int, tour: Tour, t: Transits) -> bool:
     now = _exact(end, beside, t)
     for c in t.near[end]:
         j = place[c >> 1]
-        if abs(t.length[end, c]) >= now or (items[j] != c) != is_left:
+        if j < 0 or abs(t.length[end, c]) >= now or (items[j] != c) != is_left:
             continue
         d = items[(j + 1) % n] if is_left else items[(j - 1) % n] ^ 1
         old = now + _exact(c, d, t) - _GAIN_M
@@ -156,7 +156,7 @@ def _better_gap(end: int, first: int, n_items: int, tour: Tour, t: Transits) -> 
     other = tail if head == end else head
     for c in t.near[end]:
         j = place[c >> 1]
-        if abs(t.length[end, c]) >= gain or first <= j < first + n_items:
+        if j < 0 or abs(t.length[end, c]) >= gain or first <= j < first + n_items:
             continue
         follows = items[j] != c  # the row follows c where c is left, and precedes it where c is entered
         d = items[(j + 1) % n] if follows else items[(j - 1) % n] ^ 1
@@ -192,7 +192,7 @@ def _try_move(end: int, tour: Tour, t: Transits) -> bool:
 def _descend(tour: Tour, queue: list[int], t: Transits) -> None:
     """Apply improving moves at the queued ends, and at those beside each change, until none is left."""
     items, place = tour
-    waits = np.zeros(2 * len(items), dtype=np.bool_)
+    waits = np.zeros(2 * len(place), dtype=np.bool_)
     for end in queue:
         waits[end] = True
     while len(queue) > 0:
@@ -228,50 +228,47 @@ def improved(items: IntArray, t: Transits, kicks: FloatArray) -> IntArray:
 
     `kicks` (K, 3) holds random numbers in [0, 1): where each one cuts.
     """
-    n = len(items)
-    tour = Tour(items.copy(), np.empty(n, dtype=np.int64))
+    n, row = len(items), items.copy()
+    place = np.full(len(t.length) // 2, -1, dtype=np.int64)
     for i in range(n):
-        tour.place[items[i] >> 1] = i
-    _descend(tour, list(range(2 * n)), t)
-    best, kept = tour_length(tour.items, t), tour.items.copy()
+        place[row[i] >> 1] = i
+    tour = Tour(row, place)
+    _descend(tour, [int(row[i // 2]) ^ (i % 2) for i in range(2 * n)], t)
+    best, kept = tour_length(row, t), row.copy()
     for kick in range(len(kicks) if n > 4 else 0):
         _descend(tour, _kick(tour, kicks[kick]), t)
-        length = tour_length(tour.items, t)
+        length = tour_length(row, t)
         if length < best - _GAIN_M:
             best = length
-            kept[:] = tour.items
+            kept[:] = row
         else:
-            tour.items[:] = kept
+            row[:] = kept
             for i in range(n):
-                tour.place[kept[i] >> 1] = i
+                place[row[i] >> 1] = i
     return kept
 
 
-def boustrophedon(ends: FloatArray, depot: int) -> IntArray:
+def boustrophedon(ends: FloatArray, swaths: IntArray, depot: int) -> IntArray:
     """Begin with the swaths in the given order, each entered at its nearer end."""
-    items = np.empty(len(ends) // 2, dtype=np.int64)
-    items[0] = depot
+    items = [depot]
     here: Any = None
-    for k in range(len(items) - 1):
-        first, second = ends[2 * k], ends[2 * k + 1]
+    for swath in swaths:
+        first, second = ends[2 * swath], ends[2 * swath + 1]
         is_turned = here is not None and np.hypot(*(second - here)) < np.hypot(*(first - here))
-        items[k + 1] = 2 * k + int(is_turned)
+        items.append(2 * int(swath) + int(is_turned))
         here = first if is_turned else second
-    return items
+    return np.array(items, dtype=np.int64)
 
 
 @njit(cache=True)
 def nearest_next(items: IntArray, t: Transits) -> IntArray:
     """Begin with the depot and always drive on to the nearest end of a swath not yet driven."""
-    n = len(items)
-    chosen = items.copy()
-    waits = np.ones(2 * n, dtype=np.bool_)
-    waits[items[0]] = waits[items[0] ^ 1] = False
-    for i in range(1, n):
-        here, best = chosen[i - 1] ^ 1, np.inf
-        for end in range(2 * n):
-            if waits[end] and abs(t.length[here, end]) < best and _exact(here, end, t) < best:
-                best = _exact(here, end, t)
-                chosen[i] = end
-        waits[chosen[i]] = waits[chosen[i] ^ 1] = False
+    chosen, waits = items.copy(), items[1:].copy()
+    for i in range(1, len(items)):
+        here, best, pick = chosen[i - 1] ^ 1, np.inf, i - 1
+        for k in range(i - 1, len(waits)):
+            for end in (waits[k], waits[k] ^ 1):
+                if abs(t.length[here, end]) < best and _exact(here, end, t) < best:
+                    best, pick, chosen[i] = _exact(here, end, t), k, end
+        waits[pick] = waits[i - 1]
     return chosen
