@@ -18,8 +18,6 @@ CANDIDATES: tuple[Family, ...] = ("squared-exponential", "matern-3/2", "two-scal
 
 _N_SEARCHED = 640
 _N_CLUSTERS = 16
-# No better fit is worth believing in that the likelihood prefers by less than this for each parameter more.
-_NATS_PER_PARAMETER = 1.0
 # Relative step of the derivative of the covariance with respect to a parameter: error 1e-9.
 _STEP = 1e-4
 
@@ -32,11 +30,13 @@ class Hyperparameters:
     kernel: Kernel
     nugget_m: float
     log_likelihood: float
+    n_points: int = 1
 
     @property
     def score(self) -> float:
-        """Log likelihood less what the parameters cost."""
-        return self.log_likelihood - _NATS_PER_PARAMETER * (len(self.kernel.parameter_names) + 1)
+        """Log likelihood less ``½ P log N`` for P parameters (Schwarz 1978)."""
+        n_parameters = len(self.kernel.parameter_names) + 1
+        return self.log_likelihood - 0.5 * n_parameters * float(np.log(self.n_points))
 
 
 def likeliest(
@@ -115,7 +115,9 @@ class _Search:
             options={"maxiter": 60, "ftol": 1e-8},
         )
         nugget = self.nugget_m if self.nugget_m is not None else float(np.exp(0.5 * result.x[-1]))
-        return Hyperparameters(family, start.with_log_parameters(result.x[:-1]), nugget, -float(result.fun))
+        return Hyperparameters(
+            family, start.with_log_parameters(result.x[:-1]), nugget, -float(result.fun), len(self.values)
+        )
 
     def _limits(self, name: str, value: float) -> tuple[float, float]:
         if "length_scale_m" in name:

@@ -18,7 +18,7 @@ from survey.reconstruction.calibration import Calibration
 from survey.reconstruction.config import GaussianProcessConfig
 from survey.reconstruction.errors_in_variables import variance_through_slope
 from survey.reconstruction.families import Hyperparameters, likeliest
-from survey.reconstruction.learned import Learned
+from survey.reconstruction.learned import Learned, surface_variance
 from survey.reconstruction.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.observations import Observations
 from survey.reconstruction.outliers import Outliers, distrusted
@@ -308,7 +308,7 @@ class GaussianProcessTerrain(TerrainModel):
         def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
             process = self._conditioned(data.xy[kept], residual[kept], variance[kept], found)
             height, spread = process.predict(xy)
-            return height, spread + found.nugget_m**2
+            return height, surface_variance(process, spread, xy) + found.nugget_m**2
 
         return Calibration.cross_validated(data.xy, residual, variance, predict, self._gaps_m(data.xy))
 

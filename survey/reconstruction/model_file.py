@@ -99,7 +99,7 @@ def read_model(path: str | Path, kind: type[Model]) -> Model:
     """
     file = existing_file(path, "the terrain model")
     try:
-        with np.load(file, allow_pickle=False) as stored:
+        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
         if facts["format"] != _FORMAT:

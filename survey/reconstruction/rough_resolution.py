@@ -6,10 +6,18 @@ from survey.arrays import FloatArray, IntArray
 from survey.errors import CapacityError
 from survey.reconstruction.fourier_basis import FourierBasis, FourierBox
 from survey.reconstruction.kernels import Kernel
-from survey.reconstruction.resolution import LARGEST_HALF, Bounds, Resolution, resolve, sharpest_std_m
+from survey.reconstruction.resolution import (
+    LARGEST_HALF,
+    Bounds,
+    Resolution,
+    modes_within,
+    resolve,
+    sharpest_std_m,
+)
 
 # A rough surface forgets its far side through the waves in between: three quarters of the site suffice.
 _LARGEST_HALO = 0.75
+_FORGOTTEN = 1e-6
 _MEMORY_MB = 130.0
 _N_MEAN_MODES = 40_000
 # Waves left out may hold this share of the prior variance; beyond it the map is no longer one.
@@ -35,13 +43,16 @@ def resolution_for(
     CapacityError
         When the waves that fit would leave out a tenth of the prior variance.
     """
-    halo = _LARGEST_HALO * max(site[2] - site[0], site[3] - site[1])
     sharpest = sharpest_std_m(kernel, xy, noise_m2)
-    exact = resolve(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb, is_strict=False)
-    if exact.is_met:
+    try:
+        exact = resolve(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb)
+    except CapacityError:
+        exact = None
+    if exact is not None and exact.is_met:
         return exact
-    box = FourierBox.around(site, min(halo, float(exact.box.period_m.max()) - (site[2] - site[0])))
-    few, tail = _strongest(box, kernel, int(np.sqrt(min(memory_mb, _MEMORY_MB) / 8e-6)))
+    widest = _LARGEST_HALO * max(site[2] - site[0], site[3] - site[1])
+    box = FourierBox.around(site, min(widest, kernel.decay_m(_FORGOTTEN)))
+    few, tail = _strongest(box, kernel, modes_within(min(memory_mb, _MEMORY_MB)))
     many, mean_tail = _strongest(box, kernel, _N_MEAN_MODES)
     if tail > _LARGEST_TAIL * kernel.variance_m2:
         raise CapacityError(
