@@ -20,7 +20,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from sim.config import MissionConfig, SensorConfig
-from survey.arrays import FloatArray, IntArray
+from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.dem import Dem
 from survey.errors import InputError
 from survey.recording import Barometer, GpsFixes, Odometry, Recording, Sightings
@@ -186,7 +186,7 @@ def _seen_ground(
     return pose[seen], place[seen], np.linalg.norm(place - eye, axis=1)[seen]
 
 
-def _clear(terrain: Dem, eye: FloatArray, place: FloatArray) -> FloatArray:
+def _clear(terrain: Dem, eye: FloatArray, place: FloatArray) -> BoolArray:
     """Tell which lines of sight stay above the ground, tested at 24 places along each."""
     clear = np.ones(len(eye), dtype=np.bool_)
     for share in np.linspace(0.05, 0.96, 24):
