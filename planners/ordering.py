@@ -8,7 +8,15 @@ import shapely
 
 from planners.decomposition import ends_of
 from planners.reeds_shepp import Pose
-from planners.tours import Transits, boustrophedon, improved, nearest_next, tour_length, transits
+from planners.tours import (
+    Transits,
+    boustrophedon,
+    improved,
+    nearest_next,
+    tour_length,
+    transit_length,
+    transits,
+)
 from planners.transit import FreeGround
 from planners.turns import Turning, Turns, turn_length_m
 from survey.arrays import FloatArray, IntArray
@@ -16,7 +24,7 @@ from survey.errors import FirnlineError, InputError
 from survey.route import Leg
 from survey.streams import stream
 
-_KICKS_PER_SWATH, _MOST_KICKS = 25, 5_000
+_KICKS_PER_SWATH, _MOST_KICKS, _KICKS_PER_SHARE = 25, 5_000, 200
 _TURN_REACH, _MOST_STRUCK_OUT, _NO_WAY_M = 8.0, 60, 1e6
 
 
@@ -135,6 +143,17 @@ class Tours:
         n = min(_KICKS_PER_SWATH * len(items), _MOST_KICKS) if n_kicks is None else n_kicks
         kicks = stream(0, "ordering").random((n, 3))
         return _from_depot(improved(items, self.transits, kicks), int(items[0]))
+
+    def ordered(self, items: IntArray, depot: int) -> IntArray:
+        """Return some items in the best order found for a depot, the depot itself left out."""
+        if not len(items):
+            return items
+        start = np.concatenate([[self.first_depot + 2 * depot], items])
+        return self.better(start, n_kicks=_KICKS_PER_SHARE)[1:]
+
+    def transit_m(self, a: int, b: int) -> float:
+        """Return the length of the transit between two ends [m]."""
+        return float(transit_length(int(a), int(b), self.transits))
 
     def driven(self, rover: int = 0) -> tuple[Leg, ...]:
         """Return the legs of the best tour; turns that find no room are struck out and the tour made anew."""

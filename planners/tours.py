@@ -85,6 +85,12 @@ def _exact(a: int, b: int, t: Transits) -> float:
 
 
 @njit(cache=True)
+def transit_length(a: int, b: int, t: Transits) -> float:
+    """Return the length of the transit between two ends [m]."""
+    return float(_exact(a, b, t))
+
+
+@njit(cache=True)
 def tour_length(items: IntArray, t: Transits) -> float:
     """Return the metres of transit of a closed tour."""
     total = 0.0
