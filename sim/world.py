@@ -131,19 +131,24 @@ def _satellite_copy(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> D
     """Coarse cells over the area; where the fine raster is empty the nearest cell is continued."""
     cell_m = _whole_cells(mission.satellite.cell_m, terrain.step_m)
     xmin, ymin, xmax, ymax = area.bounds
-    columns, rows = np.ceil((xmax - xmin) / cell_m - 1e-6), np.ceil((ymax - ymin) / cell_m - 1e-6)
+    columns, rows = _even((xmax - xmin) / cell_m), _even((ymax - ymin) / cell_m)
     padded = _padded(terrain, (xmin, ymax - rows * cell_m, xmin + columns * cell_m, ymax))
     rng = stream(mission.seed, "satellite")
     coarse = landforms.satellite_copy(padded, cell_m=cell_m, sigma_m=mission.satellite.sigma_m, rng=rng)
     return Dem(_continued(coarse.elevation), coarse.transform, coarse.crs, coarse.vertical_datum)
 
 
+def _even(cells: float) -> float:
+    """Return the next even number of cells: with half cells too the edges then meet."""
+    return 2.0 * float(np.ceil(0.5 * cells - 1e-6))
+
+
 def _whole_cells(cell_m: float, step_m: float) -> float:
-    """Return the satellite's cell as a whole number of fine ones, which it must be to one part in a thousand."""
-    whole = max(round(cell_m / step_m), 1) * step_m
+    """Return the satellite's cell as half a whole number of fine ones, which it must be to one part in a thousand."""
+    whole = max(round(2.0 * cell_m / step_m), 2) * 0.5 * step_m
     if abs(whole - cell_m) > 1e-3 * cell_m:
         raise InputError(
-            f"satellite cells of {cell_m:g} m are no whole number of the terrain's {step_m:g} m cells; "
+            f"satellite cells of {cell_m:g} m do not fit the terrain's {step_m:g} m cells; "
             f"set satellite.cell_m = {whole:.6g}."
         )
     return whole
