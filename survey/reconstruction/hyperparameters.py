@@ -1,6 +1,8 @@
 """Hyperparameters by maximum marginal likelihood: one family, or the likeliest of several."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import Bounds as Limits
@@ -12,13 +14,23 @@ from survey.reconstruction.evidence import Evidence
 from survey.reconstruction.kernels import Kernel, Matern32, Matern52, SquaredExponential, Sum
 from survey.reconstruction.noisy_values import NoisyValues
 from survey.reconstruction.polynomial_trend import PolynomialTrend, TrendName
-from survey.reconstruction.resolution import Bounds, resolve, sharpest_std_m
+from survey.reconstruction.resolution import Bounds, affordable_basis, modes_within, sharpest_std_m
 
-# Waves of the two stages, as tolerances in units of the map's smallest standard deviation, and memory [MB].
-_COARSE = (3.0, 24.0)
-_POLISH = (0.3, 75.0)
+
+class Stage(NamedTuple):
+    """How many waves an evaluation may use: those that the tolerance asks for, within two caps."""
+
+    tolerance: float  # of the mean, in units of the map's smallest standard deviation
+    memory_mb: float
+    modes_per_point: float  # waves shorter than the points are dense act on them as noise
+
+
+COARSE = Stage(3.0, 24.0, 1.0)
+POLISH = Stage(0.3, 75.0, 4.0)
 # Length scales tried, in units of the one given.
 _START_FACTORS = (0.5, 1.0, 2.0)
+# A gain in log likelihood, or a slope of it, at which a climb ends.
+_ENOUGH = 0.03
 
 
 @dataclass(frozen=True)
@@ -87,26 +99,18 @@ class KernelFit:
     with_nugget: bool = False
     with_noise_scale: bool = False
 
-    def objective(
-        self, theta: FloatArray, kernel: Kernel, stage: tuple[float, float]
-    ) -> tuple[float, FloatArray]:
+    def objective(self, theta: FloatArray, kernel: Kernel, stage: Stage) -> tuple[float, FloatArray]:
         """Negative log likelihood and its gradient at the kernel's parameters and those of the noise."""
         n_kernel = len(kernel.parameter_names)
         kernel = kernel.with_log_parameters(theta[:n_kernel])
         nugget, scale = self.noise_parameters(theta[n_kernel:])
         stated = self.data.noise_m2
-        tolerance, memory = stage
-        resolution = resolve(
-            kernel,
-            self.bounds,
-            self._sharpest_m,
-            tolerance_m=tolerance * self._sharpest_m,
-            memory_mb=memory,
-            is_strict=False,
-        )
-        trend = PolynomialTrend(self.trend, resolution.box)
+        n_modes = min(modes_within(stage.memory_mb), int(stage.modes_per_point * len(self.data)) + 200)
+        sharpest = self._sharpest_m
+        basis = affordable_basis(kernel, self.bounds, sharpest, stage.tolerance * sharpest, n_modes)
+        trend = PolynomialTrend(self.trend, basis.box)
         extra = (scale**2 - 1) * stated + nugget
-        evidence = Evidence.of(kernel, resolution.covariance_basis, self.data, trend, extra)
+        evidence = Evidence.of(kernel, basis, self.data, trend, extra)
         gradient = [evidence.kernel_gradient]
         if self.with_nugget:
             gradient.append(np.array([nugget * evidence.noise_gradient.sum()]))
@@ -120,11 +124,12 @@ class KernelFit:
         nugget = float(values.pop(0)) if self.with_nugget else 0.0
         return nugget, float(values.pop(0)) if self.with_noise_scale else 1.0
 
-    @property
+    @cached_property
     def _sharpest_m(self) -> float:
         """Smallest standard deviation of a map with waves as short as allowed; the same in a whole fit."""
         prior = SquaredExponential(float(np.var(self.data.values)) + 1e-12, 2 * self.shortest_length_m)
-        return sharpest_std_m(prior, self.data.xy, self.data.noise_m2)
+        nugget = 0.002 * prior.variance_m2 if self.with_nugget else 0.0
+        return sharpest_std_m(prior, self.data.xy, self.data.noise_m2 + nugget)
 
     def limits(self, kernel: Kernel) -> Limits:
         """Box in which the optimizer stays."""
@@ -153,11 +158,11 @@ class KernelFit:
         """Climb from several length scales with few waves, then from the best place with more."""
         limits = self.limits(start)
         places = [np.clip(theta, limits.lb, limits.ub) for theta in self._starts(start)]
-        values = [self.objective(theta, start, _COARSE)[0] for theta in places]
+        values = [self.objective(theta, start, COARSE)[0] for theta in places]
         order = np.argsort(values)[:2]
-        climbs = [self._climb(places[k], start, _COARSE, 30) for k in order]
+        climbs = [self._climb(places[k], start, COARSE, 30) for k in order]
         best = min(climbs, key=lambda climb: climb[1])
-        final = self._climb(best[0], start, _POLISH, 12)
+        final = self._climb(best[0], start, POLISH, 8)
         n_evaluations = len(values) + sum(climb[2] for climb in climbs) + final[2]
         n_kernel = len(start.parameter_names)
         nugget, scale = self.noise_parameters(final[0][n_kernel:])
@@ -169,7 +174,7 @@ class KernelFit:
         lengths = np.array(["length_scale_m" in name for name in start.parameter_names])
         noise = []
         if self.with_nugget:
-            noise.append(float(np.log(0.1 * np.median(self.data.noise_m2))))
+            noise.append(float(np.log(0.02 * np.var(self.data.values) + 1e-12)))
         if self.with_noise_scale:
             noise.append(0.0)
         return [
@@ -178,19 +183,26 @@ class KernelFit:
         ]
 
     def _climb(
-        self, theta: FloatArray, kernel: Kernel, stage: tuple[float, float], n_steps: int
+        self, theta: FloatArray, kernel: Kernel, stage: Stage, n_steps: int
     ) -> tuple[FloatArray, float, int]:
         """Return the place, the objective there, and the evaluations of one climb."""
+        _, slope = self.objective(theta, kernel, stage)
+        # The optimizer's first step is the gradient: half a unit of a logarithm is a step, thousands are a leap.
+        scale = 0.5 / max(float(np.linalg.norm(slope)), 1.0)
+
+        def scaled(place: FloatArray) -> tuple[float, FloatArray]:
+            value, gradient = self.objective(place, kernel, stage)
+            return scale * value, scale * gradient
+
         found = minimize(
-            self.objective,
+            scaled,
             theta,
-            args=(kernel, stage),
             jac=True,
             method="L-BFGS-B",
             bounds=self.limits(kernel),
-            options={"maxiter": n_steps, "ftol": 1e-7, "gtol": 0.05},
+            options={"maxiter": n_steps, "ftol": _ENOUGH * scale, "gtol": _ENOUGH * scale},
         )
-        return np.asarray(found.x, dtype=np.float64), float(found.fun), int(found.nfev)
+        return np.asarray(found.x, dtype=np.float64), float(found.fun) / scale, int(found.nfev) + 1
 
 
 def fit_kernel(

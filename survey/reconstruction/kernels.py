@@ -303,6 +303,13 @@ class Sum(Kernel):
         total: FloatArray = np.sum([part.covariance_of_lag(lag_m) for part in self.parts], axis=0)
         return total
 
+    def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
+        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
+        total = self.parts[0].covariance(xy_a, xy_b)
+        for part in self.parts[1:]:
+            total += part.covariance(xy_a, xy_b)
+        return total
+
     def spectral_density(self, omega: FloatArray) -> FloatArray:
         """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
         total: FloatArray = np.sum([part.spectral_density(omega) for part in self.parts], axis=0)

@@ -86,11 +86,14 @@ def tail_variance(kernel: Kernel, basis: FourierBasis) -> float:
 
 
 def sharpest_std_m(kernel: Kernel, xy: FloatArray, noise_variance: FloatArray) -> float:
-    """Order of the smallest posterior standard deviation [m]: that of the best-measured square length scale."""
+    """Order of the smallest posterior standard deviation [m]: that of the best-measured square length scale.
+
+    Such a square has about three degrees of freedom, among which its points share their information.
+    """
     cell = np.floor((xy - xy.min(axis=0)) / kernel.length_scales_m[0]).astype(np.int64)
     _, index = np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1], return_inverse=True)
-    densest = float(np.bincount(index, weights=1 / noise_variance).max())
-    return float(np.sqrt(1 / (densest + 1 / kernel.variance_m2)))
+    shared = np.bincount(index, weights=1 / noise_variance) / np.minimum(np.bincount(index), 3)
+    return float(np.sqrt(1 / (shared.max() + 1 / kernel.variance_m2)))
 
 
 def resolve(
@@ -100,7 +103,6 @@ def resolve(
     *,
     tolerance_m: float,
     memory_mb: float,
-    is_strict: bool = True,
 ) -> Resolution:
     """Choose box and waves for one kernel, and refuse what would not fit into memory.
 
@@ -112,16 +114,16 @@ def resolve(
     Raises
     ------
     CapacityError
-        If the waves that fit leave out more than 2 % of the prior variance, unless `is_strict` is false.
+        If the waves that fit leave out more than 2 % of the prior variance.
     """
-    box = FourierBox.around(bounds, kernel.decay_m(halo_ratio(kernel, sharpest_m, tolerance_m)))
-    largest_tail = 0.1 * tolerance_m * sharpest_m
+    box = _box(kernel, bounds, sharpest_m, tolerance_m)
+    largest_tail = _largest_tail_m2(sharpest_m, tolerance_m)
     mean_basis = _strongest(box, kernel, 1e-3 * largest_tail)
     needed = _strongest(box, kernel, largest_tail)
-    largest = int(np.sqrt(memory_mb / 8e-6))
+    largest = modes_within(memory_mb)
     fitting = needed if needed.n_modes <= largest else _strongest(box, kernel, largest_tail, largest)
     tail = tail_variance(kernel, fitting)
-    if is_strict and tail > max(LARGEST_TAIL * kernel.variance_m2, largest_tail):
+    if tail > max(LARGEST_TAIL * kernel.variance_m2, largest_tail):
         shortest, (width, height) = kernel.length_scales_m[0], box.period_m
         raise CapacityError(
             f"A map of {width:.0f} m x {height:.0f} m at a length scale of {shortest:.3g} m needs "
@@ -132,28 +134,45 @@ def resolve(
     return Resolution(bounds, fitting, mean_basis, tail, mean_tail, tolerance_m, tail <= 1.001 * largest_tail)
 
 
-def halo_ratio(kernel: Kernel, sharpest_m: float, tolerance_m: float) -> float:
-    """Covariance at the margin over the variance, from the tolerance; measured to hold for swaths of landmarks."""
-    ratio = 5.0 * tolerance_m * sharpest_m / kernel.variance_m2
-    return float(np.clip(ratio, 1e-9, 1e-2))
+def affordable_basis(
+    kernel: Kernel, bounds: Bounds, sharpest_m: float, tolerance_m: float, n_modes: int
+) -> FourierBasis:
+    """Choose waves as `resolve` does, but never more than `n_modes`, and refuse nothing."""
+    box = _box(kernel, bounds, sharpest_m, tolerance_m)
+    return _strongest(box, kernel, _largest_tail_m2(sharpest_m, tolerance_m), n_modes)
+
+
+def modes_within(memory_mb: float) -> int:
+    """Return how many modes have a covariance that fits the memory."""
+    return int(np.sqrt(memory_mb / 8e-6))
+
+
+# The two factors were measured on landmarks beside swaths: errors end at about half of the tolerance.
+def _box(kernel: Kernel, bounds: Bounds, sharpest_m: float, tolerance_m: float) -> FourierBox:
+    ratio = 6.0 * tolerance_m * sharpest_m / kernel.variance_m2
+    return FourierBox.around(bounds, kernel.decay_m(float(np.clip(ratio, 1e-9, 1e-2))))
+
+
+def _largest_tail_m2(sharpest_m: float, tolerance_m: float) -> float:
+    return 0.1 * tolerance_m * sharpest_m
 
 
 def _strongest(box: FourierBox, kernel: Kernel, tail_m2: float, largest: int | None = None) -> FourierBasis:
     """Strongest waves that leave out at most `tail_m2`, or those of the `largest` number of modes."""
-    lattice = _lattice(box, kernel, tail_m2)
+    lattice = _lattice(box, kernel, tail_m2, largest)
     variance = kernel.spectral_density(box.omega(lattice)) / box.area_m2
     order = np.argsort(-variance, kind="stable")
     mass = np.cumsum(2 * variance[order]) - variance[0]
     n_needed = int(np.searchsorted(mass, kernel.variance_m2 - tail_m2)) + 1
-    n_kept = min(n_needed, len(order) if largest is None else (largest + 1) // 2)
+    n_kept = min(n_needed, len(order), len(order) if largest is None else (largest + 1) // 2)
     # Waves as strong as the weakest kept one stay too, so that no direction is preferred.
     kept = variance >= variance[order[n_kept - 1]] * (1 - 1e-9)
     kept[0] = True
     return FourierBasis.of(box, lattice[kept])
 
 
-def _lattice(box: FourierBox, kernel: Kernel, tail_m2: float) -> IntArray:
-    """Half plane of lattice points out to where the spectrum holds less than `tail_m2`."""
+def _lattice(box: FourierBox, kernel: Kernel, tail_m2: float, largest: int | None) -> IntArray:
+    """Half plane of lattice points out to where the spectrum holds less than `tail_m2`, or amply enough."""
     reach = 4.0 / kernel.length_scales_m[0]
     while True:
         half = np.minimum(np.ceil(reach * box.period_m / (2 * np.pi)), LARGEST_HALF).astype(np.int64)
@@ -162,6 +181,7 @@ def _lattice(box: FourierBox, kernel: Kernel, tail_m2: float) -> IntArray:
         lattice = lattice[(lattice[:, 0] > 0) | (lattice[:, 1] >= 0)]
         variance = kernel.spectral_density(box.omega(lattice)) / box.area_m2
         left_out = kernel.variance_m2 - (2 * variance.sum() - variance[0])
-        if left_out <= tail_m2 or np.all(half == LARGEST_HALF):
+        is_ample = largest is not None and len(lattice) > 4 * largest
+        if left_out <= tail_m2 or is_ample or np.all(half == LARGEST_HALF):
             return lattice
         reach *= 1.2

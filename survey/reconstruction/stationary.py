@@ -145,6 +145,16 @@ class Stationary(Kernel):
         s2 = (along**2 + (across * self.anisotropy) ** 2) / self.length_scale_m**2
         return self.variance_m2 * self._correlation(s2)
 
+    def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
+        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
+        (along_a, across_a), (along_b, across_b) = (self._along_and_across(xy) for xy in (xy_a, xy_b))
+        s2 = np.square(along_a[:, None] - along_b)
+        s2 += np.square(self.anisotropy * (across_a[:, None] - across_b))
+        s2 /= self.length_scale_m**2
+        covariance = self._correlation(s2)
+        covariance *= self.variance_m2
+        return covariance
+
     def spectral_density(self, omega: FloatArray) -> FloatArray:
         """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
         q_a, q_b = self._scaled_frequencies(omega)

@@ -10,6 +10,7 @@ B is looked up in *one* transform of the points, however many they are; and so t
 the whole map is one trigonometric polynomial, whose coefficients are sums over the entries of C.
 """
 
+import mmap
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -49,7 +50,7 @@ class WeightPosterior:
     @classmethod
     def given(cls, basis: FourierBasis, amplitudes: FloatArray, gram: ComplexArray) -> Self:
         """Factorize and invert ``I + D B D``, both in place of the one matrix."""
-        matrix = np.empty((basis.n_modes, basis.n_modes), order="F")
+        matrix = _half_used_matrix(basis.n_modes)
         fill_precision(
             matrix.T,
             np.ascontiguousarray(gram.real),
@@ -151,6 +152,14 @@ class WeightPosterior:
             total += np.fft.irfft2(spectrum, s=(n_q, n_p), axes=(1, 0), norm="forward").real ** 2
         doubled: ComplexArray = np.fft.fftshift(np.conj(np.fft.fft2(total, norm="forward")))
         return doubled
+
+
+def _half_used_matrix(size: int) -> FloatArray:
+    """Square matrix in column order of which only the lower triangle will be touched.
+
+    It is mapped in ordinary pages, so that the other half takes no memory; NumPy would ask for huge ones.
+    """
+    return np.ndarray((size, size), order="F", buffer=mmap.mmap(-1, 8 * size**2))
 
 
 @numba.njit(cache=True, fastmath=True)
