@@ -37,7 +37,7 @@ def _fill(table: Table | tomlkit.TOMLDocument, section: BaseModel) -> None:
         if isinstance(value, BaseModel):
             nested.append((key, value))
             continue
-        meaning = info.description or ""
+        meaning = " ".join((info.description or "").split())
         if value is None:
             table.add(tomlkit.comment(f"{key} =    # {meaning}"))
         else:

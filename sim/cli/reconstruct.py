@@ -51,22 +51,45 @@ def reconstruct(
         _, run = run_until(source, "reconstruct", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         tell(run, as_json=as_json)
         return
-    import json
+    _reconstruct_points(source, prior, grid, method, value, crs, out, force=force, as_json=as_json)
 
+
+def _reconstruct_points(
+    source: Path,
+    prior: Path | None,
+    step_m: float,
+    method: str,
+    value: str | None,
+    crs: str | None,
+    out: Path,
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    import survey
     from survey.errors import InputError
-    from survey.reconstruction import reconstruct_file
+    from survey.reconstruction.base import ELEVATION
 
     if (out / "dem.tif").exists() and not force:
         raise InputError(
             f"{out / 'dem.tif'} exists; choose another folder with --out or add --force to replace it."
         )
-    result = reconstruct_file(source, prior=prior, step_m=grid, method=method, value=value, crs=crs)
+    points = survey.SurfacePoints.read(source, crs=crs)
+    (xmin, ymin), (xmax, ymax) = points.xy.min(axis=0), points.xy.max(axis=0)
+    nodes = survey.Grid.over((float(xmin), float(ymin), float(xmax), float(ymax)), step_m, points.crs)
+    result = survey.reconstruct(
+        points,
+        nodes,
+        None if prior is None else survey.Dem.read(prior),
+        method=method,  # type: ignore[arg-type]  # refused by name where it is unknown
+        value=value or ELEVATION,
+    )
     out.mkdir(parents=True, exist_ok=True)
     result.write(out)
     if as_json:
         typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
-    else:
-        rows, columns = result.mean.shape
-        typer.echo(
-            f"{rows} × {columns} nodes by {result.method}, written to {out / 'dem.tif'} ({json.dumps(dict(result.hyperparameters))})"
-        )
+        return
+    rows, columns = result.mean.shape
+    typer.echo(f"{rows} × {columns} nodes by {result.method}, written to {out / 'dem.tif'}")
+    for name, setting in result.hyperparameters.items():
+        typer.echo(f"  {name} = {setting:.6g}" if isinstance(setting, float) else f"  {name} = {setting}")

@@ -320,7 +320,7 @@ TOOLS: list[tuple[str, Callable[[Path], None], list[str], int, str]] = [
         3,
         "line",
     ),
-    ("unknown method", points(POINTS), [*RECONSTRUCT, "--method", "magic"], 4, "magic"),
+    ("unknown method", points(POINTS), [*RECONSTRUCT, "--method", "magic"], 3, "magic"),
     (
         "grid step zero",
         points(POINTS),
