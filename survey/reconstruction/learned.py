@@ -12,6 +12,7 @@ from survey.grid import Grid
 from survey.reconstruction.calibration import Calibration
 from survey.reconstruction.families import Hyperparameters
 from survey.reconstruction.mean import Mean
+from survey.reconstruction.near_points import variance_from_nearest
 from survey.reconstruction.outliers import Outliers
 from survey.reconstruction.process import Process
 from survey.reconstruction.support import support_codes
@@ -103,15 +104,14 @@ class Learned:
         }
 
     def _whole(self, variance: FloatArray, xy: FloatArray, nearest_m: FloatArray) -> FloatArray:
-        """Return the standard deviation of the ground itself: less what neighbours know of its fine relief, plus the nugget."""
+        """Return the standard deviation of the ground itself: as the points know it, and the nugget."""
         whole = surface_variance(self.process, variance, xy) + self.found.nugget_m**2
         return np.sqrt(whole) * self.calibration.at(nearest_m)
 
 
 def surface_variance(process: Process, variance: FloatArray, xy: FloatArray) -> FloatArray:
-    """Return the variance (M,) [m²] with the waves left out as the nearest points know them."""
-    # Here, because the fast engine's compiling support costs half a second that other methods need not pay.
-    from survey.reconstruction.fine_relief import FineRelief
-
-    fine = FineRelief.of(process)
-    return variance if fine is None else np.maximum(variance - fine.explained(xy), 0.0)
+    """Return the variance (M,) [m²] of a process; where it leaves waves out, no more than the nearest points leave."""
+    resolution = getattr(process, "resolution", None)
+    if resolution is None or resolution.is_met:
+        return variance
+    return np.minimum(variance, variance_from_nearest(process.kernel, process.data, xy))

@@ -18,7 +18,7 @@ from survey.reconstruction.resolution import (
 # A rough surface forgets its far side through the waves in between: three quarters of the site suffice.
 _LARGEST_HALO = 0.75
 _FORGOTTEN = 1e-6
-_MEMORY_MB = 130.0
+_MEMORY_MB = 90.0
 _N_MEAN_MODES = 40_000
 # Waves left out may hold this share of the prior variance; beyond it the map is no longer one.
 _LARGEST_TAIL = 0.1

@@ -1,10 +1,9 @@
-"""Rough covariances: a box and waves of their own, and fine relief as the nearest points know it."""
+"""Rough covariances: a box and waves of their own, and the spread that the nearest points leave."""
 
 import numpy as np
 
 from survey.reconstruction.config import GaussianProcessConfig
 from survey.reconstruction.dense_gp import DenseGaussianProcess
-from survey.reconstruction.fine_relief import FineRelief
 from survey.reconstruction.kernels import Matern32, SquaredExponential, Sum
 from survey.reconstruction.learned import surface_variance
 from survey.reconstruction.process import conditioned
@@ -37,13 +36,12 @@ def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
     config = GaussianProcessConfig(memory_mb=40.0)
     fast = conditioned("gp", kernel, xy, z, sigma, bounds=SITE, trend="constant", config=config)
     dense = DenseGaussianProcess.fit(xy, z, sigma, kernel, trend="constant")
-    assert FineRelief.of(fast) is not None
-    assert FineRelief.of(dense) is None
     places = rng.uniform(0.0, 300.0, (400, 2))
     mean, variance = fast.predict(places)
     exact_mean, exact_variance = dense.predict(places)
     ratio = np.sqrt(surface_variance(fast, variance, places) / exact_variance)
-    # Of the fine waves four neighbours tell most; what they do not leaves the map too cautious, seldom too bold.
-    assert 0.97 < np.median(ratio) < 1.15
-    assert np.quantile(ratio, 0.01) > 0.85
+    # The box of three quarters of the site costs a few per cent; twelve neighbours tell nearly all.
+    assert 0.97 < np.median(ratio) < 1.03
+    assert 0.85 < np.quantile(ratio, 0.01)
+    assert np.quantile(ratio, 0.99) < 1.15
     assert np.sqrt(np.mean((mean - exact_mean) ** 2 / exact_variance)) < 0.3
