@@ -189,11 +189,13 @@ def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
     whole = shapely.linestrings(line)
     cut = shapely.get_parts(shapely.intersection(shape, whole))
     parts = [part for part in cut if part.geom_type == "LineString" and part.length > _SHORTEST_M]
-    if len(line) > 2 and len(parts) > 1:
+    if len(parts) > 1:
+        # A line that touches a corner or runs along a border comes back in pieces.
         parts = list(shapely.get_parts(shapely.line_merge(shapely.multilinestrings(parts))))
     arrays = []
     for part in parts:
         xy = shapely.get_coordinates(part)
+        xy = xy[[0, -1]] if len(line) == 2 else xy
         ends = shapely.line_locate_point(whole, shapely.points(xy[[0, -1]]))
         arrays.append((float(min(ends)), xy if ends[0] <= ends[1] else xy[::-1]))
     return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]

@@ -115,6 +115,7 @@ def _slope(east: FloatArray, north: FloatArray) -> float:
 def _grain(east: FloatArray, north: FloatArray) -> float:
     x, y = east - east.mean(), north - north.mean()
     xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
-    if np.hypot(xx - yy, 2.0 * xy) < 1e-9 * (xx + yy) or xx + yy == 0.0:
+    moment = float(east @ east + north @ north)
+    if np.hypot(xx - yy, 2.0 * xy) <= 1e-9 * moment:
         raise InputError("the terrain changes alike in all directions; choose another rule for the heading.")
     return float(np.degrees(0.5 * np.arctan2(2.0 * xy, xx - yy)) % 180.0)

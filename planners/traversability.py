@@ -107,8 +107,10 @@ def drivable(
             left_out += _pieces(shapely.intersection(free, closed), reason)
             free = _polygonal(shapely.difference(free, closed))
     if limits.clearance_m > 0.0:
-        narrowed = _polygonal(free.buffer(-limits.clearance_m, quad_segs=8))
-        opened = narrowed.buffer(limits.clearance_m * (1.0 + 1e-6), quad_segs=8)
+        # Round corners are drawn with chords, which come nearer than the radius by its cosine.
+        clearance_m = limits.clearance_m / np.cos(np.pi / 32.0)
+        narrowed = _polygonal(free.buffer(-clearance_m, quad_segs=8))
+        opened = narrowed.buffer(1.01 * clearance_m, quad_segs=8)
         left_out += _pieces(shapely.difference(free, opened), "too narrow")
         free = narrowed
     if free.is_empty:
