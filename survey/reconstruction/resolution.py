@@ -147,14 +147,15 @@ def modes_within(memory_mb: float) -> int:
     return int(np.sqrt(memory_mb / 8e-6))
 
 
-# The two factors were measured on landmarks beside swaths: errors end at about half of the tolerance.
 def _box(kernel: Kernel, bounds: Bounds, sharpest_m: float, tolerance_m: float) -> FourierBox:
+    # Measured on landmarks beside swaths: the images then shift the mean by half of the tolerance.
     ratio = 6.0 * tolerance_m * sharpest_m / kernel.variance_m2
     return FourierBox.around(bounds, kernel.decay_m(float(np.clip(ratio, 1e-9, 1e-2))))
 
 
 def _largest_tail_m2(sharpest_m: float, tolerance_m: float) -> float:
-    return 0.1 * tolerance_m * sharpest_m
+    # Counted at a point and again at a node beside it, a tail adds its own size over the standard deviation.
+    return 0.08 * tolerance_m * sharpest_m
 
 
 def _strongest(box: FourierBox, kernel: Kernel, tail_m2: float, largest: int | None = None) -> FourierBasis:
