@@ -72,8 +72,8 @@ def drivable(
 
     A cell of the DEM is closed when its slope exceeds ``min(max pitch, max roll)``,
     when it is too rough or when its height or a neighbour's is unknown. Closed cells
-    count whole and their outlines are simplified outwards only, so every metre of the
-    ground lies on cells within the limits.
+    count whole, with half a cell around them, and their outlines are simplified outwards
+    only: nowhere on the ground does the slope between cell centres exceed the limit.
 
     Parameters
     ----------
@@ -107,10 +107,10 @@ def drivable(
             left_out += _pieces(shapely.intersection(free, closed), reason)
             free = _polygonal(shapely.difference(free, closed))
     if limits.clearance_m > 0.0:
-        # Round corners are drawn with chords, which come nearer than the radius by its cosine.
-        clearance_m = limits.clearance_m / np.cos(np.pi / 32.0)
+        # Chords of round corners come nearer by half a percent, and offsets are drawn to one percent.
+        clearance_m = 1.015 * limits.clearance_m
         narrowed = _polygonal(free.buffer(-clearance_m, quad_segs=8))
-        opened = narrowed.buffer(1.01 * clearance_m, quad_segs=8)
+        opened = narrowed.buffer(1.02 * clearance_m, quad_segs=8)
         left_out += _pieces(shapely.difference(free, opened), "too narrow")
         free = narrowed
     if free.is_empty:
@@ -210,9 +210,12 @@ def roughness(dem: Dem) -> FloatArray:
 
 
 def _outline(cells: BoolArray, dem: Dem) -> shapely.Geometry:
-    """Return ground that holds all the marked cells: their outline, smoothed outwards only."""
+    """Return ground that holds the marked cells and half a cell around them, smoothed outwards only.
+
+    Beyond that half cell, slopes interpolated between cell centres are those of open cells alone.
+    """
     shapes = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=dem.transform)
     union = shapely.union_all([shapely.geometry.shape(geometry) for geometry, _ in shapes])
-    # Moving the outline out by a third of a cell pays for what simplification takes away.
-    tolerance = dem.step_m / 3.0
-    return shapely.simplify(union.buffer(tolerance, join_style="mitre"), 0.95 * tolerance)
+    # Moving the outline out by a quarter of a cell more pays for what simplification takes away.
+    tolerance = 0.25 * dem.step_m
+    return shapely.simplify(union.buffer(0.5 * dem.step_m + tolerance, join_style="mitre"), 0.95 * tolerance)

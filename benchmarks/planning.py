@@ -1,0 +1,161 @@
+"""How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import LineString, Polygon
+
+from benchmarks.report import Row, cpu_seconds, fastest, main
+from planners.decomposition import swaths_on, unswept
+from planners.energy import Mobility, predicted
+from planners.fleet import share
+from planners.ordering import connect
+from planners.transit import FreeGround
+from survey.area import SurveyArea
+from survey.arrays import FloatArray
+from survey.errors import InputError
+from survey.route import Leg
+from survey.streams import stream
+
+SPACING_M = 20.0
+HEADING_DEG = 90.0
+
+
+def random_area(seed: int, side_m: float = 1000.0, n_zones: int = 50) -> SurveyArea:
+    """Return a square with star-shaped no-go zones, 20 to 80 m across, that may touch and overlap."""
+    rng = stream(seed, "planning site")
+    zones = []
+    for _ in range(n_zones):
+        centre, n = rng.uniform(0.0, side_m, 2), int(rng.integers(5, 11))
+        angle = (np.arange(n) + rng.uniform(0.1, 0.9, n)) * 2.0 * np.pi / n
+        reach = rng.uniform(10.0, 40.0, n)
+        zones.append(Polygon(centre + np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])))
+    return SurveyArea(shapely.box(0.0, 0.0, side_m, side_m), "EPSG:32608", tuple(zones))
+
+
+@dataclass
+class Plan:
+    """The legs of every part of a site that holds a swath."""
+
+    legs: list[Leg]
+    n_swaths: int
+    n_failed: int
+    unswept_share: float
+
+
+def planned(area: SurveyArea, spacing_m: float = SPACING_M) -> Plan:
+    """Plan every part of the area that is larger than a spacing squared."""
+    whole = FreeGround(area.free)
+    plan = Plan([], 0, 0, 0.0)
+    for part in whole.parts:
+        if part.area < spacing_m**2:
+            continue
+        ground = whole if len(whole.parts) == 1 else FreeGround(part)
+        swaths = swaths_on(ground, spacing_m, HEADING_DEG)
+        plan.n_swaths += len(swaths)
+        try:
+            plan.legs += connect(swaths, ground)
+        except InputError:
+            plan.n_failed += 1
+    return plan
+
+
+def crossings_m(area: SurveyArea, legs: list[Leg]) -> float:
+    """Return the metres of route outside the free ground: 0 exactly when every leg is covered by it."""
+    lines = np.array([LineString(leg.xy) for leg in legs])
+    outside = lines[~shapely.covers(area.free, lines)]
+    return float(shapely.length(shapely.difference(outside, area.free)).sum())
+
+
+def transit_share(legs: list[Leg]) -> float:
+    swath_m = sum(leg.length_m for leg in legs if leg.kind == "swath")
+    return sum(leg.length_m for leg in legs if leg.kind == "transit") / swath_m
+
+
+def rows(quick: bool) -> Iterator[Row]:
+    planned(random_area(-1 % 2**32, 300.0, 4))  # compile
+    yield from _square_kilometre()
+    yield from _many_sites(12 if quick else 100)
+    yield from _four_hundred_segments()
+    yield from _growth(quick)
+    yield from _fleet()
+
+
+def _square_kilometre() -> Iterator[Row]:
+    area = random_area(0)
+    plan, seconds = fastest(lambda: planned(area), 3)
+    yield Row.of("1 km², 50 no-go zones, 20 m: CPU time", seconds, "s", "<=", 1.0)
+    yield Row("1 km²: swaths", plan.n_swaths, "")
+    ground = FreeGround(area.free)
+    left = unswept(ground, swaths_on(ground, SPACING_M, HEADING_DEG), SPACING_M)
+    yield Row(
+        "1 km²: ground farther than 10 m from a swath",
+        100.0 * sum(p.area for p in left) / area.free.area,
+        "%",
+    )
+
+
+def _many_sites(n_sites: int) -> Iterator[Row]:
+    shares, seconds, outside_m, n_outside, n_failed = [], [], 0.0, 0, 0
+    for seed in range(n_sites):
+        area = random_area(1000 + seed)
+        plan, taken = cpu_seconds(lambda area=area: planned(area))  # type: ignore[misc]
+        lines = [LineString(leg.xy) for leg in plan.legs]
+        n_outside += int((~shapely.covers(area.free, lines)).sum())
+        outside_m += crossings_m(area, plan.legs)
+        n_failed += plan.n_failed
+        shares.append(100.0 * transit_share(plan.legs))
+        seconds.append(taken)
+    what = f"{n_sites} sites"
+    yield Row.of(f"{what}: legs that leave the free ground", n_outside, "", "<=", 0)
+    yield Row.of(f"{what}: metres outside", outside_m, "m", "<=", 0.0)
+    yield Row.of(f"{what}: failed detours", n_failed, "", "<=", 0)
+    yield Row.of(f"{what}: transit in swath metres, mean", float(np.mean(shares)), "%", "<=", 12.0)
+    yield Row.of(f"{what}: transit in swath metres, worst", float(np.max(shares)), "%", "<=", 12.0)
+    yield Row.of(f"{what}: CPU time, mean", float(np.mean(seconds)), "s", "<=", 1.0)
+
+
+def _four_hundred_segments() -> Iterator[Row]:
+    ground = FreeGround(FreeGround(random_area(1).free).parts[0])
+    swaths = swaths_on(ground, 9.5, HEADING_DEG)
+    _, seconds = fastest(lambda: connect(swaths, FreeGround(ground.polygon)), 3)
+    yield Row("segments routed at once", len(swaths), "")
+    yield Row.of(f"{len(swaths)} segments: CPU time to order and route", seconds, "s", "<=", 1.0)
+
+
+def _growth(quick: bool) -> Iterator[Row]:
+    """Cost growth at a constant density of zones."""
+    for area_km2, n_zones in ((2.5, 75),) if quick else ((2.5, 75), (5.0, 150), (10.0, 300)):
+        area = random_area(2, 1000.0 * area_km2**0.5, n_zones)
+        plan, seconds = cpu_seconds(lambda area=area: planned(area))  # type: ignore[misc]
+        yield Row(f"{area_km2:g} km², {n_zones} zones: swaths", plan.n_swaths, "")
+        yield Row(f"{area_km2:g} km², {n_zones} zones: CPU time", seconds, "s")
+        yield Row(f"{area_km2:g} km², {n_zones} zones: CPU time per km²", seconds / area_km2, "s")
+        yield Row(f"{area_km2:g} km², {n_zones} zones: transit", 100.0 * transit_share(plan.legs), "%")
+        yield Row.of(f"{area_km2:g} km²: metres outside", crossings_m(area, plan.legs), "m", "<=", 0.0)
+
+
+def _fleet() -> Iterator[Row]:
+    """Round trips from a corner of 600 × 600 m, 30 swaths; time is distance at 1 m/s."""
+    ground = FreeGround(shapely.box(0.0, 0.0, 600.0, 600.0))
+    swaths = swaths_on(ground, 20.0, HEADING_DEG)
+    mobility = Mobility(turn_s=0.0)
+
+    def makespan_s(n_rovers: int) -> float:
+        return predicted(share(swaths, ground, _corner(n_rovers), mobility=mobility), mobility)["time_s"]
+
+    alone = makespan_s(1)
+    for n_rovers in (2, 3, 4, 6):
+        speed_up = alone / makespan_s(n_rovers)
+        name = f"{n_rovers} rovers from a corner, 30 swaths: speed-up"
+        yield Row.of(name, speed_up, "", ">=", 3.4) if n_rovers == 4 else Row(name, speed_up, "")
+
+
+def _corner(n_rovers: int) -> FloatArray:
+    return np.zeros((n_rovers, 2))
+
+
+if __name__ == "__main__":
+    main("Planning", rows, ("numpy", "scipy", "shapely", "numba"))
