@@ -71,6 +71,8 @@ def hyperparameters(quick: bool) -> Iterator[Row]:
         "four scales": Site.drawn,
         "SE 220 m and ice": lambda seed: DemSite(_made("squared_exponential", seed)),
     }
+    if quick:
+        del worlds["SE 220 m and ice"]
     for name, world in worlds.items():
         gains = [_gains(world(seed), seed) for seed in seeds]
         one, two, auto, tin = (np.array(column) for column in zip(*gains, strict=True))
@@ -80,7 +82,7 @@ def hyperparameters(quick: bool) -> Iterator[Row]:
         yield Row.of(
             f"{name}: RMSE below the paper's with two scales, worst seed", 100 * two.min(), "%", ">=", 50
         )
-        yield Row(f"{name}: RMSE below the paper's, likeliest family, worst seed", 100 * auto.min(), "%")
+        yield Row(f"{name}: RMSE below the paper's, likeliest family, worst seed", float(100 * auto.min()), "%")
         yield Row.of(f"{name}: RMSE over Delaunay's on its hull, worst seed", tin.max(), "", "<=", 1)
     bound = [_gain_of_generator(Site.drawn(seed), seed) for seed in seeds]
     yield Row(
@@ -175,7 +177,7 @@ def honesty(quick: bool) -> Iterator[Row]:
     """Coverage of the 95 % interval after everything was fitted, on made and on real terrain."""
     seeds = range(FIRST_SEED, FIRST_SEED + (1 if quick else 8))
     lows, highs = [], []
-    for family in FAMILIES:
+    for family in FAMILIES[:1] if quick else FAMILIES:
         shares = [_coverage_on(_made(family, seed), seed) for seed in seeds]
         yield from _range(f"{family} with ice micro-relief, {len(shares)} seeds", shares)
         lows.append(min(shares))

@@ -64,7 +64,7 @@ class GaussianProcessConfig(Section):
     prior_interpolation: Literal["bilinear", "delaunay"] = "bilinear"
     """How a satellite prior is read between its cell centres."""
     prior_sigma_m: float | None = Field(default=None, ge=0)
-    """Standard deviation of a prior's cell [m]; found from the points when fitted, 0 when nothing is fitted."""
+    """Standard deviation of a prior's cell [m], 0 when left out; a fit finds it from the points and takes none."""
     horizontal_errors: Literal["slope", "marginal"] = "slope"
     """What becomes of x-y uncertainty: carried through the slope, or dropped as in Eq. 7."""
     robust: bool = False
@@ -80,6 +80,8 @@ class GaussianProcessConfig(Section):
     def _complete(self) -> Self:
         if not self.fit and (self.variance_m2 is None or self.length_scale_m is None):
             raise ValueError("fit = false needs variance_m2 and length_scale_m")
+        if self.fit and self.prior_sigma_m is not None:
+            raise ValueError("prior_sigma_m is found from the points when fit = true; leave it out")
         second = (self.second_variance_m2, self.second_length_scale_m)
         if not self.fit and self.family.startswith("two-scale") and None in second:
             raise ValueError("fit = false with two scales needs second_variance_m2 and second_length_scale_m")

@@ -259,13 +259,21 @@ class GaussianProcessTerrain(TerrainModel):
         self, data: Observations, residual: FloatArray, variance: FloatArray
     ) -> Hyperparameters:
         if self.config.fit:
-            found = likeliest(data.xy, residual, variance, self.config)
+            found = likeliest(data.xy, self._detrended(data.xy, residual), variance, self.config)
         else:
             family = "squared-exponential" if self.config.family == "auto" else self.config.family
             found = Hyperparameters(family, self.config.kernel(), self.config.nugget_m or 0.0, 0.0)
         if isinstance(self.prior, Dem) and self.config.prior_sigma_m:
             return with_prior_error(found, self.prior.step_m, self.config.prior_sigma_m)
         return found
+
+    def _detrended(self, xy: FloatArray, residual: FloatArray) -> FloatArray:
+        """Take a plane out, where one is part of the mean, so that it does not pass for a length scale."""
+        if self.prior is not None or self.config.mean == "constant":
+            return residual
+        columns = np.column_stack([np.ones(len(xy)), xy - xy.mean(axis=0)])
+        detrended: FloatArray = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+        return detrended
 
     def _conditioned(
         self, xy: FloatArray, residual: FloatArray, variance: FloatArray, found: Hyperparameters

@@ -72,7 +72,9 @@ class Learned:
         """Return family, parameters and likelihood, for the record."""
         kernel = self.process.kernel
         values = {
-            name.removeprefix("log "): float(np.exp(value)) if name.startswith("log ") else float(value)
+            name.removeprefix("log ").replace(" ", "_"): float(np.exp(value))
+            if name.startswith("log ")
+            else float(value)
             for name, value in zip(kernel.parameter_names, kernel.log_parameters, strict=True)
         }
         return {

@@ -20,8 +20,8 @@ _LARGEST_HALO = 0.75
 _FORGOTTEN = 1e-6
 _MEMORY_MB = 90.0
 _N_MEAN_MODES = 40_000
-# Waves left out may hold this share of the prior variance; beyond it the map is no longer one.
-_LARGEST_TAIL = 0.1
+# Shares of the prior variance that waves left out of the mean, and of the spread, may hold; beyond, it is no map.
+_LARGEST_MEAN_TAIL, _LARGEST_TAIL = 0.1, 0.5
 
 
 def resolution_for(
@@ -36,12 +36,13 @@ def resolution_for(
     """Return the resolution that meets the tolerance where one fits, else the strongest waves that do.
 
     The relief of the waves left out is then in the predicted variance as noise of no
-    extent: right far from points, a little too cautious beside them.
+    extent: right far from points, too cautious beside them, where the nearest points
+    give a better bound (`variance_from_nearest`).
 
     Raises
     ------
     CapacityError
-        When the waves that fit would leave out a tenth of the prior variance.
+        When the waves that fit would leave out a tenth of the prior variance of the mean, or half of the spread's.
     """
     sharpest = sharpest_std_m(kernel, xy, noise_m2)
     try:
@@ -54,7 +55,7 @@ def resolution_for(
     box = FourierBox.around(site, min(widest, kernel.decay_m(_FORGOTTEN)))
     few, tail = _strongest(box, kernel, modes_within(min(memory_mb, _MEMORY_MB)))
     many, mean_tail = _strongest(box, kernel, _N_MEAN_MODES)
-    if tail > _LARGEST_TAIL * kernel.variance_m2:
+    if mean_tail > _LARGEST_MEAN_TAIL * kernel.variance_m2 or tail > _LARGEST_TAIL * kernel.variance_m2:
         raise CapacityError(
             f"a map of {site[2] - site[0]:.0f} × {site[3] - site[1]:.0f} m at a length scale of "
             f"{kernel.length_scales_m[0]:.3g} m needs more than the {memory_mb:.0f} MB allowed; it is mapped in tiles."

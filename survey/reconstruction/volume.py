@@ -36,7 +36,7 @@ class Volume:
         Notes
         -----
         Errors that both share, a common satellite prior's where neither survey went,
-        cancel in truth; here they are counted twice, which is on the safe side.
+        cancel in reality; here they are counted twice, which is on the safe side.
         """
         if abs(self.area_m2 - earlier.area_m2) > 1e-6 * self.area_m2:
             raise InputError(

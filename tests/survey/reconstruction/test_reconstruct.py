@@ -150,6 +150,7 @@ def test_bad_input_gets_one_sentence(change: dict[str, object], word: str) -> No
         {"family": "cubic"},
         {"fit": False, "variance_m2": 1.0, "length_scale_m": 5.0, "family": "two-scale"},
         {"length_scale": 5.0},
+        {"prior_sigma_m": 1.0},
     ],
 )
 def test_wrong_settings_are_refused(settings: dict[str, object]) -> None:
