@@ -4,19 +4,20 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from scipy.special import ndtri
 
 from survey.arrays import FloatArray, IntArray
 
-SUSPECT_Z = 4.0
-"""A point this many standard deviations off what the others predict is called an outlier."""
-
+_SUSPECT_Z = 4.0
+# Chance that a survey without a single outlier names one.
+_FALSE_ALARM = 0.05
 _TRUSTED_Z = 2.5
 _N_NAMED = 20
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """Points whose leave-one-out z-score exceeds 4, the worst first.
+    """Points whose leave-one-out z-score exceeds what honest errors reach (`suspicious_z`), the worst first.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class Outliers:
     def among(cls, z_scores: FloatArray, rows: IntArray, treatment: str = "kept") -> Self:
         """Pick the suspects from the z-scores (N,) of the points in these rows."""
         worst = np.argsort(-np.abs(z_scores), kind="stable")
-        worst = worst[np.abs(z_scores[worst]) > SUSPECT_Z]
+        worst = worst[np.abs(z_scores[worst]) > suspicious_z(len(z_scores))]
         return cls(rows[worst], z_scores[worst], treatment)
 
     def facts(self) -> dict[str, Any]:
@@ -47,6 +48,17 @@ class Outliers:
             "z_scores": np.round(self.z[:_N_NAMED], 2),
             "treatment": self.treatment,
         }
+
+
+def suspicious_z(n: int) -> float:
+    """Return how many standard deviations make a point suspicious: 4, or more where n honest errors reach 4 by chance.
+
+    Examples
+    --------
+    >>> [suspicious_z(100), round(suspicious_z(1_000_000), 2)]
+    [4.0, 5.45]
+    """
+    return max(_SUSPECT_Z, -float(ndtri(0.5 * _FALSE_ALARM / n)))
 
 
 def distrusted(variance: FloatArray, z_scores: FloatArray) -> FloatArray:
