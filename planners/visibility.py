@@ -156,13 +156,18 @@ def sees(p: Place, q: Place, walls: Walls) -> bool:
 
 @njit(cache=True)
 def _is_tangent(p: Place, corner: int, bends: Bends) -> bool:
-    """Tell whether a line from `p` grazes a corner instead of running into it."""
+    """Tell whether a line from `p` grazes a corner instead of running into it.
+
+    Points within a tenth of a millimetre of an edge's line count as on it: those that were
+    moved onto an edge lie off it by the rounding of large coordinates.
+    """
     vx, vy = bends.xy[corner]
     dx, dy = vx - p[0], vy - p[1]
-    slack = 1e-9 * (abs(dx) + abs(dy))
-    a = dx * (bends.before[corner, 1] - vy) - dy * (bends.before[corner, 0] - vx)
-    b = dx * (bends.after[corner, 1] - vy) - dy * (bends.after[corner, 0] - vx)
-    return not ((a > slack and b < -slack) or (a < -slack and b > slack))
+    ax, ay = bends.before[corner, 0] - vx, bends.before[corner, 1] - vy
+    bx, by = bends.after[corner, 0] - vx, bends.after[corner, 1] - vy
+    a, a_slack = dx * ay - dy * ax, 1e-4 * np.hypot(ax, ay)
+    b, b_slack = dx * by - dy * bx, 1e-4 * np.hypot(bx, by)
+    return not ((a > a_slack and b < -b_slack) or (a < -a_slack and b > b_slack))
 
 
 @njit(cache=True)

@@ -10,6 +10,7 @@ from planners.decomposition import cells, clipped, swaths_on, unswept
 from planners.heading import heading_by
 from planners.ordering import connect
 from planners.transit import FreeGround
+from survey.area import SurveyArea
 from survey.dem import Dem
 from survey.errors import ConfigError, InputError
 from survey.route import Leg
@@ -147,3 +148,25 @@ def test_a_line_along_a_border_stays_one_swath() -> None:
     ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 100.0) - shapely.box(35.0, 40.0, 65.0, 60.0))
     at_35 = [s for s in swaths_on(ground, 10.0, 90.0) if s[0, 0] == 35.0]
     np.testing.assert_array_equal(at_35, [[[35.0, 0.0], [35.0, 100.0]]])
+
+
+SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0)]
+
+
+@pytest.mark.parametrize(
+    ("polygon", "crs", "message"),
+    [
+        (Polygon([(0, 0), (100, 100), (100, 0), (0, 100)]), "EPSG:32608", "not a simple polygon"),
+        (Polygon(), "EPSG:32608", "empty polygon"),
+        (shapely.LineString(SQUARE), "EPSG:32608", "a polygon was expected"),
+        (Polygon(SQUARE, [[(200, 0), (210, 0), (210, 10)]]), "EPSG:32608", "not a simple polygon"),
+        (Polygon(SQUARE), "EPSG:4326", "metres"),
+        (Polygon([(0, 0), (100, 0), (50, 0)]), "EPSG:32608", "polygon"),
+    ],
+)
+def test_areas_that_cannot_be_planned_are_refused_in_a_sentence(
+    polygon: Polygon, crs: str, message: str
+) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        SurveyArea(polygon, crs)
+    assert "\n" not in str(caught.value)

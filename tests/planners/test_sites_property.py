@@ -63,6 +63,9 @@ def metres(legs: tuple[Leg, ...], kind: str) -> float:
 @given(seeds, headings)
 def test_no_metre_leaves_the_ground_and_all_that_is_reachable_is_swept(seed: int, heading_deg: float) -> None:
     site = sites.random_site(seed)
+    if seed % 2:
+        # Eastings and northings of a real zone leave a thousandth of the digits for rounding.
+        site = affinity.translate(site, 505_745.163, 6_810_732.718)
     ground, swaths, legs = planned(site, heading_deg)
     lines = [LineString(leg.xy) for leg in legs]
     shapely.prepare(site)
@@ -140,7 +143,7 @@ def test_moving_turning_or_mirroring_the_site_does_the_same_to_the_plan(seed: in
         )
 
 
-@settings(max_examples=40, **quick)
+@settings(max_examples=25, **quick)
 @given(seeds, st.integers(2, 4))
 def test_several_rovers_take_between_an_equal_share_and_one_rover(seed: int, n_rovers: int) -> None:
     ground = FreeGround(sites.largest_part(sites.random_site(seed, 80.0)))
