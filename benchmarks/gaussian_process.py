@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.gaussian_process_figures import cost_figure
 from benchmarks.gaussian_process_peers import against_peers
 from benchmarks.landmarks import SIZE_M, Site, landmarks
 from benchmarks.report import Row, cpu_seconds, fastest, main, peak_memory_mb
@@ -187,6 +186,9 @@ def measure(quick: bool) -> Iterator[Row]:
     yield from against_size(quick)
     yield from update(quick)
     if not quick:
+        # Here, so that the processes whose memory is measured do not hold the plotting library.
+        from benchmarks.gaussian_process_figures import cost_figure
+
         cost_figure(points_of, FourierGaussianProcess.fit, AXIS)
 
 

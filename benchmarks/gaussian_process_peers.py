@@ -7,6 +7,7 @@ SciPy state no standard deviation.  Each is left out where it is not installed (
 import importlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -118,9 +119,9 @@ def against_peers(points: Points, nodes: FloatArray, n_all: int, ours_s: float) 
             importlib.import_module(peer.module)
         except ImportError:
             continue
-        predict, fit_s = cpu_seconds(lambda peer=peer: peer.fit(points))
+        predict, fit_s = cpu_seconds(partial(peer.fit, points))
         few = nodes[: peer.n_nodes]
-        _, ask_s = cpu_seconds(lambda predict=predict, few=few: predict(few))
+        _, ask_s = cpu_seconds(partial(predict, few))
         scaled = fit_s + ask_s / len(few) * n_all
         yield Row(f"{peer.name}, scaled from {len(few)} nodes", scaled, "s")
         yield Row(f"{peer.name}, time over ours", scaled / ours_s, "x")
