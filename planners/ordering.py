@@ -109,7 +109,6 @@ class Tours:
             raise InputError("there are no swaths to connect; lay at least one.")
         self.swaths, self.ground, self.axes = swaths, ground, axes
         self.turns = Turns(ground, turning) if turning is not None and turning.radius_m > 0.0 else None
-        self.n_struck_out = 0
         self.depots = list(depots)
         here = swaths[0][0]
         places = [here if place is None else place for start, end in self.depots for place in (end, start)]
@@ -157,13 +156,14 @@ class Tours:
 
     def driven(self, rover: int = 0) -> tuple[Leg, ...]:
         """Return the legs of the best tour; turns that find no room are struck out and the tour made anew."""
+        struck_out: list[_NoTurnError] = []
         while True:
             try:
                 return self.legs(self.best(), rover)
             except _NoTurnError as error:
-                self.n_struck_out += 1
-                if self.n_struck_out > _MOST_STRUCK_OUT:
-                    raise InputError(str(error)) from error
+                struck_out.append(error)
+                if len(struck_out) > _MOST_STRUCK_OUT:
+                    raise InputError(str(struck_out[0])) from error
                 a, b = error.ends
                 self.transits.length[a, b] = self.transits.length[b, a] = _NO_WAY_M
 

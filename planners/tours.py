@@ -234,6 +234,7 @@ def improved(items: IntArray, t: Transits, kicks: FloatArray) -> IntArray:
 
     `kicks` (K, 3) holds random numbers in [0, 1): where each one cuts.
     """
+    # The arrays get names of their own: compiled code lost writes made through a tuple built in place.
     n, row = len(items), items.copy()
     place = np.full(len(t.length) // 2, -1, dtype=np.int64)
     for i in range(n):
