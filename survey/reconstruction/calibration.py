@@ -8,17 +8,18 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
-from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.arrays import BoolArray, FloatArray
 from survey.streams import stream
 
 Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
 """From the points kept (N,) and places (M, 2) to mean (M,) and variance (M,) of the surface."""
 
-_SHARE_IN_DISCS, _SHARE_SINGLE = 0.12, 0.04
+_SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
 # Without enough points to say otherwise the scale is 1, give or take 30 %.
 _PRIOR_LOG_SD = 0.3
 _N_BINS = 3
 _N_LEAST = 30
+_N_TRIED = 6000
 
 
 @dataclass(frozen=True)
@@ -114,22 +115,20 @@ def left_out(xy: FloatArray, gaps_m: FloatArray) -> BoolArray:
     rng = stream(0, "calibration")
     tree = cKDTree(xy)
     out = np.zeros(len(xy), dtype=bool)
-    widest = float(np.quantile(gaps_m, 0.95))
+    order = rng.permutation(len(xy))
+    # As wide as the gaps, unless a disc would then swallow much of the survey.
+    fullest = tree.query(xy[order[:30]], k=[max(int(_SHARE_IN_ONE * len(xy)), 1)])[0]
+    widest = min(float(np.quantile(gaps_m, 0.95)), float(np.median(fullest)))
     radii = widest * np.array([1.0, 0.6, 0.3])
-    centres: list[IntArray] = []
-    blocked = np.zeros(len(xy), dtype=bool)
-    for k, centre in enumerate(rng.permutation(len(xy))):
+    n_discs = 0
+    for centre in order[:_N_TRIED]:
         if out.sum() >= _SHARE_IN_DISCS * len(xy):
             break
-        radius = radii[len(centres) % len(radii)]
-        if blocked[tree.query_ball_point(xy[centre], 2.0 * radius)].any():
-            continue
-        members = tree.query_ball_point(xy[centre], radius)
-        out[members] = True
-        blocked[members] = True
-        centres.append(centre)
-        if k > 20 * len(radii) * 100:
-            break
+        radius = radii[n_discs % len(radii)]
+        # Discs stay a radius apart, so that each has its surroundings left.
+        if not out[tree.query_ball_point(xy[centre], 2.0 * radius)].any():
+            out[tree.query_ball_point(xy[centre], radius)] = True
+            n_discs += 1
     free = np.flatnonzero(~out)
     out[rng.choice(free, size=int(_SHARE_SINGLE * len(free)), replace=False)] = True
     return out

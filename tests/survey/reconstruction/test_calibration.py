@@ -38,6 +38,12 @@ def test_bold_maps_are_scaled_up_and_cautious_ones_left(spread: float, low: floa
     assert found.held_out["coverage_95_after"] >= found.held_out["coverage_95_before"]
 
 
+def test_a_survey_of_one_corner_still_keeps_most_of_its_points() -> None:
+    corner = RNG.uniform(0.0, 50.0, (400, 2))
+    out = left_out(corner, np.full(100, 500.0))
+    assert 0.1 < out.mean() < 0.3
+
+
 def test_few_points_change_nothing() -> None:
     found = Calibration.cross_validated(
         SWATHS[:40], np.full(40, 9.0), np.ones(40), lambda _, xy: (np.zeros(len(xy)), np.ones(len(xy))), GAPS
