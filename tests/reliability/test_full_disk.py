@@ -1,0 +1,68 @@
+"""A full disk or a forbidden place ends in one sentence; what was finished before stays whole."""
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MISSION = """
+schema_version = 1
+name = "small"
+fidelity = "ideal"
+[terrain]
+source = "random"
+size_m = 150.0
+step_m = 3.0
+length_scale_m = 60.0
+[planner]
+pattern = "lawnmower"
+swaths = 2
+[reconstruction]
+grid_step_m = 5.0
+[reconstruction.gp]
+fit = false
+variance_m2 = 4.0
+length_scale_m = 40.0
+"""
+
+
+def run(
+    folder: Path, *, largest_file_bytes: int | None = None, runs: str = "runs"
+) -> subprocess.CompletedProcess[str]:
+    """Run the mission; files beyond the size fail to be written, as on a full disk."""
+
+    def limit() -> None:
+        if largest_file_bytes is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file_bytes, largest_file_bytes))
+
+    command = [sys.executable, "-m", "sim.cli.main", "run", "m.toml", "--runs", runs, "-q"]
+    return subprocess.run(command, cwd=folder, preexec_fn=limit, capture_output=True, text=True, check=False)
+
+
+def said(result: subprocess.CompletedProcess[str]) -> str:
+    assert result.returncode == 3, result.stderr
+    assert "Traceback" not in result.stderr
+    # GDAL may add warnings of its own; firnline says one sentence.
+    (sentence,) = [line for line in result.stderr.splitlines() if line.startswith("firnline: ")]
+    return sentence
+
+
+@pytest.mark.reliability
+def test_a_full_disk_is_told_and_the_mission_goes_on_afterwards(tmp_path):
+    (tmp_path / "m.toml").write_text(MISSION)
+    # 9 kB hold the plan, not the recording and the terrain of the drive.
+    sentence = said(run(tmp_path, largest_file_bytes=9_000))
+    assert "free space" in sentence
+    folder = next(p for p in (tmp_path / "runs" / "small").iterdir() if not p.is_symlink())
+    finished = {p.name for p in folder.iterdir()}
+    assert not any(name.endswith(".partial") for name in finished)
+    assert "2-simulate" not in finished
+    assert run(tmp_path).returncode == 0
+
+
+@pytest.mark.reliability
+def test_a_forbidden_place_is_told(tmp_path):
+    (tmp_path / "m.toml").write_text(MISSION)
+    assert "cannot be made" in said(run(tmp_path, runs="/proc/firnline"))
