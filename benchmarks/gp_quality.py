@@ -210,7 +210,7 @@ def _made(family: str, seed: int) -> Dem:
 
 
 def _windows(n: int) -> Iterable[Dem]:
-    """The first windows of the lidar model, if it is there."""
+    """Cut the first windows out of the lidar model, if it is there."""
     folder = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
     path = folder / "dem_slovenia_lidar_1m" / "TM1_564_146.tif"
     if not path.exists():
