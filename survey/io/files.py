@@ -58,3 +58,9 @@ def existing_file(path: str | Path, what: str) -> Path:
     if not os.access(file, os.R_OK):
         raise InputError(f"{what} {file} may not be read; change its permissions.")
     return file
+
+
+def unwritable(path: Path, reason: object) -> InputError:
+    """Return the refusal of a file that could not be written."""
+    words = str(reason).splitlines()[0].rstrip(".") if str(reason) else type(reason).__name__
+    return InputError(f"{path} could not be written ({words}); free space or choose another place.")

@@ -17,7 +17,7 @@ from rasterio.warp import Resampling, calculate_default_transform, reproject
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.geodesy import UNSTATED, projected_crs, vertical_datum_of
-from survey.io.files import existing_file, replacing
+from survey.io.files import existing_file, replacing, unwritable
 
 NODATA = -9999.0
 _VERTICAL_TAG = "VERTICAL_DATUM"
@@ -93,12 +93,18 @@ def write_raster(
         "overview_resampling": "average",
         "num_threads": "1",
     }
-    with replacing(path) as draft, rasterio.open(draft, "w", **profile) as target:
-        if vertical_datum:
-            target.update_tags(**{_VERTICAL_TAG: vertical_datum})
-        for index, (name, values) in enumerate(bands.items(), start=1):
-            target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
-            target.set_band_description(index, name)
+    with replacing(path) as draft:
+        try:
+            with rasterio.open(draft, "w", **profile) as target:
+                if vertical_datum:
+                    target.update_tags(**{_VERTICAL_TAG: vertical_datum})
+                for index, (name, values) in enumerate(bands.items(), start=1):
+                    target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
+                    target.set_band_description(index, name)
+        except RasterioError as error:
+            raise unwritable(Path(path), error) from error
+        if not draft.is_file() or draft.stat().st_size == 0:
+            raise unwritable(Path(path), "nothing arrived on the disk")
 
 
 def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:

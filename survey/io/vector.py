@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pyogrio
 import shapely
-from pyogrio.errors import DataLayerError, DataSourceError
+from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
 from pyproj import CRS
 
 from survey.errors import InputError
-from survey.io.files import existing_file, replacing
+from survey.io.files import existing_file, replacing, unwritable
 
 _DRIVERS = {
     ".gpkg": "GPKG",
@@ -89,16 +89,19 @@ def write_features(
     shapes = np.asarray(geometry, dtype=object)
     columns = [np.asarray(column) for column in attributes.values()]
     with replacing(target) as draft:
-        pyogrio.raw.write(
-            draft,
-            geometry=shapely.to_wkb(shapes),
-            field_data=columns,
-            fields=list(attributes),
-            geometry_type=_common_type(shapes),
-            crs=crs.to_wkt(),
-            driver=driver,
-            layer=layer,
-        )
+        try:
+            pyogrio.raw.write(
+                draft,
+                geometry=shapely.to_wkb(shapes),
+                field_data=columns,
+                fields=list(attributes),
+                geometry_type=_common_type(shapes),
+                crs=crs.to_wkt(),
+                driver=driver,
+                layer=layer,
+            )
+        except (DataLayerError, DataSourceError, FeatureError, GeometryError) as error:
+            raise unwritable(target, error) from error
 
 
 def _common_type(shapes: npt.NDArray[Any]) -> str:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from survey.store import STAGES
+
 MISSION = """
 schema_version = 1
 name = "small"
@@ -50,16 +52,35 @@ def said(result: subprocess.CompletedProcess[str]) -> str:
 
 
 @pytest.mark.reliability
-def test_a_full_disk_is_told_and_the_mission_goes_on_afterwards(tmp_path):
+@pytest.mark.parametrize(("largest_file_bytes", "last_whole_stage"), [(9_000, 0), (150_000, 5)])
+def test_a_full_disk_is_told_and_the_mission_goes_on_afterwards(
+    tmp_path, largest_file_bytes, last_whole_stage
+):
     (tmp_path / "m.toml").write_text(MISSION)
-    # 9 kB hold the plan, not the recording and the terrain of the drive.
-    sentence = said(run(tmp_path, largest_file_bytes=9_000))
+    # 9 kB hold no GeoPackage, 150 kB hold everything but the report's pictures.
+    sentence = said(run(tmp_path, largest_file_bytes=largest_file_bytes))
     assert "free space" in sentence
     folder = next(p for p in (tmp_path / "runs" / "small").iterdir() if not p.is_symlink())
-    finished = {p.name for p in folder.iterdir()}
-    assert not any(name.endswith(".partial") for name in finished)
-    assert "2-simulate" not in finished
+    stages = sorted(p.name for p in folder.iterdir() if p.is_dir())
+    assert stages == [f"{n}-{name}" for n, name in enumerate(STAGES[:last_whole_stage], start=1)]
     assert run(tmp_path).returncode == 0
+
+
+@pytest.mark.reliability
+def test_a_raster_that_does_not_fit_is_told(tmp_path):
+    write = (
+        "import resource, numpy as np\n"
+        "from survey import Dem, Grid, InputError\n"
+        "grid = Grid((0.0, 0.0, 600.0, 600.0), 1.0)\n"
+        "dem = Dem.on(grid, np.random.default_rng(1).random(grid.shape))\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
+        "try:\n    dem.write('a.tif')\nexcept InputError as error:\n    print(error)\n"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", write], cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout
+    assert "a.tif could not be written" in out
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.reliability
