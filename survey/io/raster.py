@@ -10,6 +10,7 @@ import rasterio
 from affine import Affine
 from pyproj import CRS
 from pyproj.crs import CompoundCRS
+from rasterio._err import CPLE_BaseError  # what GDAL itself reports; it has no public home
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.transform import array_bounds
 from rasterio.warp import Resampling, calculate_default_transform, reproject
@@ -55,7 +56,7 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
                 crs = source.crs.to_wkt() if source.crs else None
                 datum = source.tags().get(_VERTICAL_TAG, UNSTATED)
                 transform = source.transform
-    except RasterioError as error:
+    except (RasterioError, CPLE_BaseError) as error:
         raise InputError(
             f"{file} is damaged or no raster that GDAL knows ({_first_line(error)}); get it again."
         ) from error
@@ -101,7 +102,7 @@ def write_raster(
                 for index, (name, values) in enumerate(bands.items(), start=1):
                     target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
                     target.set_band_description(index, name)
-        except RasterioError as error:
+        except (RasterioError, CPLE_BaseError) as error:
             raise unwritable(Path(path), error) from error
         if not draft.is_file() or draft.stat().st_size == 0:
             raise unwritable(Path(path), "nothing arrived on the disk")
