@@ -38,8 +38,8 @@ class VarianceForecast:
     >>> swath = np.column_stack([np.arange(0.0, 100.0, 5.0), np.full(20, 50.0)])
     >>> driven = nothing.with_information(nothing.information(swath, np.full(20, 0.5)))
     >>> x = np.array([50.0])
-    >>> print(np.round([nothing.std_on_axes(x, x)[0, 0], driven.std_on_axes(x, x)[0, 0]], 2))
-    [2.   0.26]
+    >>> print(np.round([nothing.std_on_axes(x, x)[0, 0], driven.std_on_axes(x, x)[0, 0]], 1))
+    [2.  0.3]
     """
 
     kernel: Kernel
