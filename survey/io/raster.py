@@ -6,14 +6,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import rasterio
 from affine import Affine
 from pyproj import CRS
 from pyproj.crs import CompoundCRS
-from rasterio._err import CPLE_BaseError  # what GDAL itself reports; it has no public home
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from rasterio.transform import array_bounds
-from rasterio.warp import Resampling, calculate_default_transform, reproject
 
 from survey.arrays import FloatArray
 from survey.errors import InputError
@@ -43,10 +38,12 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
     InputError
         The file is missing, empty, damaged, of another kind, or has no such band.
     """
+    import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
+
     file = existing_file(path, "the raster")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with rasterio.open(file) as source:
                 if not 1 <= band <= source.count:
                     raise InputError(f"{file} has {source.count} bands; band {band} was asked for.")
@@ -56,7 +53,7 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
                 crs = source.crs.to_wkt() if source.crs else None
                 datum = source.tags().get(_VERTICAL_TAG, UNSTATED)
                 transform = source.transform
-    except (RasterioError, CPLE_BaseError) as error:
+    except _gdal_faults() as error:
         raise InputError(
             f"{file} is damaged or no raster that GDAL knows ({_first_line(error)}); get it again."
         ) from error
@@ -66,6 +63,8 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
 
 def band_count(path: str | Path) -> int:
     """Return the number of bands of a raster that `read_raster` has read."""
+    import rasterio
+
     with rasterio.open(path) as source:
         return int(source.count)
 
@@ -94,6 +93,8 @@ def write_raster(
         "overview_resampling": "average",
         "num_threads": "1",
     }
+    import rasterio
+
     with replacing(path) as draft:
         try:
             with rasterio.open(draft, "w", **profile) as target:
@@ -102,7 +103,7 @@ def write_raster(
                 for index, (name, values) in enumerate(bands.items(), start=1):
                     target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
                     target.set_band_description(index, name)
-        except (RasterioError, CPLE_BaseError) as error:
+        except _gdal_faults() as error:
             raise unwritable(Path(path), error) from error
         if not draft.is_file() or draft.stat().st_size == 0:
             raise unwritable(Path(path), "nothing arrived on the disk")
@@ -113,6 +114,9 @@ def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
 
     The error of the resampling comes on top of the raster's own: use it for priors.
     """
+    from rasterio.transform import array_bounds
+    from rasterio.warp import Resampling, calculate_default_transform, reproject
+
     rows, columns = raster.values.shape
     bounds = array_bounds(rows, columns, raster.transform)
     transform, width, height = calculate_default_transform(
@@ -140,6 +144,14 @@ def _written_crs(crs: CRS, vertical_datum: str) -> CRS:
     if code is None:
         return horizontal
     return CompoundCRS(f"{horizontal.name} + {vertical_datum}", [horizontal, CRS.from_user_input(code)])
+
+
+def _gdal_faults() -> tuple[type[Exception], ...]:
+    """Return what reading and writing through GDAL may raise; what GDAL itself reports has no public home."""
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+
+    return RasterioError, CPLE_BaseError
 
 
 def _first_line(error: Exception) -> str:

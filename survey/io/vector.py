@@ -1,14 +1,13 @@
 """Vector files: GeoPackage, GeoJSON, KML, Shapefile, through GDAL."""
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyogrio
 import shapely
-from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
 from pyproj import CRS
 
 from survey.errors import InputError
@@ -23,14 +22,21 @@ _DRIVERS = {
     ".shp": "ESRI Shapefile",
 }
 
-pyogrio.set_gdal_config_options(
-    {
-        # GeoPackages carry the time of their last change; a fixed one keeps equal content equal to the byte.
-        "OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z",
-        # A ring that is not closed is refused, not closed behind the user's back.
-        "OGR_GEOMETRY_ACCEPT_UNCLOSED_RING": "NO",
-    }
-)
+_GDAL_OPTIONS = {
+    # GeoPackages carry the time of their last change; a fixed one keeps equal content equal to the byte.
+    "OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z",
+    # A ring that is not closed is refused, not closed behind the user's back.
+    "OGR_GEOMETRY_ACCEPT_UNCLOSED_RING": "NO",
+}
+
+
+@cache
+def _gdal() -> Any:
+    """Return the bindings to GDAL, loaded when first needed: maps from arrays do without their 30 MB."""
+    import pyogrio
+
+    pyogrio.set_gdal_config_options(_GDAL_OPTIONS)
+    return pyogrio
 
 
 class Features(NamedTuple):
@@ -52,9 +58,10 @@ def read_features(
         Missing, empty, damaged, or without any geometry.
     """
     file = existing_file(path, what)
+    gdal = _gdal()
     try:
-        meta, _, geometry, columns = pyogrio.raw.read(file, layer=layer)
-    except (DataSourceError, DataLayerError, ValueError) as error:
+        meta, _, geometry, columns = gdal.raw.read(file, layer=layer)
+    except (gdal.errors.DataSourceError, gdal.errors.DataLayerError, ValueError) as error:
         raise InputError(
             f"{what} {file} is damaged or no vector format that GDAL knows ({error}); get it again."
         ) from error
@@ -88,9 +95,11 @@ def write_features(
         )
     shapes = np.asarray(geometry, dtype=object)
     columns = [np.asarray(column) for column in attributes.values()]
+    gdal = _gdal()
+    faults = gdal.errors
     with replacing(target) as draft:
         try:
-            pyogrio.raw.write(
+            gdal.raw.write(
                 draft,
                 geometry=shapely.to_wkb(shapes),
                 field_data=columns,
@@ -100,7 +109,12 @@ def write_features(
                 driver=driver,
                 layer=layer,
             )
-        except (DataLayerError, DataSourceError, FeatureError, GeometryError) as error:
+        except (
+            faults.DataLayerError,
+            faults.DataSourceError,
+            faults.FeatureError,
+            faults.GeometryError,
+        ) as error:
             raise unwritable(target, error) from error
 
 
