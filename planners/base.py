@@ -1,28 +1,77 @@
-"""From swaths to a route: how they are joined, and what driving them takes."""
+"""From a pattern to a route: its swaths on the ground that there is, joined by transits."""
 
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
 
-from planners.swaths import Swath
+from planners.config import LawnmowerConfig, SteeredConfig, SwathConfig, WavyConfig
+from planners.decomposition import clipped, swaths_on
+from planners.energy import Mobility, predicted
+from planners.lawnmower import lawnmower
+from planners.ordering import connect
+from planners.swaths import ReferenceLines, Swath, reference_lines
+from planners.tie_lines import tie_lines
+from planners.transit import FreeGround
+from planners.wavy import wavy
 from survey.area import SurveyArea
-from survey.errors import InputError
+from survey.arrays import FloatArray
+from survey.dem import Dem
+from survey.errors import ConfigError
 from survey.route import Leg, Route
 
-_TURN_RAD = np.radians(30.0)
-"""A change of heading above this at a waypoint counts as a turn."""
+Pattern = LawnmowerConfig | WavyConfig | SteeredConfig
 
 
-def connect(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...]:
-    """Join swaths, given in boustrophedon order, by transits on free ground.
+def swath_route(
+    area: SurveyArea,
+    config: Pattern,
+    *,
+    length_scale_m: float | None = None,
+    mobility: Mobility | None = None,
+    prior: Dem | None = None,
+) -> Route:
+    """Lay a pattern of swaths over an area and join them.
 
-    Raises
-    ------
-    InputError
-        A transit would leave the free ground.
+    On a rectangle that the swaths run along, they are swept back and forth; on any other
+    ground they are cut into cells and joined by the shortest transits found.
     """
+    lines = reference_lines(area, config)
+    swaths = _swaths(lines.back_and_forth, area, config, lines, length_scale_m)
+    legs = _back_and_forth(swaths, area)
+    if legs is None:
+        swaths = _swaths(_axes_on(area, config, lines), area, config, lines, length_scale_m)
+        legs = _joined(swaths, area, config)
+    pattern = str(getattr(config, "pattern", "swaths"))
+    return Route(legs, area.crs, pattern, lines.spacing_m, predicted(legs, mobility or Mobility(), prior))
+
+
+def _swaths(
+    axes: list[FloatArray],
+    area: SurveyArea,
+    config: Pattern,
+    lines: ReferenceLines,
+    length_scale_m: float | None,
+) -> list[Swath]:
+    if isinstance(config, WavyConfig):
+        swaths = wavy(axes, area, config, lines.spacing_m, _wavelength_m(config, length_scale_m))
+    else:
+        swaths = lawnmower(axes)
+    return swaths + tie_lines(area, config, lines.heading_deg, swaths[-1].xy[-1])
+
+
+def _wavelength_m(config: WavyConfig, length_scale_m: float | None) -> float:
+    if config.wavelength_m is not None:
+        return config.wavelength_m
+    if length_scale_m is None:
+        raise ConfigError(
+            "wavy swaths need a wavelength_m, or a prior or a kernel from which to take the terrain's length scale."
+        )
+    return config.wavelength_scales * length_scale_m
+
+
+def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...] | None:
+    """Join swaths by straight transits in the given order; None where a metre would leave the free ground."""
     legs: list[Leg] = []
     here = area.starts[0] if len(area.starts) else swaths[0].xy[0]
     for swath in swaths:
@@ -30,35 +79,26 @@ def connect(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...]:
             legs.append(Leg("transit", np.array([here, swath.xy[0]])))
         legs.append(Leg("swath", swath.xy, axis=swath.axis))
         here = swath.xy[-1]
-    # Ends on slanted borders lie a rounding error, far below a micrometre, on either side of them.
-    ground = area.free.buffer(1e-6)
-    for leg in legs:
-        if not ground.covers(shapely.linestrings(leg.xy)):
-            raise InputError(
-                f"the straight way from ({leg.xy[0, 0]:.1f}, {leg.xy[0, 1]:.1f}) to ({leg.xy[1, 0]:.1f}, "
-                f"{leg.xy[1, 1]:.1f}) leaves the free ground; plan a convex part of the area."
-            )
-    return tuple(legs)
+    shapely.prepare(area.free)
+    stays = area.free.covers(shapely.multilinestrings([shapely.linestrings(leg.xy) for leg in legs]))
+    return tuple(legs) if stays else None
 
 
-def driven(legs: Sequence[Leg], speed_m_s: float) -> Mapping[str, float]:
-    """Return length, number of turns and driving time of one rover's legs, turns on the spot not counted."""
-    route_xy = np.vstack([leg.xy for leg in legs])
-    moves = np.diff(route_xy, axis=0)
-    moves = moves[np.hypot(*moves.T) > 0.0]
-    heading = np.arctan2(moves[:, 1], moves[:, 0])
-    change = np.abs([(b - a + np.pi) % (2.0 * np.pi) - np.pi for a, b in pairwise(heading)])
-    length_m = float(sum(leg.length_m for leg in legs))
-    return {
-        "length_m": length_m,
-        "n_turns": float(np.sum(change > _TURN_RAD)),
-        "time_s": length_m / speed_m_s,
-    }
+def _axes_on(area: SurveyArea, config: Pattern, lines: ReferenceLines) -> list[FloatArray]:
+    """Cut the lines to ground of any shape, every metre proven to be on it."""
+    ground = FreeGround(area.free)
+    inset_m = config.inset_share * lines.spacing_m
+    if config.outer_share == 0.5:
+        return swaths_on(ground, lines.spacing_m, lines.heading_deg, inset_m=inset_m)
+    return clipped(ground, [axis for line in lines.lines for axis in line])
 
 
-def route_of(
-    swaths: Sequence[Swath], area: SurveyArea, pattern: str, spacing_m: float, *, speed_m_s: float
-) -> Route:
-    """Return the route along swaths given in boustrophedon order."""
-    legs = connect(swaths, area)
-    return Route(legs, area.crs, pattern, spacing_m, driven(legs, speed_m_s))
+def _joined(swaths: Sequence[Swath], area: SurveyArea, config: SwathConfig) -> tuple[Leg, ...]:
+    ground = FreeGround(area.free)
+    kept = [Swath(xy, swath.axis) for swath in swaths for xy in clipped(ground, [swath.xy]) if len(xy) > 1]
+    start = area.starts[0] if len(area.starts) else None
+    if start is None and config.start is not None:
+        first = reference_lines(area, config).lines[0][0][0]
+        ends = np.vstack([swath.xy[[0, -1]] for swath in kept])
+        start = ends[np.argmin(np.hypot(*(ends - first).T))]
+    return connect([swath.xy for swath in kept], ground, start=start, axes=[swath.axis for swath in kept])

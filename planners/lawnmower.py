@@ -1,8 +1,9 @@
 """The lawnmower: straight parallel swaths, driven back and forth."""
 
-from planners.swaths import ReferenceLines, Swath
+from planners.swaths import Swath
+from survey.arrays import FloatArray
 
 
-def lawnmower(lines: ReferenceLines) -> list[Swath]:
-    """Return the reference lines themselves, in boustrophedon order."""
-    return [Swath(axis, axis) for axis in lines.back_and_forth]
+def lawnmower(axes: list[FloatArray]) -> list[Swath]:
+    """Return swaths along the reference lines themselves."""
+    return [Swath(axis, axis) for axis in axes]

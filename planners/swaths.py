@@ -30,11 +30,6 @@ class Swath:
     xy: FloatArray
     axis: FloatArray
 
-    @property
-    def turned(self) -> "Swath":
-        """The same swath, driven the other way."""
-        return Swath(self.xy[::-1], self.axis[::-1])
-
 
 @dataclass(frozen=True)
 class ReferenceLines:
@@ -95,6 +90,11 @@ def n_lines(width_m: float, config: SwathConfig) -> int:
     return max(int(np.ceil(width_m / config.spacing_m + 1.0 - 2.0 * config.outer_share - 1e-9)), 1)
 
 
+def towards(corner: Corner | None) -> FloatArray:
+    """Return the direction (2,) in which a corner lies; the south-western one by default."""
+    return np.array(_TOWARDS[corner or "south-west"])
+
+
 def axes_of(heading_deg: float) -> tuple[FloatArray, FloatArray]:
     """Return the unit vectors along a heading and to its left; exact for multiples of 90°."""
     quarter, rest = divmod(heading_deg, 90.0)
@@ -151,7 +151,7 @@ def _from_corner(
         if corner is None and len(area.starts):
             cost = float(np.hypot(*(first - area.starts[0])))
         else:
-            cost = -float((first - area.reference) @ _TOWARDS[corner or "south-west"])
+            cost = -float((first - area.reference) @ towards(corner))
         if cost < least - 1e-6:
             best, least = turned, cost
     return tuple(best)

@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import LawnmowerConfig, plan
+from planners import LawnmowerConfig, Mobility, plan
 from planners.swaths import fewest_swaths_heading
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.config import validated
@@ -29,9 +29,9 @@ def test_four_swaths_lie_at_odd_eighths_and_run_edge_to_edge():
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 10])
 def test_length_is_that_of_swaths_and_connectors(n):
-    route = plan(SITE, None, LawnmowerConfig(swaths=n), speed_m_s=2.0)
+    route = plan(SITE, None, LawnmowerConfig(swaths=n), mobility=Mobility(speed_m_s=2.0, turn_s=5.0))
     assert route.length_m == pytest.approx(600.0 * n + 600.0 * (n - 1) / n, rel=1e-12)
-    assert route.prediction["time_s"] == route.length_m / 2.0
+    assert route.prediction["time_s"] == pytest.approx(route.length_m / 2.0 + 2 * (n - 1) * 5.0, rel=1e-12)
 
 
 def test_connectors_are_driven_as_transits_between_the_swaths():
@@ -117,8 +117,3 @@ def test_a_prior_in_another_system_is_refused():
     prior = Dem.on(Grid((0.0, 0.0, 600.0, 600.0), 75.0, "EPSG:32633"), np.zeros((9, 9)))
     with pytest.raises(InputError, match="different systems"):
         plan(SITE, prior, LawnmowerConfig(swaths=4))
-
-
-def test_a_speed_of_zero_is_refused():
-    with pytest.raises(ConfigError, match="speed"):
-        plan(SITE, None, LawnmowerConfig(swaths=4), speed_m_s=0.0)

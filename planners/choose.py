@@ -1,0 +1,159 @@
+"""The choice among straight and wavy swaths, their heading, inset and spacing, by predicted error."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from planners.base import swath_route
+from planners.config import BestConfig, LawnmowerConfig, WavyConfig
+from planners.predict import ErrorModel
+from planners.swaths import fewest_swaths_heading
+from survey.area import SurveyArea
+from survey.errors import InputError
+from survey.route import Route
+
+INSET_SHARE = 0.5
+"""The inset of the lawnmower that the choice is never worse than."""
+
+_INSETS = (0.35, 0.5, 0.65)
+_OUTER = (0.4, 0.5)
+_AMPLITUDES = (0.15, 0.25)
+_WAVELENGTHS = (1.0, 1.5, 2.5)
+_MOST_SAMPLES = 700
+_MOST_SWATHS = 200
+
+Shape = LawnmowerConfig | WavyConfig
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A route, what was asked of the planner to get it, and its predicted error [m]."""
+
+    config: Shape
+    route: Route
+    rmse_m: float
+
+
+def choose(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice:
+    """Choose the swaths of least predicted error, sensor noise included.
+
+    Straight swaths are compared first, over headings, insets and the place of the outer
+    lines; then waves of several amplitudes and lengths about the best of them. Every
+    candidate gets as many swaths as the budget allows, or as few as the wanted error
+    needs. The inset lawnmower is among them, so the choice is never worse than it as the
+    covariance of `model` has it.
+
+    Raises
+    ------
+    InputError
+        A budget that no single swath fits, an error that 200 swaths do not reach.
+    """
+    sized = _sizer(area, config, model)
+    straight = [choice for shape in _straight(area, config) if (choice := sized(shape)) is not None]
+    if not straight:
+        raise InputError("not even one swath fits the budget; allow more metres.")
+    better = _least(config)
+    best = min(straight, key=better)
+    waves = [choice for shape in _waves(best.config, model) if (choice := sized(shape)) is not None]
+    return min([best, *waves], key=better)
+
+
+def _least(config: BestConfig) -> Callable[[Choice], float]:
+    """Return what is to be small: the length to a wanted error, or the error within a budget."""
+    if config.rmse_m is not None:
+        return lambda choice: choice.route.length_m
+    return lambda choice: choice.rmse_m
+
+
+def _straight(area: SurveyArea, config: BestConfig) -> Iterator[Shape]:
+    first = fewest_swaths_heading(area)
+    headings = [first, first + 90.0, first + 45.0, first - 45.0]
+    for heading_deg in headings if config.heading_deg is None else [config.heading_deg]:
+        for inset in (INSET_SHARE, *(i for i in _INSETS if i != INSET_SHARE)):
+            for outer in _OUTER:
+                yield LawnmowerConfig(
+                    swaths=1,
+                    heading_deg=heading_deg,
+                    start=config.start,
+                    outer_share=outer,
+                    inset_share=inset,
+                )
+
+
+def _waves(best: Shape, model: ErrorModel) -> Iterator[Shape]:
+    shared = best.model_dump(exclude={"pattern", "inset_share", "wavelength_m"})
+    length_m = model.kernel.length_scales_m[0]
+    for amplitude in _AMPLITUDES:
+        for scales in _WAVELENGTHS:
+            yield WavyConfig(
+                **shared,
+                inset_share=best.inset_share,
+                amplitude_share=amplitude,
+                wavelength_m=scales * length_m,
+            )
+
+
+def _sizer(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Callable[[Shape], Choice | None]:
+    """Return the function that gives a shape its number of swaths."""
+
+    def of(shape: Shape, n: int) -> Choice:
+        sized = shape.model_copy(update={"swaths": n})
+        route = swath_route(area, sized)
+        return Choice(sized, route, model.rmse_m(route, _MOST_SAMPLES))
+
+    if config.rmse_m is not None:
+        wanted_m = config.rmse_m
+        return lambda shape: _fewest(lambda n: of(shape, n), wanted_m)
+    budget_m = _budget_m(area, config)
+
+    def within(shape: Shape) -> Choice | None:
+        n = _most(lambda n: swath_route(area, shape.model_copy(update={"swaths": n})).length_m, budget_m)
+        return of(shape, n) if n else None
+
+    return within
+
+
+def _budget_m(area: SurveyArea, config: BestConfig) -> float:
+    if config.budget_m is not None:
+        return config.budget_m
+    plain = LawnmowerConfig(swaths=config.swaths, spacing_m=config.spacing_m, heading_deg=config.heading_deg)
+    return swath_route(area, plain).length_m
+
+
+def _most(length_m: Callable[[int], float], budget_m: float) -> int:
+    """Return the largest number of swaths within a budget; 0 when one is too long."""
+    low, high = 0, 1
+    while high <= _MOST_SWATHS and length_m(high) <= budget_m:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if length_m(middle) <= budget_m else (low, middle)
+    return low
+
+
+def _fewest(choice: Callable[[int], Choice], rmse_m: float) -> Choice | None:
+    """Return the choice with the fewest swaths that is predicted to err no more than asked."""
+    low, high = 0, 1
+    found = choice(high)
+    while found.rmse_m > rmse_m:
+        low, high = high, 2 * high
+        if high > _MOST_SWATHS:
+            raise InputError(
+                f"{low} swaths are predicted to err {found.rmse_m:.2f} m, more than the {rmse_m:g} m wanted; lower the noise of "
+                "the samples or ask for less."
+            )
+        found = choice(high)
+    while high - low > 1:
+        middle = (low + high) // 2
+        tried = choice(middle)
+        if tried.rmse_m <= rmse_m:
+            high, found = middle, tried
+        else:
+            low = middle
+    return found
+
+
+def inset_lawnmower(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice | None:
+    """Return the inset lawnmower of the same budget or wanted error: what the choice is measured by."""
+    heading = fewest_swaths_heading(area) if config.heading_deg is None else config.heading_deg
+    shape = LawnmowerConfig(swaths=1, heading_deg=heading, start=config.start, inset_share=INSET_SHARE)
+    return _sizer(area, config, model)(shape)
