@@ -1,14 +1,23 @@
 """Worlds with known answers, and the place of the real data."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from survey import Dem, Grid
 
 CRS = "EPSG:32608"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Two threads that wait for one another by spinning are slower than one."""
+    with threadpool_limits(limits=1):
+        yield
 
 
 @pytest.fixture

@@ -13,11 +13,14 @@ import numpy as np
 from scipy import fft
 
 from survey.arrays import FloatArray, IntArray
+from survey.errors import CapacityError
 from survey.reconstruction.fourier_basis import ComplexArray, FourierBasis
 from survey.reconstruction.noisy_values import NoisyValues
 from survey.reconstruction.weight_posterior import WeightPosterior
 
 MAX_ITERATIONS = 200
+TOLERABLE = 0.05
+"""Error of a mean that has not settled, in posterior standard deviations, above which it is refused."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +102,16 @@ class MeanSystem:
 
         The measure is the energy norm, which bounds the error of the mean anywhere by `accuracy` times the
         posterior standard deviation there.
+
+        Raises
+        ------
+        CapacityError
+            When it has not settled to a twentieth of a standard deviation.
         """
         z = start
         residual = side - self.product(z)
         direction = np.zeros_like(z)
-        previous = 1.0
+        previous = energy = 1.0
         for iteration in range(MAX_ITERATIONS):
             step = preconditioner(residual)
             energy = inner(residual, step)
@@ -115,6 +123,11 @@ class MeanSystem:
             z = z + stride * direction
             residual = residual - stride * image
             previous = energy
+        if energy > TOLERABLE**2:
+            raise CapacityError(
+                f"the map's mean did not settle within {MAX_ITERATIONS} rounds (it may be off by {energy**0.5:.2g} standard "
+                "deviations): the length scale is too long or the noise too small for so many waves; use method='dense'."
+            )
         return z
 
 
