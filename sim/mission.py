@@ -19,10 +19,11 @@ from sim.config import MissionConfig
 from sim.ideal import simulate_ideal
 from sim.report import write_mission_report
 from sim.statistical import simulate_statistical
-from sim.world import build_world
+from sim.world import World, build_world
 from survey.io.documents import write_json
 from survey.recording import Recording
 from survey.store import STAGES, RunFolder
+from survey.streams import stream
 from survey.truth import Truth
 from vision_slam import localize, trajectory_error
 
@@ -73,11 +74,22 @@ def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
 
 def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     """Drive the route over the real terrain and record what the rover senses."""
-    route = survey.Route.read(run.folder("plan") / "route.geojson")
+    world = build_world(mission)
+    route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
     drive = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
-    recording, truth = drive(build_world(mission).terrain, route, mission)
+    recording, truth = drive(world.terrain, route, mission)
+    route.write(folder / "driven_route.geojson")
     recording.write(folder / "recording")
     truth.write(folder / "truth")
+
+
+def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
+    """Return the route as driven: patterns that are steered on the way follow the attitude that the rover senses."""
+    steering = planners.steering_of(mission.planner)
+    if steering is None:
+        return route
+    sense = planners.attitude_sensor(world.terrain)
+    return planners.rollout(world.area, route, steering, sense, [stream(mission.seed, "steering")])[0]
 
 
 def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
@@ -117,7 +129,7 @@ def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     judged = survey.score(
         survey.Reconstruction.read(run.folder("reconstruct")),
         truth=truth.dem,
-        route=survey.Route.read(run.folder("plan") / "route.geojson"),
+        route=survey.Route.read(run.folder("simulate") / "driven_route.geojson"),
         area=survey.SurveyArea.read(run.folder("plan") / "area.gpkg"),
         sample_step_m=mission.score.sample_step_m,
     )

@@ -16,7 +16,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
     truth = Truth.read(run.folder("simulate") / "truth")
     reconstruction = survey.Reconstruction.read(run.folder("reconstruct"))
     area = survey.SurveyArea.read(plan / "area.gpkg")
-    route = survey.Route.read(plan / "route.geojson")
+    route = survey.Route.read(run.folder("simulate") / "driven_route.geojson")
     localization = run.folder("score") / "localization.json"
     return write_report(
         folder,

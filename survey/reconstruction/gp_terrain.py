@@ -276,7 +276,12 @@ class GaussianProcessTerrain(TerrainModel):
         return detrended
 
     def _conditioned(
-        self, xy: FloatArray, residual: FloatArray, variance: FloatArray, found: Hyperparameters
+        self,
+        xy: FloatArray,
+        residual: FloatArray,
+        variance: FloatArray,
+        found: Hyperparameters,
+        bounds: Bounds | None = None,
     ) -> Process:
         if (
             self.prior is None
@@ -290,7 +295,7 @@ class GaussianProcessTerrain(TerrainModel):
             xy,
             residual,
             np.sqrt(variance + found.nugget_m**2),
-            bounds=self.bounds,
+            bounds=bounds or self.bounds,
             trend="none" if self.prior is not None else self.config.mean,
             config=self.config,
         )
@@ -312,9 +317,17 @@ class GaussianProcessTerrain(TerrainModel):
         if not wanted:
             return Calibration.none()
         residual = data.z - mean.at(data.xy)
+        # Points beyond the grid are held out too.
+        west_south, east_north = data.xy.min(axis=0), data.xy.max(axis=0)
+        if self.bounds is not None:
+            west_south = np.minimum(west_south, self.bounds[:2])
+            east_north = np.maximum(east_north, self.bounds[2:])
+        (xmin, ymin), (xmax, ymax) = west_south.tolist(), east_north.tolist()
 
         def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-            process = self._conditioned(data.xy[kept], residual[kept], variance[kept], found)
+            process = self._conditioned(
+                data.xy[kept], residual[kept], variance[kept], found, bounds=(xmin, ymin, xmax, ymax)
+            )
             height, spread = process.predict(xy)
             return height, surface_variance(process, spread, xy) + found.nugget_m**2
 
