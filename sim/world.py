@@ -131,6 +131,10 @@ def _satellite_copy(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> D
     """Coarse cells over the area; where the fine raster is empty the nearest cell is continued."""
     cell_m = _whole_cells(mission.satellite.cell_m, terrain.step_m)
     xmin, ymin, xmax, ymax = area.bounds
+    sides = (xmax - xmin) / cell_m, (ymax - ymin) / cell_m
+    if any(abs(side - round(side)) > 1e-6 for side in sides):
+        # The map's grid may reach a step beyond an irregular area: half a cell more on every side holds it.
+        xmin, ymin, xmax, ymax = xmin - cell_m / 2, ymin - cell_m / 2, xmax + cell_m / 2, ymax + cell_m / 2
     columns, rows = _even((xmax - xmin) / cell_m), _even((ymax - ymin) / cell_m)
     padded = _padded(terrain, (xmin, ymax - rows * cell_m, xmin + columns * cell_m, ymax))
     rng = stream(mission.seed, "satellite")
