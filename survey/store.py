@@ -92,7 +92,14 @@ class RunFolder:
             shutil.rmtree(leftover, ignore_errors=True)
         if not run._manifest_file.exists():
             _write_text(run.path / "config.toml", config_text)
-            run._save({"config_sha256": _digest(config_text, inputs), **facts, "inputs_sha256": dict(inputs), "stages": {}})
+            run._save(
+                {
+                    "config_sha256": _digest(config_text, inputs),
+                    **facts,
+                    "inputs_sha256": dict(inputs),
+                    "stages": {},
+                }
+            )
         run._point_latest()
         return run
 

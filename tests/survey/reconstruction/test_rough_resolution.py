@@ -42,6 +42,6 @@ def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
     ratio = np.sqrt(surface_variance(fast, variance, places) / exact_variance)
     # The box of three quarters of the site costs a few per cent; twelve neighbours tell nearly all.
     assert 0.97 < np.median(ratio) < 1.03
-    assert 0.85 < np.quantile(ratio, 0.01)
+    assert np.quantile(ratio, 0.01) > 0.85
     assert np.quantile(ratio, 0.99) < 1.15
     assert np.sqrt(np.mean((mean - exact_mean) ** 2 / exact_variance)) < 0.3
