@@ -90,7 +90,7 @@ def _sentence(error: ValidationError, model: type[BaseModel], where: str) -> str
     key = ".".join(path) or "the whole"
     if first["type"] == "extra_forbidden":
         near = difflib.get_close_matches(path[-1], sorted(_all_keys(model)), n=1)
-        hint = f"did you mean {near[0]}?" if near else "remove it."
+        hint = f"did you mean {near[0]}?" if near and near[0] != path[-1] else "remove it."
         return f"{where}: the key {key} is not known; {hint}"
     found = "" if first["type"] == "missing" else f" (found {first['input']!r})"
     more = f"; {error.error_count() - 1} more settings are wrong" if error.error_count() > 1 else ""
