@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from survey.area import SurveyArea
 from survey.dem import Dem
@@ -69,7 +70,9 @@ def reconstruct(
         result = triangulate(points, grid, quantity=value)
     else:
         model = GaussianProcessTerrain(config or GaussianProcessConfig(), prior, method, value, grid.bounds)
-        result = model.fit(points).grid(grid)
+        # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
+        with threadpool_limits(limits=1, user_api="blas"):
+            result = model.fit(points).grid(grid)
     return result if area is None else within(result, area)
 
 
