@@ -27,7 +27,7 @@ def swath_route(
     area: SurveyArea,
     config: Pattern,
     *,
-    length_scale_m: float | None = None,
+    slope_length_m: float | None = None,
     mobility: Mobility | None = None,
     prior: Dem | None = None,
 ) -> Route:
@@ -37,10 +37,10 @@ def swath_route(
     ground they are cut into cells and joined by the shortest transits found.
     """
     lines = reference_lines(area, config)
-    swaths = _swaths(lines.back_and_forth, area, config, lines, length_scale_m)
+    swaths = _swaths(lines.back_and_forth, area, config, lines, slope_length_m)
     legs = _back_and_forth(swaths, area)
     if legs is None:
-        swaths = _swaths(_axes_on(area, config, lines), area, config, lines, length_scale_m)
+        swaths = _swaths(_axes_on(area, config, lines), area, config, lines, slope_length_m)
         legs = _joined(swaths, area, config)
     pattern = str(getattr(config, "pattern", "swaths"))
     return Route(legs, area.crs, pattern, lines.spacing_m, predicted(legs, mobility or Mobility(), prior))
@@ -51,23 +51,23 @@ def _swaths(
     area: SurveyArea,
     config: Pattern,
     lines: ReferenceLines,
-    length_scale_m: float | None,
+    slope_length_m: float | None,
 ) -> list[Swath]:
     if isinstance(config, WavyConfig):
-        swaths = wavy(axes, area, config, lines.spacing_m, _wavelength_m(config, length_scale_m))
+        swaths = wavy(axes, area, config, lines.spacing_m, _wavelength_m(config, slope_length_m))
     else:
         swaths = lawnmower(axes)
     return swaths + tie_lines(area, config, lines.heading_deg, swaths[-1].xy[-1])
 
 
-def _wavelength_m(config: WavyConfig, length_scale_m: float | None) -> float:
+def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
     if config.wavelength_m is not None:
         return config.wavelength_m
-    if length_scale_m is None:
+    if slope_length_m is None:
         raise ConfigError(
-            "wavy swaths need a wavelength_m, or a prior or a kernel from which to take the terrain's length scale."
+            "wavy swaths need a wavelength_m, or a prior or a kernel that tells how the terrain varies."
         )
-    return config.wavelength_scales * length_scale_m
+    return config.wavelength_scales * slope_length_m
 
 
 def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...] | None:

@@ -1,23 +1,25 @@
 """The choice among straight and wavy swaths, their heading, inset and spacing, by predicted error."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from planners.base import swath_route
 from planners.config import BestConfig, LawnmowerConfig, WavyConfig
 from planners.predict import ErrorModel
 from planners.swaths import fewest_swaths_heading
+from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.errors import InputError
 from survey.route import Route
 
 INSET_SHARE = 0.5
-"""The inset of the lawnmower that the choice is never worse than."""
+"""The inset of the lawnmower that the choice is never worse than, in spacings."""
 
-_INSETS = (0.35, 0.5, 0.65)
-_OUTER = (0.4, 0.5)
-_AMPLITUDES = (0.15, 0.25)
-_WAVELENGTHS = (1.0, 1.5, 2.5)
+_BORDERS = ((INSET_SHARE, 0.5), (0.25, 0.35), (0.35, 0.35), (0.5, 0.4), (0.65, 0.4))
+"""Inset of the ends and place of the outer lines that are compared, in spacings."""
+
+_STEEPNESSES = (0.5, 0.7, 0.9)
+_WAVELENGTH_SCALES = (0.7, 0.85, 1.0, 1.25)
 _MOST_SAMPLES = 700
 _MOST_SWATHS = 200
 
@@ -36,10 +38,11 @@ class Choice:
 def choose(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice:
     """Choose the swaths of least predicted error, sensor noise included.
 
-    Straight swaths are compared first, over headings, insets and the place of the outer
-    lines; then waves of several amplitudes and lengths about the best of them. Every
-    candidate gets as many swaths as the budget allows, or as few as the wanted error
-    needs. The inset lawnmower is among them, so the choice is never worse than it as the
+    Straight swaths are compared first, over headings and distances from the border; then
+    the default waves over the same headings, and about the best of these other borders,
+    lengths and steepnesses. Every candidate gets as many swaths as the budget allows, or
+    as few as the wanted error needs. The inset lawnmower and the default waves are among
+    the candidates, so the choice is never worse than either as the
     covariance of `model` has it.
 
     Raises
@@ -48,13 +51,23 @@ def choose(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice:
         A budget that no single swath fits, an error that 200 swaths do not reach.
     """
     sized = _sizer(area, config, model)
-    straight = [choice for shape in _straight(area, config) if (choice := sized(shape)) is not None]
-    if not straight:
-        raise InputError("not even one swath fits the budget; allow more metres.")
-    better = _least(config)
-    best = min(straight, key=better)
-    waves = [choice for shape in _waves(best.config, model) if (choice := sized(shape)) is not None]
-    return min([best, *waves], key=better)
+    value = _least(config)
+
+    def best_of(shapes: Iterable[Shape]) -> Choice:
+        choices = [choice for shape in shapes if (choice := sized(shape)) is not None]
+        if not choices:
+            raise InputError("not even one swath fits the budget; allow more metres.")
+        return min(choices, key=value)
+
+    straight = best_of(_straight(area, config))
+    turned = best_of(_replaced(straight.config, heading_deg=heading) for heading in _headings(area, config))
+    wavy = best_of(_default_wave(heading, config, model) for heading in _headings(area, config))
+    return min(straight, turned, wavy, best_of(_waves_like(wavy.config, model)), key=value)
+
+
+def _replaced(shape: Shape, **changes: object) -> Shape:
+    """Return a shape with other settings."""
+    return shape.model_copy(update=changes)
 
 
 def _least(config: BestConfig) -> Callable[[Choice], float]:
@@ -64,39 +77,39 @@ def _least(config: BestConfig) -> Callable[[Choice], float]:
     return lambda choice: choice.rmse_m
 
 
-def _straight(area: SurveyArea, config: BestConfig) -> Iterator[Shape]:
+def _headings(area: SurveyArea, config: BestConfig) -> list[float]:
+    if config.heading_deg is not None:
+        return [config.heading_deg]
     first = fewest_swaths_heading(area)
-    headings = [first, first + 90.0, first + 45.0, first - 45.0]
-    for heading_deg in headings if config.heading_deg is None else [config.heading_deg]:
-        for inset in (INSET_SHARE, *(i for i in _INSETS if i != INSET_SHARE)):
-            for outer in _OUTER:
-                yield LawnmowerConfig(
-                    swaths=1,
-                    heading_deg=heading_deg,
-                    start=config.start,
-                    outer_share=outer,
-                    inset_share=inset,
-                )
+    return [first, first + 90.0, first + 45.0, first - 45.0]
 
 
-def _waves(best: Shape, model: ErrorModel) -> Iterator[Shape]:
-    shared = best.model_dump(exclude={"pattern", "inset_share", "wavelength_m"})
-    length_m = model.kernel.length_scales_m[0]
-    for amplitude in _AMPLITUDES:
-        for scales in _WAVELENGTHS:
-            yield WavyConfig(
-                **shared,
-                inset_share=best.inset_share,
-                amplitude_share=amplitude,
-                wavelength_m=scales * length_m,
-            )
+def _straight(area: SurveyArea, config: BestConfig) -> Iterator[Shape]:
+    heading = _headings(area, config)[0]
+    for inset, outer in _BORDERS:
+        yield LawnmowerConfig(
+            swaths=1, heading_deg=heading, start=config.start, outer_share=outer, inset_share=inset
+        )
+
+
+def _default_wave(heading_deg: float, config: BestConfig, model: ErrorModel) -> Shape:
+    shape = WavyConfig(swaths=1, heading_deg=heading_deg, start=config.start)
+    return _replaced(shape, wavelength_m=shape.wavelength_scales * slope_length_m(model.kernel))
+
+
+def _waves_like(wave: Shape, model: ErrorModel) -> Iterator[Shape]:
+    for inset, outer in _BORDERS:
+        yield _replaced(wave, inset_share=inset, outer_share=outer)
+    for steepness in _STEEPNESSES:
+        for scales in _WAVELENGTH_SCALES:
+            yield _replaced(wave, steepness=steepness, wavelength_m=scales * slope_length_m(model.kernel))
 
 
 def _sizer(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Callable[[Shape], Choice | None]:
     """Return the function that gives a shape its number of swaths."""
 
     def of(shape: Shape, n: int) -> Choice:
-        sized = shape.model_copy(update={"swaths": n})
+        sized = _replaced(shape, swaths=n)
         route = swath_route(area, sized)
         return Choice(sized, route, model.rmse_m(route, _MOST_SAMPLES))
 
@@ -106,7 +119,7 @@ def _sizer(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Callable[
     budget_m = _budget_m(area, config)
 
     def within(shape: Shape) -> Choice | None:
-        n = _most(lambda n: swath_route(area, shape.model_copy(update={"swaths": n})).length_m, budget_m)
+        n = _most(lambda n: swath_route(area, _replaced(shape, swaths=n)).length_m, budget_m)
         return of(shape, n) if n else None
 
     return within

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from planners.base import swath_route
 from planners.choose import choose
@@ -10,6 +11,7 @@ from planners.config import BestConfig, PlannerConfig, SteeredConfig, VarianceDr
 from planners.energy import Mobility, predicted
 from planners.informative import variance_driven
 from planners.predict import ErrorModel, terrain_kernel
+from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.dem import Dem
 from survey.errors import InputError
@@ -79,10 +81,11 @@ def plan(
     model = None
     if kernel is not None:
         model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=sample_step_m)
-    route = _route(area, config, model)
-    facts = predicted(route.legs, mobility or Mobility(), _if_whole(prior, route))
-    if model is not None and not isinstance(config, SteeredConfig):
-        facts["rmse_m"] = model.rmse_m(route)
+    with threadpool_limits(1):  # matrices of some hundred rows: spinning threads would only slow them down
+        route = _route(area, config, model)
+        facts = predicted(route.legs, mobility or Mobility(), _if_whole(prior, route))
+        if model is not None and not isinstance(config, SteeredConfig):
+            facts["rmse_m"] = model.rmse_m(route)
     return replace(route, prediction=facts)
 
 
@@ -95,8 +98,8 @@ def _route(area: SurveyArea, config: PlannerConfig, model: ErrorModel | None) ->
         if isinstance(config, BestConfig):
             return choose(area, config, model).route
         return Route(variance_driven(area, config, model), area.crs, config.pattern)
-    length_scale_m = None if model is None else model.kernel.length_scales_m[0]
-    return swath_route(area, config, length_scale_m=length_scale_m)
+    scale_m = None if model is None else slope_length_m(model.kernel)
+    return swath_route(area, config, slope_length_m=scale_m)
 
 
 def _needs_kernel(config: PlannerConfig) -> bool:

@@ -10,12 +10,14 @@ from survey.dem import Dem
 from survey.errors import ConfigError, InputError
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.config import Family
 from survey.reconstruction.dense_gp import DenseGaussianProcess
 from survey.reconstruction.families import likeliest
 from survey.reconstruction.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.kernels import Kernel
 from survey.route import Route
 
+_FAMILIES: tuple[Family, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 _N_NODES_ALONG = 30
 _MOST_DENSE = 4000
 # Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.
@@ -201,7 +203,7 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     Returns
     -------
     Kernel
-        Matérn 5/2: between the smooth and the rough, because coarse cells cannot tell.
+        The likeliest of squared exponential, Matérn 5/2 and Matérn 3/2.
 
     Raises
     ------
@@ -222,5 +224,7 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
             f"{int(near.sum())} known cells of the prior lie on the area; at least 9 are needed to tell the terrain's length scale."
         )
     noise = np.full(int(near.sum()), 1e-4 * float(np.var(height[near])) + 1e-4)
-    config = GaussianProcessConfig(family="matern-5/2")
-    return likeliest(xy[near], height[near], noise, config).kernel
+    fitted = [
+        likeliest(xy[near], height[near], noise, GaussianProcessConfig(family=family)) for family in _FAMILIES
+    ]
+    return max(fitted, key=lambda found: found.score).kernel

@@ -7,6 +7,7 @@ from planners.config import WavyConfig
 from planners.swaths import Swath
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
+from survey.reconstruction.kernels import Kernel
 
 _POINTS_PER_WAVE = 16
 _MOST_HALVINGS = 5
@@ -17,10 +18,11 @@ def wavy(
 ) -> list[Swath]:
     r"""Wind a swath about every axis.
 
-    .. math::  v(u) = \pm a D \sin(2 \pi u / \lambda'), \qquad \lambda' = 2 \ell / \mathrm{round}(2 \ell / \lambda)
+    .. math::  v(u) = A \sin(2 \pi u / \lambda'), \qquad A = \min(s \lambda / 2 \pi, \; a D), \qquad
+               \lambda' = 2 \ell / \mathrm{round}(2 \ell / \lambda)
 
     with the distance u along an axis of length ℓ, so that swaths begin and end on their
-    axis. Where the full wave would leave the free ground its amplitude is halved until
+    axis; s is the `steepness`, a the `amplitude_share` and D the spacing. Where the full wave would leave the free ground its amplitude is halved until
     it does not, and the swath is straight when five halvings are not enough.
 
     Parameters
@@ -30,24 +32,46 @@ def wavy(
     area : SurveyArea
         The free ground.
     config : WavyConfig
-        The shape; ``a`` is its `amplitude_share`.
+        The shape.
     spacing_m, wavelength_m : float
         D and λ [m].
     """
     ground = area.free.buffer(1e-6)
     shapely.prepare(ground)
+    amplitude_m = min(config.steepness * wavelength_m / (2.0 * np.pi), config.amplitude_share * spacing_m)
+    first = axes[0][1] - axes[0][0]
     swaths = []
-    for index, axis in enumerate(axes):
-        # Axes are driven to and fro, so equal signs in the driver's frame would be opposite on the ground.
-        sign = -1.0 if index % 2 == 1 and not config.is_mirrored else 1.0
-        swaths.append(_wave(axis, sign * config.amplitude_share * spacing_m, wavelength_m, ground))
+    for axis in axes:
+        # Waves are laid in the direction of the first swath, so that neighbours run side by side.
+        is_back = float((axis[1] - axis[0]) @ first) < 0.0
+        forth = axis[::-1] if is_back else axis
+        xy = _wave(forth, amplitude_m, wavelength_m, ground)
+        swaths.append(Swath(xy[::-1] if is_back else xy, axis))
     return swaths
 
 
-def _wave(axis: FloatArray, amplitude_m: float, wavelength_m: float, ground: shapely.Geometry) -> Swath:
+def slope_length_m(kernel: Kernel) -> float:
+    r"""Return the distance over which slopes change: what the length of a wave is measured by [m].
+
+    .. math::  \sqrt{v / -k''(0)} \approx h / \sqrt{2 (1 - k(h) / v)}
+
+    the standard deviation of heights over that of slopes. It is ℓ for the squared
+    exponential and ℓ/√3 for the Matérn 3/2 covariance, so that one number fits smooth and
+    rough terrain. Of several directions the shortest counts.
+    """
+    angles = np.linspace(0.0, np.pi, 12, endpoint=False)
+    lag_m = 0.02 * kernel.length_scales_m[0]
+    lags = lag_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    lost = 1.0 - kernel.covariance_of_lag(lags) / kernel.variance_m2
+    return lag_m / float(np.sqrt(2.0 * lost.max()))
+
+
+def _wave(axis: FloatArray, amplitude_m: float, wavelength_m: float, ground: shapely.Geometry) -> FloatArray:
     along = axis[1] - axis[0]
     length = float(np.hypot(*along))
     n_half_waves = max(round(2.0 * length / wavelength_m), 1)
+    # A piece shorter than half a wave, as in the corners of a slanted sweep, bends only as much as its share.
+    amplitude_m *= min(1.0, 2.0 * length / wavelength_m)
     share = np.linspace(0.0, 1.0, n_half_waves * (_POINTS_PER_WAVE // 2) + 1)
     left = np.array([-along[1], along[0]]) / length
     for halving in range(_MOST_HALVINGS):
@@ -55,5 +79,6 @@ def _wave(axis: FloatArray, amplitude_m: float, wavelength_m: float, ground: sha
         xy = axis[0] + share[:, None] * along + offset[:, None] * left
         xy[0], xy[-1] = axis
         if amplitude_m != 0.0 and ground.covers(shapely.linestrings(xy)):
-            return Swath(xy, axis)
-    return Swath(axis, axis)
+            wave: FloatArray = xy
+            return wave
+    return axis
