@@ -10,7 +10,7 @@ from planners.decomposition import clipped, swaths_on
 from planners.energy import Mobility, predicted
 from planners.lawnmower import lawnmower
 from planners.ordering import connect
-from planners.swaths import ReferenceLines, Swath, reference_lines
+from planners.swaths import ReferenceLines, Swath, reference_lines, shortened
 from planners.tie_lines import tie_lines
 from planners.transit import FreeGround
 from planners.wavy import wavy
@@ -89,7 +89,8 @@ def _axes_on(area: SurveyArea, config: Pattern, lines: ReferenceLines) -> list[F
     ground = FreeGround(area.free)
     inset_m = config.inset_share * lines.spacing_m
     if config.outer_share == 0.5:
-        return swaths_on(ground, lines.spacing_m, lines.heading_deg, inset_m=inset_m)
+        axes = swaths_on(ground, lines.spacing_m, lines.heading_deg)
+        return [shortened(axis, inset_m) for axis in axes]
     return clipped(ground, [axis for line in lines.lines for axis in line])
 
 

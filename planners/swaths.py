@@ -73,7 +73,9 @@ def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
     offsets = v.min() + 0.5 * (width - (n - 1) * spacing_m) + spacing_m * np.arange(n)
     reach = np.array([u.min() - 1.0, u.max() + 1.0])
     cut = [_pieces(area.free, reach[:, None] * along + offset * left) for offset in offsets]
-    lines = [tuple(_inset(piece, config.inset_share * spacing_m) for piece in line) for line in cut if line]
+    lines = [
+        tuple(shortened(piece, config.inset_share * spacing_m) for piece in line) for line in cut if line
+    ]
     if not lines:
         xmin, ymin, xmax, ymax = area.bounds
         raise InputError(
@@ -132,7 +134,7 @@ def _pieces(ground: Any, line: FloatArray) -> list[FloatArray]:
     return sorted(turned, key=lambda piece: float(piece[0] @ direction))
 
 
-def _inset(axis: FloatArray, inset_m: float) -> FloatArray:
+def shortened(axis: FloatArray, inset_m: float) -> FloatArray:
     """Shorten an axis at both ends, by at most 0.4 of its length, so that something is left."""
     length = float(np.hypot(*(axis[1] - axis[0])))
     share = min(inset_m / length, 0.4)

@@ -1,4 +1,5 @@
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -89,6 +90,19 @@ def test_an_error_that_cannot_be_reached_is_refused():
     )
     with pytest.raises(InputError, match="m wanted"):
         choose(small, BestConfig(rmse_m=0.01), errors)
+
+
+def test_the_choice_stays_on_concave_ground_with_a_hole():
+    bay = shapely.Polygon(
+        [(0, 0), (600, 0), (600, 600), (380, 600), (330, 200), (250, 250), (250, 600), (0, 500)]
+    )
+    area = SurveyArea(bay, CRS, no_go=(shapely.box(80.0, 80.0, 180.0, 160.0),), starts=[[20.0, 20.0]])
+    choice = choose(
+        area, BestConfig(budget_m=3000.0, heading_deg=90.0), model(SquaredExponential(30.0, 120.0), 0.1, area)
+    )
+    assert area.free.covers(choice.route.line)
+    assert choice.route.length_m <= 3000.0
+    assert choice.route.path()[0].tolist() == [20.0, 20.0]
 
 
 def test_exactly_one_goal_is_accepted():
