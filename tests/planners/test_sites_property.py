@@ -132,8 +132,8 @@ def test_moving_turning_or_mirroring_the_site_does_the_same_to_the_plan(seed: in
     mirrored = affinity.scale(site, -1.0, 1.0, origin=(0.0, 0.0))
     for other, heading_deg in ((moved, turn_deg), (mirrored, 180.0)):
         _, other_swaths, other_legs = planned(other, heading_deg)
-        # A border that is nearly parallel to a swath decides by rounding whether it has a pocket, whose own
-        # swath is longer than a spacing and seldom than two.
+        # A border that is nearly parallel to a swath decides by rounding whether it has a pocket. The width
+        # of 2.5 spacings is not derived: 1.6 was seen with equal counts, and its cause is not known yet.
         assert abs(len(other_swaths) - len(swaths)) <= 1
         assert metres(other_legs, "swath") == pytest.approx(
             metres(legs, "swath"), rel=1e-3, abs=2.5 * SPACING_M
