@@ -5,8 +5,9 @@ import numpy as np
 from sim.config import MissionConfig
 from sim.statistical import drive
 from survey.dem import Dem
-from survey.recording import GpsFixes, Recording
+from survey.recording import Recording
 from survey.route import Route
+from survey.sensors import GpsFixes
 from survey.truth import Truth
 
 

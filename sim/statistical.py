@@ -23,8 +23,9 @@ from sim.config import MissionConfig, SensorConfig
 from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.dem import Dem
 from survey.errors import InputError
-from survey.recording import Barometer, GpsFixes, Odometry, Recording, Sightings
+from survey.recording import Recording
 from survey.route import Route
+from survey.sensors import Barometer, GpsFixes, Odometry, Sightings
 from survey.streams import stream
 from survey.trajectory import Trajectory
 from survey.truth import Truth

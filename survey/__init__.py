@@ -2,6 +2,7 @@
 
 from survey import terrain
 from survey.area import SurveyArea
+from survey.camera import Camera, Frames
 from survey.dem import Dem
 from survey.errors import CapacityError, ConfigError, FirnlineError, InputError
 from survey.grid import Grid
@@ -14,10 +15,12 @@ from survey.trajectory import Trajectory
 from survey.truth import Truth
 
 __all__ = [
+    "Camera",
     "CapacityError",
     "ConfigError",
     "Dem",
     "FirnlineError",
+    "Frames",
     "GaussianProcessConfig",
     "Grid",
     "InputError",

@@ -4,7 +4,8 @@ import numpy as np
 
 from survey.arrays import FloatArray
 from survey.errors import InputError
-from survey.recording import Odometry, Recording
+from survey.recording import Recording
+from survey.sensors import Odometry
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig

@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from sim.cli import doctor, export, init, plan, reconstruct, report, run, score, show, simulate
+from sim.cli import doctor, export, init, plan, reconstruct, report, reproduce, run, score, show, simulate
 
 app = typer.Typer(
     name="firnline",
@@ -24,6 +24,7 @@ for command in (
     score.score,
     report.report,
     run.run,
+    reproduce.reproduce,
     export.export,
     show.show,
     doctor.doctor,

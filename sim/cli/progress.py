@@ -3,13 +3,22 @@
 import json
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from survey.store import STAGES
 
@@ -41,6 +50,29 @@ class StageProgress:
             yield
         self.seconds[stage] = time.perf_counter() - began
         self._console.print(f"{number} {stage:<12} {self.seconds[stage]:6.1f} s")
+
+
+@contextmanager
+def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar for each kind of work; the yielded function is told what is done, how much, and of how much."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True, quiet=quiet, highlight=False)
+    with Progress(*columns, console=console, transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def tell(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done, total=total)
+
+        yield tell
 
 
 class _JsonLines(logging.Formatter):

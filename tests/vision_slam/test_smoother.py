@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.recording import Barometer, GpsFixes, Odometry, Recording, Sightings
+from survey.recording import Recording
+from survey.sensors import Barometer, GpsFixes, Odometry, Sightings
 from vision_slam import LocalizationConfig, localize
 from vision_slam.pipeline import dead_reckoning
 from vision_slam.rotation import rotations, turned

@@ -1,0 +1,39 @@
+"""The papers' figures and tables, made anew: one study per figure, found by its name."""
+
+import difflib
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol, cast
+
+from survey.errors import InputError
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is being done, how much of it is done, and how much there is."""
+
+
+class Study(Protocol):
+    """Makes the products of one figure or table in a folder."""
+
+    def __call__(self, folder: Path, *, quick: bool, progress: Progress) -> None:
+        """Write pictures and tables into `folder`; `quick` makes them smaller and rougher."""
+
+
+STUDIES: dict[str, str] = {}
+"""Name of the study, in the order of the papers → where its function stands, ``module:function``."""
+
+
+def study(name: str) -> Study:
+    """Return the function that makes a study.
+
+    Raises
+    ------
+    InputError
+        There is no such study; the nearest name is given.
+    """
+    if name not in STUDIES:
+        near = difflib.get_close_matches(name, STUDIES, n=1)
+        hint = f"did you mean {near[0]}?" if near else "`firnline reproduce --list` names them all."
+        raise InputError(f"there is no study {name!r}; {hint}")
+    module, function = STUDIES[name].split(":")
+    return cast("Study", getattr(import_module(module), function))
