@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from survey.arrays import FloatArray, frozen
+from survey.arrays import FloatArray, checked, frozen
 from survey.dem import Dem
 from survey.errors import InputError
 from survey.geodesy import same_crs
@@ -26,6 +26,8 @@ UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
 Quantity = Literal["mean", "std", "lower", "upper", "support"]
 
 ELEVATION = "elevation_m"
+SIGMAS_95 = 1.959964
+"""Standard deviations on either side of the mean that hold 95 %."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class Reconstruction:
         """Return the share of nodes with this support code."""
         return float(np.mean(self.support == code))
 
-    def interval(self, sigmas: float = 1.959964) -> tuple[Dem, Dem]:
+    def interval(self, sigmas: float = SIGMAS_95) -> tuple[Dem, Dem]:
         """Return lower and upper height [m]: the method's own bounds, or ``mean ± sigmas · std``."""
         if self.lower is not None and self.upper is not None:
             return self.lower, self.upper
@@ -173,12 +175,34 @@ class Reconstruction:
         )
 
 
+class Capabilities(NamedTuple):
+    """What a terrain model can be asked."""
+
+    std: bool = True
+    """It states a standard deviation, and with it lower and upper bounds."""
+    samples: bool = True
+    """It draws surfaces that agree with the points."""
+    online: bool = True
+    """New points cost what they are, not what all points before them were."""
+    rays: bool = False
+    """It uses the sensor's place: lines of sight, or a map that follows the sensor."""
+
+
 class TerrainModel(ABC):
     """A surface that learns from points and can be asked anywhere.
 
-    The constructor stores settings; `fit` checks and learns; `update` returns a model that
-    knows more points, and leaves this one as it is.
+    The constructor stores settings; `fit` checks, learns, and returns the model; `update`
+    returns a model that knows more points. Ask the model returned: large ones take the
+    points into their own arrays, so that the one before has changed too.
+
+    Points carry their standard deviations and, where they have them, the sensor's origins.
+    They hold no NaN and neither do places. Where a model is silent, beyond the ground that
+    it covers, it answers NaN, and `UNSEEN` for the support. Heights are kept relative to a
+    local datum (`local_datum_m`), so that adding 1,000 m to every point adds it to the map
+    and changes nothing else.
     """
+
+    capabilities: ClassVar[Capabilities]
 
     @abstractmethod
     def fit(self, points: SurfacePoints) -> Self:
@@ -186,11 +210,42 @@ class TerrainModel(ABC):
 
     @abstractmethod
     def update(self, points: SurfacePoints) -> Self:
-        """Return a model that also knows these points, without fitting settings anew."""
+        """Return a model that also knows these points."""
 
-    @abstractmethod
     def predict(self, xy: npt.ArrayLike, what: Quantity = "mean") -> FloatArray:
-        """Return one quantity at the places (N, 2) [m]: height, standard deviation, bounds [m] or code."""
+        """Return one quantity at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) array_like
+            Easting and northing [m].
+        what : {"mean", "std", "lower", "upper", "support"}
+            Height [m], its standard deviation [m], the bounds of a 95 % interval [m], or
+            the support code.
+
+        Returns
+        -------
+        (N,) ndarray
+            NaN where the model is silent.
+
+        Raises
+        ------
+        InputError
+            Before `fit`, NaN among the places, an unknown quantity, or one that the model
+            does not have.
+        """
+        places = checked(xy, (None, 2), "the places to predict")
+        if what not in get_args(Quantity):
+            raise InputError(f"{what!r} is not known; ask for {', '.join(get_args(Quantity))}.")
+        if what == "mean":
+            return self._height(places)
+        if what == "support":
+            return self._support(places).astype(np.float64)
+        if not self.capabilities.std:
+            raise InputError(
+                f"a {type(self).__name__} states no {what}; ask it for mean or support, or take another model."
+            )
+        return self._std(places) if what == "std" else self._bound(places, what)
 
     @abstractmethod
     def grid(self, grid: Grid) -> Reconstruction:
@@ -208,6 +263,39 @@ class TerrainModel(ABC):
     @abstractmethod
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote."""
+
+    @abstractmethod
+    def _height(self, xy: FloatArray) -> FloatArray:
+        """Return the most likely height (N,) [m]."""
+
+    @abstractmethod
+    def _std(self, xy: FloatArray) -> FloatArray:
+        """Return the standard deviation (N,) [m]."""
+
+    @abstractmethod
+    def _support(self, xy: FloatArray) -> npt.NDArray[np.uint8]:
+        """Return the support codes (N,)."""
+
+    def _bound(self, xy: FloatArray, what: Literal["lower", "upper"]) -> FloatArray:
+        """Return one end of the 95 % interval (N,) [m]."""
+        sign = 1.0 if what == "upper" else -1.0
+        return self._height(xy) + sign * SIGMAS_95 * self._std(xy)
+
+
+def local_datum_m(z: FloatArray) -> float:
+    """Return the level that heights are counted from while a model works: their median, in whole metres.
+
+    Examples
+    --------
+    >>> local_datum_m(np.array([4012.2, 4013.1, 4099.0]))
+    4013.0
+    """
+    return float(np.round(np.median(z)))
+
+
+def not_fitted() -> InputError:
+    """Return the refusal of a model that was asked too early."""
+    return InputError("the terrain model knows no points yet; call fit first.")
 
 
 def _plain(values: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from survey.dem import Dem
 from survey.errors import InputError
 from survey.geodesy import UNSTATED, same_crs, same_vertical_datum
 from survey.grid import Grid
-from survey.reconstruction.base import ELEVATION, Quantity, Reconstruction, TerrainModel
+from survey.reconstruction.base import ELEVATION, Capabilities, Reconstruction, TerrainModel, not_fitted
 from survey.reconstruction.calibration import Calibration
 from survey.reconstruction.config import GaussianProcessConfig
 from survey.reconstruction.errors_in_variables import variance_through_slope
@@ -27,7 +27,6 @@ from survey.reconstruction.satellite import with_prior_error
 from survey.reconstruction.volume import Volume, quadrature
 from survey.surface_points import SurfacePoints
 
-_95_PERCENT = 1.959964
 _N_LEAST = 3
 # Places on the site from which the widths of its gaps are taken.
 _N_GAPS = 41
@@ -66,6 +65,8 @@ class GaussianProcessTerrain(TerrainModel):
     >>> bool(abs(model.predict([[50.0, 50.0]])[0] - 3.0 * np.sin(2.5)) < 0.2)
     True
     """
+
+    capabilities: ClassVar = Capabilities(online=False)
 
     config: GaussianProcessConfig = field(default_factory=GaussianProcessConfig)
     prior: Dem | Mean | None = None
@@ -109,26 +110,15 @@ class GaussianProcessTerrain(TerrainModel):
         variance = self._through_slope(points, known.process, known.mean, data.variance)
         return replace(self, learned_=known.updated(data.xy, data.z, variance))
 
-    def predict(self, xy: npt.ArrayLike, what: Quantity = "mean") -> FloatArray:
-        """Return one quantity at the places (M, 2) [m]; lower and upper enclose 95 %.
+    def _height(self, xy: FloatArray) -> FloatArray:
+        return self._known.height(xy)
 
-        Raises
-        ------
-        InputError
-            Before `fit`, for an unknown quantity, and for places off the site.
-        """
-        places = checked(xy, (None, 2), "the places to predict")
+    def _std(self, xy: FloatArray) -> FloatArray:
+        return self._known.std(xy)
+
+    def _support(self, xy: FloatArray) -> npt.NDArray[np.uint8]:
         known = self._known
-        if what == "mean":
-            return known.height(places)
-        std = known.std(places)
-        if what == "std":
-            return std
-        if what == "support":
-            return known.support(std, known.nearest_m(places)).astype(np.float64)
-        if what not in ("lower", "upper"):
-            raise InputError(f"{what!r} is not known; ask for mean, std, lower, upper or support.")
-        return known.height(places) + (_95_PERCENT if what == "upper" else -_95_PERCENT) * std
+        return known.support(known.std(xy), known.nearest_m(xy))
 
     def grid(self, grid: Grid) -> Reconstruction:
         """Return the map on the nodes of a grid."""
@@ -223,7 +213,7 @@ class GaussianProcessTerrain(TerrainModel):
     @property
     def _known(self) -> Learned:
         if self.learned_ is None:
-            raise InputError("the terrain model knows no points yet; call fit first.")
+            raise not_fitted()
         return self.learned_
 
     def _near(self, points: SurfacePoints) -> BoolArray:

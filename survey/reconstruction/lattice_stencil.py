@@ -1,0 +1,435 @@
+"""The lattice's arithmetic, compiled: points into a stencil, the energy's operator, and the steps between grids.
+
+Arrays are (rows, columns) with the row counting northwards and the column eastwards. The data
+stencil holds, for every node, its own weight and the couplings to its neighbours in the
+east, north, north-east and north-west; the others follow by symmetry.
+"""
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from survey.arrays import FloatArray
+
+OWN, EAST, NORTH, NORTH_EAST, NORTH_WEST = range(5)
+
+Draws = npt.NDArray[np.float32]
+
+
+@njit(cache=True, inline="always")
+def _hashed(key: np.uint64) -> np.uint64:
+    """Return 64 well-mixed bits (the finaliser of SplitMix64)."""
+    key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return key ^ (key >> np.uint64(31))
+
+
+@njit(cache=True)
+def add_points(
+    u: FloatArray,
+    v: FloatArray,
+    z: FloatArray,
+    weight: FloatArray,
+    stencil: FloatArray,
+    rhs: FloatArray,
+    draws: Draws,
+    first_number: int,
+) -> int:
+    """Add points at lattice coordinates (u east, v north) to stencil and right-hand side; return how many lay inside.
+
+    Every draw gets each point's error with a random sign, so that over the draws its
+    covariance is that of the measurements.
+    """
+    rows, columns = rhs.shape
+    n_draws = draws.shape[2]
+    signs = np.empty(n_draws, dtype=np.float32)
+    n_inside = 0
+    for k in range(len(z)):
+        i, j = int(np.floor(u[k])), int(np.floor(v[k]))
+        # A point on the last row or column belongs to the cell before it.
+        i -= i == columns - 1 and u[k] == i
+        j -= j == rows - 1 and v[k] == j
+        if i < 0 or j < 0 or i >= columns - 1 or j >= rows - 1:
+            continue
+        n_inside += 1
+        s, t = u[k] - i, v[k] - j
+        sw, se, nw, ne = (1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t
+        w, wz = weight[k], weight[k] * z[k]
+        stencil[0, j, i] += w * sw * sw
+        stencil[0, j, i + 1] += w * se * se
+        stencil[0, j + 1, i] += w * nw * nw
+        stencil[0, j + 1, i + 1] += w * ne * ne
+        stencil[1, j, i] += w * sw * se
+        stencil[1, j + 1, i] += w * nw * ne
+        stencil[2, j, i] += w * sw * nw
+        stencil[2, j, i + 1] += w * se * ne
+        stencil[3, j, i] += w * sw * ne
+        stencil[4, j, i + 1] += w * se * nw
+        rhs[j, i] += wz * sw
+        rhs[j, i + 1] += wz * se
+        rhs[j + 1, i] += wz * nw
+        rhs[j + 1, i + 1] += wz * ne
+        if n_draws:
+            bits = _hashed(np.uint64(first_number + k) * np.uint64(0x9E3779B97F4A7C15))
+            root = np.float32(np.sqrt(w))
+            for d in range(n_draws):
+                if d % 64 == 0 and d > 0:
+                    bits = _hashed(bits)
+                signs[d] = root if (bits >> np.uint64(d % 64)) & np.uint64(1) else -root
+            a, b, c, e = np.float32(sw), np.float32(se), np.float32(nw), np.float32(ne)
+            for d in range(n_draws):
+                draws[j, i, d] += a * signs[d]
+                draws[j, i + 1, d] += b * signs[d]
+                draws[j + 1, i, d] += c * signs[d]
+                draws[j + 1, i + 1, d] += e * signs[d]
+    return n_inside
+
+
+@njit(cache=True, fastmath=True)
+def _add_data_row(stencil: FloatArray, z: FloatArray, j: int, out: FloatArray) -> None:
+    """Add the data's couplings of row j with itself and its neighbours."""
+    rows, columns = z.shape
+    row = out[j]
+    for i in range(columns - 1):
+        row[i] += stencil[1, j, i] * z[j, i + 1]
+    for i in range(1, columns):
+        row[i] += stencil[1, j, i - 1] * z[j, i - 1]
+    if j < rows - 1:
+        for i in range(columns):
+            row[i] += stencil[2, j, i] * z[j + 1, i]
+        for i in range(columns - 1):
+            row[i] += stencil[3, j, i] * z[j + 1, i + 1]
+        for i in range(1, columns):
+            row[i] += stencil[4, j, i] * z[j + 1, i - 1]
+    if j > 0:
+        for i in range(columns):
+            row[i] += stencil[2, j - 1, i] * z[j - 1, i]
+        for i in range(1, columns):
+            row[i] += stencil[3, j - 1, i - 1] * z[j - 1, i - 1]
+        for i in range(columns - 1):
+            row[i] += stencil[4, j - 1, i + 1] * z[j - 1, i + 1]
+
+
+@njit(cache=True, fastmath=True)
+def _add_membrane_row(membrane: float, z: FloatArray, j: int, out: FloatArray) -> None:
+    """Add what springs between neighbours pull on row j."""
+    rows, columns = z.shape
+    row = out[j]
+    for i in range(columns - 1):
+        row[i] -= membrane * (z[j, i + 1] - z[j, i])
+    for i in range(1, columns):
+        row[i] += membrane * (z[j, i] - z[j, i - 1])
+    if j < rows - 1:
+        for i in range(columns):
+            row[i] -= membrane * (z[j + 1, i] - z[j, i])
+    if j > 0:
+        for i in range(columns):
+            row[i] += membrane * (z[j, i] - z[j - 1, i])
+
+
+@njit(cache=True, fastmath=True)
+def _bend_across(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArray) -> None:
+    """Fill a row with the moments of the north-south curvature at row j; none on the first and last row."""
+    rows, columns = z.shape
+    if j < 1 or j > rows - 2:
+        for i in range(columns):
+            into[i] = 0.0
+        return
+    for i in range(columns):
+        into[i] = plate * (z[j - 1, i] - 2.0 * z[j, i] + z[j + 1, i])
+    if soft.shape[0]:
+        for i in range(columns):
+            into[i] *= soft[1, j, i]
+
+
+@njit(cache=True, fastmath=True)
+def _twist(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArray) -> None:
+    """Fill into[1:] with the moments of the twist of the cells between rows j and j + 1; none beyond the ends."""
+    rows, columns = z.shape
+    for i in range(columns + 1):
+        into[i] = 0.0
+    if j < 0 or j > rows - 2:
+        return
+    for i in range(columns - 1):
+        into[i + 1] = 2.0 * plate * (z[j, i] - z[j, i + 1] - z[j + 1, i] + z[j + 1, i + 1])
+    if soft.shape[0]:
+        for i in range(columns - 1):
+            into[i + 1] *= soft[2, j, i]
+
+
+@njit(cache=True, fastmath=True)
+def apply(
+    stencil: FloatArray,
+    plate: float,
+    membrane: float,
+    mass: float,
+    soft: FloatArray,
+    z: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Set ``out = (data + plate · thin plate + membrane · springs + mass) z``, boundaries free, in one sweep.
+
+    `stencil` has five layers, or one when the data hang on single nodes; `soft` has three
+    layers of factors on the curvatures (east, north, twist), or none.
+    """
+    rows, columns = z.shape
+    along = np.zeros(columns + 2)
+    twist_south, twist_north = np.zeros(columns + 1), np.zeros(columns + 1)
+    south, here, north = np.zeros(columns), np.zeros(columns), np.zeros(columns)
+    if plate > 0:
+        _bend_across(plate, soft, z, 1, north)
+    for j in range(rows):
+        row = out[j]
+        for i in range(columns):
+            row[i] = (stencil[0, j, i] + mass) * z[j, i]
+        if stencil.shape[0] > 1:
+            _add_data_row(stencil, z, j, out)
+        if membrane > 0:
+            _add_membrane_row(membrane, z, j, out)
+        if plate > 0:
+            for i in range(1, columns - 1):
+                along[i + 1] = plate * (z[j, i - 1] - 2.0 * z[j, i] + z[j, i + 1])
+            if soft.shape[0]:
+                for i in range(1, columns - 1):
+                    along[i + 1] *= soft[0, j, i]
+            _twist(plate, soft, z, j, twist_north)
+            for i in range(columns):
+                row[i] += along[i] - 2.0 * along[i + 1] + along[i + 2]
+            for i in range(columns):
+                row[i] += south[i] - 2.0 * here[i] + north[i]
+            for i in range(columns):
+                row[i] += twist_north[i + 1] - twist_north[i] - twist_south[i + 1] + twist_south[i]
+            south, here, north = here, north, south
+            twist_south, twist_north = twist_north, twist_south
+            _bend_across(plate, soft, z, j + 2, north)
+
+
+@njit(cache=True)
+def prior_diagonal(
+    plate: float, membrane: float, mass: float, soft: FloatArray, shape: tuple[int, int]
+) -> FloatArray:
+    """Return the diagonal of the operator without data."""
+    rows, columns = shape
+    diagonal = np.full(shape, mass)
+    weighted = soft.shape[0] > 0
+    for j in range(rows):
+        for i in range(columns):
+            neighbours = (i > 0) + (i < columns - 1) + (j > 0) + (j < rows - 1)
+            diagonal[j, i] += membrane * neighbours
+            if 0 < i < columns - 1:
+                w = plate * (soft[0, j, i] if weighted else 1.0)
+                diagonal[j, i - 1] += w
+                diagonal[j, i] += 4.0 * w
+                diagonal[j, i + 1] += w
+            if 0 < j < rows - 1:
+                w = plate * (soft[1, j, i] if weighted else 1.0)
+                diagonal[j - 1, i] += w
+                diagonal[j, i] += 4.0 * w
+                diagonal[j + 1, i] += w
+            if i < columns - 1 and j < rows - 1:
+                w = 2.0 * plate * (soft[2, j, i] if weighted else 1.0)
+                diagonal[j, i] += w
+                diagonal[j, i + 1] += w
+                diagonal[j + 1, i] += w
+                diagonal[j + 1, i + 1] += w
+    return diagonal
+
+
+@njit(cache=True)
+def prior_noise(
+    plate: float, membrane: float, mass: float, soft: FloatArray, normals: FloatArray, out: FloatArray
+) -> None:
+    """Add noise to `out` whose covariance is the operator without data; `normals` is (6, rows, columns)."""
+    rows, columns = out.shape
+    weighted = soft.shape[0] > 0
+    root, spring = np.sqrt(plate), np.sqrt(membrane)
+    for j in range(rows):
+        for i in range(columns):
+            out[j, i] += np.sqrt(mass) * normals[0, j, i]
+            if i < columns - 1:
+                out[j, i] -= spring * normals[1, j, i]
+                out[j, i + 1] += spring * normals[1, j, i]
+            if j < rows - 1:
+                out[j, i] -= spring * normals[2, j, i]
+                out[j + 1, i] += spring * normals[2, j, i]
+            if 0 < i < columns - 1:
+                e = root * normals[3, j, i] * (np.sqrt(soft[0, j, i]) if weighted else 1.0)
+                out[j, i - 1] += e
+                out[j, i] -= 2.0 * e
+                out[j, i + 1] += e
+            if 0 < j < rows - 1:
+                e = root * normals[4, j, i] * (np.sqrt(soft[1, j, i]) if weighted else 1.0)
+                out[j - 1, i] += e
+                out[j, i] -= 2.0 * e
+                out[j + 1, i] += e
+            if i < columns - 1 and j < rows - 1:
+                e = np.sqrt(2.0) * root * normals[5, j, i] * (np.sqrt(soft[2, j, i]) if weighted else 1.0)
+                out[j, i] += e
+                out[j, i + 1] -= e
+                out[j + 1, i] -= e
+                out[j + 1, i + 1] += e
+
+
+@njit(cache=True)
+def lumped(stencil: FloatArray) -> FloatArray:
+    """Return the sum of each node's row of the data stencil (all its couplings are positive)."""
+    rows, columns = stencil.shape[1:]
+    total = stencil[0].copy()
+    if stencil.shape[0] == 1:
+        return total
+    for j in range(rows):
+        for i in range(columns):
+            if i < columns - 1:
+                total[j, i] += stencil[1, j, i]
+                total[j, i + 1] += stencil[1, j, i]
+            if j < rows - 1:
+                total[j, i] += stencil[2, j, i]
+                total[j + 1, i] += stencil[2, j, i]
+            if i < columns - 1 and j < rows - 1:
+                total[j, i] += stencil[3, j, i]
+                total[j + 1, i + 1] += stencil[3, j, i]
+            if i > 0 and j < rows - 1:
+                total[j, i] += stencil[4, j, i]
+                total[j + 1, i - 1] += stencil[4, j, i]
+    return total
+
+
+@njit(cache=True)
+def restricted(fine: FloatArray) -> FloatArray:
+    """Return the transpose of `prolong` applied to a fine grid."""
+    rows, columns = fine.shape
+    coarse = np.zeros((rows // 2 + 1, columns // 2 + 1))
+    for j in range(rows):
+        a, b = coarse[j // 2], coarse[(j + 1) // 2]
+        half = 1.0 if j % 2 == 0 else 0.5
+        for i in range(0, columns, 2):
+            a[i // 2] += half * fine[j, i]
+        for i in range(1, columns, 2):
+            a[i // 2] += 0.5 * half * fine[j, i]
+            a[i // 2 + 1] += 0.5 * half * fine[j, i]
+        if j % 2:
+            for i in range(0, columns, 2):
+                b[i // 2] += half * fine[j, i]
+            for i in range(1, columns, 2):
+                b[i // 2] += 0.5 * half * fine[j, i]
+                b[i // 2 + 1] += 0.5 * half * fine[j, i]
+    return coarse
+
+
+@njit(cache=True)
+def add_prolonged(coarse: FloatArray, fine: FloatArray) -> None:
+    """Add a coarse grid, interpolated bilinearly, to a fine one; every second fine node is a coarse one."""
+    rows, columns = fine.shape
+    for j in range(rows):
+        a, b = coarse[j // 2], coarse[(j + 1) // 2]
+        for i in range(0, columns, 2):
+            fine[j, i] += 0.5 * (a[i // 2] + b[i // 2])
+        for i in range(1, columns, 2):
+            fine[j, i] += 0.25 * (a[i // 2] + a[i // 2 + 1] + b[i // 2] + b[i // 2 + 1])
+
+
+@njit(cache=True)
+def dot(a: FloatArray, b: FloatArray) -> float:
+    """Return the sum of products, added in one order whatever the machine's threads do."""
+    total = 0.0
+    for j in range(a.shape[0]):
+        row = 0.0
+        for i in range(a.shape[1]):
+            row += a[j, i] * b[j, i]
+        total += row
+    return total
+
+
+@njit(cache=True)
+def coarsened_factors(soft: FloatArray) -> FloatArray:
+    """Return the factors on the curvatures for the next coarser grid: the mean of those near a coarse node."""
+    n, rows, columns = soft.shape
+    coarse = np.ones((n, rows // 2 + 1, columns // 2 + 1))
+    for k in range(n):
+        for j in range(coarse.shape[1]):
+            for i in range(coarse.shape[2]):
+                total, count = 0.0, 0
+                for y in range(max(2 * j - 1, 0), min(2 * j + 2, rows)):
+                    for x in range(max(2 * i - 1, 0), min(2 * i + 2, columns)):
+                        total += soft[k, y, x]
+                        count += 1
+                if count:
+                    coarse[k, j, i] = total / count
+    return coarse
+
+
+@njit(cache=True, fastmath=True)
+def relax(
+    omega: float, inverse_bound: FloatArray, rhs: FloatArray, applied: FloatArray, z: FloatArray
+) -> None:
+    """Take one step of the smoother, in place: ``z += omega · inverse_bound · (rhs - applied)``."""
+    for j in range(z.shape[0]):
+        for i in range(z.shape[1]):
+            z[j, i] += omega * inverse_bound[j, i] * (rhs[j, i] - applied[j, i])
+
+
+@njit(cache=True, fastmath=True)
+def advance(
+    step: float, direction: FloatArray, applied: FloatArray, z: FloatArray, residual: FloatArray
+) -> None:
+    """Go one step of the conjugate gradients, in place."""
+    for j in range(z.shape[0]):
+        for i in range(z.shape[1]):
+            z[j, i] += step * direction[j, i]
+            residual[j, i] -= step * applied[j, i]
+
+
+@njit(cache=True, fastmath=True)
+def turn(share: float, correction: FloatArray, direction: FloatArray) -> None:
+    """Set ``direction = correction + share · direction``, in place."""
+    for j in range(direction.shape[0]):
+        for i in range(direction.shape[1]):
+            direction[j, i] = correction[j, i] + share * direction[j, i]
+
+
+@njit(cache=True)
+def dense(stencil: FloatArray, plate: float, membrane: float, mass: float, soft: FloatArray) -> FloatArray:
+    """Return the operator of a small lattice as a dense matrix."""
+    rows, columns = stencil.shape[1:]
+    matrix = np.zeros((rows * columns, rows * columns))
+    unit, out = np.zeros((rows, columns)), np.zeros((rows, columns))
+    for k in range(rows * columns):
+        unit[k // columns, k % columns] = 1.0
+        apply(stencil, plate, membrane, mass, soft, unit, out)
+        matrix[k] = out.ravel()
+        unit[k // columns, k % columns] = 0.0
+    return matrix
+
+
+@njit(cache=True)
+def cholesky(matrix: FloatArray) -> FloatArray:
+    """Return the lower triangle L of ``L Lᵀ``; what nothing holds (a free plate) is held by a hair."""
+    n = len(matrix)
+    factor = np.zeros_like(matrix)
+    for j in range(n):
+        rest = matrix[j, j]
+        for k in range(j):
+            rest -= factor[j, k] ** 2
+        factor[j, j] = np.sqrt(max(rest, 1e-10 * matrix[j, j] + 1e-300))
+        for i in range(j + 1, n):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= factor[i, k] * factor[j, k]
+            factor[i, j] = rest / factor[j, j]
+    return factor
+
+
+@njit(cache=True)
+def solve_triangles(factor: FloatArray, rhs: FloatArray) -> FloatArray:
+    """Return ``(L Lᵀ)⁻¹`` times a grid."""
+    n = len(factor)
+    x = rhs.copy().ravel()
+    for j in range(n):
+        for k in range(j):
+            x[j] -= factor[j, k] * x[k]
+        x[j] /= factor[j, j]
+    for j in range(n - 1, -1, -1):
+        for k in range(j + 1, n):
+            x[j] -= factor[k, j] * x[k]
+        x[j] /= factor[j, j]
+    return x.reshape(rhs.shape)
