@@ -4,7 +4,20 @@ import sys
 
 import typer
 
-from sim.cli import doctor, export, init, plan, reconstruct, report, reproduce, run, score, show, simulate
+from sim.cli import (
+    doctor,
+    export,
+    init,
+    montecarlo,
+    plan,
+    reconstruct,
+    report,
+    reproduce,
+    run,
+    score,
+    show,
+    simulate,
+)
 
 app = typer.Typer(
     name="firnline",
@@ -24,6 +37,7 @@ for command in (
     score.score,
     report.report,
     run.run,
+    montecarlo.montecarlo,
     reproduce.reproduce,
     export.export,
     show.show,

@@ -1,0 +1,79 @@
+"""``firnline montecarlo``: many surveys of many terrains, and what they teach."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.options import Json, Quiet, Settings
+from sim.cli.outcome import refusals_told
+
+
+@refusals_told
+def montecarlo(
+    study: Annotated[Path, typer.Argument(help="Study file (TOML).")],
+    runs: Annotated[Path, typer.Option("--runs", help="Folder that holds all studies.")] = Path(
+        "results/montecarlo"
+    ),
+    engine: Annotated[
+        str, typer.Option("--engine", help="serial, processes (of this machine) or dask.")
+    ] = "processes",
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Number of processes; one for each core when left out.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="A dask scheduler, tcp://host:port.")
+    ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Do every trial anew.")] = False,
+    settings: Settings = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Survey many random terrains by several planners, and tell how many swaths a map class takes.
+
+    Trials are stored as they finish; the same command continues where a stopped one was.
+
+    For example:
+
+      firnline montecarlo examples/montecarlo_fig10.toml
+
+      firnline montecarlo study.toml --set trials=1000 --scheduler tcp://10.0.0.5:8786
+    """
+    from sim.cli.progress import counted
+    from sim.montecarlo import run_study
+    from sim.montecarlo_config import read_study
+    from survey.errors import ConfigError
+
+    if engine not in ("serial", "processes", "dask"):
+        raise ConfigError(f"there is no engine {engine!r}; take serial, processes or dask.")
+    wanted = read_study(study, settings or ())
+    folder = runs / wanted.name
+    with counted(quiet=quiet) as progress:
+        page = run_study(
+            wanted,
+            folder,
+            engine="dask" if scheduler else engine,  # type: ignore[arg-type]  # checked above
+            workers=workers,
+            scheduler=scheduler,
+            fresh=fresh,
+            watch=lambda done, total: progress("trials", done, total),
+        )
+    _tell(folder, page, as_json=as_json)
+
+
+def _tell(folder: Path, page: Path, *, as_json: bool) -> None:
+    import csv
+    import json
+
+    with (folder / "minimum_swaths.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    if as_json:
+        typer.echo(json.dumps({"study": str(folder), "report": str(page), "minimum_swaths": rows}, indent=2))
+        return
+    for row in rows:
+        fewest, safe = row["fewest_by_mean"] or "none", row["fewest_by_90_percent"] or "none"
+        typer.echo(
+            f"{row['terrain']}, {row['planner']}, {row['map']}: fewest swaths by the mean error {fewest}, in 90 % of trials {safe}"
+        )
+    typer.echo(f"table   {folder / 'trials.csv'}")
+    typer.echo(f"report  {page}")

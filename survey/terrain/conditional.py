@@ -1,0 +1,167 @@
+"""Terrain that could be there: random surfaces that agree with the coarse cells known of it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from survey.arrays import FloatArray
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.grid import Grid
+from survey.reconstruction.kernels import Kernel
+from survey.terrain.random_fields import kernel_field
+
+_MOST_CELLS = 1600
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseCells:
+    r"""What the cells of a coarse DEM say of a stationary field: their covariance with it and among them.
+
+    A cell shows the mean of the field over its square, with an error of its own. Means are taken over
+    `n_within` × `n_within` places:
+
+    .. math::  Q_{ij} = \frac{1}{n^4} \sum_{p \in i, q \in j} k(p, q) + \sigma^2 \delta_{ij}
+
+    (block kriging, Journel and Huijbregts 1978).
+
+    Parameters
+    ----------
+    prior : Dem
+        Coarse elevations; cells without a height are left out.
+    sigma_m : float
+        Standard deviation of a cell's error, independent from cell to cell [m].
+    n_within : int
+        Places along each side of a cell.
+    """
+
+    prior: Dem
+    sigma_m: float
+    n_within: int = 3
+
+    def __post_init__(self) -> None:
+        n = int(np.isfinite(self.prior.elevation).sum())
+        if not 9 <= n <= _MOST_CELLS:
+            raise InputError(
+                f"the prior has {n} known cells on the area; 9 to {_MOST_CELLS} are needed to tell how the terrain varies, "
+                "take cells of another size."
+            )
+
+    @cached_property
+    def height_m(self) -> FloatArray:
+        """Heights (C,) of the known cells [m]."""
+        height: FloatArray = self.prior.elevation[np.isfinite(self.prior.elevation)]
+        return height
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """Places (C, P, 2) within each cell that its mean is taken over [m]."""
+        share = (np.arange(self.n_within) + 0.5) / self.n_within - 0.5
+        east, north = np.meshgrid(share, share)
+        offsets = self.prior.step_m * np.column_stack([east.ravel(), north.ravel()])
+        centres = self.prior.xy[np.isfinite(self.prior.elevation).ravel()]
+        return np.asarray(centres[:, None, :] + offsets[None, :, :], dtype=np.float64)
+
+    def covariance(self, kernel: Kernel) -> FloatArray:
+        """Covariance (C, C) of the cells' means, without their errors [m²]."""
+        n, per_cell, _ = self.places.shape
+        places = self.places.reshape(-1, 2)
+        fine = kernel.covariance(places, places)
+        means: FloatArray = fine.reshape(n, per_cell, n, per_cell).mean(axis=(1, 3))
+        return means
+
+    def covariance_with(self, kernel: Kernel, xy: FloatArray) -> FloatArray:
+        """Covariance (C, M) of the cells' means with the field at places (M, 2) [m²]."""
+        n, per_cell, _ = self.places.shape
+        fine = kernel.covariance(self.places.reshape(-1, 2), xy)
+        means: FloatArray = fine.reshape(n, per_cell, -1).mean(axis=1)
+        return means
+
+    def seen_in(self, field: Dem) -> FloatArray:
+        """Return the mean (C,) of a fine field over each cell [m]."""
+        n, per_cell, _ = self.places.shape
+        means: FloatArray = field.at(self.places.reshape(-1, 2)).reshape(n, per_cell).mean(axis=1)
+        return means
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionalTerrain:
+    """Draws terrain with a covariance that agrees with coarse cells.
+
+    A free draw of the field is corrected by kriging the difference between what the cells show and what
+    they would have shown of the draw (Journel and Huijbregts 1978, conditioning by kriging).
+
+    Parameters
+    ----------
+    cells : CoarseCells
+        What is known.
+    kernel : Kernel
+        Covariance of the terrain about an unknown constant [m²].
+    grid : Grid
+        Nodes of the terrain, on the cells' ground.
+
+    Examples
+    --------
+    >>> from survey.reconstruction.kernels import Matern52
+    >>> coarse = Dem.on(Grid((37.5, 37.5, 562.5, 562.5), 75.0), np.arange(64.0).reshape(8, 8))
+    >>> drawn = ConditionalTerrain(
+    ...     CoarseCells(coarse, sigma_m=0.1), Matern52(30.0, 150.0), Grid((0.0, 0.0, 600.0, 600.0), 10.0)
+    ... )
+    >>> terrain = drawn.draw(np.random.default_rng(1))
+    >>> bool(np.abs(drawn.cells.seen_in(terrain) - drawn.cells.height_m).max() < 1.0)
+    True
+    """
+
+    cells: CoarseCells
+    kernel: Kernel
+    grid: Grid
+
+    def draw(self, rng: np.random.Generator) -> Dem:
+        """Return one surface.
+
+        Raises
+        ------
+        InputError
+            A grid too coarse for the kernel, or beyond the ground whose cells are known.
+        """
+        # The cells reach half a cell beyond nodes that end at their centres.
+        xmin, ymin, xmax, ymax = self.grid.bounds
+        margin = self.grid.step_m * np.ceil(self.cells.prior.step_m / self.grid.step_m)
+        wide = Grid(
+            (xmin - margin, ymin - margin, xmax + margin, ymax + margin), self.grid.step_m, self.grid.crs
+        )
+        free = Dem.on(wide, kernel_field(wide, rng, self.kernel))
+        missing = self.cells.height_m - self.cells.seen_in(free)
+        if np.isnan(missing).any():
+            raise InputError(
+                "cells of the prior lie beyond the terrain to be drawn; cut the prior to the area."
+            )
+        missing = missing + self.cells.sigma_m * rng.standard_normal(len(missing))
+        level, weights = self._kriged(missing)
+        correction = level + self._reach.T @ weights
+        heights = free.at(self.grid.xy) + correction
+        return Dem.on(self.grid, heights.reshape(self.grid.shape), self.cells.prior.vertical_datum)
+
+    @cached_property
+    def _factor(self) -> tuple[FloatArray, bool]:
+        covariance = self.cells.covariance(self.kernel)
+        covariance[np.diag_indices(len(covariance))] += self.cells.sigma_m**2 + 1e-6 * self.kernel.variance_m2
+        return cho_factor(covariance, lower=True)
+
+    @cached_property
+    def _reach(self) -> FloatArray:
+        """Covariance (C, M) of the cells with the nodes."""
+        nodes = self.grid.xy
+        blocks = [
+            self.cells.covariance_with(self.kernel, nodes[i : i + 2000]) for i in range(0, len(nodes), 2000)
+        ]
+        return np.hstack(blocks)
+
+    def _kriged(self, values: FloatArray) -> tuple[float, FloatArray]:
+        """Return the constant and the weights (C,) that interpolate values at the cells."""
+        ones = cho_solve(self._factor, np.ones(len(values)))
+        level = float(ones @ values / ones.sum())
+        weights: FloatArray = cho_solve(self._factor, values - level)
+        return level, weights
