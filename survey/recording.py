@@ -15,6 +15,7 @@ from survey.geodesy import projected_crs
 from survey.io.files import replacing
 from survey.sensors import (
     Barometer,
+    Closures,
     Compass,
     GpsFixes,
     Inertial,
@@ -66,6 +67,8 @@ class Recording:
         A second receiver and a second barometer that stand at `start`.
     stakes, stake_sightings : optional
         Benchmarks of surveyed position, and when they were seen.
+    closures : optional
+        Places of the drive that were recognised again.
     antenna_height_m : float
         Height of the GPS antenna above the ground [m].
     vertical_datum : str
@@ -88,6 +91,7 @@ class Recording:
     base_barometer: Barometer | None = None
     stakes: Stakes | None = None
     stake_sightings: StakeSightings | None = None
+    closures: Closures | None = None
     camera: Camera | None = None
     frames: Frames | None = None
 
@@ -203,6 +207,7 @@ _TABLES: dict[str, Any] = {
     "base_barometer": Barometer,
     "stakes": Stakes,
     "stake_sightings": StakeSightings,
+    "closures": Closures,
 }
 """Fields of a recording that are kept as CSV tables of the same name."""
 

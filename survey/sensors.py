@@ -190,6 +190,28 @@ class StakeSightings(SensorRecords):
 
 
 @dataclass(frozen=True)
+class Closures(SensorRecords):
+    """Places recognised again.
+
+    At ``time_s`` (N,) the body was found to be where ``offset`` (N, 3) points from the body
+    as it stood at ``earlier_s`` (N,), in the body frame of then [m]; ``covariance``
+    (N, 3, 3) is the offset's error [m²].
+    """
+
+    COLUMNS: ClassVar = StakeSightings.COLUMNS
+    WHAT: ClassVar = "closures"
+
+    earlier_s: FloatArray
+    offset: FloatArray
+    covariance: FloatArray
+
+    def _check_order(self, times: FloatArray) -> None:
+        """Several places may be recognised at once."""
+        if (np.diff(times) < 0).any():
+            raise InputError(f"the times of the {self.WHAT} run backwards; sort them.")
+
+
+@dataclass(frozen=True)
 class Stakes:
     """Benchmarks of surveyed position: `position` (K, 3) world [m], `sigma_m` (K,) of each coordinate."""
 

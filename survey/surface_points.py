@@ -23,8 +23,10 @@ _COVARIANCE = {
     "cov_yz_m2": (1, 2),
     "cov_zz_m2": (2, 2),
 }
+_OWN = {f"own_{name}": place for name, place in _COVARIANCE.items()}
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 _RANGE = "range_m"
+_KEYFRAME, _HEADING = "keyframe", "heading_rad"
 _VALUE_SIGMA = "sigma_"
 
 
@@ -53,6 +55,14 @@ class SurfacePoints:
         Projected, in metres.
     vertical_datum : str
         What elevations count from; ``""`` when unstated.
+    own_covariance : (N, 3, 3) array_like, optional
+        The part of `covariance` that a point shares with no other [m²].
+    keyframe : (N,) array_like, optional
+        Where among the keyframes of the path the point was seen from: 2.25 is a quarter of
+        the way from the third to the fourth (`survey.path_error.PathError`). It goes with
+        `own_covariance`, `origins` and `heading_rad`.
+    heading_rad : (N,) array_like, optional
+        Heading of the body then, counter-clockwise from east [rad].
 
     Raises
     ------
@@ -76,6 +86,9 @@ class SurfacePoints:
     value_sigmas: Mapping[str, FloatArray] = field(default_factory=dict)
     crs: CRS = None  # type: ignore[assignment]  # refused below with a sentence of its own
     vertical_datum: str = UNSTATED
+    own_covariance: FloatArray | None = None
+    keyframe: FloatArray | None = None
+    heading_rad: FloatArray | None = None
 
     def __post_init__(self) -> None:
         xyz = checked(self.xyz, (None, 3), "the surface points")
@@ -89,6 +102,7 @@ class SurfacePoints:
             object.__setattr__(self, "origins", checked(self.origins, (n, 3), "the origins of the sightings"))
         if self.range_m is not None:
             object.__setattr__(self, "range_m", checked(self.range_m, (n,), "the ranges at first sight"))
+        self._check_keyframes(n)
         for name in ("values", "value_sigmas"):
             columns = {
                 key: checked(column, (n,), f"the values of {key}")
@@ -121,6 +135,18 @@ class SurfacePoints:
                 f"{n_bad} surface points have an elevation variance of 0 or less; every measurement errs, state by how much."
             )
 
+    def _check_keyframes(self, n: int) -> None:
+        """Points that name a keyframe must say all that ties them to it."""
+        if self.keyframe is None:
+            return
+        needed = {"own_covariance": (n, 3, 3), "keyframe": (n,), "heading_rad": (n,), "origins": (n, 3)}
+        for name, shape in needed.items():
+            if getattr(self, name) is None:
+                raise InputError(
+                    f"points that carry a keyframe need {name} too; add it or leave the keyframe out."
+                )
+            object.__setattr__(self, name, checked(getattr(self, name), shape, f"the {name} of the points"))
+
     @classmethod
     def read(
         cls,
@@ -135,7 +161,8 @@ class SurfacePoints:
         Columns are ``x_m``, ``y_m``, ``z_m`` (the geometry, where the format has one), and
         for the uncertainty either ``sigma_z_m`` or the six ``cov_xx_m2``, ``cov_xy_m2``,
         ``cov_xz_m2``, ``cov_yy_m2``, ``cov_yz_m2``, ``cov_zz_m2``. Optional ones are
-        ``origin_x_m``, ``origin_y_m``, ``origin_z_m`` and ``range_m``. Every other column of
+        ``origin_x_m``, ``origin_y_m``, ``origin_z_m`` and ``range_m``, and for points of a
+        path ``keyframe``, ``heading_rad`` and six ``own_cov_…``. Every other column of
         numbers is a sampled value, such as ``temperature_c``; ``sigma_temperature_c`` is its
         standard deviation.
 
@@ -170,6 +197,8 @@ class SurfacePoints:
         has_origins = all(name in columns for name in _ORIGIN)
         origins = np.column_stack([columns.pop(name) for name in _ORIGIN]) if has_origins else None
         range_m = columns.pop(_RANGE, None)
+        keyframe, heading = columns.pop(_KEYFRAME, None), columns.pop(_HEADING, None)
+        own = _symmetric(columns, _OWN) if all(name in columns for name in _OWN) else None
         sigmas = {
             name.removeprefix(_VALUE_SIGMA): columns.pop(name)
             for name in list(columns)
@@ -188,6 +217,9 @@ class SurfacePoints:
             sigmas,
             _one_crs(table.crs, crs),
             stated or datum or UNSTATED,
+            own,
+            keyframe,
+            heading,
         )
 
     def write(self, path: str | Path) -> None:
@@ -210,6 +242,9 @@ class SurfacePoints:
             columns |= dict(zip(_ORIGIN, self.origins.T, strict=True))
         if self.range_m is not None:
             columns[_RANGE] = self.range_m
+        if self.keyframe is not None and self.own_covariance is not None and self.heading_rad is not None:
+            columns |= {name: self.own_covariance[:, i, j] for name, (i, j) in _OWN.items()}
+            columns |= {_KEYFRAME: self.keyframe, _HEADING: self.heading_rad}
         columns |= dict(self.values)
         columns |= {_VALUE_SIGMA + name: sigma for name, sigma in self.value_sigmas.items()}
         write_point_table(path, PointTable(columns, self.crs, self.vertical_datum))
@@ -251,7 +286,19 @@ class SurfacePoints:
             {name: frozen(column[mask]) for name, column in self.value_sigmas.items()},
             self.crs,
             self.vertical_datum,
+            pick(self.own_covariance),
+            pick(self.keyframe),
+            pick(self.heading_rad),
         )
+
+
+def _symmetric(columns: dict[str, FloatArray], names: Mapping[str, tuple[int, int]]) -> FloatArray:
+    """Take the columns of a symmetric matrix out, and return it (N, 3, 3)."""
+    entries = {name: columns.pop(name) for name in names}
+    matrices = np.empty((len(next(iter(entries.values()))), 3, 3))
+    for name, (i, j) in names.items():
+        matrices[:, i, j] = matrices[:, j, i] = entries[name]
+    return matrices
 
 
 def _uncertainty(
@@ -264,11 +311,7 @@ def _uncertainty(
         missing = ", ".join(name for name in _COVARIANCE if name not in found)
         raise InputError(f"the covariance lacks the columns {missing}; give all six or {_SIGMA}.")
     if found:
-        entries = {name: columns.pop(name) for name in _COVARIANCE}
-        covariance = np.empty((len(entries["cov_xx_m2"]), 3, 3))
-        for name, (i, j) in _COVARIANCE.items():
-            covariance[:, i, j] = covariance[:, j, i] = entries[name]
-        return covariance, None
+        return _symmetric(columns, _COVARIANCE), None
     if sigma is None and sigma_m is None:
         raise InputError(
             f"the file states no uncertainty; add a column {_SIGMA} or the six cov_*_m2, or name one sigma for all."

@@ -12,6 +12,7 @@ from survey.errors import InputError
 from survey.geodesy import projected_crs
 from survey.io.tables import read_table, write_table
 from survey.io.tracks import TUM_COLUMNS, read_tum, write_tum
+from survey.path_error import PathError
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,8 @@ class Trajectory:
         Projected, in metres.
     health : (N,) array_like, optional
         1 where the pose can be trusted, 0 where it is lost; 1 by default.
+    error : PathError, optional
+        How the poses share their error: what a map must know to use the path twice.
 
     Raises
     ------
@@ -46,6 +49,7 @@ class Trajectory:
     covariance: FloatArray
     crs: CRS
     health: Any = None
+    error: PathError | None = None
 
     def __post_init__(self) -> None:
         time_s = checked(self.time_s, (None,), "the times of the trajectory")
@@ -83,7 +87,10 @@ class Trajectory:
         return float(np.linalg.norm(np.diff(self.position, axis=0), axis=1).sum())
 
     def write(self, path: str | Path) -> None:
-        """Write ``.tum`` text (poses alone) or a ``.csv`` table (with covariance and health)."""
+        """Write ``.tum`` text (poses alone) or a ``.csv`` table (with covariance and health).
+
+        Beside the table stands ``.error.npz``, where the poses' shared error is known.
+        """
         poses = np.column_stack([self.time_s, self.position, self.quaternion])
         if Path(path).suffix == ".tum":
             write_tum(path, poses)
@@ -92,6 +99,8 @@ class Trajectory:
             write_table(
                 path, dict(zip(_COLUMNS, np.column_stack([poses, upper, self.health]).T, strict=True))
             )
+            if self.error is not None:
+                self.error.write(_beside(path))
 
     @classmethod
     def read(cls, path: str | Path, crs: CRS | str) -> Self:
@@ -112,7 +121,14 @@ class Trajectory:
         covariance = np.empty((len(rows), 3, 3))
         covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = rows[:, 8:14]
         place, turn = rows[:, 1:4], rows[:, 4:8]
-        return cls(rows[:, 0], place, turn, covariance, projected_crs(crs, "the trajectory"), rows[:, 14])
+        error = PathError.read(_beside(path)) if _beside(path).exists() else None
+        return cls(
+            rows[:, 0], place, turn, covariance, projected_crs(crs, "the trajectory"), rows[:, 14], error
+        )
+
+
+def _beside(path: str | Path) -> Path:
+    return Path(path).with_suffix(".error.npz")
 
 
 _UPPER = np.triu_indices(3)

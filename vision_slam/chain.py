@@ -1,58 +1,83 @@
 """Normal equations of a chain: each node meets its neighbours and a few globals, and no other."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from survey.arrays import FloatArray
 
 
-def solve_chain(
-    information: Any, right: FloatArray, n_per_node: int, n_nodes: int
-) -> tuple[FloatArray, FloatArray]:
-    r"""Solve for K nodes of n unknowns and the globals behind them, with marginal covariances.
+@dataclass(frozen=True)
+class Chain:
+    r"""Factorization of the information of K nodes of n unknowns, with the globals behind them.
 
-    With A the block-tridiagonal part, B its coupling to the globals and G their own block,
+    With D the diagonal blocks, U those above them, B the coupling to the globals and G
+    their own block,
 
         S_0 = D_0,   S_{k+1} = D_{k+1} − U_kᵀ S_k⁻¹ U_k          (forward)
         Σ_K = S_K⁻¹, Σ_k = S_k⁻¹ + S_k⁻¹ U_k Σ_{k+1} U_kᵀ S_k⁻¹   (backward)
 
     and the globals, eliminated last, add A⁻¹B (G − BᵀA⁻¹B)⁻¹ BᵀA⁻¹. The cost is linear in K.
 
-    Parameters
-    ----------
-    information : scipy.sparse.coo_array
-        (K n + g, K n + g), symmetric positive definite.
-    right : (K n + g,) ndarray
-        Right-hand side.
-    n_per_node, n_nodes : int
-        n and K.
-
-    Returns
-    -------
-    estimate : (K, n) ndarray
-        Of the nodes' unknowns.
-    covariance : (K, n, n) ndarray
-        Marginal of each node.
-
     Examples
     --------
     >>> from scipy import sparse
-    >>> matrix = sparse.coo_array(np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, 1.0], [0.0, 1.0, 3.0]]))
-    >>> estimate, covariance = solve_chain(matrix, np.array([1.0, 0.0, 0.0]), 1, 2)
-    >>> inverse = np.linalg.inv(matrix.toarray())
-    >>> bool(np.allclose(covariance.ravel(), np.diag(inverse)[:2]) and np.allclose(estimate.ravel(), inverse[:2, 0]))
+    >>> matrix = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, 1.0], [0.0, 1.0, 3.0]])
+    >>> chain = Chain.of(sparse.coo_array(matrix), 1, 2)
+    >>> inverse = np.linalg.inv(matrix)
+    >>> bool(np.allclose(chain.solve(np.eye(3)), inverse))
+    True
+    >>> own, with_next = chain.covariances()
+    >>> bool(np.allclose(own.ravel(), np.diag(inverse)[:2]) and np.isclose(with_next[0, 0, 0], inverse[0, 1]))
     True
     """
-    diagonal, upper, coupling, own = _blocks(information, n_per_node, n_nodes)
-    inverses = _forward(diagonal, upper)
-    sides = np.concatenate([coupling, right[: n_nodes * n_per_node].reshape(n_nodes, n_per_node, 1)], axis=2)
-    solved = _substituted(inverses, upper, sides)
-    by_global, alone = solved[:, :, :-1], solved[:, :, -1]
-    rest = own - np.einsum("kni,knj->ij", coupling, by_global)
-    shared = np.linalg.solve(rest, right[n_nodes * n_per_node :] - np.einsum("kni,kn->i", coupling, alone))
-    covariance = _backward(inverses, upper) + by_global @ np.linalg.inv(rest) @ by_global.transpose(0, 2, 1)
-    return alone - by_global @ shared, 0.5 * (covariance + covariance.transpose(0, 2, 1))
+
+    inverses: FloatArray
+    upper: FloatArray
+    coupling: FloatArray
+    by_global: FloatArray
+    rest: FloatArray
+    log_determinant: float
+
+    @classmethod
+    def of(cls, information: Any, n_per_node: int, n_nodes: int) -> Self:
+        """Factorize a symmetric positive definite ``scipy.sparse.coo_array`` (K n + g, K n + g)."""
+        diagonal, upper, coupling, own = _blocks(information, n_per_node, n_nodes)
+        inverses, log_determinant = _forward(diagonal, upper)
+        by_global = _substituted(inverses, upper, coupling)
+        rest = own - np.einsum("kni,knj->ij", coupling, by_global)
+        log_determinant += float(np.linalg.slogdet(rest)[1])
+        return cls(inverses, upper, coupling, by_global, rest, log_determinant)
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of unknowns, globals included."""
+        n_nodes, n = self.inverses.shape[:2]
+        return int(n_nodes * n + len(self.rest))
+
+    def solve(self, sides: FloatArray) -> FloatArray:
+        """Return the solutions (K n + g, R) of right-hand sides (K n + g, R)."""
+        n_nodes, n = self.inverses.shape[:2]
+        last = n_nodes * n
+        alone = _substituted(self.inverses, self.upper, sides[:last].reshape(n_nodes, n, -1))
+        behind = sides[last:] - np.einsum("kni,knr->ir", self.coupling, alone)
+        shared = np.linalg.solve(self.rest, behind)
+        among = (alone - self.by_global @ shared).reshape(last, -1)
+        return np.vstack([among, shared])
+
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Return the marginal covariance of each node (K, n, n), and that of each with the next (K − 1, n, n)."""
+        own = self.inverses.copy()
+        with_next = np.empty_like(self.upper)
+        for k in range(len(self.upper) - 1, -1, -1):
+            gain = self.inverses[k] @ self.upper[k]
+            with_next[k] = -gain @ own[k + 1]
+            own[k] -= with_next[k] @ gain.T
+        of_globals = self.by_global @ np.linalg.inv(self.rest)
+        own += of_globals @ self.by_global.transpose(0, 2, 1)
+        with_next += of_globals[:-1] @ self.by_global[1:].transpose(0, 2, 1)
+        return 0.5 * (own + own.transpose(0, 2, 1)), with_next
 
 
 def _blocks(information: Any, n: int, n_nodes: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -75,12 +100,15 @@ def _blocks(information: Any, n: int, n_nodes: int) -> tuple[FloatArray, FloatAr
     return diagonal, upper, coupling, own
 
 
-def _forward(diagonal: FloatArray, upper: FloatArray) -> FloatArray:
-    inverses = np.empty_like(diagonal)
-    inverses[0] = np.linalg.inv(diagonal[0])
-    for k in range(len(upper)):
-        inverses[k + 1] = np.linalg.inv(diagonal[k + 1] - upper[k].T @ inverses[k] @ upper[k])
-    return inverses
+def _forward(diagonal: FloatArray, upper: FloatArray) -> tuple[FloatArray, float]:
+    inverses, log_determinant = np.empty_like(diagonal), 0.0
+    remaining = diagonal[0]
+    for k in range(len(diagonal)):
+        if k:
+            remaining = diagonal[k] - upper[k - 1].T @ inverses[k - 1] @ upper[k - 1]
+        inverses[k] = np.linalg.inv(remaining)
+        log_determinant += float(np.linalg.slogdet(remaining)[1])
+    return inverses, log_determinant
 
 
 def _substituted(inverses: FloatArray, upper: FloatArray, sides: FloatArray) -> FloatArray:
@@ -91,11 +119,3 @@ def _substituted(inverses: FloatArray, upper: FloatArray, sides: FloatArray) -> 
     for k in range(len(upper) - 1, -1, -1):
         solved[k] = inverses[k] @ (solved[k] - upper[k] @ solved[k + 1])
     return solved
-
-
-def _backward(inverses: FloatArray, upper: FloatArray) -> FloatArray:
-    covariance = inverses.copy()
-    for k in range(len(upper) - 1, -1, -1):
-        gain = inverses[k] @ upper[k]
-        covariance[k] += gain @ covariance[k + 1] @ gain.T
-    return covariance

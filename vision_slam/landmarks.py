@@ -2,21 +2,23 @@
 
 import numpy as np
 
-from survey.arrays import FloatArray, IntArray
+from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.recording import Recording
 from survey.surface_points import SurfacePoints
 from vision_slam.config import LocalizationConfig
-from vision_slam.rotation import rotations, turned
+from vision_slam.rotation import rotations
 from vision_slam.smoother import SmoothedPath
+from vision_slam.ties import pose_jacobian
 
 
 def placed_landmarks(recording: Recording, path: SmoothedPath, config: LocalizationConfig) -> SurfacePoints:
     """Place the landmarks that pass the gates, with the covariance of sighting and path together.
 
     With R the attitude and o the offset in the body frame, the landmark is p + R o and
-    its covariance R C Rᵀ + J P Jᵀ, J = [I, ∂(R o)/∂ψ, ∂(R o)/∂θ]; the roll, which no
-    sensor here corrects, adds its own term.
+    its covariance R C Rᵀ + J P Jᵀ, J = [I, ∂(R o)/∂ψ, ∂(R o)/∂θ, ∂(R o)/∂φ]. The first
+    part is the landmark's own; the second it shares with its neighbours, which the
+    keyframe tells that each point carries.
 
     Raises
     ------
@@ -33,30 +35,24 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
             f"{config.landmark_min_range_m} m); loosen localization.landmark_max_sigma_m or landmark_min_range_m."
         )
     pose = sightings.pose[keep]
-    rotation = rotations(path.attitude_rad[pose])
+    attitude = path.attitude_rad[pose]
+    rotation = rotations(attitude)
     arm = np.einsum("nij,nj->ni", rotation, sightings.offset[keep])
-    own = rotation @ sightings.covariance[keep] @ rotation.transpose(0, 2, 1)
+    own = _symmetric(rotation @ sightings.covariance[keep] @ rotation.transpose(0, 2, 1))
+    jacobian = pose_jacobian(arm, attitude)
+    shared = jacobian @ path.covariance[pose] @ jacobian.transpose(0, 2, 1)
+    assert recording.odometry is not None
     return SurfacePoints(
         path.position[pose] + arm,
-        covariance=_symmetric(own + _from_path(path, pose, arm, rotation, config)),
+        covariance=_symmetric(own + shared),
         origins=path.position[pose],
         range_m=sightings.range_m[keep],
         crs=recording.crs,
         vertical_datum=recording.vertical_datum,
+        own_covariance=own,
+        keyframe=path.error.keyframe_at(recording.odometry.time_s[pose]),
+        heading_rad=attitude[:, 2],
     )
-
-
-def _from_path(
-    path: SmoothedPath, pose: IntArray, arm: FloatArray, rotation: FloatArray, config: LocalizationConfig
-) -> FloatArray:
-    by_yaw, by_pitch = turned(arm, path.attitude_rad[pose, 2])
-    jacobian = np.concatenate(
-        [np.broadcast_to(np.eye(3), (len(pose), 3, 3)), by_yaw[:, :, None], by_pitch[:, :, None]], axis=2
-    )
-    by_roll = np.cross(rotation[:, :, 0], arm) * np.radians(config.tilt_sigma_deg)
-    shared: FloatArray = jacobian @ path.covariance[pose] @ jacobian.transpose(0, 2, 1)
-    own_roll: FloatArray = by_roll[:, :, None] * by_roll[:, None, :]
-    return shared + own_roll
 
 
 def _symmetric(matrices: FloatArray) -> FloatArray:

@@ -71,6 +71,7 @@ def _trajectory(recording: Recording, path: SmoothedPath) -> Trajectory:
         quaternions(path.attitude_rad),
         path.covariance[:, :3, :3],
         recording.crs,
+        error=path.error,
     )
 
 

@@ -1,0 +1,214 @@
+"""What each sensor says of the unknowns: the rows of the smoother's equations, sensor by sensor."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from survey.arrays import FloatArray, IntArray
+from survey.recording import Recording
+from survey.sensors import Barometer, Odometry
+from vision_slam.config import LocalizationConfig
+from vision_slam.leveling import gravity_tilt
+from vision_slam.normal_equations import (
+    BIAS,
+    DATUM,
+    DRIFT,
+    FORCE_PITCH,
+    FORCE_ROLL,
+    HEADING,
+    PITCH,
+    PITCH_BIAS,
+    ROLL,
+    ROLL_BIAS,
+    SCALE,
+    YAW,
+    E,
+    NormalEquations,
+    Term,
+    unknown,
+)
+from vision_slam.rotation import turned
+
+_DATUM_SIGMA_M = 1e4  # a barometer's datum is unknown by kilometres before the first reading
+_UNKNOWN_START_M = 100.0
+_UNKNOWN_HEADING_DEG = 5.0
+# What counts as known exactly: a larger number would swamp the others in rounding.
+_EXACT_RAD = 1e-6
+
+
+def add_terms(
+    system: NormalEquations,
+    recording: Recording,
+    reckoned: FloatArray,
+    nodes: IntArray,
+    config: LocalizationConfig,
+) -> None:
+    """Add everything but stakes and closures, which may be wrong and are judged afterwards."""
+    assert recording.odometry is not None
+    along = _Nodes(recording.odometry, reckoned, nodes)
+    _add_start(system, config)
+    _add_odometry(system, along, config)
+    _add_gps(system, recording, along, config)
+    _add_barometer(system, recording, along, config)
+    _add_gravity(system, recording, along, config)
+
+
+@dataclass(frozen=True)
+class _Nodes:
+    """The nodes among the poses of the odometry, and its reckoned path."""
+
+    odometry: Odometry
+    reckoned: FloatArray
+    index: IntArray
+
+    @property
+    def time_s(self) -> FloatArray:
+        return self.odometry.time_s[self.index]
+
+    @property
+    def travel(self) -> FloatArray:
+        steps = np.linalg.norm(np.diff(self.reckoned, axis=0), axis=1)
+        return np.diff(np.r_[0.0, np.cumsum(steps)][self.index])
+
+    def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,)."""
+        edges = 0.5 * (self.time_s[1:] + self.time_s[:-1])
+        nearest = np.searchsorted(edges, time_s)
+        node, inverse, count = np.unique(nearest, return_inverse=True, return_counts=True)
+        total = np.zeros((len(node), values.shape[1]))
+        np.add.at(total, inverse, values)
+        return node.astype(np.int64), total / count[:, None], count.astype(np.float64)
+
+
+def _add_start(system: NormalEquations, config: LocalizationConfig) -> None:
+    known = config.start == "surveyed"
+    for axis in range(3):
+        system.add_prior(E + axis, config.start_sigma_m if known else _UNKNOWN_START_M)
+    heading = config.heading_sigma_deg if known else _UNKNOWN_HEADING_DEG
+    for which, sigma_deg in (
+        (HEADING, heading),
+        (PITCH_BIAS, config.tilt_bias_sigma_deg),
+        (ROLL_BIAS, config.tilt_bias_sigma_deg),
+        (FORCE_PITCH, config.accelerometer_bias_sigma_deg),
+        (FORCE_ROLL, config.accelerometer_bias_sigma_deg),
+    ):
+        system.add_prior(which, max(float(np.radians(sigma_deg)), _EXACT_RAD))
+    system.add_prior(SCALE, config.scale_sigma)
+    system.add_prior(DATUM, _DATUM_SIGMA_M)
+
+
+def _add_odometry(system: NormalEquations, along: _Nodes, config: LocalizationConfig) -> None:
+    before = np.arange(len(along.index) - 1)
+    step, length = np.diff(along.reckoned[along.index], axis=0), along.travel
+    by_yaw, by_pitch = _leverage(along)
+    one = np.ones(len(before))
+    for axis in range(3):
+        terms: list[Term] = [(unknown(before + 1, E + axis), one), (unknown(before, E + axis), -one)]
+        for k in (before, before + 1):
+            terms.append((unknown(k, YAW), -0.5 * by_yaw[:, axis]))
+            terms.append((unknown(k, PITCH), -0.5 * by_pitch[:, axis]))
+        terms.append((np.array(SCALE), -step[:, axis]))
+        system.add(terms, 0.0 * one, config.step_sigma_m * np.sqrt(length))
+    memory = np.exp(-length / config.attitude_correlation_m)
+    for which, sigma_deg, mean in (
+        (YAW, config.yaw_sigma_deg, HEADING),
+        (PITCH, config.tilt_sigma_deg, PITCH_BIAS),
+        (ROLL, config.tilt_sigma_deg, ROLL_BIAS),
+    ):
+        system.add_gauss_markov(which, memory, float(np.radians(sigma_deg)), mean)
+
+
+def _leverage(along: _Nodes) -> tuple[FloatArray, FloatArray]:
+    """How the step between nodes answers to yaw and pitch errors, summed over the poses between."""
+    answers = turned(np.diff(along.reckoned, axis=0), along.odometry.attitude_rad[:-1, 2])
+    total = [np.vstack([np.zeros(3), np.cumsum(answer, axis=0)]) for answer in answers]
+    return np.diff(total[0][along.index], axis=0), np.diff(total[1][along.index], axis=0)
+
+
+def _add_gps(
+    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
+) -> None:
+    """Add the fixes, less what a base station at the start says of the errors that both receivers have."""
+    fixes, base = recording.gps, recording.base
+    position, bias, white = fixes.position, config.gps_bias_sigma_m, config.gps_white_sigma_m
+    if base is not None:
+        common = base.position - recording.start
+        position = position - np.column_stack([np.interp(fixes.time_s, base.time_s, c) for c in common.T])
+        bias, white = bias * config.base_residual, white * float(np.sqrt(2.0))
+    at_fix = np.column_stack(
+        [np.interp(fixes.time_s, along.odometry.time_s, column) for column in along.reckoned.T]
+    )
+    ground = position - [0.0, 0.0, recording.antenna_height_m]
+    node, mean, count = along.averaged(fixes.time_s, at_fix - ground)
+    memory = np.exp(-np.diff(along.time_s) / config.gps_correlation_time_s)
+    one = np.ones(len(node))
+    for axis in range(3):
+        factor = config.gps_vertical_factor if axis == 2 else 1.0
+        terms = [(unknown(node, E + axis), one), (unknown(node, BIAS + axis), -one)]
+        system.add(terms, mean[:, axis], factor * white / np.sqrt(count))
+        system.add_gauss_markov(BIAS + axis, memory, factor * bias)
+
+
+def _add_barometer(
+    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
+) -> None:
+    drift, white = config.barometer_drift_sigma_m, config.barometer_white_sigma_m
+    readings = recording.barometer
+    if readings is not None and recording.base_barometer is not None:
+        readings = _differenced(readings, recording.base_barometer)
+        drift, white = drift * config.base_barometer_residual, white * float(np.sqrt(2.0))
+    memory = np.exp(-np.diff(along.time_s) / config.barometer_correlation_time_s)
+    system.add_gauss_markov(DRIFT, memory, drift)
+    if readings is None:
+        return
+    height = np.interp(readings.time_s, along.odometry.time_s, along.reckoned[:, 2])
+    node, mean, count = along.averaged(readings.time_s, (height - readings.height_m)[:, None])
+    many = np.ones(len(node))
+    terms: list[Term] = [
+        (unknown(node, E + 2), many),
+        (unknown(node, DRIFT), -many),
+        (np.array(DATUM), -many),
+    ]
+    system.add(terms, mean[:, 0], white / np.sqrt(count))
+
+
+def _differenced(readings: Barometer, base: Barometer) -> Barometer:
+    weather = np.interp(readings.time_s, base.time_s, base.height_m - base.height_m[0])
+    return Barometer(readings.time_s, readings.height_m - weather)
+
+
+def _add_gravity(
+    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
+) -> None:
+    """Add roll and pitch from gravity, with the scatter that the readings themselves show.
+
+    The scatter is taken about each node's mean and from node to node, whichever is
+    larger: jolts that last would otherwise be believed.
+    """
+    if recording.inertial is None:
+        return
+    tilt = gravity_tilt(recording.inertial, along.odometry)
+    times, attitude = along.odometry.time_s, along.odometry.attitude_rad
+    sensed = np.column_stack(
+        [
+            np.interp(tilt.time_s, times, attitude[:, axis]) - values
+            for axis, values in ((0, tilt.roll_rad), (1, tilt.pitch_rad))
+        ]
+    )
+    if len(sensed) < 2:
+        return
+    node, mean, count = along.averaged(tilt.time_s, sensed)
+    for column, which, bias in ((0, ROLL, FORCE_ROLL), (1, PITCH, FORCE_PITCH)):
+        sigma = _scatter(sensed[:, column], mean[:, column], count)
+        many = np.ones(len(node))
+        terms: list[Term] = [(unknown(node, which), many), (np.array(bias), -many)]
+        system.add(terms, mean[:, column], sigma / np.sqrt(count))
+
+
+def _scatter(readings: FloatArray, mean: FloatArray, count: FloatArray) -> float:
+    """Standard deviation of one reading [rad]: from neighbours in time, and from second differences of the nodes' means."""
+    within = 1.4826 * float(np.median(np.abs(np.diff(readings)))) / np.sqrt(2.0)
+    if len(mean) < 3:
+        return max(within, _EXACT_RAD)
+    bends = np.abs(mean[2:] - 2.0 * mean[1:-1] + mean[:-2]) * np.sqrt(count[1:-1] / 6.0)
+    return max(within, 1.4826 * float(np.median(bends)), _EXACT_RAD)
