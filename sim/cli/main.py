@@ -5,6 +5,7 @@ import sys
 import typer
 
 from sim.cli import (
+    change,
     doctor,
     export,
     init,
@@ -35,6 +36,7 @@ for command in (
     simulate.simulate,
     reconstruct.reconstruct,
     score.score,
+    change.change,
     report.report,
     run.run,
     montecarlo.montecarlo,

@@ -1,7 +1,7 @@
 """``firnline score``: judge how good a map is."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,6 +23,34 @@ def score(
     truth: Annotated[
         Path | None, typer.Option("--truth", help="Reference raster, finer and surer than the map.")
     ] = None,
+    checkpoints: Annotated[
+        Path | None,
+        typer.Option(
+            "--checkpoints", help="Independent points (CSV, GeoPackage, GPX …), better than the map."
+        ),
+    ] = None,
+    standard: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--standard", help="Judge checkpoints by: asprs-edition-2 (default), asprs-2014, nssda-1998, …"
+        ),
+    ] = None,
+    class_m: Annotated[
+        float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
+    ] = None,
+    interval: Annotated[
+        float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
+    ] = None,
+    sigma: Annotated[
+        float | None, typer.Option("--sigma", help="Deviation of checkpoints that state none [m].")
+    ] = None,
+    datum: Annotated[
+        str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")
+    ] = None,
+    control: Annotated[
+        Path | None,
+        typer.Option("--control", help="Points that the map was made from; no checkpoint may be one."),
+    ] = None,
     area: Annotated[Path | None, typer.Option("--area", help="Judge only inside this polygon.")] = None,
     route: Annotated[
         Path | None, typer.Option("--route", help="Route that was driven, for coverage, α and β.")
@@ -33,11 +61,15 @@ def score(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Judge a map against a reference: error statistics, coverage, map class.
+    """Judge a map against a reference or checkpoints: error statistics, coverage, map class.
+
+    Large rasters are read in blocks. A standard whose conditions are not met gives no verdict.
 
     For example:
 
       firnline score mine.tif --truth lidar.tif --area site.gpkg
+
+      firnline score mine.tif --checkpoints gnss.csv --standard asprs-edition-2 --class 0.10
 
       firnline score mine.toml
     """
@@ -47,7 +79,59 @@ def score(
         _, run = run_until(source, "score", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         tell(run, as_json=as_json)
         return
+    if checkpoints is not None:
+        asked = {
+            "standards": tuple(standard or ("asprs-edition-2",)),
+            "class_m": class_m,
+            "interval_m": interval,
+        }
+        given = {"sigma_m": sigma, "vertical_datum": datum}
+        _score_at(source, checkpoints, (control, area), given, asked, as_json=as_json)
+        return
     _score_file(source, truth, area, route, as_json=as_json)
+
+
+def _score_at(
+    source: Path,
+    checkpoints: Path,
+    besides: tuple[Path | None, Path | None],
+    given: dict[str, Any],
+    asked: dict[str, Any],
+    *,
+    as_json: bool,
+) -> None:
+    """Judge a map by checkpoints; `besides` are the files of control points and of the area, `given` what the points' file lacks."""
+    import json
+
+    import survey
+    from survey.scoring import Checkpoints, compare, score_at
+    from survey.scoring.checkpoints import control_places
+
+    map_ = map_of(source)
+    dem = map_ if isinstance(map_, survey.Dem) else map_.mean
+    points = Checkpoints.read(checkpoints, crs=dem.crs, **given)
+    control, area = besides
+    if control is not None:
+        points.refuse_control(control_places(control, dem.crs))
+    ground = None if area is None else survey.SurveyArea.read(area, crs=dem.crs)
+    judged = score_at(compare(dem, points, ground), **asked)
+    if as_json:
+        typer.echo(json.dumps(judged.to_dict(), indent=2))
+        return
+    _tell_statistics(judged.to_dict()["elevation"])
+    low, high = judged.interval.low_m, judged.interval.high_m
+    typer.echo(f"{'rmse 95 %':<12} {low:.4f} to {high:.4f} ({judged.interval.method})")
+    if judged.left_out:
+        typer.echo(f"no height at {', '.join(judged.left_out)}")
+    for finding in judged.assessments:
+        typer.echo(finding.sentence)
+        for caution in finding.cautions:
+            typer.echo(f"  note: {caution}")
+
+
+def _tell_statistics(figures: dict[str, Any]) -> None:
+    for name, figure in figures.items():
+        typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
 
 
 def _score_file(
@@ -60,8 +144,10 @@ def _score_file(
     from survey.errors import InputError
 
     if truth is None:
-        raise InputError(f"{source} cannot be judged alone; name the reference raster with --truth.")
-    map_, truth_dem = _map_of(source), survey.Dem.read(truth)
+        raise InputError(
+            f"{source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
+        )
+    map_, truth_dem = map_of(source), survey.Dem.read(truth)
     judged = survey.score(
         map_,
         truth=truth_dem,
@@ -71,12 +157,11 @@ def _score_file(
     if as_json:
         typer.echo(json.dumps(judged, indent=2))
         return
-    for name, figure in judged["elevation"].items():
-        typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
+    _tell_statistics(judged["elevation"])
     typer.echo(best_class(judged["verdicts"]))
 
 
-def _map_of(source: Path) -> "Reconstruction | Dem":
+def map_of(source: Path) -> "Reconstruction | Dem":
     """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation."""
     import numpy as np
 

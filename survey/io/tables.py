@@ -20,8 +20,10 @@ def write_table(path: str | Path, columns: Mapping[str, FloatArray]) -> None:
         file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
-def read_table(path: str | Path, required: Sequence[str], *, what: str) -> dict[str, FloatArray]:
-    """Read every column of a CSV table of numbers.
+def read_table(
+    path: str | Path, required: Sequence[str], *, what: str, texts: Sequence[str] = ()
+) -> dict[str, FloatArray]:
+    """Read every column of a CSV table of numbers, but for those named in `texts`.
 
     Raises
     ------
@@ -51,7 +53,11 @@ def read_table(path: str | Path, required: Sequence[str], *, what: str) -> dict[
                 f"{what} {file}, line {number}: {len(row)} values where the header names {len(header)}; "
                 "the file may be cut off, make it again."
             )
-    return {name: _numbers(body, index, f"{what} {file}", name) for index, name in enumerate(header)}
+    return {
+        name: _numbers(body, index, f"{what} {file}", name)
+        for index, name in enumerate(header)
+        if name not in texts
+    }
 
 
 def _numbers(body: list[list[str]], index: int, where: str, name: str) -> FloatArray:

@@ -1,0 +1,150 @@
+"""``firnline change``: how much ice came or went between two surveys."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sim.cli.options import Json
+from sim.cli.outcome import refusals_told
+
+if TYPE_CHECKING:
+    from survey.scoring.change import Change
+
+
+@refusals_told
+def change(
+    later: Annotated[
+        Path,
+        typer.Argument(help="Later survey: raster, folder of a reconstruction, or terrain model (.npz)."),
+    ],
+    earlier: Annotated[Path, typer.Argument(help="Earlier survey, or any elevation raster.")],
+    outline: Annotated[
+        Path, typer.Option("--outline", help="Polygons over which to compute change (glacier outlines).")
+    ],
+    stable: Annotated[
+        Path | None,
+        typer.Option("--stable", help="Ground that did not change; by default all outside the outlines."),
+    ] = None,
+    align: Annotated[
+        bool, typer.Option("--align", help="First shift the earlier survey onto the later one.")
+    ] = False,
+    level: Annotated[bool, typer.Option(help="Take off the mean difference of the unchanged ground.")] = True,
+    density: Annotated[float, typer.Option("--density", help="Of what was gained or lost [kg/m³].")] = 850.0,
+    density_std: Annotated[
+        float, typer.Option("--density-std", help="Its standard deviation [kg/m³].")
+    ] = 60.0,
+    grid: Annotated[
+        float, typer.Option("--grid", help="Distance between nodes when terrain models are compared [m].")
+    ] = 2.0,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for change.tif, .csv, .json, .png.")
+    ] = Path("change"),
+    force: Annotated[bool, typer.Option("--force", help="Replace a change that is there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Compute the change of height, volume and mass, with errors that know they are correlated.
+
+    For example:
+
+      firnline change 2026.tif 2024.tif --outline glacier.gpkg
+
+      firnline change 2026.tif srtm.tif --outline glacier.shp --align --density 900 --density-std 20
+    """
+    import json
+
+    from survey.errors import InputError
+    from survey.figures.change import change_map
+    from survey.figures.style import png_bytes
+    from survey.io.files import replacing
+    from survey.scoring.change_files import change_facts, write_change
+
+    if (out / "change.tif").exists() and not force:
+        raise InputError(
+            f"{out / 'change.tif'} exists; choose another folder with --out or add --force to replace it."
+        )
+    options: dict[str, Any] = {"align": align, "level": level, "step_m": grid}
+    found, outlines = _compared(later, earlier, outline, stable, options)
+    facts = change_facts(found, density, density_std)
+    out.mkdir(parents=True, exist_ok=True)
+    write_change(out, found, density, density_std)
+    with replacing(out / "change.png") as draft:
+        draft.write_bytes(png_bytes(change_map(found, outlines)))
+    if as_json:
+        typer.echo(json.dumps(facts, indent=2))
+        return
+    _tell(facts, out)
+
+
+def _compared(
+    later: Path, earlier: Path, outline: Path, stable: Path | None, options: dict[str, Any]
+) -> tuple["Change", dict[str, Any]]:
+    """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
+    import shapely
+
+    from survey.scoring.change import change as compare
+    from survey.scoring.outlines import read_outlines
+
+    if later.suffix == earlier.suffix == ".npz":
+        return _models_compared(later, earlier, outline, options["step_m"])
+    new, old = _surface(later), _surface(earlier)
+    crs = getattr(new, "mean", new).crs
+    outlines = read_outlines(outline, crs)
+    ground = None if stable is None else shapely.union_all(list(read_outlines(stable, crs).values()))
+    return (
+        compare(new, old, outlines, stable=ground, align=options["align"], level=options["level"]),
+        outlines,
+    )
+
+
+def _models_compared(
+    later: Path, earlier: Path, outline: Path, step_m: float
+) -> tuple["Change", dict[str, Any]]:
+    import shapely
+
+    from survey import Grid
+    from survey.errors import InputError
+    from survey.reconstruction.gp_terrain import GaussianProcessTerrain
+    from survey.scoring.change import change_of_models
+    from survey.scoring.outlines import read_outlines
+
+    new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
+    crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
+    if crs is None:
+        raise InputError(
+            f"{later} and {earlier} carry no coordinate reference system (models built on a raster do); "
+            "compare their maps instead."
+        )
+    outlines = read_outlines(outline, crs)
+    bounds = shapely.union_all(list(outlines.values())).bounds
+    return change_of_models(new, old, outlines, Grid.over(bounds, step_m, crs)), outlines
+
+
+def _surface(source: Path) -> Any:
+    import survey
+    from sim.cli.score import map_of
+
+    if source.suffix == ".npz":
+        from survey.errors import InputError
+
+        raise InputError(
+            f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
+        )
+    return survey.Reconstruction.read(source) if source.is_dir() else map_of(source)
+
+
+def _tell(facts: dict[str, Any], out: Path) -> None:
+    if facts["shift"] is not None:
+        shift = facts["shift"]
+        typer.echo(
+            f"shifted by {shift['east_m']:+.3f} m east, {shift['north_m']:+.3f} m north, {shift['up_m']:+.3f} m up"
+        )
+    for row in facts["volumes"]:
+        typer.echo(
+            f"{row['name']}: {row['volume_change_m3']:+.4g} m³, 95 % between {row['volume_low_95_m3']:+.4g} and "
+            f"{row['volume_high_95_m3']:+.4g}; {row['mean_change_m']:+.3f} m on the mean, "
+            f"{row['specific_mass_balance_m_we']:+.3f} ± {row['specific_std_m_we']:.3f} m w.e."
+        )
+    for note in facts["notes"]:
+        typer.echo(f"note: {note}")
+    typer.echo(f"written to {out}")
