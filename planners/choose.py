@@ -2,11 +2,14 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import count
 
 from planners.base import swath_route
 from planners.config import BestConfig, LawnmowerConfig, WavyConfig
 from planners.predict import ErrorModel
-from planners.swaths import fewest_swaths_heading
+from planners.rover import Crew
+from planners.swaths import narrowest_heading
 from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.errors import InputError
@@ -24,6 +27,8 @@ _MOST_SAMPLES = 700
 _MOST_SWATHS = 200
 
 Shape = LawnmowerConfig | WavyConfig
+Progress = Callable[[str, int, int], None]
+"""Told what is done, how much of it, and of how much."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,17 @@ class Choice:
     rmse_m: float
 
 
-def choose(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice:
+Sizer = Callable[[Shape], Choice | None]
+
+
+def choose(
+    area: SurveyArea,
+    config: BestConfig,
+    model: ErrorModel,
+    *,
+    crew: Crew | None = None,
+    progress: Progress | None = None,
+) -> Choice:
     """Choose the swaths of least predicted error, sensor noise included.
 
     Straight swaths are compared first, over headings and distances from the border; then
@@ -50,7 +65,8 @@ def choose(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice:
     InputError
         A budget that no single swath fits, an error that 200 swaths do not reach.
     """
-    sized = _sizer(area, config, model)
+    lay = partial(swath_route, area, crew=crew)
+    sized = _counted(_sizer(lay, config, model), _n_shapes(area, config), progress)
     value = _least(config)
 
     def best_of(shapes: Iterable[Shape]) -> Choice:
@@ -80,7 +96,7 @@ def _least(config: BestConfig) -> Callable[[Choice], float]:
 def _headings(area: SurveyArea, config: BestConfig) -> list[float]:
     if config.heading_deg is not None:
         return [config.heading_deg]
-    first = fewest_swaths_heading(area)
+    first = narrowest_heading(area.free)
     return [first, first + 90.0, first + 45.0, first - 45.0]
 
 
@@ -105,31 +121,48 @@ def _waves_like(wave: Shape, model: ErrorModel) -> Iterator[Shape]:
             yield _replaced(wave, steepness=steepness, wavelength_m=scales * slope_length_m(model.kernel))
 
 
-def _sizer(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Callable[[Shape], Choice | None]:
+def _n_shapes(area: SurveyArea, config: BestConfig) -> int:
+    return 2 * len(_BORDERS) + 2 * len(_headings(area, config)) + len(_STEEPNESSES) * len(_WAVELENGTH_SCALES)
+
+
+def _counted(sized: Sizer, n_shapes: int, progress: Progress | None) -> Sizer:
+    """Return the same function, which tells how often it was called."""
+    n_done = count(1)
+
+    def told(shape: Shape) -> Choice | None:
+        choice = sized(shape)
+        if progress is not None:
+            progress("comparing patterns", next(n_done), n_shapes)
+        return choice
+
+    return told
+
+
+def _sizer(lay: Callable[[Shape], Route], config: BestConfig, model: ErrorModel) -> Sizer:
     """Return the function that gives a shape its number of swaths."""
 
     def of(shape: Shape, n: int) -> Choice:
         sized = _replaced(shape, swaths=n)
-        route = swath_route(area, sized)
+        route = lay(sized)
         return Choice(sized, route, model.rmse_m(route, _MOST_SAMPLES))
 
     if config.rmse_m is not None:
         wanted_m = config.rmse_m
         return lambda shape: _fewest(lambda n: of(shape, n), wanted_m)
-    budget_m = _budget_m(area, config)
+    budget_m = _budget_m(lay, config)
 
     def within(shape: Shape) -> Choice | None:
-        n = _most(lambda n: swath_route(area, _replaced(shape, swaths=n)).length_m, budget_m)
+        n = _most(lambda n: lay(_replaced(shape, swaths=n)).length_m, budget_m)
         return of(shape, n) if n else None
 
     return within
 
 
-def _budget_m(area: SurveyArea, config: BestConfig) -> float:
+def _budget_m(lay: Callable[[Shape], Route], config: BestConfig) -> float:
     if config.budget_m is not None:
         return config.budget_m
     plain = LawnmowerConfig(swaths=config.swaths, spacing_m=config.spacing_m, heading_deg=config.heading_deg)
-    return swath_route(area, plain).length_m
+    return lay(plain).length_m
 
 
 def _most(length_m: Callable[[int], float], budget_m: float) -> int:
@@ -167,6 +200,6 @@ def _fewest(choice: Callable[[int], Choice], rmse_m: float) -> Choice | None:
 
 def inset_lawnmower(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice | None:
     """Return the inset lawnmower of the same budget or wanted error: what the choice is measured by."""
-    heading = fewest_swaths_heading(area) if config.heading_deg is None else config.heading_deg
+    heading = narrowest_heading(area.free) if config.heading_deg is None else config.heading_deg
     shape = LawnmowerConfig(swaths=1, heading_deg=heading, start=config.start, inset_share=INSET_SHARE)
-    return _sizer(area, config, model)(shape)
+    return _sizer(partial(swath_route, area), config, model)(shape)

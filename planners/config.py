@@ -7,6 +7,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pos
 from survey.config import Section
 
 Corner = Literal["south-west", "south-east", "north-west", "north-east"]
+HeadingRule = Literal["narrowest", "fewest-swaths", "slope", "grain"]
 
 
 class SwathConfig(Section):
@@ -17,7 +18,9 @@ class SwathConfig(Section):
     spacing_m: PositiveFloat | None = None
     """Ground sample spacing: the largest distance between neighbouring swaths [m]."""
     heading_deg: float | None = None
-    """Direction of the swaths, counter-clockwise from east [deg]; along the longer side when left out."""
+    """Direction of the swaths, counter-clockwise from east [deg]; by `heading_rule` when left out."""
+    heading_rule: HeadingRule = "narrowest"
+    """Along the longer side, with the fewest swaths (needs `spacing_m`), up the slope, or across the terrain's grain."""
     start: Corner | None = None
     """Corner of the first swath; the one nearest to the area's first start, else the south-western one."""
     outer_share: float = Field(default=0.5, gt=0.0, le=1.0)

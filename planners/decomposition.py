@@ -16,11 +16,20 @@ _SHORTEST_M = 0.01
 """Clipping leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
 
 _CRUMB_M2 = 1e-4
+_THREAD_SHARE = 1e-6
+"""Neighbouring strips overlap by this share of a spacing, or rounding would leave threads that join pieces."""
 _POCKET_ROUNDS = 4
+_CHORDS = 9
 
 
 def swaths_on(
-    ground: FreeGround, spacing_m: float, heading_deg: float, *, inset_m: float = 0.0, headland_m: float = 0.0
+    ground: FreeGround,
+    spacing_m: float,
+    heading_deg: float,
+    *,
+    inset_m: float = 0.0,
+    headland_m: float = 0.0,
+    outer_share: float = 0.5,
 ) -> list[FloatArray]:
     """Lay parallel swaths over the free ground.
 
@@ -43,6 +52,8 @@ def swaths_on(
         How far swaths end before the border, along their heading [m].
     headland_m : float
         Width of the strip along every border that swaths leave free [m].
+    outer_share : float
+        Distance of the outermost lines from the ground's edge, in spacings.
 
     Returns
     -------
@@ -61,7 +72,7 @@ def swaths_on(
         if not (np.isfinite(width_m) and width_m >= 0.0):
             raise ConfigError(f"the {name} is {width_m} m; it must be 0 or greater.")
     inner = _without_headland(ground, headland_m)
-    lines = clipped(ground, _lines_over(inner, spacing_m, heading_deg), headland_m=headland_m)
+    lines = clipped(ground, _lines_over(inner, spacing_m, heading_deg, outer_share), headland_m=headland_m)
     lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
     lines = [line for line in (_shortened(line, inset_m) for line in lines) if line is not None]
     if not lines:
@@ -87,16 +98,18 @@ def _require_spacing(spacing_m: float) -> None:
         raise ConfigError(f"the spacing of the swaths is {spacing_m} m; it must be greater than 0.")
 
 
-def _lines_over(polygon: Any, spacing_m: float, heading_deg: float) -> list[FloatArray]:
-    """Return the middle lines of equal strips over the polygon, longer than it."""
+def _lines_over(polygon: Any, spacing_m: float, heading_deg: float, outer_share: float) -> list[FloatArray]:
+    """Return evenly spaced lines over the polygon, longer than it."""
     along, left = axes_of(heading_deg)
     right = -left
     xy = shapely.get_coordinates(polygon)
     if not len(xy):
         return []
     u, v = xy @ along, xy @ right
-    n = max(int(np.ceil((v.max() - v.min()) / spacing_m - 1e-9)), 1)
-    offsets = v.min() + (np.arange(n) + 0.5) * (v.max() - v.min()) / n
+    width = v.max() - v.min()
+    n = max(int(np.ceil(width / spacing_m + 1.0 - 2.0 * outer_share - 1e-9)), 1)
+    distance = width / (n - 1 + 2.0 * outer_share)
+    offsets = v.min() + 0.5 * width + (np.arange(n) - 0.5 * (n - 1)) * distance
     reach = 1.0 + 0.01 * (u.max() - u.min())
     first, last = (u.min() - reach) * along, (u.max() + reach) * along
     return [np.array([first + offset * right, last + offset * right]) for offset in offsets]
@@ -121,8 +134,9 @@ def unswept(
     Ground within `headland_m` of a border is not asked for.
     """
     _require_spacing(spacing_m)
+    half_m = (0.5 + _THREAD_SHARE) * spacing_m
     swept = shapely.union_all(
-        shapely.buffer([shapely.linestrings(swath) for swath in swaths], 0.5 * spacing_m, quad_segs=16)
+        shapely.buffer([shapely.linestrings(swath) for swath in swaths], half_m, quad_segs=16)
     )
     rest = shapely.get_parts(shapely.difference(_without_headland(ground, headland_m), swept))
     return sorted((piece for piece in rest if piece.area > _CRUMB_M2), key=lambda piece: -piece.area)
@@ -141,8 +155,8 @@ def _in_pockets(
     for _ in range(_POCKET_ROUNDS):
         found: list[FloatArray] = []
         for piece in unswept(ground, lines + added, spacing_m, headland_m=headland_m):
-            line = _longest_through(piece, heading_deg)
-            if line is not None and np.hypot(*(line[1] - line[0])) > spacing_m:
+            line = _longest_through(piece, heading_deg, spacing_m)
+            if line is not None:
                 found += clipped(ground, [line], headland_m=headland_m)
         if not found:
             break
@@ -150,19 +164,23 @@ def _in_pockets(
     return added
 
 
-def _longest_through(piece: Polygon, heading_deg: float) -> FloatArray | None:
-    """Return the line along the heading, as long as the piece, through its middle or its widest place."""
+def _longest_through(piece: Polygon, heading_deg: float, least_m: float) -> FloatArray | None:
+    """Return the line along the heading, as long as a piece, that meets most of it; None if the piece is not longer than `least_m`."""
     along, left = axes_of(heading_deg)
     xy = shapely.get_coordinates(piece)
     u, v = xy @ along, xy @ left
-    inside = shapely.get_coordinates(piece.representative_point())[0] @ left
-    best, longest = None, 0.0
-    for offset in (0.5 * (v.min() + v.max()), inside):
-        line = np.array([u.min() * along + offset * left, u.max() * along + offset * left])
-        met = shapely.intersection(piece, shapely.linestrings(line)).length
-        if met > longest:
-            best, longest = line, met
-    return best
+    if np.ptp(u) <= least_m:
+        return None
+    # Places that turn with the piece: its middle, then pairs to both sides of it.
+    shares = sorted(np.linspace(0.05, 0.95, _CHORDS), key=lambda share: abs(share - 0.5))
+    offsets = v.min() + np.array(shares) * np.ptp(v)
+    lines = np.array(
+        [[u.min() * along + offset * left, u.max() * along + offset * left] for offset in offsets]
+    )
+    met = shapely.length(shapely.intersection(piece, shapely.linestrings(lines)))
+    best = int(np.flatnonzero(met >= met.max() - _SHORTEST_M)[0])
+    longest: FloatArray = lines[best]
+    return longest if met[best] > 0.0 else None
 
 
 def clipped(ground: FreeGround, lines: list[FloatArray], *, headland_m: float = 0.0) -> list[FloatArray]:

@@ -150,15 +150,29 @@ def _runs(xy: FloatArray, steps: FloatArray, dem: Dem | None) -> tuple[FloatArra
     return np.diff(stations), np.diff(height)
 
 
-def predicted(legs: Sequence[Leg], mobility: Mobility, dem: Dem | None = None) -> dict[str, float]:
+def predicted(
+    legs: Sequence[Leg], mobility: Mobility, dem: Dem | None = None, *, waits_s: FloatArray | None = None
+) -> dict[str, float]:
     """Return what a route is expected to take, for `Route.prediction`.
+
+    Parameters
+    ----------
+    legs : sequence of Leg
+        Of all rovers, numbered from 0.
+    mobility : Mobility
+        The rovers.
+    dem : Dem, optional
+        Heights; level ground without.
+    waits_s : (K,) ndarray, optional
+        How long each rover waits before it departs [s].
 
     Returns
     -------
     dict of str to float
-        ``length_m``, ``n_turns`` and ``energy_j`` of all rovers together, ``time_s`` of
-        the one that is busy longest, recharging not counted, and the share
-        ``transit_share`` of transit in swath metres.
+        ``length_m``, ``n_turns`` and ``energy_j`` of all rovers together, ``time_s`` until
+        the last one is done, and the share ``transit_share`` of transit in swath metres.
+        With a battery ``n_recharges``, whose time is counted; with waits ``wait_s_rover_0``
+        and so on.
 
     Examples
     --------
@@ -166,16 +180,25 @@ def predicted(legs: Sequence[Leg], mobility: Mobility, dem: Dem | None = None) -
     >>> predicted([leg], Mobility(speed_m_s=2.0))["time_s"]
     50.0
     """
-    efforts = []
+    busy_s, efforts, n_recharges = [], [], 0
     for rover in sorted({leg.rover for leg in legs}):
-        xy = np.vstack([leg.xy for leg in legs if leg.rover == rover])
-        efforts.append(effort(xy, mobility, dem))
+        own = [leg.xy for leg in legs if leg.rover == rover]
+        efforts.append(effort(np.vstack(own), mobility, dem))
+        n_visits = sum(np.array_equal(xy[-1], own[0][0]) for xy in own[:-1])
+        n_recharges += n_visits
+        wait_s = 0.0 if waits_s is None else float(waits_s[rover])
+        busy_s.append(wait_s + efforts[-1].time_s + n_visits * mobility.recharge_s)
     swath_m = sum(leg.length_m for leg in legs if leg.kind == "swath")
     length_m = sum(e.length_m for e in efforts)
-    return {
+    facts = {
         "length_m": length_m,
         "n_turns": float(sum(e.n_turns for e in efforts)),
-        "time_s": max(e.time_s for e in efforts),
+        "time_s": max(busy_s),
         "energy_j": sum(e.energy_j for e in efforts),
         "transit_share": (length_m - swath_m) / swath_m if swath_m > 0.0 else 0.0,
     }
+    if mobility.battery_j is not None:
+        facts["n_recharges"] = float(n_recharges)
+    if waits_s is not None:
+        facts |= {f"wait_s_rover_{rover}": float(wait_s) for rover, wait_s in enumerate(waits_s)}
+    return facts

@@ -1,18 +1,15 @@
 """Which way swaths should run: across the narrow side, up the slope, or across the terrain's grain."""
 
-from typing import Literal
-
 import numpy as np
 import shapely
 
+from planners.config import HeadingRule
 from planners.decomposition import swaths_on
-from planners.swaths import axes_of
+from planners.swaths import narrowest_heading
 from planners.transit import FreeGround
 from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import InputError
-
-HeadingRule = Literal["narrowest", "fewest-swaths", "slope", "grain"]
 
 _MOST_EDGES = 24
 
@@ -51,7 +48,7 @@ def heading_by(
     0.0
     """
     if rule == "narrowest":
-        return _narrowest(ground)
+        return narrowest_heading(ground.polygon)
     if rule == "fewest-swaths":
         if spacing_m is None:
             raise InputError("the rule fewest-swaths needs the spacing of the swaths; name it.")
@@ -70,16 +67,6 @@ def _edge_headings(xy: FloatArray) -> FloatArray:
         np.round(np.degrees(np.arctan2(edges[longest, 1], edges[longest, 0])) % 180.0, 6) % 180.0
     )
     return headings
-
-
-def _narrowest(ground: FreeGround) -> float:
-    """Return the heading of the hull's edge across which it is narrowest (Houle and Toussaint 1988)."""
-    hull = shapely.get_coordinates(ground.polygon.convex_hull)
-    edges = np.diff(hull, axis=0)
-    headings = np.degrees(np.arctan2(edges[:, 1], edges[:, 0])) % 180.0
-    widths = np.array([np.ptp(hull @ axes_of(heading)[1]) for heading in headings])
-    good = np.round(headings[widths <= widths.min() * (1.0 + 1e-9)], 9) % 180.0
-    return float(good[np.argmin(np.minimum(good, 180.0 - good))])
 
 
 def _fewest_swaths(ground: FreeGround, spacing_m: float) -> float:

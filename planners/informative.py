@@ -1,5 +1,6 @@
 """The variance-driven path: waypoints are inserted where they lower the predicted variance most per metre."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,12 @@ class _Insertion:
     added_m: float
 
 
-def variance_driven(area: SurveyArea, config: VarianceDrivenConfig, model: ErrorModel) -> tuple[Leg, ...]:
+def variance_driven(
+    area: SurveyArea,
+    config: VarianceDrivenConfig,
+    model: ErrorModel,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> tuple[Leg, ...]:
     """Build a path by cost-benefit insertion.
 
     Candidates are the nodes of a square lattice on the free ground. At every turn the six
@@ -51,6 +57,8 @@ def variance_driven(area: SurveyArea, config: VarianceDrivenConfig, model: Error
         if not fitting:
             break
         path = _best(path, fitting, model).path
+        if progress is not None:
+            progress("inserting waypoints", len(path), len(lattice) + 1)
     if len(path) < 2:
         raise InputError("no waypoint fits the budget; allow more metres.")
     if config.rmse_m is not None and _rmse_m(path, model) > config.rmse_m:

@@ -108,7 +108,7 @@ class Tours:
         if not swaths:
             raise InputError("there are no swaths to connect; lay at least one.")
         self.swaths, self.ground, self.axes = swaths, ground, axes
-        self.turns = Turns(ground, turning) if turning is not None and turning.radius_m > 0.0 else None
+        self.turns = Turns(ground, turning) if turning is not None and turning.turn_radius_m > 0.0 else None
         self.depots = list(depots)
         here = swaths[0][0]
         places = [here if place is None else place for start, end in self.depots for place in (end, start)]
@@ -216,7 +216,7 @@ class Tours:
         for a in range(self.first_depot):
             for b in self.transits.near[a].tolist():
                 straight = abs(float(length[a, b]))
-                if b < self.first_depot and straight < _TURN_REACH * turning.radius_m:
+                if b < self.first_depot and straight < _TURN_REACH * turning.turn_radius_m:
                     pose = self._pose(a, self.ends[b])
                     turn = turn_length_m(pose, _turned(self._pose(b, self.ends[a])), turning)
                     length[a, b] = length[b, a] = max(turn, straight)

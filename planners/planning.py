@@ -1,22 +1,33 @@
 """The one entry: from an area and what is wanted to a route."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from planners.base import swath_route
-from planners.choose import choose
+from planners.choose import Progress, choose
 from planners.config import BestConfig, PlannerConfig, SteeredConfig, VarianceDrivenConfig, WavyConfig
-from planners.energy import Mobility, predicted
+from planners.energy import predicted
+from planners.fleet import departures
+from planners.heading import heading_by
 from planners.informative import variance_driven
 from planners.predict import ErrorModel, terrain_kernel
+from planners.rover import Crew, Fleet, Rover
+from planners.transit import FreeGround
+from planners.traversability import drivable
 from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.dem import Dem
-from survey.errors import InputError
+from survey.errors import ConfigError, InputError
 from survey.reconstruction.kernels import Kernel
 from survey.route import Route
+
+logger = logging.getLogger(__name__)
+
+_LEAST_TOLD = 1e-3
+"""Share of the area below which ground that is left out is not worth a warning."""
 
 
 def plan(
@@ -24,47 +35,63 @@ def plan(
     prior: Dem | None,
     config: PlannerConfig,
     *,
+    rover: Rover | None = None,
+    fleet: Fleet | None = None,
     kernel: Kernel | None = None,
     noise_m: float = 0.1,
     sample_step_m: float = 10.0,
-    mobility: Mobility | None = None,
+    progress: Progress | None = None,
 ) -> Route:
     """Plan the route of a survey.
 
     Parameters
     ----------
     area : SurveyArea
-        What is to be surveyed.
+        What is to be surveyed, and where rovers start.
     prior : Dem or None
         Elevations known beforehand, in the area's CRS.
     config : LawnmowerConfig, WavyConfig, PiecewiseContinuousConfig, RandomWanderConfig, VarianceDrivenConfig or BestConfig
         The pattern and its settings.
+    rover : Rover, optional
+        What the rover can stand, how it turns and what driving takes. No metre of the
+        route lies on ground of the prior that is too steep or too rough for it.
+    fleet : Fleet, optional
+        How many rovers, and where they finish.
     kernel : survey.reconstruction.kernels.Kernel, optional
         Covariance of what is not yet known of the terrain. Patterns that need one fit it
         to the prior (`terrain_kernel`) when it is left out.
     noise_m, sample_step_m : float
         Standard deviation of a sample of the terrain and the distance between samples
         [m], for the predicted error.
-    mobility : Mobility, optional
-        How the rover drives, for the predicted time and energy.
+    progress : callable, optional
+        Told what is done, how much of it, and of how much.
 
     Returns
     -------
     Route
         With ``prediction`` of ``length_m``, ``n_turns``, ``time_s``, ``energy_j`` and
-        ``transit_share``, and where a kernel is known ``rmse_m``, the error of the map.
-        Slopes enter time and energy where the prior knows the whole way; else the ground
-        is taken as level. The piecewise-continuous pattern and the random wander are
+        ``transit_share``, ``left_out_share`` of the area where no rover can be, and where
+        a kernel is known ``rmse_m``, the error of the map over the whole area. Slopes
+        enter time and energy where the prior knows the whole way; else the ground is
+        taken as level. The piecewise-continuous pattern and the random wander are
         steered while driving: their route holds the reference swaths, which `rollout`
         or the rover turns into a path, and no ``rmse_m``.
 
     Raises
     ------
     InputError
-        A prior in another CRS than the area; an area that no swath meets or whose parts
-        no way joins; no prior and no kernel where the pattern needs one.
+        A prior in another CRS than the area; an area that no swath meets or on which the
+        rover can drive nowhere; a start where it cannot be; starts that do not fit the
+        fleet; no prior and no kernel where they are needed.
     ConfigError
-        A negative noise, a sample spacing that is not greater than 0.
+        A negative noise, a sample spacing that is not greater than 0; a pattern that the
+        rover or the fleet cannot drive.
+
+    Notes
+    -----
+    Ground that is too steep, too rough, too narrow or cut off from every start is left
+    out; a warning is logged with its share, and with place and reason of its largest
+    pieces. `drivable` returns all of them.
 
     Examples
     --------
@@ -74,6 +101,8 @@ def plan(
     >>> route.length_m, route.prediction["n_turns"]
     (2850.0, 6.0)
     """
+    crew = Crew(rover or Rover(), fleet or Fleet(), prior)
+    _require_able(config, crew)
     if prior is not None:
         area.require_crs(prior.crs, "the prior")
     if kernel is None and _needs_kernel(config):
@@ -81,25 +110,56 @@ def plan(
     model = None
     if kernel is not None:
         model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=sample_step_m)
+    site = drivable(area, crew.rover, prior)
+    left_out_share = site.left_out_share(area)
+    if left_out_share > _LEAST_TOLD:
+        logger.warning("%.1f %% of the area is left out: %s", 100.0 * left_out_share, site)
     with threadpool_limits(1):  # matrices of some hundred rows: spinning threads would only slow them down
-        route = _route(area, config, model)
-        facts = predicted(route.legs, mobility or Mobility(), _if_whole(prior, route))
+        route = _route(site.within(area), config, model, crew, progress)
+        facts = _facts(route, crew) | {"left_out_share": left_out_share}
         if model is not None and not isinstance(config, SteeredConfig):
             facts["rmse_m"] = model.rmse_m(route)
     return replace(route, prediction=facts)
 
 
-def _route(area: SurveyArea, config: PlannerConfig, model: ErrorModel | None) -> Route:
+def _require_able(config: PlannerConfig, crew: Crew) -> None:
+    """Refuse patterns that this rover or fleet cannot drive."""
+    if not isinstance(config, VarianceDrivenConfig | SteeredConfig) or crew.is_unbound:
+        return
+    raise ConfigError(
+        f"the pattern {config.pattern} is for one rover that pivots, has no battery to watch and may finish anywhere; "
+        "choose lawnmower, wavy or best."
+    )
+
+
+def _route(
+    area: SurveyArea,
+    config: PlannerConfig,
+    model: ErrorModel | None,
+    crew: Crew,
+    progress: Progress | None,
+) -> Route:
     if isinstance(config, VarianceDrivenConfig | BestConfig):
         if model is None:
             raise InputError(
                 f"the pattern {config.pattern} needs a covariance of the terrain; give a prior or a kernel."
             )
-        if isinstance(config, BestConfig):
-            return choose(area, config, model).route
-        return Route(variance_driven(area, config, model), area.crs, config.pattern)
+        if isinstance(config, VarianceDrivenConfig):
+            return Route(variance_driven(area, config, model, progress), area.crs, config.pattern)
+        return choose(area, config, model, crew=crew, progress=progress).route
+    if config.heading_deg is None and config.heading_rule != "narrowest":
+        ground = FreeGround(area.free)
+        heading_deg = heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
+        config = config.model_copy(update={"heading_deg": heading_deg})
     scale_m = None if model is None else slope_length_m(model.kernel)
-    return swath_route(area, config, slope_length_m=scale_m)
+    return swath_route(area, config, slope_length_m=scale_m, crew=crew)
+
+
+def _facts(route: Route, crew: Crew) -> dict[str, float]:
+    """Return what driving the route takes, waiting included."""
+    separation_m = crew.fleet.separation_m
+    waits_s = None if separation_m is None else departures(route.legs, crew.rover, separation_m)
+    return predicted(route.legs, crew.rover, _if_whole(crew.dem, route), waits_s=waits_s)
 
 
 def _needs_kernel(config: PlannerConfig) -> bool:

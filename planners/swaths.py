@@ -63,7 +63,7 @@ def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
     InputError
         No line meets the free ground.
     """
-    heading_deg = fewest_swaths_heading(area) if config.heading_deg is None else config.heading_deg
+    heading_deg = narrowest_heading(area.free) if config.heading_deg is None else config.heading_deg
     along, left = axes_of(heading_deg)
     corners = shapely.get_coordinates(area.free)
     u, v = corners @ along, corners @ left
@@ -106,13 +106,13 @@ def axes_of(heading_deg: float) -> tuple[FloatArray, FloatArray]:
     return np.array([c, s]) + 0.0, np.array([-s, c]) + 0.0
 
 
-def fewest_swaths_heading(area: SurveyArea) -> float:
-    """Return the heading [deg, 0 to 180) across which the free ground is narrowest.
+def narrowest_heading(polygon: Any) -> float:
+    """Return the heading [deg, 0 to 180) across which a polygon is narrowest.
 
     The narrowest direction of a convex polygon is square to one of its edges (Houle and
     Toussaint 1988). Of equally good headings the one nearest to east is taken.
     """
-    hull = shapely.get_coordinates(area.free.convex_hull)
+    hull = shapely.get_coordinates(polygon.convex_hull)
     edges = np.diff(hull, axis=0)
     headings = np.round(np.degrees(np.arctan2(edges[:, 1], edges[:, 0])) % 180.0, 9) % 180.0
     widths = np.array([np.ptp(hull @ axes_of(heading)[1]) for heading in headings])

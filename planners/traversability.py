@@ -29,19 +29,24 @@ class RoverLimits(Section):
     15.0
     """
 
-    max_pitch_deg: float = Field(default=20.0, gt=0.0, lt=90.0)
-    """Largest slope along the direction of driving [deg]."""
-    max_roll_deg: float = Field(default=20.0, gt=0.0, lt=90.0)
-    """Largest slope across the direction of driving [deg]."""
+    max_pitch_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope along the direction of driving [deg]; not checked when left out."""
+    max_roll_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope across the direction of driving [deg]; not checked when left out."""
     max_roughness_m: PositiveFloat | None = None
     """Largest standard deviation of heights about the plane through 3 × 3 cells [m]; not checked when left out."""
     clearance_m: NonNegativeFloat = 0.0
     """Distance that the rover's centre keeps from every border, such as half its width [m]."""
 
     @property
-    def max_slope_deg(self) -> float:
-        """Slope on which a rover may take any heading, as it must wherever it turns [deg]."""
-        return min(self.max_pitch_deg, self.max_roll_deg)
+    def max_slope_deg(self) -> float | None:
+        """Slope on which a rover may take any heading, as it must wherever it turns [deg]; None without limits."""
+        return min((a for a in (self.max_pitch_deg, self.max_roll_deg) if a is not None), default=None)
+
+    @property
+    def needs_heights(self) -> bool:
+        """Whether the ground has to be known to tell where the rover can drive."""
+        return self.max_slope_deg is not None or self.max_roughness_m is not None
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,21 @@ class Drivable:
     ground: FreeGround
     left_out: tuple[LeftOut, ...]
 
+    def within(self, area: SurveyArea) -> SurveyArea:
+        """Return the area cut to the ground; starts on its border move a millimetre inwards."""
+        if self.ground.polygon.equals(area.free):
+            return area
+        starts = self.ground.inside(area.starts) if len(area.starts) else area.starts
+        return SurveyArea(self.ground.polygon, area.crs, (), starts, area.reference)
+
+    def left_out_share(self, area: SurveyArea) -> float:
+        """Return the share of the area's free ground that is left out."""
+        return float(sum(piece.polygon.area for piece in self.left_out)) / float(area.free.area)
+
+    def __str__(self) -> str:
+        """List the three largest pieces that are left out, with place and reason."""
+        return _listed(list(self.left_out))
+
 
 def drivable(
     area: SurveyArea, limits: RoverLimits | None = None, dem: Dem | None = None, *, reach_all: bool = False
@@ -81,17 +101,17 @@ def drivable(
         Its no-go zones are left out; its starts say which parts can be reached. Without
         a start the largest part counts as the one that can.
     limits : RoverLimits, optional
-        What the rover can stand; slope and roughness are checked only with a `dem`.
+        What the rover can stand.
     dem : Dem, optional
-        In the area's CRS.
+        Needed where slope or roughness are limited, in the area's CRS.
     reach_all : bool
         Refuse ground that is cut off instead of leaving it out.
 
     Raises
     ------
     InputError
-        Nothing is left; a start lies on closed ground; ground is cut off and `reach_all`
-        is set. The message says which part and why.
+        Nothing is left; a start lies on closed ground; limits of the slope without heights;
+        ground is cut off and `reach_all` is set. The message says which part and why.
 
     Notes
     -----
@@ -101,7 +121,11 @@ def drivable(
     limits = limits or RoverLimits()
     left_out: list[LeftOut] = []
     free = area.free
-    if dem is not None:
+    if limits.needs_heights:
+        if dem is None:
+            raise InputError(
+                "the rover's limits of slope and roughness need heights; give a prior DEM of the area."
+            )
         area.require_crs(dem.crs, "the DEM")
         for reason, closed in _closed_ground(dem, limits, area).items():
             left_out += _pieces(shapely.intersection(free, closed), reason)
@@ -153,7 +177,7 @@ def _polygonal(shape: shapely.Geometry) -> Polygon | MultiPolygon:
 
 
 def _pieces(shape: shapely.Geometry, reason: Reason) -> list[LeftOut]:
-    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-3]
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1.0]
     return [LeftOut(part, reason) for part in sorted(parts, key=lambda part: -part.area)]
 
 
@@ -171,8 +195,9 @@ def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reas
     slope_deg = dem.slope().elevation
     closed: dict[Reason, BoolArray] = {
         "height unknown": ~np.isfinite(slope_deg),
-        "too steep": slope_deg > limits.max_slope_deg,
     }
+    if limits.max_slope_deg is not None:
+        closed["too steep"] = slope_deg > limits.max_slope_deg
     if limits.max_roughness_m is not None:
         closed["too rough"] = roughness(dem) > limits.max_roughness_m
     ground: dict[Reason, shapely.Geometry] = {

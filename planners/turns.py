@@ -27,11 +27,11 @@ class Turning(Section):
 
     Examples
     --------
-    >>> Turning(radius_m=3.0, reverse=True).radius_m
+    >>> Turning(turn_radius_m=3.0, reverse=True).turn_radius_m
     3.0
     """
 
-    radius_m: NonNegativeFloat = 0.0
+    turn_radius_m: NonNegativeFloat = 0.0
     """Smallest turning radius [m]; 0 for a rover that pivots on the spot."""
     reverse: bool = False
     """Whether it may drive backwards while it turns."""
@@ -42,18 +42,18 @@ def turn_length_m(start: Pose, goal: Pose, turning: Turning) -> float:
 
     Examples
     --------
-    >>> round(turn_length_m((0.0, 0.0, 0.0), (0.0, 4.0, np.pi), Turning(radius_m=2.0)), 3)
+    >>> round(turn_length_m((0.0, 0.0, 0.0), (0.0, 4.0, np.pi), Turning(turn_radius_m=2.0)), 3)
     6.283
     """
-    return turning.radius_m * word_length(_words(start, goal, turning)[0])
+    return turning.turn_radius_m * word_length(_words(start, goal, turning)[0])
 
 
 def _words(start: Pose, goal: Pose, turning: Turning) -> list[Word]:
-    if not turning.radius_m > 0.0:
+    if not turning.turn_radius_m > 0.0:
         raise ConfigError("a rover with turning radius 0 pivots on the spot; give a radius for curved turns.")
-    words = dubins_words(start, goal, turning.radius_m)
+    words = dubins_words(start, goal, turning.turn_radius_m)
     if turning.reverse:
-        words = sorted(words + reeds_shepp_words(start, goal, turning.radius_m), key=word_length)
+        words = sorted(words + reeds_shepp_words(start, goal, turning.turn_radius_m), key=word_length)
     return words
 
 
@@ -90,7 +90,7 @@ class Turns:
     @cached_property
     def roomy(self) -> FreeGround:
         """The ground with room to round a right-angled corner: R (√2 - 1) from every border."""
-        room_m = self.turning.radius_m * (np.sqrt(2.0) - 1.0)
+        room_m = self.turning.turn_radius_m * (np.sqrt(2.0) - 1.0)
         narrowed = self.ground.polygon.buffer(-room_m, quad_segs=2)
         return FreeGround(narrowed) if not narrowed.is_empty else self.ground
 
@@ -109,14 +109,14 @@ class Turns:
             if points is not None:
                 return points
         raise InputError(
-            f"no turn of radius {self.turning.radius_m:g} m leads from ({start[0]:.1f}, {start[1]:.1f}) to ({goal[0]:.1f}, {goal[1]:.1f}) "
+            f"no turn of radius {self.turning.turn_radius_m:g} m leads from ({start[0]:.1f}, {start[1]:.1f}) to ({goal[0]:.1f}, {goal[1]:.1f}) "
             "on the free ground; give swaths a wider inset, or the rover a smaller radius or leave to reverse."
         )
 
     def _direct(self, start: Pose, goal: Pose) -> FloatArray | None:
         """Return the first of the shortest words that stays on the ground, its end set to the goal."""
         for word in _words(start, goal, self.turning)[:_MOST_WORDS]:
-            points = traced(start, word, self.turning.radius_m)
+            points = traced(start, word, self.turning.turn_radius_m)
             points[-1] = goal[:2]
             if self.ground.covers(LineString(points)):
                 return points
@@ -140,6 +140,27 @@ class Turns:
                 return None
             pieces.append(piece if not pieces else piece[1:])
         return np.vstack(pieces)
+
+
+def headland_m(turning: Turning, spacing_m: float) -> float:
+    r"""Return the width of border that turns from swath to swath take; 0 for a rover that pivots [m].
+
+    .. math::  R + \sqrt{\max(0, (2 R)^2 - (R + d / 2)^2)}
+
+    A rover that only drives forwards and whose swaths are d < 2 R apart swings out to both
+    sides: three arcs of radius R, the middle one's centre as far beyond the swaths' ends as
+    the root says. A half circle, or with reversing a three-point turn, takes R.
+
+    Examples
+    --------
+    >>> headland_m(Turning(turn_radius_m=5.0), 20.0), headland_m(Turning(), 20.0)
+    (5.0, 0.0)
+    """
+    radius = turning.turn_radius_m
+    if turning.reverse:
+        return radius
+    beyond = (2.0 * radius) ** 2 - (radius + 0.5 * min(spacing_m, 2.0 * radius)) ** 2
+    return radius + float(np.sqrt(max(beyond, 0.0)))
 
 
 def headland_passes(ground: FreeGround, spacing_m: float, n_passes: int) -> list[FloatArray]:

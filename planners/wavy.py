@@ -14,7 +14,13 @@ _MOST_HALVINGS = 5
 
 
 def wavy(
-    axes: list[FloatArray], area: SurveyArea, config: WavyConfig, spacing_m: float, wavelength_m: float
+    axes: list[FloatArray],
+    area: SurveyArea,
+    config: WavyConfig,
+    spacing_m: float,
+    wavelength_m: float,
+    *,
+    turn_radius_m: float = 0.0,
 ) -> list[Swath]:
     r"""Wind a swath about every axis.
 
@@ -22,8 +28,10 @@ def wavy(
                \lambda' = 2 \ell / \mathrm{round}(2 \ell / \lambda)
 
     with the distance u along an axis of length ℓ, so that swaths begin and end on their
-    axis; s is the `steepness`, a the `amplitude_share` and D the spacing. Where the full wave would leave the free ground its amplitude is halved until
-    it does not, and the swath is straight when five halvings are not enough.
+    axis; s is the `steepness`, a the `amplitude_share` and D the spacing. A rover of turning
+    radius R gets waves of ``A <= λ² / (4 π² R)``, whose crests it can follow. Where the full
+    wave would leave the free ground its amplitude is halved until it does not, and the swath
+    is straight when five halvings are not enough.
 
     Parameters
     ----------
@@ -35,6 +43,8 @@ def wavy(
         The shape.
     spacing_m, wavelength_m : float
         D and λ [m].
+    turn_radius_m : float
+        R [m]; 0 for a rover that pivots.
     """
     ground = area.free.buffer(1e-6)
     shapely.prepare(ground)
@@ -45,7 +55,7 @@ def wavy(
         # Waves are laid in the direction of the first swath, so that neighbours run side by side.
         is_back = float((axis[1] - axis[0]) @ first) < 0.0
         forth = axis[::-1] if is_back else axis
-        xy = _wave(forth, amplitude_m, wavelength_m, ground)
+        xy = _wave(forth, amplitude_m, wavelength_m, ground, turn_radius_m)
         swaths.append(Swath(xy[::-1] if is_back else xy, axis))
     return swaths
 
@@ -66,12 +76,20 @@ def slope_length_m(kernel: Kernel) -> float:
     return lag_m / float(np.sqrt(2.0 * lost.max()))
 
 
-def _wave(axis: FloatArray, amplitude_m: float, wavelength_m: float, ground: shapely.Geometry) -> FloatArray:
+def _wave(
+    axis: FloatArray,
+    amplitude_m: float,
+    wavelength_m: float,
+    ground: shapely.Geometry,
+    turn_radius_m: float,
+) -> FloatArray:
     along = axis[1] - axis[0]
     length = float(np.hypot(*along))
     n_half_waves = max(round(2.0 * length / wavelength_m), 1)
     # A piece shorter than half a wave, as in the corners of a slanted sweep, bends only as much as its share.
     amplitude_m *= min(1.0, 2.0 * length / wavelength_m)
+    if turn_radius_m > 0.0:
+        amplitude_m = min(amplitude_m, (length / (np.pi * n_half_waves)) ** 2 / turn_radius_m)
     share = np.linspace(0.0, 1.0, n_half_waves * (_POINTS_PER_WAVE // 2) + 1)
     left = np.array([-along[1], along[0]]) / length
     for halving in range(_MOST_HALVINGS):

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PrivateAttr, model_validator
 
-from planners import PlannerConfig
+from planners import Fleet, PlannerConfig, Rover
 from survey.config import Section
 from survey.reconstruction import GaussianProcessConfig
 from vision_slam import LocalizationConfig
@@ -101,11 +101,9 @@ class AreaConfig(Section):
         return self
 
 
-class RoverConfig(Section):
-    """How the rover drives."""
+class RoverConfig(Rover):
+    """How the rover drives, what ground it can stand, and where its instruments sit."""
 
-    speed_m_s: PositiveFloat = 1.0
-    """Speed along the route [m/s]."""
     antenna_height_m: NonNegativeFloat = 0.5
     """Height of the GPS antenna above the ground [m]."""
     camera_height_m: PositiveFloat = 0.7
@@ -192,6 +190,7 @@ class MissionConfig(Section):
     area: AreaConfig = AreaConfig()
     planner: PlannerConfig
     rover: RoverConfig = RoverConfig()
+    fleet: Fleet = Fleet()
     sensors: SensorConfig = SensorConfig()
     localization: LocalizationConfig = LocalizationConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()

@@ -69,11 +69,16 @@ def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     world = build_world(mission)
     world.area.write(folder / "area.gpkg")
     world.prior.write(folder / "prior.tif")
-    planners.plan(world.area, world.prior, mission.planner).write(folder / "route.geojson")
+    route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
+    route.write(folder / "route.geojson")
 
 
 def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     """Drive the route over the real terrain and record what the rover senses."""
+    if mission.fleet.rovers > 1:
+        raise survey.ConfigError(
+            f"the simulation drives one rover, but fleet.rovers is {mission.fleet.rovers}; set it to 1, or end with firnline plan."
+        )
     world = build_world(mission)
     route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
     drive = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
@@ -89,7 +94,8 @@ def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey
     if steering is None:
         return route
     sense = planners.attitude_sensor(world.terrain)
-    return planners.rollout(world.area, route, steering, sense, [stream(mission.seed, "steering")])[0]
+    area = planners.drivable(world.area, mission.rover, world.prior).within(world.area)
+    return planners.rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
 
 
 def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:

@@ -1,12 +1,18 @@
-"""``firnline plan``: a route for an area."""
+"""``firnline plan``: a route for an area, with a picture and what is expected of it."""
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import refusals_told
+
+if TYPE_CHECKING:
+    import planners
+    import survey
+    from survey.reconstruction.kernels import Kernel
 
 
 @refusals_told
@@ -28,7 +34,8 @@ def plan(
         int | None, typer.Option("--swaths", help="Number of swaths; 4 when nothing else is asked.")
     ] = None,
     spacing: Annotated[
-        float | None, typer.Option("--spacing", help="Largest distance between swaths [m].")
+        float | None,
+        typer.Option("--spacing", help="Ground sample spacing: the largest distance between swaths [m]."),
     ] = None,
     budget: Annotated[
         float | None, typer.Option("--budget", help="Metres to drive (best, variance-driven).")
@@ -36,9 +43,17 @@ def plan(
     rmse: Annotated[
         float | None, typer.Option("--rmse", help="Predicted error to reach [m] (best, variance-driven).")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Route to write (.geojson, .gpkg).")] = Path(
-        "route.geojson"
-    ),
+    rovers: Annotated[
+        int | None, typer.Option("--rovers", help="Number of rovers that share the area.")
+    ] = None,
+    max_slope: Annotated[
+        float | None,
+        typer.Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Route to write (.geojson, .gpkg); its picture is put beside it."),
+    ] = Path("route.geojson"),
     runs: Runs = RUNS,
     settings: Settings = None,
     as_json: Json = False,
@@ -47,11 +62,16 @@ def plan(
 ) -> None:
     """Plan the route of a survey.
 
+    Everything that a mission file says in its sections planner, rover and fleet can be set with --set. Ground
+    that the rover cannot reach is left out; a warning tells its share, places and reasons.
+
     For example:
 
       firnline plan site.geojson --prior srtm.tif --swaths 6 -o route.geojson
 
-      firnline plan site.kml --prior srtm.tif --pattern wavy --spacing 50
+      firnline plan site.kml --prior srtm.tif --pattern wavy --spacing 50 --max-slope 20
+
+      firnline plan site.gpkg --spacing 20 --rovers 3 --set rover.turn_radius_m=2 --set rover.battery_j=4e6
 
       firnline plan mine.toml
     """
@@ -63,29 +83,91 @@ def plan(
         return
     asked = {"swaths": swaths, "spacing_m": spacing, "budget_m": budget, "rmse_m": rmse}
     given = {name: value for name, value in asked.items() if value is not None}
-    _plan_area(source, prior, {"pattern": pattern, **(given or {"swaths": 4})}, out, as_json=as_json)
+    wanted: dict[str, Any] = {"planner": {"pattern": pattern, **(given or {"swaths": 4})}}
+    if rovers is not None:
+        wanted["fleet"] = {"rovers": rovers}
+    if max_slope is not None:
+        wanted["rover"] = {"max_pitch_deg": max_slope, "max_roll_deg": max_slope}
+    route = _plan_area(source, prior, wanted, settings or [], out, quiet=quiet)
+    _tell(route, out, as_json=as_json)
 
 
 def _plan_area(
-    source: Path, prior: Path | None, wanted: dict[str, object], out: Path, *, as_json: bool
-) -> None:
-    import json
-
+    source: Path, prior: Path | None, wanted: dict[str, Any], settings: list[str], out: Path, *, quiet: bool
+) -> "survey.Route":
+    """Plan, and write the route and its picture."""
     import planners
     import survey
-    from survey.config import Section, validated
+    from sim.cli.progress import counted
+    from survey.config import Section, validated, with_overrides
 
     class Wanted(Section):
-        plan: planners.PlannerConfig
+        planner: planners.PlannerConfig
+        rover: planners.Rover = planners.Rover()
+        fleet: planners.Fleet = planners.Fleet()
 
-    config = validated(Wanted, {"plan": wanted}, "the options").plan
+    config = validated(Wanted, with_overrides(wanted, settings), "the options")
     dem = None if prior is None else survey.Dem.read(prior)
     area = survey.SurveyArea.read(source, crs=None if dem is None else dem.crs)
-    route = planners.plan(area, dem, config)
+    kernel = None if dem is None else _kernel(dem, area)
+    with counted(quiet=quiet) as progress:
+        route = planners.plan(
+            area,
+            dem,
+            config.planner,
+            rover=config.rover,
+            fleet=config.fleet,
+            kernel=kernel,
+            progress=progress,
+        )
     route.write(out)
+    _draw(route, area, dem, kernel, planners.drivable(area, config.rover, dem), out.with_suffix(".png"))
+    return route
+
+
+def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
+    """Return the covariance that the prior speaks for; None, with the reason told, when it is too coarse."""
+    import planners
+    from survey.errors import InputError
+
+    area.require_crs(dem.crs, "the prior")
+    try:
+        return planners.terrain_kernel(dem, area)
+    except InputError as error:
+        typer.echo(f"firnline: no error is predicted: {error}", err=True)
+        return None
+
+
+def _draw(
+    route: "survey.Route",
+    area: "survey.SurveyArea",
+    dem: "survey.Dem | None",
+    kernel: "Kernel | None",
+    site: "planners.Drivable",
+    path: Path,
+) -> None:
+    import planners
+    from survey import figures
+    from survey.io.files import replacing
+
+    std = None
+    if kernel is not None and "rmse_m" in route.prediction:
+        std = planners.predict_error(route, area, kernel, noise_m=0.1).std
+    pieces = [piece.polygon for piece in site.left_out]
+    figure = figures.plan_map(area, route, terrain=dem, std=std, left_out=pieces)
+    with replacing(path) as file:
+        file.write_bytes(figures.png_bytes(figure))
+
+
+def _tell(route: "survey.Route", out: Path, *, as_json: bool) -> None:
+    """Print what is expected of the route, for people or as JSON."""
+    picture = out.with_suffix(".png")
     if as_json:
-        typer.echo(json.dumps({"route": str(out), "length_m": route.length_m, **route.prediction}, indent=2))
+        content = {"route": str(out), "picture": str(picture), "length_m": route.length_m, **route.prediction}
+        typer.echo(json.dumps(content, indent=2))
         return
-    typer.echo(f"{len(route.swaths)} swaths, {route.length_m:.0f} m in all, written to {out}")
+    typer.echo(
+        f"{len(route.swaths)} swaths, {route.length_m:.0f} m in all, written to {out}, drawn in {picture}"
+    )
     for name, value in route.prediction.items():
         typer.echo(f"  predicted {name} = {value:.6g}")

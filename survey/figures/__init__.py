@@ -12,6 +12,7 @@ from survey.figures.errors import (
     height_error,
 )
 from survey.figures.maps import deviation_map, landmark_map, route_map, support_map, terrain_comparison
+from survey.figures.plans import plan_map
 from survey.figures.style import png_bytes
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "error_map",
     "height_error",
     "landmark_map",
+    "plan_map",
     "png_bytes",
     "route_map",
     "support_map",

@@ -152,12 +152,18 @@ def draw_terrain(axes: Axes, dem: Dem, limits: Normalize, *, exaggeration: float
     """Draw elevation in colours under a hillshade."""
     dem = thinned(dem)
     image = draw_raster(axes, dem.elevation, dem, ELEVATION, limits)
+    draw_relief(axes, dem, exaggeration=exaggeration)
+    return image
+
+
+def draw_relief(axes: Axes, dem: Dem, *, exaggeration: float) -> None:
+    """Draw the hillshade alone, to lie over colours."""
+    dem = thinned(dem)
     xmin, ymin, xmax, ymax = dem.bounds
     axes.imshow(
         _shade(dem, exaggeration), extent=(xmin, xmax, ymin, ymax), interpolation="bilinear", zorder=1.5
     )
     axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
-    return image
 
 
 def relief_exaggeration(dem: Dem) -> float:
@@ -219,24 +225,24 @@ def draw_contours(axes: Axes, dem: Dem) -> list[Line2D]:
 
 def draw_area(axes: Axes, area: SurveyArea, *, veil: bool = True) -> list[Patch]:
     """Draw the outline, a veil over what lies outside, and no-go ground hatched; return legend entries."""
-    axes.add_patch(PathPatch(_outline(area.polygon), fill=False, edgecolor=INK, linewidth=1.3, zorder=4))
+    axes.add_patch(PathPatch(outline_path(area.polygon), fill=False, edgecolor=INK, linewidth=1.3, zorder=4))
     if veil:
         (xmin, xmax), (ymin, ymax) = axes.get_xlim(), axes.get_ylim()
         outside = Polygon([(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)]).difference(area.polygon)
         if outside.area > 0.0:
             axes.add_patch(
-                PathPatch(_outline(outside), facecolor="white", edgecolor="none", alpha=0.6, zorder=3)
+                PathPatch(outline_path(outside), facecolor="white", edgecolor="none", alpha=0.6, zorder=3)
             )
     handles = [Patch(fill=False, edgecolor=INK, linewidth=1.3, label="Survey area")]
     style: dict[str, Any] = {"facecolor": "#ffffff80", "edgecolor": NO_GO, "linewidth": 0.9, "hatch": "////"}
     for zone in area.no_go:
-        axes.add_patch(PathPatch(_outline(zone), zorder=4, **style))
+        axes.add_patch(PathPatch(outline_path(zone), zorder=4, **style))
     if area.no_go:
         handles.append(Patch(label="No-go", **style))
     return handles
 
 
-def _outline(shape: Polygon | MultiPolygon) -> Outline:
+def outline_path(shape: Polygon | MultiPolygon) -> Outline:
     """Turn polygons with holes into one compound path."""
     rings = [
         Outline(get_coordinates(ring), closed=True)

@@ -4,8 +4,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import LawnmowerConfig, Mobility, plan
-from planners.swaths import fewest_swaths_heading
+from planners import LawnmowerConfig, Rover, plan
+from planners.swaths import narrowest_heading
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.config import validated
 
@@ -29,7 +29,7 @@ def test_four_swaths_lie_at_odd_eighths_and_run_edge_to_edge():
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 10])
 def test_length_is_that_of_swaths_and_connectors(n):
-    route = plan(SITE, None, LawnmowerConfig(swaths=n), mobility=Mobility(speed_m_s=2.0, turn_s=5.0))
+    route = plan(SITE, None, LawnmowerConfig(swaths=n), rover=Rover(speed_m_s=2.0, turn_s=5.0))
     assert route.length_m == pytest.approx(600.0 * n + 600.0 * (n - 1) / n, rel=1e-12)
     assert route.prediction["time_s"] == pytest.approx(route.length_m / 2.0 + 2 * (n - 1) * 5.0, rel=1e-12)
 
@@ -68,8 +68,8 @@ def test_a_route_leads_from_the_rover_s_start_to_the_nearest_corner():
 
 def test_swaths_run_along_the_longer_side():
     tall = SurveyArea.rectangle((0.0, 0.0, 200.0, 600.0), CRS)
-    assert fewest_swaths_heading(tall) == 90.0
-    assert fewest_swaths_heading(SITE) == 0.0
+    assert narrowest_heading(tall.free) == 90.0
+    assert narrowest_heading(SITE.free) == 0.0
     assert [leg.length_m for leg in plan(tall, None, LawnmowerConfig(swaths=2)).swaths] == [600.0, 600.0]
 
 

@@ -8,10 +8,10 @@ from pydantic import TypeAdapter
 from planners import (
     BestConfig,
     LawnmowerConfig,
-    Mobility,
     PiecewiseContinuousConfig,
     PlannerConfig,
     RandomWanderConfig,
+    Rover,
     VarianceDrivenConfig,
     WavyConfig,
     plan,
@@ -75,7 +75,7 @@ def test_a_prior_with_gaps_leaves_the_ground_level():
 
 def test_slow_rovers_take_longer():
     fast, slow = (
-        plan(SITE, None, LawnmowerConfig(swaths=3), mobility=Mobility(speed_m_s=v)).prediction["time_s"]
+        plan(SITE, None, LawnmowerConfig(swaths=3), rover=Rover(speed_m_s=v)).prediction["time_s"]
         for v in (2.0, 0.5)
     )
     assert slow > fast

@@ -28,7 +28,7 @@ def area() -> SurveyArea:
 
 
 def test_flat_ground_is_all_drivable(area: SurveyArea) -> None:
-    site = drivable(area, RoverLimits(), dem_of(np.zeros((121, 121))))
+    site = drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem_of(np.zeros((121, 121))))
     assert site.ground.polygon.equals(area.polygon)
     assert site.left_out == ()
 
@@ -54,19 +54,22 @@ def test_every_metre_of_the_ground_is_within_the_limits(area: SurveyArea) -> Non
 def test_a_cliff_that_cuts_the_site_names_the_part_behind_it(area: SurveyArea) -> None:
     x, _ = nodes()
     dem = dem_of(np.where(x > 70.0, 20.0, 0.0))
-    site = drivable(area, RoverLimits(), dem)
+    site = drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem)
     cut_off = [piece for piece in site.left_out if piece.reason == "cut off"]
     assert len(cut_off) == 1
     assert cut_off[0].polygon.centroid.x > 75.0
     with pytest.raises(InputError, match=r"not all of the area can be reached .* \(cut off\)"):
-        drivable(area, RoverLimits(), dem, reach_all=True)
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem, reach_all=True)
 
 
 def test_the_part_with_the_start_is_the_one_that_is_kept() -> None:
     x, _ = nodes()
     dem = dem_of(np.where(x > 70.0, 20.0, 0.0))
     area = SurveyArea(shapely.box(0.0, 0.0, 100.0, 100.0), CRS, (), [[95.0, 50.0]])
-    assert drivable(area, RoverLimits(), dem).ground.polygon.bounds[0] > 70.0
+    assert (
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem).ground.polygon.bounds[0]
+        > 70.0
+    )
 
 
 def test_a_start_on_steep_ground_is_refused_with_the_reason() -> None:
@@ -74,16 +77,19 @@ def test_a_start_on_steep_ground_is_refused_with_the_reason() -> None:
     dem = dem_of(np.where(x > 70.0, 20.0, 0.0))
     area = SurveyArea(shapely.box(0.0, 0.0, 100.0, 100.0), CRS, (), [[70.5, 50.0]])
     with pytest.raises(InputError, match=r"start \(70.5, 50.0\).*too steep"):
-        drivable(area, RoverLimits(), dem)
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem)
 
 
 def test_ground_of_unknown_height_is_left_out(area: SurveyArea) -> None:
     height = np.zeros((121, 121))
     height[50:60, 50:60] = np.nan
-    site = drivable(area, RoverLimits(), dem_of(height))
+    site = drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem_of(height))
     assert [piece.reason for piece in site.left_out] == ["height unknown"]
     small = Dem(np.zeros((50, 121)), TRANSFORM, CRS)
-    assert drivable(area, RoverLimits(), small).left_out[0].reason == "height unknown"
+    assert (
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), small).left_out[0].reason
+        == "height unknown"
+    )
 
 
 def test_rough_ground_is_left_out(area: SurveyArea) -> None:
@@ -117,6 +123,6 @@ def test_clearance_keeps_off_borders_and_closes_narrow_necks() -> None:
 def test_nothing_left_is_refused_with_reasons(area: SurveyArea) -> None:
     x, _ = nodes()
     with pytest.raises(InputError, match=r"no ground is left to drive on: .*too steep"):
-        drivable(area, RoverLimits(), dem_of(x))
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem_of(x))
     with pytest.raises(ValueError, match="max_pitch_deg"):
         RoverLimits(max_pitch_deg=0.0)

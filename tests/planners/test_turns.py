@@ -52,7 +52,7 @@ def test_reversing_never_lengthens_and_works_both_ways(start, goal) -> None:  # 
     ],
 )
 def test_known_lengths(goal: tuple[float, float, float], reverse: bool, length_m: float) -> None:
-    turning = Turning(radius_m=2.0, reverse=reverse)
+    turning = Turning(turn_radius_m=2.0, reverse=reverse)
     assert turn_length_m((0.0, 0.0, 0.0), goal, turning) == pytest.approx(length_m, abs=1e-9)
 
 
@@ -60,7 +60,9 @@ def test_narrow_swaths_take_a_loop_that_no_shorter_curve_can_replace() -> None:
     # Two parallel tracks 1 apart with unit radius: right, long left, right (Dubins' CCC).
     half = np.arccos((1.0 + 0.5) / 2.0)
     expected = 2.0 * half + (np.pi + 2.0 * half)
-    assert turn_length_m((0, 0, 0), (0, 1, np.pi), Turning(radius_m=1.0)) == pytest.approx(expected, abs=1e-9)
+    assert turn_length_m((0, 0, 0), (0, 1, np.pi), Turning(turn_radius_m=1.0)) == pytest.approx(
+        expected, abs=1e-9
+    )
 
 
 def test_traced_arcs_keep_the_radius() -> None:
@@ -76,7 +78,7 @@ def test_traced_arcs_keep_the_radius() -> None:
 @pytest.mark.parametrize("reverse", [False, True])
 def test_curved_surveys_stay_on_the_ground(reverse: bool) -> None:
     ground = FreeGround(shapely.box(0.0, 0.0, 120.0, 100.0) - shapely.box(55.0, 40.0, 75.0, 60.0))
-    turning = Turning(radius_m=4.0, reverse=reverse)
+    turning = Turning(turn_radius_m=4.0, reverse=reverse)
     legs = connect(swaths_on(ground, 10.0, 90.0, inset_m=9.0), ground, start=(2.0, 2.0), turning=turning)
     assert all(ground.covers(LineString(leg.xy)) for leg in legs)
     assert any(len(leg.xy) > 5 for leg in legs if leg.kind == "transit")
@@ -84,7 +86,7 @@ def test_curved_surveys_stay_on_the_ground(reverse: bool) -> None:
 
 def test_a_turn_round_an_obstacle_is_chained() -> None:
     ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 100.0) - shapely.box(40.0, 20.0, 60.0, 100.0))
-    turns = Turns(ground, Turning(radius_m=3.0))
+    turns = Turns(ground, Turning(turn_radius_m=3.0))
     points = turns.between((20.0, 80.0, np.pi / 2), (80.0, 80.0, np.pi / 2))
     assert ground.covers(LineString(points))
 
@@ -92,7 +94,7 @@ def test_a_turn_round_an_obstacle_is_chained() -> None:
 def test_a_turn_without_room_is_refused_with_the_fix() -> None:
     ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 6.0))
     with pytest.raises(InputError, match="no turn of radius 8 m"):
-        Turns(ground, Turning(radius_m=8.0)).between((50.0, 2.0, 0.0), (50.0, 4.0, np.pi))
+        Turns(ground, Turning(turn_radius_m=8.0)).between((50.0, 2.0, 0.0), (50.0, 4.0, np.pi))
     with pytest.raises(ConfigError, match="pivots on the spot"):
         turn_length_m((0, 0, 0), (1, 0, 0), Turning())
 

@@ -1,0 +1,124 @@
+"""The map of a plan: where every rover will drive, and how uncertain the map that follows will be."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, PathPatch
+from shapely import Polygon
+
+from survey.area import SurveyArea
+from survey.dem import Dem
+from survey.figures.cartography import (
+    add_colour_bar,
+    draw_area,
+    draw_contours,
+    draw_raster,
+    draw_relief,
+    draw_route,
+    draw_scale_and_north,
+    elevation_limits,
+    map_figure,
+    outline_path,
+    relief_exaggeration,
+    thinned,
+    view,
+)
+from survey.figures.style import DEVIATION, ELEVATION, FULL_IN, MUTED, styled
+from survey.grid import Grid
+from survey.route import Route
+
+
+@styled
+def plan_map(
+    area: SurveyArea,
+    route: Route,
+    *,
+    terrain: Dem | None = None,
+    std: Dem | None = None,
+    left_out: Sequence[Polygon] = (),
+) -> Figure:
+    """Draw a planned route over what is known of the ground and what the survey will leave unknown.
+
+    Swaths are numbered in driving order and carry an arrow, transits are dashed, each
+    rover has its colour. Colours below tell the predicted standard deviation of the map;
+    without it, elevation.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        Outline and no-go zones; ground outside is veiled.
+    route : Route
+        In the CRS of the area.
+    terrain : Dem, optional
+        Known beforehand; drawn as hillshade with contours.
+    std : Dem, optional
+        Predicted standard deviation, e.g. ``planners.predict_error(…).std`` [m].
+    left_out : sequence of shapely.Polygon, optional
+        Pieces of the area where rovers cannot be.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page.
+
+    Raises
+    ------
+    InputError
+        When route or terrain are in another CRS than the area.
+
+    Examples
+    --------
+    >>> from survey.route import Leg
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 40.0, 20.0), "EPSG:32608")
+    >>> route = Route((Leg("swath", [[0.0, 10.0], [40.0, 10.0]]),), "EPSG:32608", "line")
+    >>> plan_map(area, route).axes[0].get_title(loc="left")
+    'Survey plan'
+    """
+    area.require_crs(route.crs, "the route")
+    bounds = view(_blank(area), area)
+    drawing = map_figure(FULL_IN, bounds, legend=True)
+    axes = drawing.maps[0]
+    handles: list[Artist] = []
+    if terrain is not None:
+        area.require_crs(terrain.crs, "the terrain")
+        terrain = thinned(terrain)
+        handles += draw_contours(axes, terrain)
+        draw_relief(axes, terrain, exaggeration=relief_exaggeration(terrain))
+    axes.set(xlim=bounds[::2], ylim=bounds[1::2])
+    handles += [*draw_area(axes, area), *_draw_left_out(axes, left_out), *draw_route(axes, route)]
+    if std is not None:
+        top = max(float(np.nanmax(std.elevation)), 1e-9)
+        image = draw_raster(axes, std.elevation, std, DEVIATION, Normalize(0.0, top))
+        add_colour_bar(image, drawing, "Predicted standard deviation [m]")
+    elif terrain is not None:
+        image = draw_raster(axes, terrain.elevation, terrain, ELEVATION, elevation_limits(terrain))
+        add_colour_bar(image, drawing, "Elevation [m]")
+    else:
+        drawing.bar.set_axis_off()
+    draw_scale_and_north(drawing)
+    axes.set_title("Survey plan")
+    columns = len(handles) if len(handles) <= 6 else math.ceil(len(handles) / 2)
+    drawing.figure.legend(handles=handles, loc="lower center", ncols=columns, columnspacing=1.6)
+    return drawing.figure
+
+
+def _blank(area: SurveyArea) -> Dem:
+    """Return level ground around the area, so that every side has its margin."""
+    xmin, ymin, xmax, ymax = area.bounds
+    side = max(xmax - xmin, ymax - ymin)
+    pad = 0.1 * side
+    grid = Grid((xmin - pad, ymin - pad, xmax + pad, ymax + pad), 0.05 * side, area.crs)
+    return Dem.on(grid, np.zeros(grid.shape))
+
+
+def _draw_left_out(axes: Axes, pieces: Sequence[Polygon]) -> list[Patch]:
+    look: dict[str, Any] = {"facecolor": "#ffffff80", "edgecolor": MUTED, "linewidth": 0.6, "hatch": "...."}
+    for piece in pieces:
+        axes.add_patch(PathPatch(outline_path(piece), zorder=3.8, **look))
+    return [Patch(label="Not drivable", **look)] if pieces else []
