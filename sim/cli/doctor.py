@@ -75,18 +75,31 @@ def _machine() -> list[Finding]:
     import rasterio
 
     memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    data = Path(pyproj.datadir.get_data_dir())
-    grids = sorted(data.glob("*egm96*")) + sorted(data.glob("*egm08*"))
-    geoid = ", ".join(grid.name for grid in grids) or "none: heights stay in the datum of their file"
     return [
         ("cores", str(os.cpu_count()), True),
         ("memory", f"{memory_gib:.0f} GiB", memory_gib >= 2.0),
         ("GDAL", rasterio.__gdal_version__, True),
         ("PROJ", pyproj.proj_version_str, True),
-        ("geoid grids", geoid, True),
+        *_geoids(),
         (
             "this folder",
             "can be written to" if os.access(".", os.W_OK) else "is read-only; runs need --runs",
             True,
         ),
+    ]
+
+
+def _geoids() -> list[Finding]:
+    """Tell for each vertical datum if heights can be taken to it, and which of PROJ's grids are missing."""
+    from survey.geodesy import lacking_grids
+
+    return [
+        (
+            datum,
+            f"no grid: {', '.join(missing)}; heights stay in the datum of their file"
+            if missing
+            else "grid is here",
+            True,
+        )
+        for datum, missing in lacking_grids().items()
     ]

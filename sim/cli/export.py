@@ -1,4 +1,4 @@
-"""``firnline export``: a planned route for a GIS, a hand-held GPS or an autopilot."""
+"""``firnline export``: a route, map, track, area or set of points for a GIS, a hand-held GPS or an autopilot."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,33 +10,57 @@ from sim.cli.outcome import refusals_told
 
 @refusals_told
 def export(
-    source: Annotated[Path, typer.Argument(help="Route file, or a run folder that holds one.")],
+    source: Annotated[Path, typer.Argument(help="File to convert, or a run folder (its route).")],
     out: Annotated[
         Path,
         typer.Argument(
-            help="File to write: .geojson .gpkg .gpx .kml .plan (QGroundControl) .waypoints .csv .wkt"
+            help="File to write. Routes: .geojson .gpkg .gpx .kml .plan (QGroundControl) .waypoints .csv .wkt; "
+            "maps: .tif .asc .nc; points: .csv .gpkg .las .laz .ply; tracks: .tum .txt (KITTI) .gpx .gpkg; areas: .kml .shp …"
         ),
     ],
     rover: Annotated[
         int | None, typer.Option("--rover", help="Only this rover's legs, counted from 0.")
     ] = None,
+    holds: Annotated[
+        str | None,
+        typer.Option(
+            "--as", help="What the file holds where its ending leaves it open: route, points, track, area."
+        ),
+    ] = None,
+    crs: Annotated[
+        str | None, typer.Option("--crs", help="CRS of files that carry none; of areas, the one to write in.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
-    """Write a route in the format that the file's ending names.
+    """Write a file in the format that the other's ending names.
 
     For example:
 
       firnline export route.geojson survey.plan
 
       firnline export results/runs/srtm-ridge/latest route.gpx
+
+      firnline export map.tif map.asc
+
+      firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
     """
     import survey
-    from survey.errors import InputError
+    from survey.convert import convert, kind_of
+    from survey.errors import ConfigError, InputError
     from survey.io.plans import write_plan
     from survey.store import RunFolder
 
     if out.exists() and not force:
         raise InputError(f"{out} exists; choose another name or add --force to replace it.")
+    if holds not in (None, "route", "raster", "points", "track", "area"):
+        raise ConfigError(
+            f"--as {holds} is not known; one of route, raster, points, track, area was expected."
+        )
+    kind = None if source.is_dir() else holds or kind_of(source, out)
+    if kind is not None and kind != "route":
+        convert(source, out, kind, crs=crs)  # type: ignore[arg-type]  # checked above
+        typer.echo(f"{out} written")
+        return
     file = RunFolder.find(source).folder("plan") / "route.geojson" if source.is_dir() else source
     write_plan(survey.Route.read(file), out, rover=rover)
     typer.echo(f"{out} written")

@@ -1,7 +1,9 @@
 """Files that are either whole or not there."""
 
+import logging
 import os
 import tempfile
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +15,9 @@ from survey.errors import InputError
 def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; put it in place only when all went well.
 
-    An interrupted writer leaves what stood at `path` before untouched.
+    An interrupted writer leaves what stood at `path` before untouched. A format of several
+    files (Shapefile, ASCII grid) is there once its main file is: what stood there goes first,
+    the companions come, then the main file.
 
     Raises
     ------
@@ -29,12 +33,30 @@ def replacing(path: str | Path) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix=f".{target.stem}-", dir=target.parent) as folder:
             draft = Path(folder) / target.name
             yield draft
-            synced(draft)
+            companions = sorted(
+                f for f in Path(folder).iterdir() if f != draft and f.stem.startswith(target.stem)
+            )
+            for file in (*companions, draft):
+                synced(file)
+            if companions:
+                target.unlink(missing_ok=True)
+            for companion in companions:
+                companion.replace(target.parent / companion.name)
             draft.replace(target)
     except OSError as error:
         raise InputError(
             f"{target} could not be written ({error.strerror or error}); free space or choose another place."
         ) from error
+
+
+@contextmanager
+def warnings_logged() -> Iterator[None]:
+    """Send what libraries warn of while reading a file to the log: a refusal is one sentence, a success is silent."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for warning in caught:
+        logging.getLogger(__name__).warning("%s", warning.message)
 
 
 def synced(path: Path) -> None:
@@ -60,7 +82,13 @@ def existing_file(path: str | Path, what: str) -> Path:
     return file
 
 
+def first_line(reason: object) -> str:
+    """Return the first line of a reason without its full stop, or the kind of fault where there are no words."""
+    words = str(reason).strip()
+    return words.splitlines()[0].rstrip(".") if words else type(reason).__name__
+
+
 def unwritable(path: Path, reason: object) -> InputError:
     """Return the refusal of a file that could not be written."""
-    words = str(reason).splitlines()[0].rstrip(".") if str(reason) else type(reason).__name__
+    words = first_line(reason)
     return InputError(f"{path} could not be written ({words}); free space or choose another place.")

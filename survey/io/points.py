@@ -16,7 +16,7 @@ from pyproj.exceptions import CRSError
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.geodesy import UNSTATED, vertical_datum_of
-from survey.io.files import existing_file, replacing
+from survey.io.files import existing_file, first_line, replacing
 from survey.io.tables import read_table, write_table
 from survey.io.vector import read_features, write_features
 
@@ -25,6 +25,9 @@ _DATUM = "vertical_datum"
 # LAS keeps coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
 _LAS_OWNER = "firnline"
+# Points that are all alike shrink to little in LAZ, but hardly to less than this share.
+_LAZ_RATIO = 400
+_PLY_HEAD = 65_536
 
 
 class PointTable(NamedTuple):
@@ -111,7 +114,11 @@ def _write_vector(path: Path, table: PointTable) -> None:
 def _read_las(path: Path) -> PointTable:
     file = existing_file(path, "the point file")
     try:
-        las = laspy.read(file)
+        with laspy.open(file) as reader:
+            _check_claim(
+                file, reader.header.point_count, reader.header.point_format.size, packed=_is_packed(reader)
+            )
+            las = reader.read()
         crs = las.header.parse_crs()
     except (laspy.errors.LaspyException, CRSError, ValueError, RuntimeError, struct.error, OSError) as error:
         raise _damaged(file, "LAS", error) from error
@@ -159,6 +166,7 @@ def _write_las(path: Path, table: PointTable) -> None:
 def _read_ply(path: Path) -> PointTable:
     file = existing_file(path, "the point file")
     try:
+        _check_ply_claim(file)
         ply = plyfile.PlyData.read(str(file))
         vertices = ply["vertex"].data
     except (plyfile.PlyParseError, KeyError, ValueError, UnicodeDecodeError) as error:
@@ -191,9 +199,31 @@ def _write_ply(path: Path, table: PointTable) -> None:
         plyfile.PlyData([element], text=False, byte_order="<", comments=comments).write(str(draft))
 
 
+def _is_packed(reader: Any) -> bool:
+    return bool(reader.header.are_points_compressed)
+
+
+def _check_claim(file: Path, n_points: int, point_bytes: int, *, packed: bool) -> None:
+    """Refuse a header that claims more points than the file can hold, before memory is taken for them."""
+    room = file.stat().st_size * (_LAZ_RATIO if packed else 1)
+    if n_points * max(point_bytes, 1) > room:
+        raise InputError(
+            f"the point file {file} claims {n_points:,} points of {point_bytes} bytes but has {file.stat().st_size:,} bytes; it was cut off."
+        )
+
+
+def _check_ply_claim(file: Path) -> None:
+    """Refuse a header of more rows than the file has bytes."""
+    with file.open("rb") as stream:
+        head = stream.read(_PLY_HEAD).split(b"end_header")[0]
+    for line in head.splitlines():
+        words = line.split()
+        if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
+            _check_claim(file, int(words[2]), 1, packed=False)
+
+
 def _damaged(file: Path, kind: str, error: Exception) -> InputError:
-    reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
-    return InputError(f"the point file {file} is damaged or no {kind} ({reason}); get it again.")
+    return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")
 
 
 _FORMATS: Mapping[str, _Format] = {

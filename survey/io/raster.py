@@ -1,6 +1,5 @@
-"""Elevation rasters: GeoTIFF and whatever else GDAL reads; written as Cloud-Optimized GeoTIFF."""
+"""Elevation rasters: whatever GDAL reads; written as Cloud-Optimized GeoTIFF, Esri ASCII grid or NetCDF."""
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,14 +10,25 @@ from pyproj import CRS
 from pyproj.crs import CompoundCRS
 
 from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.geodesy import UNSTATED, projected_crs, vertical_datum_of
-from survey.io.files import existing_file, replacing, unwritable
+from survey.errors import CapacityError, InputError
+from survey.geodesy import UNSTATED, VERTICAL_CRS, projected_crs, vertical_datum_of
+from survey.io.files import existing_file, first_line, replacing, unwritable, warnings_logged
 
 NODATA = -9999.0
+LARGEST_CELLS = 160_000_000
+"""Rasters beyond this are not read whole: 1.3 GB as numbers of double precision."""
+_STRIP_CELLS = 4_000_000
 _VERTICAL_TAG = "VERTICAL_DATUM"
-# GDAL keeps the vertical part of a CRS only when it has a code of its own.
-_VERTICAL_CRS = {"EGM96 height": "EPSG:5773", "EGM2008 height": "EPSG:3855", "NAVD88 height": "EPSG:5703"}
+
+_COG = {
+    "driver": "COG",
+    "compress": "deflate",
+    "predictor": "yes",
+    "overview_resampling": "average",
+    "num_threads": "1",
+}
+# Nine significant digits bring every float32 back exactly.
+_ASCII = {"driver": "AAIGrid", "significant_digits": 9, "force_cellsize": "true"}
 
 
 class Raster(NamedTuple):
@@ -42,23 +52,74 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
 
     file = existing_file(path, "the raster")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            with rasterio.open(file) as source:
-                if not 1 <= band <= source.count:
-                    raise InputError(f"{file} has {source.count} bands; band {band} was asked for.")
-                if np.issubdtype(np.dtype(source.dtypes[band - 1]), np.complexfloating):
-                    raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
-                values = source.read(band, masked=True).astype(np.float64).filled(np.nan)
-                crs = source.crs.to_wkt() if source.crs else None
-                datum = source.tags().get(_VERTICAL_TAG, UNSTATED)
-                transform = source.transform
+        with warnings_logged(), rasterio.open(_dataset(file, band)) as source:
+            in_source = _checked_band(source, file, band)
+            if source.height * source.width > LARGEST_CELLS:
+                raise CapacityError(
+                    f"{file} has {source.height:,} × {source.width:,} cells; {LARGEST_CELLS:,} can be read at once, cut a window or average it first."
+                )
+            values = _read_strips(source, in_source)
+            crs = source.crs.to_wkt() if source.crs else None
+            datum = _stated_datum(source)
+            transform = source.transform
+        return Raster(values, transform, crs, datum or (vertical_datum_of(crs) if crs else UNSTATED))
     except _gdal_faults() as error:
-        raise InputError(
-            f"{file} is damaged or no raster that GDAL knows ({_first_line(error)}); get it again."
-        ) from error
+        raise damaged(file, error) from error
+
+
+def damaged(file: Path, error: Exception) -> InputError:
+    """Return the refusal of a raster that GDAL cannot read."""
+    return InputError(f"{file} is damaged or no raster that GDAL knows ({first_line(error)}); get it again.")
+
+
+def _dataset(file: Path, band: int) -> str:
+    """Return what GDAL is to open: of a NetCDF file with several variables, the one that stands for the band."""
+    if file.suffix.lower() != ".nc":
+        return str(file)
+    import rasterio
+
+    with rasterio.open(file) as whole:
+        parts: list[str] = whole.subdatasets
+    if not parts:
+        return str(file)
+    if not 1 <= band <= len(parts):
+        raise InputError(f"{file} has {len(parts)} variables; number {band} was asked for.")
+    return parts[band - 1]
+
+
+def _checked_band(source: Any, file: Path, band: int) -> int:
+    """Return the number of the band within what was opened, or refuse."""
+    number = 1 if source.driver == "netCDF" and source.count == 1 else band
+    if not 1 <= number <= source.count:
+        raise InputError(f"{file} has {source.count} bands; band {band} was asked for.")
+    if np.issubdtype(np.dtype(source.dtypes[number - 1]), np.complexfloating):
+        raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
+    return number
+
+
+def _read_strips(source: Any, band: int) -> FloatArray:
+    """Read a band strip by strip, so that memory follows what the file holds and not what its header claims."""
+    from rasterio.windows import Window
+
+    values = np.empty((source.height, source.width))
+    rows = max(1, _STRIP_CELLS // source.width)
+    for first in range(0, source.height, rows):
+        window = Window(0, first, source.width, min(rows, source.height - first))
+        values[first : first + rows] = read_window(source, band, window)
+    return values
+
+
+def read_window(source: Any, band: int, window: Any) -> FloatArray:
+    """Read a window of an open raster as (h, w) floats with NaN for nodata."""
+    strip = source.read(band, window=window, masked=True, out_dtype=np.float64)
+    values: FloatArray = strip.filled(np.nan)
     values[~np.isfinite(values)] = np.nan
-    return Raster(values, transform, crs, datum or (vertical_datum_of(crs) if crs else UNSTATED))
+    return values
+
+
+def _stated_datum(source: Any) -> str:
+    tags = source.tags()
+    return str(tags.get(_VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{_VERTICAL_TAG.lower()}") or UNSTATED)
 
 
 def band_count(path: str | Path) -> int:
@@ -66,7 +127,20 @@ def band_count(path: str | Path) -> int:
     import rasterio
 
     with rasterio.open(path) as source:
-        return int(source.count)
+        return int(source.count) or len(source.subdatasets)
+
+
+def band_names(path: str | Path) -> list[str]:
+    """Return the names of the bands of a raster that `read_raster` has read; numbered where it gives none."""
+    import rasterio
+
+    with rasterio.open(path) as source:
+        if source.subdatasets:
+            return [part.rsplit(":", 1)[1] for part in source.subdatasets]
+        described = [d or "" for d in source.descriptions]
+    if len(described) == 1 and not described[0]:
+        return ["elevation"]
+    return [name or f"band_{k}" for k, name in enumerate(described, start=1)]
 
 
 def write_raster(
@@ -76,37 +150,54 @@ def write_raster(
     crs: CRS,
     vertical_datum: str = UNSTATED,
 ) -> None:
-    """Write named bands as one Cloud-Optimized GeoTIFF of float32, or leave what was there."""
-    layers = list(bands.values())
-    height, width = layers[0].shape
-    profile = {
-        "driver": "COG",
-        "height": height,
-        "width": width,
-        "count": len(layers),
-        "dtype": "float32",
-        "nodata": NODATA,
-        "crs": _written_crs(crs, vertical_datum).to_wkt(),
-        "transform": transform,
-        "compress": "deflate",
-        "predictor": "yes",
-        "overview_resampling": "average",
-        "num_threads": "1",
-    }
+    """Write named bands of float32 in the format that the file's ending names, or leave what was there.
+
+    ``.asc`` is an Esri ASCII grid of one band with its CRS in a ``.prj`` beside it, which states no
+    vertical datum; ``.nc`` is NetCDF; everything else is a Cloud-Optimized GeoTIFF.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written, several bands are to go to an ASCII grid, or what
+        NetCDF needs is not installed.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".nc":
+        from survey.io.netcdf import write_netcdf
+
+        write_netcdf(path, bands, transform, _written_crs(crs, vertical_datum), vertical_datum)
+        return
+    if suffix == ".asc" and len(bands) != 1:
+        raise InputError(f"{path}: an ASCII grid holds one band, not {len(bands)}; write them one by one.")
+    options = _ASCII if suffix == ".asc" else _COG
+    written = (
+        projected_crs(crs, "the raster to write") if suffix == ".asc" else _written_crs(crs, vertical_datum)
+    )
+    _write_gdal(
+        Path(path), bands, {**options, "transform": transform, "crs": written.to_wkt()}, vertical_datum
+    )
+
+
+def _write_gdal(
+    path: Path, bands: Mapping[str, FloatArray], options: Mapping[str, Any], vertical_datum: str
+) -> None:
     import rasterio
 
+    height, width = next(iter(bands.values())).shape
+    profile = {"height": height, "width": width, "count": len(bands), "dtype": "float32", "nodata": NODATA}
     with replacing(path) as draft:
         try:
-            with rasterio.open(draft, "w", **profile) as target:
-                if vertical_datum:
+            with warnings_logged(), rasterio.open(draft, "w", **profile, **options) as target:
+                if vertical_datum and options["driver"] == "COG":
                     target.update_tags(**{_VERTICAL_TAG: vertical_datum})
                 for index, (name, values) in enumerate(bands.items(), start=1):
                     target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
-                    target.set_band_description(index, name)
+                    if options["driver"] == "COG":
+                        target.set_band_description(index, name)
         except _gdal_faults() as error:
-            raise unwritable(Path(path), error) from error
+            raise unwritable(path, error) from error
         if not draft.is_file() or draft.stat().st_size == 0:
-            raise unwritable(Path(path), "nothing arrived on the disk")
+            raise unwritable(path, "nothing arrived on the disk")
 
 
 def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
@@ -140,7 +231,8 @@ def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
 
 def _written_crs(crs: CRS, vertical_datum: str) -> CRS:
     horizontal = projected_crs(crs, "the raster to write")
-    code = _VERTICAL_CRS.get(vertical_datum)
+    # GDAL keeps the vertical part of a CRS only when it has a code of its own.
+    code = VERTICAL_CRS.get(vertical_datum)
     if code is None:
         return horizontal
     return CompoundCRS(f"{horizontal.name} + {vertical_datum}", [horizontal, CRS.from_user_input(code)])
@@ -152,7 +244,3 @@ def _gdal_faults() -> tuple[type[Exception], ...]:
     from rasterio.errors import RasterioError
 
     return RasterioError, CPLE_BaseError
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")

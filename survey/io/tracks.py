@@ -1,22 +1,33 @@
-"""Trajectory files: TUM text (time, position, quaternion) and a CSV table with covariances."""
+"""Trajectory files: TUM and KITTI text, GPX and GeoPackage tracks."""
 
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
+from pyproj import CRS
 
 from survey.arrays import FloatArray
 from survey.errors import InputError
+from survey.geodesy import transformed
 from survey.io.files import existing_file, replacing
+from survey.io.vector import read_features, write_features
 
 TUM_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+KITTI_COLUMNS = tuple(
+    f"{'xyz'[row] if column == 3 else 'r'}{row}{column}" for row in range(3) for column in range(4)
+)
+# Times count from here where a format wants a date and the track has none.
+_EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
+_WGS84 = CRS.from_epsg(4326)
+_TIME, _HEIGHT = "time_s", "elevation_m"
 
 
 def write_tum(path: str | Path, rows: FloatArray) -> None:
     """Write poses (N, 8) as TUM text; numbers read back exactly as they were."""
-    with replacing(path) as draft, draft.open("w", encoding="utf-8") as file:
-        file.write("# " + " ".join(TUM_COLUMNS) + "\n")
-        file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
+    _write_rows(path, rows, "# " + " ".join(TUM_COLUMNS) + "\n")
 
 
 def read_tum(path: str | Path) -> FloatArray:
@@ -27,28 +38,137 @@ def read_tum(path: str | Path) -> FloatArray:
     InputError
         Missing, empty, or a line without eight numbers; the message names the line.
     """
+    return _read_rows(path, TUM_COLUMNS, "TUM")
+
+
+def write_kitti(path: str | Path, poses: FloatArray) -> None:
+    """Write poses (N, 3, 4), rotation and position, as KITTI text, which keeps no times.
+
+    Numbers read back exactly as they were.
+    """
+    _write_rows(path, poses.reshape(-1, 12), "")
+
+
+def read_kitti(path: str | Path) -> FloatArray:
+    """Read KITTI text into (N, 3, 4): rotation and position.
+
+    Raises
+    ------
+    InputError
+        Missing, empty, a line without twelve numbers, or a rotation that is none.
+    """
+    poses = _read_rows(path, KITTI_COLUMNS, "KITTI").reshape(-1, 3, 4)
+    turn = poses[:, :, :3]
+    off = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    bad = np.flatnonzero(~(off < 1e-3) | (np.linalg.det(turn) < 0.0))
+    if len(bad):
+        raise InputError(
+            f"the trajectory {path}, pose {bad[0] + 1}: its nine numbers are no rotation; correct it."
+        )
+    return poses
+
+
+def write_track(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS) -> None:
+    """Write a track of places (N, 3) [m]: ``.gpx`` in degrees for hand-helds, ``.gpkg`` as points in its CRS.
+
+    GPX wants dates: times count from the beginning of the year 2000, in whole milliseconds.
+    Degrees are written to nine decimals, a tenth of a millimetre.
+    """
+    if Path(path).suffix.lower() == ".gpx":
+        _write_gpx(path, time_s, xyz, crs)
+        return
+    columns = {_TIME: time_s, _HEIGHT: xyz[:, 2]}
+    write_features(path, shapely.points(xyz), columns, crs, layer="track")
+
+
+def read_track(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
+    """Read times (N,) [s] and places (N, 3) [m] of a ``.gpx`` or ``.gpkg`` track into a projected CRS.
+
+    Raises
+    ------
+    InputError
+        Missing, damaged, no track, points without a height or without a time.
+    """
+    if Path(path).suffix.lower() == ".gpx":
+        features = read_features(path, layer="track_points", what="the track")
+        heights = _numbers(features.attributes.get("ele"), path, "heights (<ele>)")
+        time_s = _seconds(features.attributes.get("time"), path)
+        source: Any = _WGS84
+    else:
+        features = read_features(path, what="the track")
+        heights = _numbers(features.attributes.get(_HEIGHT), path, f"a column {_HEIGHT}")
+        time_s = _numbers(features.attributes.get(_TIME), path, f"a column {_TIME}")
+        source = features.crs
+    if source is None or any(shape is None or shape.geom_type != "Point" for shape in features.geometry):
+        raise InputError(
+            f"the track {path} is no series of points in a coordinate reference system; save it as one."
+        )
+    xy = transformed(shapely.get_coordinates(features.geometry), source, crs, f"the track {path}")
+    return time_s, np.column_stack([xy, heights])
+
+
+def _write_gpx(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS) -> None:
+    degrees = np.round(transformed(xyz[:, :2], crs, _WGS84, "the track"), 9)
+    dates = [_EPOCH + timedelta(milliseconds=round(1e3 * t)) for t in time_s.tolist()]
+    columns = {
+        "track_fid": np.zeros(len(xyz), dtype=np.int32),
+        "track_seg_id": np.zeros(len(xyz), dtype=np.int32),
+        "ele": xyz[:, 2],
+        "time": np.array([date.replace(tzinfo=None) for date in dates], dtype="datetime64[ms]"),
+    }
+    write_features(path, shapely.points(degrees), columns, _WGS84, layer="track_points")
+
+
+def _seconds(column: Any, path: str | Path) -> FloatArray:
+    if column is None or np.isnat(np.asarray(column, dtype="datetime64[ms]")).any():
+        raise InputError(f"the track {path} lacks times; record them, or take the places alone.")
+    since = np.asarray(column, dtype="datetime64[ms]") - np.datetime64(_EPOCH.replace(tzinfo=None), "ms")
+    seconds: FloatArray = since.astype(np.float64) / 1e3
+    return seconds
+
+
+def _numbers(column: Any, path: str | Path, what: str) -> FloatArray:
+    try:
+        values = np.asarray(column, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.array([np.nan])
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise InputError(f"the track {path} lacks {what}; save it with them.")
+    return values
+
+
+def _write_rows(path: str | Path, rows: FloatArray, header: str) -> None:
+    with replacing(path) as draft, draft.open("w", encoding="utf-8") as file:
+        file.write(header)
+        file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
+
+
+def _read_rows(path: str | Path, columns: Sequence[str], kind: str) -> FloatArray:
     file = existing_file(path, "the trajectory")
-    rows: list[list[float]] = []
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise InputError(
-            f"the trajectory {file} is no text ({error.reason}); a TUM file was expected."
+            f"the trajectory {file} is no text ({error.reason}); a {kind} file was expected."
         ) from error
-    for number, line in enumerate(lines, start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            rows.append(_eight_numbers(line, f"the trajectory {file}, line {number}"))
+    rows = [
+        _row(line, columns, f"the trajectory {file}, line {number}")
+        for number, line in enumerate(lines, start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
     if not rows:
-        raise InputError(f"the trajectory {file} holds no poses; eight numbers a line were expected.")
+        raise InputError(
+            f"the trajectory {file} holds no poses; {len(columns)} numbers a line were expected."
+        )
     array: FloatArray = np.array(rows)
     return array
 
 
-def _eight_numbers(line: str, where: str) -> list[Any]:
+def _row(line: str, columns: Sequence[str], where: str) -> list[float]:
     try:
         numbers = [float(word) for word in line.replace(",", " ").split()]
     except ValueError as error:
-        raise InputError(f"{where}: {error}; {' '.join(TUM_COLUMNS)} were expected.") from error
-    if len(numbers) != len(TUM_COLUMNS):
-        raise InputError(f"{where}: {len(numbers)} numbers; {' '.join(TUM_COLUMNS)} were expected.")
+        raise InputError(f"{where}: {error}; {' '.join(columns)} were expected.") from error
+    if len(numbers) != len(columns):
+        raise InputError(f"{where}: {len(numbers)} numbers; {' '.join(columns)} were expected.")
     return numbers

@@ -11,7 +11,7 @@ import shapely
 from pyproj import CRS
 
 from survey.errors import InputError
-from survey.io.files import existing_file, replacing, unwritable
+from survey.io.files import existing_file, first_line, replacing, unwritable, warnings_logged
 
 _DRIVERS = {
     ".gpkg": "GPKG",
@@ -21,6 +21,11 @@ _DRIVERS = {
     ".gpx": "GPX",
     ".shp": "ESRI Shapefile",
 }
+
+_SHAPEFILE_NAME = 10
+_GDAL_UTC = 100
+# Shapefiles carry the day of their last change; a fixed one keeps equal content equal to the byte.
+_DRIVER_OPTIONS = {"ESRI Shapefile": {"DBF_DATE_LAST_UPDATE": "2000-01-01"}}
 
 _GDAL_OPTIONS = {
     # GeoPackages carry the time of their last change; a fixed one keeps equal content equal to the byte.
@@ -60,10 +65,11 @@ def read_features(
     file = existing_file(path, what)
     gdal = _gdal()
     try:
-        meta, _, geometry, columns = gdal.raw.read(file, layer=layer)
-    except (gdal.errors.DataSourceError, gdal.errors.DataLayerError, ValueError) as error:
+        with warnings_logged():
+            meta, _, geometry, columns = gdal.raw.read(file, layer=layer)
+    except _faults(gdal) as error:
         raise InputError(
-            f"{what} {file} is damaged or no vector format that GDAL knows ({error}); get it again."
+            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
         ) from error
     if geometry is None or len(geometry) == 0:
         raise InputError(f"{what} {file} holds no features; draw at least one and save it again.")
@@ -71,7 +77,7 @@ def read_features(
         shapes = shapely.from_wkb(geometry)
     except shapely.errors.GEOSException as error:
         raise InputError(
-            f"{what} {file} holds a geometry that cannot be built ({error}); correct it in a GIS."
+            f"{what} {file} holds a geometry that cannot be built ({first_line(error)}); correct it in a GIS."
         ) from error
     return Features(
         np.asarray(shapes, dtype=object), dict(zip(meta["fields"], columns, strict=True)), meta["crs"]
@@ -94,9 +100,10 @@ def write_features(
             f"{target.name} ends in {target.suffix!r}; one of {', '.join(sorted(_DRIVERS))} was expected."
         )
     shapes = np.asarray(geometry, dtype=object)
+    if driver == "ESRI Shapefile":
+        _check_for_shapefile(target, shapes, attributes)
     columns = [np.asarray(column) for column in attributes.values()]
     gdal = _gdal()
-    faults = gdal.errors
     with replacing(target) as draft:
         try:
             gdal.raw.write(
@@ -108,14 +115,48 @@ def write_features(
                 crs=crs.to_wkt(),
                 driver=driver,
                 layer=layer,
+                gdal_tz_offsets=_in_utc(attributes),
+                **_DRIVER_OPTIONS.get(driver, {}),
             )
-        except (
-            faults.DataLayerError,
-            faults.DataSourceError,
-            faults.FeatureError,
-            faults.GeometryError,
-        ) as error:
+        except _faults(gdal) as error:
             raise unwritable(target, error) from error
+
+
+def _in_utc(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return GDAL's mark of UTC for every column of times."""
+    return {
+        name: np.full(len(column), _GDAL_UTC, dtype=np.int32)
+        for name, column in attributes.items()
+        if np.issubdtype(np.asarray(column).dtype, np.datetime64)
+    }
+
+
+def _check_for_shapefile(path: Path, shapes: npt.NDArray[Any], attributes: Mapping[str, Any]) -> None:
+    """Refuse what a Shapefile would change silently: mixed kinds, and column names that it cuts off."""
+    kinds = sorted({shape.geom_type.removeprefix("Multi") for shape in shapes})
+    if len(kinds) > 1:
+        raise InputError(
+            f"{path}: a Shapefile holds one kind of geometry, not {' and '.join(kinds)}; write .gpkg or .geojson."
+        )
+    long = [name for name in attributes if len(name) > _SHAPEFILE_NAME]
+    if long:
+        raise InputError(
+            f"{path}: a Shapefile cuts the column {long[0]!r} to {_SHAPEFILE_NAME} letters; write .gpkg or .geojson."
+        )
+
+
+def _faults(gdal: Any) -> tuple[type[Exception], ...]:
+    """Return what reading and writing through GDAL may raise."""
+    e = gdal.errors
+    return (
+        e.DataSourceError,
+        e.DataLayerError,
+        e.FeatureError,
+        e.GeometryError,
+        e.FieldError,
+        e.CRSError,
+        ValueError,
+    )
 
 
 def _common_type(shapes: npt.NDArray[Any]) -> str:
