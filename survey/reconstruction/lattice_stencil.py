@@ -14,6 +14,9 @@ from survey.arrays import FloatArray
 OWN, EAST, NORTH, NORTH_EAST, NORTH_WEST = range(5)
 
 Draws = npt.NDArray[np.float32]
+Weights = tuple[float, float, float]
+"""Of the thin plate, the membrane and the mass [1/m²]."""
+Line = tuple[float, float, float, float]
 
 
 @njit(cache=True, inline="always")
@@ -26,35 +29,30 @@ def _hashed(key: np.uint64) -> np.uint64:
 
 @njit(cache=True)
 def add_points(
-    u: FloatArray,
-    v: FloatArray,
-    z: FloatArray,
-    weight: FloatArray,
-    stencil: FloatArray,
-    rhs: FloatArray,
-    draws: Draws,
-    first_number: int,
+    points: FloatArray, stencil: FloatArray, rhs: FloatArray, draws: Draws, first_number: int
 ) -> int:
-    """Add points at lattice coordinates (u east, v north) to stencil and right-hand side; return how many lay inside.
+    """Add points to stencil and right-hand side; return how many lay on the lattice.
 
-    Every draw gets each point's error with a random sign, so that over the draws its
-    covariance is that of the measurements.
+    The columns of `points` (N, 4) are the lattice coordinates u (east) and v (north), the
+    height [m] and the weight [1/m²]. Every draw gets each point's error with a random sign,
+    so that over the draws its covariance is that of the measurements.
     """
     rows, columns = rhs.shape
     n_draws = draws.shape[2]
     signs = np.empty(n_draws, dtype=np.float32)
     n_inside = 0
-    for k in range(len(z)):
-        i, j = int(np.floor(u[k])), int(np.floor(v[k]))
+    for k in range(len(points)):
+        u, v, z, w = points[k]
+        i, j = int(np.floor(u)), int(np.floor(v))
         # A point on the last row or column belongs to the cell before it.
-        i -= i == columns - 1 and u[k] == i
-        j -= j == rows - 1 and v[k] == j
+        i -= i == columns - 1 and u == i
+        j -= j == rows - 1 and v == j
         if i < 0 or j < 0 or i >= columns - 1 or j >= rows - 1:
             continue
         n_inside += 1
-        s, t = u[k] - i, v[k] - j
+        s, t = u - i, v - j
         sw, se, nw, ne = (1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t
-        w, wz = weight[k], weight[k] * z[k]
+        wz = w * z
         stencil[0, j, i] += w * sw * sw
         stencil[0, j, i + 1] += w * se * se
         stencil[0, j + 1, i] += w * nw * nw
@@ -85,29 +83,42 @@ def add_points(
     return n_inside
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
+def add_moments(points: FloatArray, moments: FloatArray) -> None:
+    """Add Σ w t tᵀ and Σ w t z, with t = (1, u, v), to `moments` (3, 4)."""
+    for k in range(len(points)):
+        u, v, z, w = points[k]
+        for a, left in enumerate((w, w * u, w * v)):
+            moments[a, 0] += left
+            moments[a, 1] += left * u
+            moments[a, 2] += left * v
+            moments[a, 3] += left * z
+
+
+@njit(cache=True, fastmath=True, inline="always")
 def _add_data_row(stencil: FloatArray, z: FloatArray, j: int, out: FloatArray) -> None:
     """Add the data's couplings of row j with itself and its neighbours."""
     rows, columns = z.shape
-    row = out[j]
-    for i in range(columns - 1):
-        row[i] += stencil[1, j, i] * z[j, i + 1]
-    for i in range(1, columns):
-        row[i] += stencil[1, j, i - 1] * z[j, i - 1]
+    row, into = z[j], out[j]
+    own, east = stencil[0, j], stencil[1, j]
+    into[0] += own[0] * row[0] + east[0] * row[1]
+    for i in range(1, columns - 1):
+        into[i] += own[i] * row[i] + east[i] * row[i + 1] + east[i - 1] * row[i - 1]
+    into[columns - 1] += own[columns - 1] * row[columns - 1] + east[columns - 2] * row[columns - 2]
     if j < rows - 1:
-        for i in range(columns):
-            row[i] += stencil[2, j, i] * z[j + 1, i]
-        for i in range(columns - 1):
-            row[i] += stencil[3, j, i] * z[j + 1, i + 1]
-        for i in range(1, columns):
-            row[i] += stencil[4, j, i] * z[j + 1, i - 1]
+        north, up, up_right, up_left = z[j + 1], stencil[2, j], stencil[3, j], stencil[4, j]
+        into[0] += up[0] * north[0] + up_right[0] * north[1]
+        for i in range(1, columns - 1):
+            into[i] += up[i] * north[i] + up_right[i] * north[i + 1] + up_left[i] * north[i - 1]
+        into[columns - 1] += up[columns - 1] * north[columns - 1] + up_left[columns - 1] * north[columns - 2]
     if j > 0:
-        for i in range(columns):
-            row[i] += stencil[2, j - 1, i] * z[j - 1, i]
-        for i in range(1, columns):
-            row[i] += stencil[3, j - 1, i - 1] * z[j - 1, i - 1]
-        for i in range(columns - 1):
-            row[i] += stencil[4, j - 1, i + 1] * z[j - 1, i + 1]
+        south, down, down_left, down_right = z[j - 1], stencil[2, j - 1], stencil[3, j - 1], stencil[4, j - 1]
+        into[0] += down[0] * south[0] + down_right[1] * south[1]
+        for i in range(1, columns - 1):
+            into[i] += down[i] * south[i] + down_left[i - 1] * south[i - 1] + down_right[i + 1] * south[i + 1]
+        into[columns - 1] += (
+            down[columns - 1] * south[columns - 1] + down_left[columns - 2] * south[columns - 2]
+        )
 
 
 @njit(cache=True, fastmath=True)
@@ -125,6 +136,17 @@ def _add_membrane_row(membrane: float, z: FloatArray, j: int, out: FloatArray) -
     if j > 0:
         for i in range(columns):
             row[i] += membrane * (z[j, i] - z[j - 1, i])
+
+
+@njit(cache=True, fastmath=True)
+def _bend_along(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArray) -> None:
+    """Fill into[2:-2] with the moments of the east-west curvature along row j; none at the ends."""
+    columns = z.shape[1]
+    for i in range(1, columns - 1):
+        into[i + 1] = plate * (z[j, i - 1] - 2.0 * z[j, i] + z[j, i + 1])
+    if soft.shape[0]:
+        for i in range(1, columns - 1):
+            into[i + 1] *= soft[0, j, i]
 
 
 @njit(cache=True, fastmath=True)
@@ -158,20 +180,136 @@ def _twist(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArr
 
 
 @njit(cache=True, fastmath=True)
-def apply(
-    stencil: FloatArray,
-    plate: float,
-    membrane: float,
-    mass: float,
-    soft: FloatArray,
-    z: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Set ``out = (data + plate · thin plate + membrane · springs + mass) z``, boundaries free, in one sweep.
+def apply(stencil: FloatArray, weights: Weights, soft: FloatArray, z: FloatArray, out: FloatArray) -> None:
+    """Set ``out = (data + plate · thin plate + membrane · springs + mass) z``, boundaries free.
 
     `stencil` has five layers, or one when the data hang on single nodes; `soft` has three
     layers of factors on the curvatures (east, north, twist), or none.
     """
+    rows, columns = z.shape
+    if soft.shape[0] or rows < 5 or columns < 5:
+        _apply_by_bends(stencil, weights, soft, z, out)
+        return
+    _prior_of_edge_rows(weights, z, out)
+    for j in range(rows):
+        if 2 <= j < rows - 2:
+            _prior_of_inner_row(weights, z, j, out)
+            _prior_of_row_ends(weights, z, j, out)
+        else:
+            for i in (0, 1, columns - 2, columns - 1):
+                out[j, i] = _prior_at_node(weights, z, j, i)
+        if stencil.shape[0] == 1:
+            for i in range(columns):
+                out[j, i] += stencil[0, j, i] * z[j, i]
+        else:
+            _add_data_row(stencil, z, j, out)
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def _prior_of_inner_row(weights: Weights, z: FloatArray, j: int, out: FloatArray) -> None:
+    """Set the prior's part of a row that is two nodes or more from the edge, between columns 2 and -3."""
+    plate, membrane, mass = weights
+    own = 20.0 * plate + 4.0 * membrane + mass
+    beside, across = 8.0 * plate + membrane, 2.0 * plate
+    row, south, north, farther_south, farther_north = z[j], z[j - 1], z[j + 1], z[j - 2], z[j + 2]
+    into = out[j]
+    for i in range(2, len(row) - 2):
+        into[i] = (
+            own * row[i]
+            - beside * (row[i - 1] + row[i + 1] + south[i] + north[i])
+            + across * (south[i - 1] + south[i + 1] + north[i - 1] + north[i + 1])
+            + plate * (row[i - 2] + row[i + 2] + farther_south[i] + farther_north[i])
+        )
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def _outermost(weights: Weights, a: Line, before: Line, after: Line, ends: float) -> float:
+    """Return the prior's part at a node on an edge.
+
+    `a` are its own height and the next three inwards, `before` and `after` the same of its
+    neighbours along the edge, and `ends` the sum of the heights two nodes along the edge.
+    """
+    plate, membrane, mass = weights
+    along = before[0] + after[0]
+    inwards = a[0] - 2.0 * a[1] + a[2]
+    twist = 4.0 * (a[0] - a[1]) - 2.0 * along + 2.0 * (before[1] + after[1])
+    springs = 3.0 * a[0] - a[1] - along
+    return plate * (inwards + ends - 4.0 * along + 6.0 * a[0] + twist) + membrane * springs + mass * a[0]
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def _next_to_edge(weights: Weights, a: Line, before: Line, after: Line, ends: float) -> float:
+    """Return the prior's part at a node one step from an edge; the heights as for `_outermost`."""
+    plate, membrane, mass = weights
+    along = before[1] + after[1]
+    inwards = -2.0 * a[0] + 5.0 * a[1] - 4.0 * a[2] + a[3]
+    diagonal = before[0] + after[0] + before[2] + after[2]
+    twist = 8.0 * a[1] - 4.0 * (a[0] + a[2] + along) + 2.0 * diagonal
+    springs = 4.0 * a[1] - a[0] - a[2] - along
+    return plate * (inwards + ends - 4.0 * along + 6.0 * a[1] + twist) + membrane * springs + mass * a[1]
+
+
+@njit(cache=True, fastmath=True)
+def _prior_of_edge_rows(weights: Weights, z: FloatArray, out: FloatArray) -> None:
+    """Set the prior's part of the two rows at either edge, corners apart."""
+    rows, columns = z.shape
+    for edge in range(2):
+        at, inwards = (0, 1) if edge == 0 else (rows - 1, -1)
+        p, q, r, s = z[at], z[at + inwards], z[at + 2 * inwards], z[at + 3 * inwards]
+        outer, inner = out[at], out[at + inwards]
+        for i in range(2, columns - 2):
+            a = (p[i], q[i], r[i], s[i])
+            west, east = (p[i - 1], q[i - 1], r[i - 1], 0.0), (p[i + 1], q[i + 1], r[i + 1], 0.0)
+            outer[i] = _outermost(weights, a, west, east, p[i - 2] + p[i + 2])
+            inner[i] = _next_to_edge(weights, a, west, east, q[i - 2] + q[i + 2])
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def _prior_of_row_ends(weights: Weights, z: FloatArray, j: int, out: FloatArray) -> None:
+    """Set the prior's part of the two nodes at either end of a row that is not at an edge itself."""
+    columns = z.shape[1]
+    row, south, north, farther_south, farther_north = z[j], z[j - 1], z[j + 1], z[j - 2], z[j + 2]
+    for edge in range(2):
+        i, n = (0, 1) if edge == 0 else (columns - 1, -1)
+        a = (row[i], row[i + n], row[i + 2 * n], row[i + 3 * n])
+        before = (south[i], south[i + n], south[i + 2 * n], 0.0)
+        after = (north[i], north[i + n], north[i + 2 * n], 0.0)
+        out[j, i] = _outermost(weights, a, before, after, farther_south[i] + farther_north[i])
+        out[j, i + n] = _next_to_edge(weights, a, before, after, farther_south[i + n] + farther_north[i + n])
+
+
+@njit(cache=True)
+def _prior_at_node(weights: Weights, z: FloatArray, j: int, i: int) -> float:
+    """Return the prior's part at one node, as the gradient of the bends and springs that it belongs to."""
+    plate, membrane, mass = weights
+    rows, columns = z.shape
+    total = mass * z[j, i]
+    for k in (-1, 1):
+        if 0 <= i + k < columns:
+            total += membrane * (z[j, i] - z[j, i + k])
+        if 0 <= j + k < rows:
+            total += membrane * (z[j, i] - z[j + k, i])
+    for k in (-1, 0, 1):
+        share = plate if k else -2.0 * plate
+        c = i + k
+        if 0 < c < columns - 1:
+            total += share * (z[j, c - 1] - 2.0 * z[j, c] + z[j, c + 1])
+        r = j + k
+        if 0 < r < rows - 1:
+            total += share * (z[r - 1, i] - 2.0 * z[r, i] + z[r + 1, i])
+    for r in (j - 1, j + 1):
+        for c in (i - 1, i + 1):
+            if 0 <= r < rows and 0 <= c < columns:
+                total += 2.0 * plate * (z[j, i] - z[j, c] - z[r, i] + z[r, c])
+    return float(total)
+
+
+@njit(cache=True, fastmath=True)
+def _apply_by_bends(
+    stencil: FloatArray, weights: Weights, soft: FloatArray, z: FloatArray, out: FloatArray
+) -> None:
+    """Do the same in one sweep over all bends, each with its factor, on a lattice of any size."""
+    plate, membrane, mass = weights
     rows, columns = z.shape
     along = np.zeros(columns + 2)
     twist_south, twist_north = np.zeros(columns + 1), np.zeros(columns + 1)
@@ -181,17 +319,16 @@ def apply(
     for j in range(rows):
         row = out[j]
         for i in range(columns):
-            row[i] = (stencil[0, j, i] + mass) * z[j, i]
-        if stencil.shape[0] > 1:
+            row[i] = mass * z[j, i]
+        if stencil.shape[0] == 1:
+            for i in range(columns):
+                row[i] += stencil[0, j, i] * z[j, i]
+        else:
             _add_data_row(stencil, z, j, out)
         if membrane > 0:
             _add_membrane_row(membrane, z, j, out)
         if plate > 0:
-            for i in range(1, columns - 1):
-                along[i + 1] = plate * (z[j, i - 1] - 2.0 * z[j, i] + z[j, i + 1])
-            if soft.shape[0]:
-                for i in range(1, columns - 1):
-                    along[i + 1] *= soft[0, j, i]
+            _bend_along(plate, soft, z, j, along)
             _twist(plate, soft, z, j, twist_north)
             for i in range(columns):
                 row[i] += along[i] - 2.0 * along[i + 1] + along[i + 2]
@@ -205,10 +342,9 @@ def apply(
 
 
 @njit(cache=True)
-def prior_diagonal(
-    plate: float, membrane: float, mass: float, soft: FloatArray, shape: tuple[int, int]
-) -> FloatArray:
+def prior_diagonal(weights: Weights, soft: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """Return the diagonal of the operator without data."""
+    plate, membrane, mass = weights
     rows, columns = shape
     diagonal = np.full(shape, mass)
     weighted = soft.shape[0] > 0
@@ -236,10 +372,9 @@ def prior_diagonal(
 
 
 @njit(cache=True)
-def prior_noise(
-    plate: float, membrane: float, mass: float, soft: FloatArray, normals: FloatArray, out: FloatArray
-) -> None:
+def prior_noise(weights: Weights, soft: FloatArray, normals: FloatArray, out: FloatArray) -> None:
     """Add noise to `out` whose covariance is the operator without data; `normals` is (6, rows, columns)."""
+    plate, membrane, mass = weights
     rows, columns = out.shape
     weighted = soft.shape[0] > 0
     root, spring = np.sqrt(plate), np.sqrt(membrane)
@@ -295,10 +430,10 @@ def lumped(stencil: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def restricted(fine: FloatArray) -> FloatArray:
-    """Return the transpose of `prolong` applied to a fine grid."""
+def restrict(fine: FloatArray, coarse: FloatArray) -> None:
+    """Set a coarse grid to the transpose of `add_prolonged` applied to a fine one."""
     rows, columns = fine.shape
-    coarse = np.zeros((rows // 2 + 1, columns // 2 + 1))
+    coarse[:] = 0.0
     for j in range(rows):
         a, b = coarse[j // 2], coarse[(j + 1) // 2]
         half = 1.0 if j % 2 == 0 else 0.5
@@ -313,7 +448,6 @@ def restricted(fine: FloatArray) -> FloatArray:
             for i in range(1, columns, 2):
                 b[i // 2] += 0.5 * half * fine[j, i]
                 b[i // 2 + 1] += 0.5 * half * fine[j, i]
-    return coarse
 
 
 @njit(cache=True)
@@ -358,44 +492,15 @@ def coarsened_factors(soft: FloatArray) -> FloatArray:
     return coarse
 
 
-@njit(cache=True, fastmath=True)
-def relax(
-    omega: float, inverse_bound: FloatArray, rhs: FloatArray, applied: FloatArray, z: FloatArray
-) -> None:
-    """Take one step of the smoother, in place: ``z += omega · inverse_bound · (rhs - applied)``."""
-    for j in range(z.shape[0]):
-        for i in range(z.shape[1]):
-            z[j, i] += omega * inverse_bound[j, i] * (rhs[j, i] - applied[j, i])
-
-
-@njit(cache=True, fastmath=True)
-def advance(
-    step: float, direction: FloatArray, applied: FloatArray, z: FloatArray, residual: FloatArray
-) -> None:
-    """Go one step of the conjugate gradients, in place."""
-    for j in range(z.shape[0]):
-        for i in range(z.shape[1]):
-            z[j, i] += step * direction[j, i]
-            residual[j, i] -= step * applied[j, i]
-
-
-@njit(cache=True, fastmath=True)
-def turn(share: float, correction: FloatArray, direction: FloatArray) -> None:
-    """Set ``direction = correction + share · direction``, in place."""
-    for j in range(direction.shape[0]):
-        for i in range(direction.shape[1]):
-            direction[j, i] = correction[j, i] + share * direction[j, i]
-
-
 @njit(cache=True)
-def dense(stencil: FloatArray, plate: float, membrane: float, mass: float, soft: FloatArray) -> FloatArray:
+def dense(stencil: FloatArray, weights: Weights, soft: FloatArray) -> FloatArray:
     """Return the operator of a small lattice as a dense matrix."""
     rows, columns = stencil.shape[1:]
     matrix = np.zeros((rows * columns, rows * columns))
     unit, out = np.zeros((rows, columns)), np.zeros((rows, columns))
     for k in range(rows * columns):
         unit[k // columns, k % columns] = 1.0
-        apply(stencil, plate, membrane, mass, soft, unit, out)
+        apply(stencil, weights, soft, unit, out)
         matrix[k] = out.ravel()
         unit[k // columns, k % columns] = 0.0
     return matrix

@@ -1,0 +1,168 @@
+r"""How stiff the ground is, how far it remembers, and how far the sensor's errors are understated: by likelihood.
+
+The prior of the heights z about a plane is that of a thin plate on an elastic bed,
+
+.. math::  E(z) = \tfrac{\kappa}{2} \int \big( (k^2 - \Delta) z \big)^2 dA, \qquad k = \sqrt 8 / \rho
+
+a Gaussian field of Matérn smoothness 1 (Lindgren, Rue and Lindström 2011): κ is the
+stiffness, without a unit, and ρ the range [m] at which the correlation has fallen to about 0.1.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_solve_banded
+from scipy.optimize import minimize_scalar
+
+from survey.arrays import FloatArray
+from survey.reconstruction.information import Information
+from survey.reconstruction.lattice import NodeWindow
+from survey.reconstruction.lattice_exact import band_cholesky, band_of, log_determinant
+from survey.reconstruction.lattice_solver import Operator
+from survey.reconstruction.lattice_stencil import Weights
+
+_N_NODES = 40
+_LEAST_POINTS = 60
+_RANGES_IN_STEPS = (400.0, 80.0, 40.0, 20.0, 10.0)
+_NOISE_FACTORS = (0.3, 10.0)
+_LOG_WIDTH_FIRST, _LOG_WIDTH_LATER = 7.0, 1.5
+
+
+class Stiffness(NamedTuple):
+    """The prior of the surface and the scale of the errors."""
+
+    stiffness: float
+    """κ, without a unit."""
+    range_m: float
+    """ρ: where the correlation has fallen to about 0.1 [m]."""
+    noise_factor: float = 1.0
+    """Standard deviation of the points over what they state."""
+
+    def weights(self, step_m: float) -> Weights:
+        """Return the weights of plate, membrane and mass on a lattice [1/m²]."""
+        k_squared = 8.0 / self.range_m**2
+        plate = self.stiffness / step_m**2
+        return plate, 2.0 * self.stiffness * k_squared, self.stiffness * k_squared**2 * step_m**2
+
+    def prior_std_m(self) -> float:
+        """Return the standard deviation of a height about the plane where nothing is known [m]."""
+        return float(self.range_m / np.sqrt(32.0 * np.pi * self.stiffness))
+
+
+class Evidence:
+    """The likelihood of points on a small lattice, as a function of stiffness and range.
+
+    Parameters
+    ----------
+    points : (N, 4) ndarray
+        Lattice coordinates, height [m] and weight [1/m²].
+    shape : (2,) tuple of int
+        Rows and columns of the lattice.
+    step_m : float
+        Distance between its nodes [m].
+    """
+
+    def __init__(self, points: FloatArray, shape: tuple[int, int], step_m: float) -> None:
+        self._step_m = step_m
+        information = Information.empty(shape, 0)
+        information.add(points)
+        plane = information.plane()
+        height = points[:, 2] - (plane[0] + points[:, :2] @ plane[1:])
+        information = Information.empty(shape, 0)
+        information.add(np.column_stack([points[:, :2], height, points[:, 3]]))
+        self._rhs = information.rhs
+        self._n, self._energy = len(points), float(np.sum(points[:, 3] * height**2))
+        self._data_band = band_of(Operator(information.stencil, (0.0, 0.0, 0.0)))
+        self._prior: dict[float, tuple[FloatArray, float]] = {}
+
+    def __call__(self, log_ratio: float, range_m: float) -> tuple[float, float]:
+        r"""Return the log likelihood and the noise factor s that goes with it.
+
+        With the ratio λ = κ s², the likelihood is largest at s² = F/N and there
+
+        .. math::  2 \log p = m \log\lambda + \log|Q_0| - \log|\lambda Q_0 + S| - N \log(F/N) + \mathrm{const}
+
+        where :math:`F = z^T R^{-1} z - b^T (\lambda Q_0 + S)^{-1} b`, m counts the nodes, and Q₀ is
+        the prior's matrix at κ = 1.
+        """
+        ratio = float(np.exp(log_ratio))
+        band, log_prior = self._prior_at(range_m)
+        factor = band_cholesky(self._data_band + ratio * band)
+        z = cho_solve_banded((factor, True), self._rhs.ravel(), check_finite=False)
+        misfit = max(self._energy - float(np.sum(self._rhs.ravel() * z)), 1e-12)
+        squared = float(np.clip(misfit / self._n, _NOISE_FACTORS[0] ** 2, _NOISE_FACTORS[1] ** 2))
+        twice = (
+            band.shape[1] * log_ratio + log_prior - log_determinant(factor) - self._n * np.log(squared)
+        ) - misfit / squared
+        return 0.5 * float(twice), float(np.sqrt(squared))
+
+    def _prior_at(self, range_m: float) -> tuple[FloatArray, float]:
+        if range_m not in self._prior:
+            nothing = np.zeros((1, *self._rhs.shape))
+            band = band_of(Operator(nothing, Stiffness(1.0, range_m).weights(self._step_m)))
+            self._prior[range_m] = band, log_determinant(band_cholesky(band))
+        return self._prior[range_m]
+
+
+def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None) -> Stiffness | None:
+    """Return the likeliest stiffness, range and noise factor; None when the points are too few to tell.
+
+    Parameters
+    ----------
+    points : (N, 4) ndarray
+        Easting and northing [m], height above a local datum [m], weight 1/σ² [1/m²].
+    step_m : float
+        Distance between the lattice's nodes [m].
+    start : Stiffness, optional
+        What was likeliest before; near it the search is short.
+    """
+    patch = _densest(points, step_m)
+    if patch is None:
+        return None
+    evidence = Evidence(*patch, step_m)
+    ranges = [step_m * n for n in _RANGES_IN_STEPS]
+    if start is None:
+        centre, width = np.log(1000.0), _LOG_WIDTH_FIRST
+    else:
+        centre, width = np.log(start.stiffness * start.noise_factor**2), _LOG_WIDTH_LATER
+        k = int(np.argmin(np.abs(np.log(np.array(ranges) / start.range_m))))
+        ranges = ranges[max(k - 1, 0) : k + 2]
+    found = [_likeliest_at(evidence, centre, width, range_m) for range_m in ranges]
+    _, log_ratio, range_m = max(found)
+    noise_factor = evidence(log_ratio, range_m)[1]
+    return Stiffness(float(np.exp(log_ratio)) / noise_factor**2, range_m, noise_factor)
+
+
+def _likeliest_at(
+    evidence: Evidence, centre: float, width: float, range_m: float
+) -> tuple[float, float, float]:
+    """Return the largest log likelihood at one range, the logarithm of κ s² there, and the range."""
+    found = minimize_scalar(
+        lambda log_ratio: -evidence(log_ratio, range_m)[0],
+        bounds=(centre - width, centre + width),
+        method="bounded",
+        options={"xatol": 0.1},
+    )
+    return -float(found.fun), float(found.x), range_m
+
+
+def _densest(points: FloatArray, step_m: float) -> tuple[FloatArray, tuple[int, int]] | None:
+    """Return the points of the patch of nodes that holds most cells with points, in its coordinates, and its shape."""
+    cells = np.floor(points[:, :2] / step_m).astype(np.int64)
+    side = _N_NODES - 1
+    patches, count = np.unique(np.unique(cells, axis=0) // (side // 2), axis=0, return_counts=True)
+    if len(points) < _LEAST_POINTS:
+        return None
+    # Half patches are counted, and the full one begins where four of them hold most.
+    held = {(int(i), int(j)): int(n) for (i, j), n in zip(patches, count, strict=True)}
+    west, south = max(
+        held, key=lambda p: (sum(held.get((p[0] + a, p[1] + b), 0) for a in (0, 1) for b in (0, 1)), p)
+    )
+    first = np.array([west, south]) * (side // 2)
+    last = first + side
+    inside = ((cells >= first) & (cells < last)).all(axis=1)
+    if inside.sum() < _LEAST_POINTS:
+        return None
+    window = NodeWindow(step_m, int(first[0]), int(first[1]), _N_NODES, _N_NODES)
+    uv = window.coordinates(points[inside, :2])
+    return np.column_stack([uv, points[inside, 2:]]), window.shape
