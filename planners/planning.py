@@ -14,7 +14,7 @@ from planners.fleet import departures
 from planners.heading import heading_by
 from planners.informative import variance_driven
 from planners.predict import ErrorModel, terrain_kernel
-from planners.rover import Crew, Fleet, Rover
+from planners.rover import Crew, Fleet, Rover, depots
 from planners.transit import FreeGround
 from planners.traversability import drivable
 from planners.wavy import slope_length_m
@@ -103,6 +103,7 @@ def plan(
     """
     crew = Crew(rover or Rover(), fleet or Fleet(), prior)
     _require_able(config, crew)
+    depots(area, crew.fleet)  # starts that do not fit the fleet are refused before any work
     if prior is not None:
         area.require_crs(prior.crs, "the prior")
     if kernel is None and _needs_kernel(config):
@@ -113,7 +114,7 @@ def plan(
     site = drivable(area, crew.rover, prior)
     left_out_share = site.left_out_share(area)
     if left_out_share > _LEAST_TOLD:
-        logger.warning("%.1f %% of the area is left out: %s", 100.0 * left_out_share, site)
+        logger.warning("%.1f %% of the area is left out: %s", min(100.0 * left_out_share, 99.9), site)
     with threadpool_limits(1):  # matrices of some hundred rows: spinning threads would only slow them down
         route = _route(site.within(area), config, model, crew, progress)
         facts = _facts(route, crew) | {"left_out_share": left_out_share}

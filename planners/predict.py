@@ -13,13 +13,12 @@ from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.config import Family
 from survey.reconstruction.dense_gp import DenseGaussianProcess
 from survey.reconstruction.families import likeliest
-from survey.reconstruction.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.kernels import Kernel
 from survey.route import Route
 
 _FAMILIES: tuple[Family, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 _N_NODES_ALONG = 30
-_MOST_DENSE = 4000
+_MOST_SAMPLES = 2000
 # Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.
 _LEAST_NOISE = 1e-3
 
@@ -91,32 +90,27 @@ class ErrorModel:
         """Return the predicted variance (M,) [m²] at the nodes, given samples at the places (N, 2) [m]."""
         least = _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
         sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, least))
-        zeros = np.zeros(len(xy))
-        if len(xy) <= _MOST_DENSE:
-            return DenseGaussianProcess.fit(xy, zeros, sigma, self.kernel, trend="constant").predict(
-                self.nodes
-            )[1]
-        engine = FourierGaussianProcess.fit(
-            xy, zeros, sigma, self.kernel, bounds=self.grid.bounds, trend="constant"
-        )
-        return engine.predict(self.nodes)[1]
+        gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
+        return gp.predict(self.nodes)[1]
 
-    def rmse_m(self, route: Route, most_samples: int | None = None) -> float:
+    def _variance_of(self, route: Route, most_samples: int) -> FloatArray:
+        """Return the variance at the nodes; fewer, better samples stand for all where there would be too many."""
+        step = max(self.sample_step_m, route.length_m / most_samples)
+        noise = self.noise_m * float(np.sqrt(self.sample_step_m / step))
+        return self.variance(places(route, step), noise)
+
+    def rmse_m(self, route: Route, most_samples: int = _MOST_SAMPLES) -> float:
         """Return the expected root-mean-square error over the area [m].
 
-        With `most_samples` fewer, better samples stand for all: their noise is that of the
-        mean of those that each replaces.
+        Where the route has more than `most_samples` samples, fewer stand for all: their
+        noise is that of the mean of those that each replaces.
         """
-        step, noise = self.sample_step_m, self.noise_m
-        if most_samples is not None and route.length_m / step > most_samples:
-            step = route.length_m / most_samples
-            noise *= float(np.sqrt(self.sample_step_m / step))
-        return float(np.sqrt(self.variance(places(route, step), noise).mean()))
+        return float(np.sqrt(self._variance_of(route, most_samples).mean()))
 
     def error(self, route: Route) -> PredictedError:
         """Return the predicted error of a route."""
         std = np.full(self.grid.shape, np.nan)
-        std[self.inside.reshape(self.grid.shape)] = np.sqrt(self.variance(places(route, self.sample_step_m)))
+        std[self.inside.reshape(self.grid.shape)] = np.sqrt(self._variance_of(route, _MOST_SAMPLES))
         known = std[np.isfinite(std)]
         return PredictedError(
             Dem.on(self.grid, std),

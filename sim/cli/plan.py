@@ -43,6 +43,12 @@ def plan(
     rmse: Annotated[
         float | None, typer.Option("--rmse", help="Predicted error to reach [m] (best, variance-driven).")
     ] = None,
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            "--crs", help="CRS to plan in, such as EPSG:32608; that of the prior or the file by default."
+        ),
+    ] = None,
     rovers: Annotated[
         int | None, typer.Option("--rovers", help="Number of rovers that share the area.")
     ] = None,
@@ -88,16 +94,33 @@ def plan(
         wanted["fleet"] = {"rovers": rovers}
     if max_slope is not None:
         wanted["rover"] = {"max_pitch_deg": max_slope, "max_roll_deg": max_slope}
-    route = _plan_area(source, prior, wanted, settings or [], out, quiet=quiet)
+    area, dem = _read(source, prior, crs)
+    route = _plan_area(area, dem, wanted, settings or [], out, quiet=quiet)
     _tell(route, out, as_json=as_json)
 
 
+def _read(source: Path, prior: Path | None, crs: str | None) -> "tuple[survey.SurveyArea, survey.Dem | None]":
+    """Read the area and what is known of it, in one CRS."""
+    import survey
+
+    dem = None if prior is None else survey.Dem.read(prior)
+    area = survey.SurveyArea.read(source, crs=crs if dem is None or crs is not None else dem.crs)
+    if dem is not None:
+        area.require_crs(dem.crs, "the prior")
+    return area, dem
+
+
 def _plan_area(
-    source: Path, prior: Path | None, wanted: dict[str, Any], settings: list[str], out: Path, *, quiet: bool
+    area: "survey.SurveyArea",
+    dem: "survey.Dem | None",
+    wanted: dict[str, Any],
+    settings: list[str],
+    out: Path,
+    *,
+    quiet: bool,
 ) -> "survey.Route":
     """Plan, and write the route and its picture."""
     import planners
-    import survey
     from sim.cli.progress import counted
     from survey.config import Section, validated, with_overrides
 
@@ -107,10 +130,10 @@ def _plan_area(
         fleet: planners.Fleet = planners.Fleet()
 
     config = validated(Wanted, with_overrides(wanted, settings), "the options")
-    dem = None if prior is None else survey.Dem.read(prior)
-    area = survey.SurveyArea.read(source, crs=None if dem is None else dem.crs)
-    kernel = None if dem is None else _kernel(dem, area)
     with counted(quiet=quiet) as progress:
+        progress("learning how the terrain varies", 0, 1)
+        kernel = None if dem is None else _kernel(dem, area)
+        progress("learning how the terrain varies", 1, 1)
         route = planners.plan(
             area,
             dem,
@@ -130,7 +153,6 @@ def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
     import planners
     from survey.errors import InputError
 
-    area.require_crs(dem.crs, "the prior")
     try:
         return planners.terrain_kernel(dem, area)
     except InputError as error:

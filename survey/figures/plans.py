@@ -27,10 +27,9 @@ from survey.figures.cartography import (
     outline_path,
     relief_exaggeration,
     thinned,
-    view,
+    widened,
 )
 from survey.figures.style import DEVIATION, ELEVATION, FULL_IN, MUTED, styled
-from survey.grid import Grid
 from survey.route import Route
 
 
@@ -81,7 +80,7 @@ def plan_map(
     'Survey plan'
     """
     area.require_crs(route.crs, "the route")
-    bounds = view(_blank(area), area)
+    bounds = _view(area)
     drawing = map_figure(FULL_IN, bounds, legend=True)
     axes = drawing.maps[0]
     handles: list[Artist] = []
@@ -108,13 +107,11 @@ def plan_map(
     return drawing.figure
 
 
-def _blank(area: SurveyArea) -> Dem:
-    """Return level ground around the area, so that every side has its margin."""
+def _view(area: SurveyArea) -> tuple[float, float, float, float]:
+    """Return what is shown: the area with a margin of 4 %."""
     xmin, ymin, xmax, ymax = area.bounds
-    side = max(xmax - xmin, ymax - ymin)
-    pad = 0.1 * side
-    grid = Grid((xmin - pad, ymin - pad, xmax + pad, ymax + pad), 0.05 * side, area.crs)
-    return Dem.on(grid, np.zeros(grid.shape))
+    pad = 0.04 * max(xmax - xmin, ymax - ymin)
+    return widened((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
 
 
 def _draw_left_out(axes: Axes, pieces: Sequence[Polygon]) -> list[Patch]:

@@ -92,7 +92,7 @@ def test_fewer_samples_stand_for_all_when_noise_is_averaged():
     assert model.rmse_m(route, 350) == pytest.approx(model.rmse_m(route), rel=0.02)
 
 
-def test_the_fast_engine_takes_over_for_long_routes():
+def test_few_good_samples_stand_for_many_on_long_routes():
     route = plan(SITE, None, LawnmowerConfig(swaths=6))
     few = ErrorModel.of(SITE, KERNEL, noise_m=0.3, sample_step_m=5.0)
     many = ErrorModel.of(SITE, KERNEL, noise_m=0.3 * np.sqrt(5.0), sample_step_m=1.0)
