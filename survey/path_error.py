@@ -126,10 +126,15 @@ class PathError:
     def _factor(self) -> Any:
         return factorized(self.information)
 
+    def solve(self, sides: FloatArray) -> FloatArray:
+        """Return Λ⁻¹ times right-hand sides (unknowns,) or (unknowns, R)."""
+        solved: FloatArray = self._factor.solve(sides)
+        return solved
+
     def covariance(self, rows: Any) -> FloatArray:
         """Return the covariance (N, N) of linear functions of the error, given by sparse rows (N, unknowns)."""
         dense: FloatArray = rows.toarray()
-        covariance: FloatArray = rows @ self._factor.solve(np.ascontiguousarray(dense.T))
+        covariance: FloatArray = rows @ self.solve(np.ascontiguousarray(dense.T))
         return 0.5 * (covariance + covariance.T)
 
     @cached_property
@@ -141,7 +146,7 @@ class PathError:
             columns = (here[:, None] * self.n_states + np.arange(POSE)).ravel()
             sides = np.zeros((self.n_unknowns, len(columns)))
             sides[columns, np.arange(len(columns))] = 1.0
-            solved = self._factor.solve(sides)
+            solved = self.solve(sides)
             for j, k in enumerate(here):
                 block = solved[:, POSE * j : POSE * (j + 1)]
                 own[k] = block[k * self.n_states : k * self.n_states + POSE]

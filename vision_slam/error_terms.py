@@ -50,7 +50,7 @@ def add_terms(
     _add_odometry(system, along, config)
     _add_gps(system, recording, along, config)
     _add_barometer(system, recording, along, config)
-    _add_gravity(system, recording, along, config)
+    _add_gravity(system, recording, along)
 
 
 @dataclass(frozen=True)
@@ -177,9 +177,7 @@ def _differenced(readings: Barometer, base: Barometer) -> Barometer:
     return Barometer(readings.time_s, readings.height_m - weather)
 
 
-def _add_gravity(
-    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
-) -> None:
+def _add_gravity(system: NormalEquations, recording: Recording, along: _Nodes) -> None:
     """Add roll and pitch from gravity, with the scatter that the readings themselves show.
 
     The scatter is taken about each node's mean and from node to node, whichever is
@@ -206,7 +204,7 @@ def _add_gravity(
 
 
 def _scatter(readings: FloatArray, mean: FloatArray, count: FloatArray) -> float:
-    """Standard deviation of one reading [rad]: from neighbours in time, and from second differences of the nodes' means."""
+    """Return the standard deviation of one reading [rad]: by neighbours in time, and by bends of the nodes' means."""
     within = 1.4826 * float(np.median(np.abs(np.diff(readings)))) / np.sqrt(2.0)
     if len(mean) < 3:
         return max(within, _EXACT_RAD)

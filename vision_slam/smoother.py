@@ -29,7 +29,7 @@ from survey.recording import Recording
 from vision_slam.chain import Chain
 from vision_slam.config import LocalizationConfig
 from vision_slam.error_terms import add_terms
-from vision_slam.normal_equations import E, PER_NODE, PITCH, ROLL, YAW, NormalEquations
+from vision_slam.normal_equations import PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
 from vision_slam.ties import Ties, gated, ties_of
 
 logger = logging.getLogger(__name__)

@@ -25,6 +25,32 @@ Family = Literal[
 ]
 
 
+class SatelliteErrors(Section):
+    """What is stated of a satellite's elevation model when its cells count as measurements."""
+
+    sigma_m: float = Field(default=1.0, gt=0)
+    """Error of a cell, independent of its neighbours' [m]."""
+    correlated_sigma_m: float = Field(default=0.0, ge=0)
+    """Error that neighbouring cells share [m]."""
+    correlation_m: float = Field(default=200.0, gt=0)
+    """Distance over which they share it [m]."""
+    datum_sigma_m: float = Field(default=0.0, ge=0)
+    """What all cells may be too high or too low by, against the survey's datum [m]."""
+
+
+class JointConfig(Section):
+    """How map and path are estimated together."""
+
+    satellite: SatelliteErrors = SatelliteErrors()
+    """Errors of the prior's cells."""
+    rank: int | None = Field(default=None, ge=1)
+    """Number of modes of the path's error that are kept, as on large maps; all when left out."""
+    slope_passes: int = Field(default=2, ge=1, le=5)
+    """How often the map is solved for: slopes, through which places err, are those of the pass before."""
+    memory_mb: float = Field(default=50.0, gt=0)
+    """Memory that the covariance may take [MB]; waves beyond it count as noise of no extent."""
+
+
 class GaussianProcessConfig(Section):
     """How a Gaussian process maps the points; the defaults fit everything to the points.
 

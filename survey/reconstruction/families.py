@@ -1,5 +1,6 @@
 """Which covariance function the points speak for: the families, and the likelihood on a well-chosen part of the points."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +40,16 @@ class Hyperparameters:
         return self.log_likelihood - 0.5 * n_parameters * float(np.log(self.n_points))
 
 
+SharedCovariance = Callable[[IntArray], FloatArray]
+"""From the indices of some points (M,) to the covariance (M, M) of the errors that they share [m²]."""
+
+
 def likeliest(
-    xy: FloatArray, values: FloatArray, noise_m2: FloatArray, config: GaussianProcessConfig
+    xy: FloatArray,
+    values: FloatArray,
+    noise_m2: FloatArray,
+    config: GaussianProcessConfig,
+    shared: SharedCovariance | None = None,
 ) -> Hyperparameters:
     """Fit the families that `config` allows to at most 640 of the points, and return the likeliest.
 
@@ -53,9 +62,12 @@ def likeliest(
         Places [m], values about their mean and noise variances.
     config : GaussianProcessConfig
         The family, or ``auto``; starts of the search.
+    shared : callable, optional
+        Covariance of errors that points have in common; it would pass for terrain.
     """
     part = _well_spread(xy)
-    search = _Search.of(xy[part], values[part], noise_m2[part], config.nugget_m)
+    together = None if shared is None else shared(part)
+    search = _Search.of(xy[part], values[part], noise_m2[part], config.nugget_m, together)
     families = CANDIDATES if config.family == "auto" else (config.family,)
     fitted = [search.fit(family, config) for family in families]
     return max(fitted, key=lambda found: found.score)
@@ -71,15 +83,22 @@ class _Search:
     pairs: tuple[IntArray, IntArray]
     extent_m: float
     nugget_m: float | None
+    shared: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
     def of(
-        cls, xy: FloatArray, values: FloatArray, noise_m2: FloatArray, nugget_m: float | None
+        cls,
+        xy: FloatArray,
+        values: FloatArray,
+        noise_m2: FloatArray,
+        nugget_m: float | None,
+        shared: FloatArray | None = None,
     ) -> "_Search":
         pairs = np.triu_indices(len(xy), k=1)
         lags = xy[pairs[0]] - xy[pairs[1]]
         extent = max(float(np.ptp(xy, axis=0).max()), 1e-3)
-        return cls(values - values.mean(), noise_m2, lags, pairs, extent, nugget_m)
+        together = None if shared is None else (shared[pairs], np.diag(shared))
+        return cls(values - values.mean(), noise_m2, lags, pairs, extent, nugget_m, together)
 
     def fit(self, family: Family, config: GaussianProcessConfig) -> Hyperparameters:
         """Climb to the greatest likelihood of one family, from one start a long and one a short way off."""
@@ -135,6 +154,9 @@ class _Search:
         matrix = np.zeros((n, n), order="F")
         matrix[self.pairs[1], self.pairs[0]] = np.sum([term.covariance for term in terms], axis=0)
         matrix[np.diag_indices(n)] = candidate.variance_m2 + self.noise_m2 + nugget_m2
+        if self.shared is not None:
+            matrix[self.pairs[1], self.pairs[0]] += self.shared[0]
+            matrix[np.diag_indices(n)] += self.shared[1]
         factor, failed = lapack.dpotrf(matrix, lower=1, overwrite_a=1)
         if failed:
             # Not positive definite in double precision: worse than anything that is.

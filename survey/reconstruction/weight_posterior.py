@@ -50,15 +50,11 @@ class WeightPosterior:
     @classmethod
     def given(cls, basis: FourierBasis, amplitudes: FloatArray, gram: ComplexArray) -> Self:
         """Factorize and invert ``I + D B D``, both in place of the one matrix."""
-        matrix = _half_used_matrix(basis.n_modes)
-        fill_precision(
-            matrix.T,
-            np.ascontiguousarray(gram.real),
-            np.ascontiguousarray(gram.imag),
-            basis.lattice,
-            basis.runs,
-            amplitudes,
-        )
+        return cls.inverted(basis, amplitudes, precision(basis, amplitudes, gram))
+
+    @classmethod
+    def inverted(cls, basis: FourierBasis, amplitudes: FloatArray, matrix: FloatArray) -> Self:
+        """Factorize and invert a precision (m, m), of which the lower triangle is meant, in its own place."""
         factor, failed = lapack.dpotrf(matrix, lower=1, overwrite_a=1, clean=0)
         if failed:
             raise InputError(
@@ -152,6 +148,14 @@ class WeightPosterior:
             total += np.fft.irfft2(spectrum, s=(n_q, n_p), axes=(1, 0), norm="forward").real ** 2
         doubled: ComplexArray = np.fft.fftshift(np.conj(np.fft.fft2(total, norm="forward")))
         return doubled
+
+
+def precision(basis: FourierBasis, amplitudes: FloatArray, gram: ComplexArray) -> FloatArray:
+    """Return ``I + D B D`` (m, m), its lower triangle, from the transform of the noise weights."""
+    matrix = _half_used_matrix(basis.n_modes)
+    cosines, sines = np.ascontiguousarray(gram.real), np.ascontiguousarray(gram.imag)
+    fill_precision(matrix.T, cosines, sines, basis.lattice, basis.runs, amplitudes)
+    return matrix
 
 
 def _half_used_matrix(size: int) -> FloatArray:

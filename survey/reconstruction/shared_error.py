@@ -1,0 +1,103 @@
+"""The path's error as the points of a map see it: rows over unknowns that many points share."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from survey.arrays import FloatArray
+from survey.errors import InputError
+from survey.path_error import POSE, PathError
+from survey.surface_points import SurfacePoints
+
+# A slope and an arm that bring the unknowns of a pose to one unit, metres of height, before modes are compared.
+_TYPICAL_SLOPE, _TYPICAL_ARM_M = 0.06, 12.0
+
+
+@dataclass(frozen=True)
+class SharedError:
+    """Unknowns that points share: ``rows`` (N, S) of a point's height, prior ``information`` (S, S), both sparse.
+
+    ``rest_m2`` (N,) is what the rows leave out, as if it were each point's own, and
+    ``poses`` (6 K, S) leads back to the error of each keyframe's pose.
+    """
+
+    rows: Any
+    information: Any
+    rest_m2: FloatArray
+    poses: Any
+
+    @classmethod
+    def full(cls, points: SurfacePoints, path: PathError, slope: FloatArray) -> "SharedError":
+        """Keep every unknown of the path."""
+        keyframe, by_pose = _levers(points, slope)
+        rest = np.zeros(len(points))
+        return cls(path.rows(keyframe, by_pose), path.information, rest, _every_pose(path))
+
+    @classmethod
+    def dominant(
+        cls, points: SurfacePoints, path: PathError, slope: FloatArray, modes: FloatArray
+    ) -> "SharedError":
+        """Keep a few modes of the path's error, as `dominant_modes` gives them; the rest becomes the points' own."""
+        keyframe, by_pose = _levers(points, slope)
+        rows = path.rows(keyframe, by_pose)
+        kept = np.asarray(rows @ modes)
+        whole = np.einsum("ni,nij,nj->n", by_pose, path.pose_covariance(keyframe), by_pose)
+        rest = np.maximum(whole - np.sum(kept**2, axis=1), 0.0)
+        unit = sparse.identity(modes.shape[1], format="csr")
+        return cls(sparse.csr_array(kept), unit, rest, sparse.csr_array(_every_pose(path) @ modes))
+
+
+def dominant_modes(path: PathError, rank: int) -> FloatArray:
+    """Return V (unknowns, r) with V Vᵀ close to the covariance of the poses' errors, where it matters for heights."""
+    scale = np.array([_TYPICAL_SLOPE] * 2 + [1.0, _TYPICAL_SLOPE * _TYPICAL_ARM_M] + [_TYPICAL_ARM_M] * 2)
+    scales = np.tile(scale, len(path))
+    poses = _every_pose(path)
+    rank = min(rank, len(scales) - 1)
+
+    def product(vector: FloatArray) -> FloatArray:
+        scaled: FloatArray = scales * (poses @ path.solve(poses.T @ (scales * vector.ravel())))
+        return scaled
+
+    size = len(scales)
+    operator = LinearOperator((size, size), matvec=product, dtype=np.float64)
+    value, vector = eigsh(operator, k=rank, v0=np.ones(size))
+    modes: FloatArray = poses.T @ ((vector * np.sqrt(np.maximum(value, 0.0))) / scales[:, None])
+    return modes
+
+
+def height_levers(points: SurfacePoints, slope: FloatArray) -> FloatArray:
+    r"""Return how a point's height above the map answers to errors of its pose (N, 6).
+
+    A point reported at the arm (x, y, z) from a pose that errs by (e, ψ, θ, φ) errs by
+    e + ∂(R o)/∂(ψ, θ, φ), and lies higher above a surface of slope g by the vertical part
+    less g times the horizontal one. Heading and arm give the levers: across the heading
+    for roll, along it for pitch.
+    """
+    origins, heading = points.origins, points.heading_rad
+    assert origins is not None
+    assert heading is not None
+    x, y, z = (points.xyz - origins).T
+    cosine, sine = np.cos(heading), np.sin(heading)
+    above = np.column_stack([-slope, np.ones(len(slope))])
+    by_yaw = np.column_stack([-y, x, np.zeros_like(x)])
+    by_pitch = np.column_stack([cosine * z, sine * z, -(cosine * x + sine * y)])
+    by_roll = np.column_stack([sine * z, -cosine * z, cosine * y - sine * x])
+    turns = [np.einsum("ni,ni->n", above, by) for by in (by_yaw, by_pitch, by_roll)]
+    return np.column_stack([above, *turns])
+
+
+def _levers(points: SurfacePoints, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+    if points.keyframe is None:
+        raise InputError(
+            "the points do not name the keyframes that they were seen from; localize again, or map them as independent."
+        )
+    return points.keyframe, height_levers(points, slope)
+
+
+def _every_pose(path: PathError) -> Any:
+    """Return the rows (6 K, unknowns) of the errors of all keyframes' poses."""
+    keyframe = np.repeat(np.arange(len(path), dtype=np.float64), POSE)
+    return path.rows(keyframe, np.tile(np.eye(POSE), (len(path), 1)))
