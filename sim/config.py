@@ -8,6 +8,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pri
 from planners import Fleet, PlannerConfig, Rover
 from survey.config import Section
 from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.config import JointConfig
 from vision_slam import LocalizationConfig
 
 Family = Literal[
@@ -153,6 +154,41 @@ class SensorConfig(Section):
     """Error along the line of sight: constant [m] and per metre of range squared."""
 
 
+class AidsConfig(Section):
+    """What the survey has beside GPS and odometry to find its absolute height and keep level."""
+
+    start: Literal["surveyed", "unknown"] = "surveyed"
+    """Whether the start, and the heading there, are known; if not, the first fix stands for it."""
+    heading_sigma_deg: NonNegativeFloat = 1.0
+    """Error of the heading at an unknown start [deg]."""
+    barometer: bool = True
+    """A barometer on the rover."""
+    accelerometer: bool = False
+    """An accelerometer whose gravity ties roll and pitch."""
+    accelerometer_bias_m_s2: NonNegativeFloat = 0.05
+    """Its bias on each axis, constant over the drive [m/s²]."""
+    accelerometer_white_m_s2: NonNegativeFloat = 0.1
+    """Jolts and noise of each reading [m/s²]."""
+    stakes: NonNegativeInt = 0
+    """Number of surveyed stakes, at the ends of swaths, seen in passing."""
+    stake_sigma_m: PositiveFloat = 0.05
+    """Error of a stake's surveyed position [m]."""
+    base_station: bool = False
+    """A second receiver at the start."""
+    base_residual: float = Field(default=0.2, gt=0.0, le=1.0)
+    """Share of the slowly varying GPS error that the two receivers do not have in common."""
+    base_barometer: bool = False
+    """A second barometer at the start."""
+    base_barometer_residual: float = Field(default=0.3, gt=0.0, le=1.0)
+    """Share of the drift that the two barometers do not have in common."""
+    way_home: bool = False
+    """Whether the route ends where it began."""
+    recognition: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the meetings of the way with itself at which the place is recognised."""
+    wrong_closures: NonNegativeInt = 0
+    """How many of those recognitions are wrong, by 6 m."""
+
+
 class ReconstructionConfig(Section):
     """How the terrain is reconstructed."""
 
@@ -161,9 +197,14 @@ class ReconstructionConfig(Section):
     grid_step_m: PositiveFloat = 2.0
     """Distance between the nodes of the map [m]."""
     use_prior: bool = True
-    """Build around the satellite prior instead of a constant."""
+    """Use the satellite prior: its cells as measurements in a joint estimate, else as the mean to build around."""
+    landmark_errors: Literal["joint", "inflated", "independent"] = "joint"
+    """Whether map and path are one estimate, or landmarks count as independent: with the path's variance in each, or
+    (as in the glacier paper) without."""
     gp: GaussianProcessConfig = GaussianProcessConfig()
     """Settings of the Gaussian process."""
+    joint: JointConfig = JointConfig()
+    """Settings of the joint estimate."""
 
 
 class ScoreConfig(Section):
@@ -192,6 +233,7 @@ class MissionConfig(Section):
     rover: RoverConfig = RoverConfig()
     fleet: Fleet = Fleet()
     sensors: SensorConfig = SensorConfig()
+    aids: AidsConfig = AidsConfig()
     localization: LocalizationConfig = LocalizationConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()
     score: ScoreConfig = ScoreConfig()
@@ -201,7 +243,7 @@ class MissionConfig(Section):
         """What the estimator assumes of its sensors: the ideal one is told to be exact to a millimetre."""
         if self.fidelity == "ideal":
             return LocalizationConfig(gps_bias_sigma_m=1e-3, gps_white_sigma_m=1e-3, gps_vertical_factor=1.0)
-        return self.localization
+        return self.localization.model_copy(update={"start": self.aids.start})
 
     _folder: Path = PrivateAttr(default=Path())
 

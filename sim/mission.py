@@ -8,6 +8,7 @@ report ◀──report── score ◀──score──────────�
 import logging
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,14 @@ from threadpoolctl import threadpool_limits
 
 import planners
 import survey
+from sim.aids import with_way_home
 from sim.config import MissionConfig
 from sim.ideal import simulate_ideal
 from sim.report import write_mission_report
 from sim.statistical import simulate_statistical
 from sim.world import World, build_world
 from survey.io.documents import write_json
+from survey.reconstruction.joint_map import JointTerrain
 from survey.recording import Recording
 from survey.store import STAGES, RunFolder
 from survey.streams import stream
@@ -70,6 +73,8 @@ def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     world.area.write(folder / "area.gpkg")
     world.prior.write(folder / "prior.tif")
     route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
+    if mission.aids.way_home:
+        route = with_way_home(route, world.area)
     route.write(folder / "route.geojson")
 
 
@@ -108,14 +113,22 @@ def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
 
 
 def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
-    """Map the terrain from the surface points, around the prior."""
+    """Map the terrain from the surface points and the prior; where odometry ties the points, correct the path too."""
     config = mission.reconstruction
     area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")
     points = survey.SurfacePoints.read(run.folder("localize") / "surface_points.gpkg")
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
+    grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
+    path = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", area.crs)
+    if path.error is not None and config.landmark_errors == "joint" and config.method == "gp":
+        found = JointTerrain(path.error, prior, config.gp, config.joint).map(points, grid)
+        found.reconstruction.write(folder)
+        found.correction.applied(path).write(folder / "corrected_trajectory.csv")
+        return
+    if config.landmark_errors == "independent" and points.own_covariance is not None:
+        points = replace(points, covariance=points.own_covariance)
     if prior is not None:
         points = within(prior, points)
-    grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     survey.reconstruct(points, grid, prior=prior, method=config.method, config=config.gp).write(folder)
 
 
@@ -141,7 +154,12 @@ def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     )
     write_json(folder / "score.json", judged.to_dict())
     trajectory = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", truth.dem.crs)
-    write_json(folder / "localization.json", trajectory_error(trajectory, truth.trajectory).to_dict())
+    judged_path = trajectory_error(trajectory, truth.trajectory).to_dict()
+    corrected = run.folder("reconstruct") / "corrected_trajectory.csv"
+    if corrected.exists():
+        after = trajectory_error(survey.Trajectory.read(corrected, truth.dem.crs), truth.trajectory)
+        judged_path |= {f"after_mapping_{name}": value for name, value in after.to_dict().items()}
+    write_json(folder / "localization.json", judged_path)
 
 
 def report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:

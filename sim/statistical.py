@@ -17,9 +17,10 @@ do in the field. What it leaves out: moments without vision, slip, wrong matches
 """
 
 import numpy as np
-from scipy.signal import lfilter
 
+from sim.aids import with_aids
 from sim.config import MissionConfig, SensorConfig
+from sim.gauss_markov import gauss_markov
 from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.dem import Dem
 from survey.errors import InputError
@@ -79,23 +80,7 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
         mission.rover.antenna_height_m,
         terrain.vertical_datum,
     )
-    return recording, Truth(terrain, trajectory)
-
-
-def gauss_markov(
-    steps: FloatArray, correlation: float, sigma: float, rng: np.random.Generator, n_columns: int = 1
-) -> FloatArray:
-    """Draw stationary first-order Gauss–Markov series (len(steps) + 1, n_columns) with standard deviation sigma."""
-    memory = np.exp(-steps / correlation)
-    noise = rng.standard_normal((len(steps) + 1, n_columns)) * sigma
-    if len(memory) and np.allclose(memory, memory[0], rtol=1e-12):
-        a = float(memory[0])
-        noise[1:] *= np.sqrt(1.0 - a * a)
-        series: FloatArray = lfilter([1.0], [1.0, -a], noise, axis=0)
-        return series
-    for k, a in enumerate(memory):
-        noise[k + 1] = a * noise[k] + np.sqrt(1.0 - a * a) * noise[k + 1]
-    return noise
+    return with_aids(recording, trajectory, attitude, route, mission), Truth(terrain, trajectory)
 
 
 def _resting_attitude(terrain: Dem, xy: FloatArray, heading_rad: FloatArray) -> FloatArray:
