@@ -1,5 +1,6 @@
 """``firnline score``: judge how good a map is."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,10 @@ from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
-    from survey import Dem, Reconstruction
+    from survey import Dem, Reconstruction, Score
+
+# Rasters of more cells are scored in blocks.
+_LARGE = 20_000_000
 
 
 @refusals_told
@@ -139,7 +143,6 @@ def _score_file(
 ) -> None:
     import json
 
-    import survey
     from sim.cli.mission_file import best_class
     from survey.errors import InputError
 
@@ -147,18 +150,33 @@ def _score_file(
         raise InputError(
             f"{source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
         )
-    map_, truth_dem = map_of(source), survey.Dem.read(truth)
-    judged = survey.score(
-        map_,
-        truth=truth_dem,
-        route=None if route is None else survey.Route.read(route),
-        area=None if area is None else survey.SurveyArea.read(area, crs=truth_dem.crs),
-    ).to_dict()
+    judged = _judged(source, truth, area, route).to_dict()
     if as_json:
         typer.echo(json.dumps(judged, indent=2))
         return
     _tell_statistics(judged["elevation"])
     typer.echo(best_class(judged["verdicts"]))
+
+
+def _judged(source: Path, truth: Path, area: Path | None, route: Path | None) -> "Score":
+    """Judge in memory, or block by block what is large."""
+    import survey
+    from survey.io.raster import raster_facts
+    from survey.scoring.blocks import score_files
+
+    reference = raster_facts(truth)
+    if route is None and source.is_file():
+        sizes = (math.prod(shape) for shape in (reference.shape, raster_facts(source).shape))
+        if max(sizes) > _LARGE:
+            ground = None if area is None else survey.SurveyArea.read(area, crs=reference.crs)
+            return score_files(source, truth, ground)
+    map_, truth_dem = map_of(source), survey.Dem.read(truth)
+    return survey.score(
+        map_,
+        truth=truth_dem,
+        route=None if route is None else survey.Route.read(route),
+        area=None if area is None else survey.SurveyArea.read(area, crs=truth_dem.crs),
+    )
 
 
 def map_of(source: Path) -> "Reconstruction | Dem":

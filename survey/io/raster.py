@@ -1,6 +1,7 @@
 """Elevation rasters: whatever GDAL reads; written as Cloud-Optimized GeoTIFF, Esri ASCII grid or NetCDF."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,8 @@ NODATA = -9999.0
 LARGEST_CELLS = 160_000_000
 """Rasters beyond this are not read whole: 1.3 GB as numbers of double precision."""
 _STRIP_CELLS = 4_000_000
+# GDAL keeps blocks that it has read in up to a twentieth of the machine's memory unless told otherwise.
+_CACHE_BYTES = 64 * 2**20
 _VERTICAL_TAG = "VERTICAL_DATUM"
 
 _COG = {
@@ -60,9 +63,32 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
                 )
             values = _read_strips(source, in_source)
             crs = source.crs.to_wkt() if source.crs else None
-            datum = _stated_datum(source)
+            datum = stated_datum(source)
             transform = source.transform
         return Raster(values, transform, crs, datum or (vertical_datum_of(crs) if crs else UNSTATED))
+    except _gdal_faults() as error:
+        raise damaged(file, error) from error
+
+
+@contextmanager
+def opened_raster(file: Path) -> Iterator[Any]:
+    """Open a raster for reading in windows; what GDAL then finds damaged is refused in a sentence.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, of another kind, or holds complex numbers.
+    """
+    import rasterio
+
+    try:
+        with (
+            warnings_logged(),
+            rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES),
+            rasterio.open(_dataset(file, 1)) as source,
+        ):
+            _checked_band(source, file, 1)
+            yield source
     except _gdal_faults() as error:
         raise damaged(file, error) from error
 
@@ -117,9 +143,30 @@ def read_window(source: Any, band: int, window: Any) -> FloatArray:
     return values
 
 
-def _stated_datum(source: Any) -> str:
+def stated_datum(source: Any) -> str:
+    """Return the vertical datum that an open raster's tags name, or ``""``."""
     tags = source.tags()
     return str(tags.get(_VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{_VERTICAL_TAG.lower()}") or UNSTATED)
+
+
+class RasterFacts(NamedTuple):
+    """Rows and columns of a raster, and its CRS where it names one."""
+
+    shape: tuple[int, int]
+    crs: Any
+
+
+def raster_facts(path: str | Path) -> RasterFacts:
+    """Return what a raster's header says, without reading its cells.
+
+    Raises
+    ------
+    InputError
+        The file is missing, empty or damaged.
+    """
+    with opened_raster(existing_file(path, "the raster")) as source:
+        crs = source.crs.to_wkt() if source.crs else None
+        return RasterFacts((int(source.height), int(source.width)), crs)
 
 
 def band_count(path: str | Path) -> int:

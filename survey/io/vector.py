@@ -91,8 +91,14 @@ def write_features(
     crs: CRS,
     *,
     layer: str,
+    kind: str | None = None,
+    indexed: bool = True,
 ) -> None:
-    """Write features to the format that the file's ending names, or leave what was there."""
+    """Write features to the format that the file's ending names, or leave what was there.
+
+    `kind` names the geometry of a layer that has no features yet; a GeoPackage without spatial
+    index can be written to by SQLite alone.
+    """
     target = Path(path)
     driver = _DRIVERS.get(target.suffix.lower())
     if driver is None:
@@ -111,12 +117,13 @@ def write_features(
                 geometry=shapely.to_wkb(shapes),
                 field_data=columns,
                 fields=list(attributes),
-                geometry_type=_common_type(shapes),
+                geometry_type=kind or _common_type(shapes),
                 crs=crs.to_wkt(),
                 driver=driver,
                 layer=layer,
                 gdal_tz_offsets=_in_utc(attributes),
                 **_DRIVER_OPTIONS.get(driver, {}),
+                **({} if indexed else {"SPATIAL_INDEX": "NO"}),
             )
         except _faults(gdal) as error:
             raise unwritable(target, error) from error
