@@ -1,0 +1,250 @@
+"""Second pass, second half: what part of the surface each pixel covers, and what is read there.
+
+A pixel's footprint is a strip along the line of sight. Up to a few taps are spread over it,
+each from the level of the mipmap that fits their distance. The fine texture is a periodic tile;
+at every place three copies of it are mixed, moved by the hashed numbers of the three nearest
+corners of a triangular lattice (after Heitz and Neyret, 2018), so that it never repeats.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.rendering.compiled import Floats, Ints, Words, f32, hash32, i32, inlined, row_loop, u32
+from sim.rendering.rays import RowRays
+
+LATTICE_M = 6.0
+"""Side of the triangles in which the texture keeps one position."""
+GRAIN_FROM_M = 0.012
+"""Footprint below which the grain of the snow is seen."""
+
+
+class Footprints(NamedTuple):
+    """The ground pixels of one row, without gaps between them."""
+
+    range_m: Floats
+    path_m: Floats
+    """Distance along the ray."""
+    x: Floats
+    """Where the texture is read."""
+    y: Floats
+    ux: Floats
+    uy: Floats
+    length_m: Floats
+    """Of the footprint along the line of sight."""
+    spacing_m: Floats
+    """Between the taps."""
+    width_m: Floats
+    """That a tap stands for."""
+    weight0: Floats
+    """Of the three copies of the texture."""
+    weight1: Floats
+    weight2: Floats
+    grain0: Floats
+    """The same for the grain, which fades with distance."""
+    grain1: Floats
+    grain2: Floats
+    texture: Floats
+    """Relative change of brightness by all that is finer than the map."""
+    direct: Floats
+    """Radiance by sunlight."""
+    ambient: Floats
+    """Radiance by skylight."""
+    water: Floats
+    """Share of water."""
+    radiance: Floats
+    pixel: Ints
+    """Column in the image."""
+    taps: Ints
+    grain_taps: Ints
+    level: Ints
+    """Of the texture's mipmap."""
+    grain_level: Ints
+    map_level: Ints
+    jump0: Ints
+    """Hashed numbers of the three corners."""
+    jump1: Ints
+    jump2: Ints
+
+
+@inlined
+def _level(size: np.float32) -> np.int32:
+    """Mip level of a size in texels: the next power of two above the size over the square root of 2."""
+    s = size * f32(0.7071)
+    low = i32(s > f32(1)) + i32(s > f32(2)) + i32(s > f32(4)) + i32(s > f32(8))
+    return i32(low + i32(s > f32(16)) + i32(s > f32(32)) + i32(s > f32(64)) + i32(s > f32(128)))
+
+
+@row_loop
+def measure(
+    n: int,
+    rays: RowRays,
+    ox: float,
+    oy: float,
+    pixel_rad: float,
+    most_taps: float,
+    step_m: float,
+    at: Footprints,
+) -> None:
+    """Measure the footprints of the `n` pixels listed in `at.pixel`."""
+    zero, one = f32(0), f32(1)
+    ox, oy, pixel, most, per_step = f32(ox), f32(oy), f32(pixel_rad), f32(most_taps), f32(1.0 / step_m)
+    for k in range(n):
+        c = u32(at.pixel[k])
+        r, slope, ux, uy = rays.range_m[c], rays.slope[c], rays.ux[c], rays.uy[c]
+        gx, gy, z = rays.gx[c], rays.gy[c], rays.z[c]
+        stretch = np.sqrt(one + slope * slope)
+        path = r * stretch
+        upright = one / np.sqrt(one + gx * gx + gy * gy)
+        facing = max((ux * gx + uy * gy - slope) / stretch * upright, f32(0.02))
+        across = path * pixel
+        along = across / facing
+        taps = max(min(most, np.ceil(one / facing - f32(0.3))), one)
+        at.range_m[k], at.path_m[k], at.ux[k], at.uy[k] = r, path, ux, uy
+        at.length_m[k], at.spacing_m[k] = along, along / taps
+        width = max(across, along / taps)
+        at.width_m[k], at.taps[k], at.grain_taps[k] = width, i32(taps), i32(min(taps, f32(2)))
+        # Steep walls would smear a texture seen from above: there the height shifts it.
+        wall = upright < f32(0.45)
+        at.x[k] = ox + ux * r + (f32(0.37) * z if wall else zero)
+        at.y[k] = oy + uy * r + (f32(1.90) * z if wall else zero)
+        at.level[k], at.grain_level[k] = _level(width * f32(100)), min(_level(width * f32(400)), i32(4))
+        on_map = max(across, along * (f32(0.5) if along > f32(0.6) else one)) * per_step
+        at.map_level[k] = min(_level(on_map * f32(0.943)), i32(6))
+        at.texture[k], at.direct[k], at.ambient[k], at.water[k] = zero, zero, zero, zero
+
+
+@row_loop
+def lattice(n: int, at: Footprints) -> None:
+    """Find the three corners of the triangular lattice around each place, their weights and hashes.
+
+    The weights' squares add up to 1, so that the mix has the variance of the tile.
+    """
+    zero, one = f32(0), f32(1)
+    for k in range(n):
+        x, y = at.x[k], at.y[k]
+        u = (x - f32(0.57735027) * y) * f32(1.0 / LATTICE_M)
+        v = f32(1.1547005) * y * f32(1.0 / LATTICE_M)
+        fu, fv = u - np.floor(u), v - np.floor(v)
+        i, j = i32(np.floor(u)), i32(np.floor(v))
+        upper = fu + fv >= one
+        shift = i32(1) if upper else i32(0)
+        w0 = max((fu + fv - one if upper else one - fu - fv) - f32(0.3), zero)
+        w1 = max((one - fv if upper else fu) - f32(0.3), zero)
+        w2 = max((one - fu if upper else fv) - f32(0.3), zero)
+        norm = one / np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
+        w0, w1, w2 = w0 * norm, w1 * norm, w2 * norm
+        near = min(max((f32(GRAIN_FROM_M) - at.width_m[k]) * f32(150), zero), one)
+        at.weight0[k], at.weight1[k], at.weight2[k] = w0, w1, w2
+        at.grain0[k], at.grain1[k], at.grain2[k] = w0 * near, w1 * near, w2 * near
+        at.jump0[k] = i32(hash32(i + shift, j + shift))
+        at.jump1[k] = i32(hash32(i + i32(1), j))
+        at.jump2[k] = i32(hash32(i, j + i32(1)))
+
+
+@row_loop
+def read_tile(
+    tap: int,
+    n: int,
+    at: Footprints,
+    weight: Floats,
+    jump: Ints,
+    taps: Ints,
+    level: Ints,
+    words: Words,
+    starts: Ints,
+    mask: int,
+    per_m: float,
+    gain: float,
+) -> None:
+    """Add one tap of a tile, moved by a corner's hash, to the texture; one word holds 2 × 2 texels."""
+    half, zero = f32(0.5), f32(0)
+    per, amplitude = f32(per_m), f32(gain)
+    for k in range(n):
+        count = taps[k]
+        offset = (f32(tap) - half * f32(count - i32(1))) * at.spacing_m[k]
+        share = weight[k] * amplitude / f32(count) if tap < count else zero
+        lv = level[k]
+        cells = i32(mask) >> lv
+        scale = per / f32(i32(1) << lv)
+        h = u32(jump[k])
+        # A texel of a coarser level sits half a fine texel to the side.
+        x = (
+            (at.x[k] + at.ux[k] * offset + f32(i32(h & u32(2047))) * f32(0.01)) * scale
+            - half
+            + half * scale / per
+        )
+        y = (
+            (at.y[k] + at.uy[k] * offset + f32(i32((h >> u32(11)) & u32(2047))) * f32(0.01)) * scale
+            - half
+            + half * scale / per
+        )
+        fx, fy = np.floor(x), np.floor(y)
+        a, b = x - fx, y - fy
+        i, j = i32(fx) & cells, i32(fy) & cells
+        word = words[u32(j * (cells + i32(1)) + i + starts[u32(lv)])]
+        p0, p1 = f32(i32(word & u32(255))), f32(i32((word >> u32(8)) & u32(255)))
+        p2, p3 = f32(i32((word >> u32(16)) & u32(255))), f32(i32(word >> u32(24)))
+        p0 += (p1 - p0) * a
+        p2 += (p3 - p2) * a
+        at.texture[k] += share * (p0 + (p2 - p0) * b - f32(128))
+
+
+@row_loop
+def read_map(
+    tap: int,
+    n: int,
+    at: Footprints,
+    ox: float,
+    oy: float,
+    words: Words,
+    starts: Ints,
+    widths: Ints,
+    heights: Ints,
+    step_m: float,
+) -> None:
+    """Add tap 0 or 1 of the map of sunlight (12 bits), skylight (12 bits) and water (8 bits)."""
+    zero, half, one = f32(0), f32(0.5), f32(1)
+    ox, oy, per_step = f32(ox), f32(oy), f32(1.0 / step_m)
+    for k in range(n):
+        long = at.length_m[k] > f32(0.6)
+        offset = (f32(tap) - half) * half * at.length_m[k] if long else zero
+        share = half if long else (one if tap == 0 else zero)
+        lv = u32(at.map_level[k])
+        columns, rows = widths[lv], heights[lv]
+        scale = per_step / f32(i32(1) << i32(lv))
+        shift = half - half * scale / per_step
+        r = at.range_m[k] + offset
+        u = min(max((ox + at.ux[k] * r) * scale - shift, zero), f32(columns) - f32(1.001))
+        v = min(max((oy + at.uy[k] * r) * scale - shift, zero), f32(rows) - f32(1.001))
+        i, j = i32(u), i32(v)
+        a, b = u - f32(i), v - f32(j)
+        p = i32(starts[lv] + j * columns + i)
+        k0, k1, k2, k3 = (
+            words[u32(p)],
+            words[u32(p + 1)],
+            words[u32(p + columns)],
+            words[u32(p + columns + 1)],
+        )
+        w3 = a * b * share
+        w1, w2 = a * share - w3, b * share - w3
+        w0 = share - w1 - w2 - w3
+        low, mid = u32(4095), u32(12)
+        at.direct[k] += (
+            f32(i32(k0 & low)) * w0
+            + f32(i32(k1 & low)) * w1
+            + f32(i32(k2 & low)) * w2
+            + f32(i32(k3 & low)) * w3
+        )
+        at.ambient[k] += (
+            f32(i32((k0 >> mid) & low)) * w0
+            + f32(i32((k1 >> mid) & low)) * w1
+            + f32(i32((k2 >> mid) & low)) * w2
+            + f32(i32((k3 >> mid) & low)) * w3
+        )
+        at.water[k] += (
+            f32(i32(k0 >> u32(24))) * w0
+            + f32(i32(k1 >> u32(24))) * w1
+            + f32(i32(k2 >> u32(24))) * w2
+            + f32(i32(k3 >> u32(24))) * w3
+        )

@@ -1,0 +1,312 @@
+"""The camera's view of the fine terrain: images, and the exact depth behind them."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from sim.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
+from sim.rendering.backdrop import backdrop
+from sim.rendering.compiled import Doubles, Floats, share_out
+from sim.rendering.ground_map import ground_map
+from sim.rendering.light import Light
+from sim.rendering.rows import Lens, Scene, Texture, render_rows
+from sim.rendering.sensor import Image, Sensor
+from sim.rendering.surface import surface_of
+from sim.rendering.sweep import row_slopes, sample_ranges, sweep, view_of
+from sim.scene_config import AppearanceConfig, ImagingConfig
+from sim.scenery import FineTerrain
+from survey.arrays import FloatArray
+from survey.camera import Camera
+from survey.errors import InputError
+
+_MOST_TAPS = 6
+_BLUR_SAMPLES = 5
+
+
+@dataclass(frozen=True)
+class RoverBox:
+    """The box, fixed to the rover, whose shadow falls on the ground.
+
+    Parameters
+    ----------
+    size_m : (3,) tuple of float
+        Length, width and height [m].
+    T_world_box : (4, 4) array_like
+        Takes coordinates about the box's middle to the world's.
+    """
+
+    size_m: tuple[float, float, float]
+    T_world_box: FloatArray
+
+
+class Renderer:
+    """Renders what a calibrated camera sees of a fine terrain.
+
+    One sweep of the terrain per azimuth gives nearly the range of every ray, one Newton step
+    on the bilinear surface makes it exact, and rays beside an edge walk the surface cell by
+    cell. The same arguments give the same bytes, whatever the number of threads.
+
+    Parameters
+    ----------
+    terrain : FineTerrain
+        Ground and what it is made of.
+    appearance : AppearanceConfig
+        Sun, air, surface.
+    camera : survey.Camera
+        Any lens; the world within 143° to the sides of the viewing direction is fast, the
+        rest correct but slow.
+    seed : int
+        Of texture, mountains and noise.
+    imaging : ImagingConfig
+        Exposure and sensor; its lens and mounting are not used (they are the camera's).
+    wind_from_deg : float
+        Wind that shaped the finest sastrugi, clockwise from north [deg].
+
+    Notes
+    -----
+    The images are grey. Snow is matt (no forward scattering), mountains have the one
+    distance of the backdrop, and edges against the sky are smoothed by the lens's blur alone.
+
+    Examples
+    --------
+    >>> from sim.camera import rover_camera
+    >>> from sim.scenery import fine_terrain
+    >>> from sim.scene_config import SceneryConfig
+    >>> from survey.dem import Dem
+    >>> from survey.grid import Grid
+    >>> site = Dem.on(Grid((0.0, 0.0, 40.0, 40.0), 1.0), np.zeros((41, 41)))
+    >>> camera = rover_camera(ImagingConfig(width=80, height=60))
+    >>> renderer = Renderer(fine_terrain(site, SceneryConfig(), 1), AppearanceConfig(), camera, seed=1)
+    >>> T_world_body = np.eye(4)
+    >>> T_world_body[:2, 3] = 20.0, 20.0
+    >>> image = renderer.render(T_world_body @ camera.T_body_camera, time_s=0.0, frame_index=0)
+    >>> image.shape, image.dtype
+    ((60, 80), dtype('uint8'))
+    """
+
+    def __init__(
+        self,
+        terrain: FineTerrain,
+        appearance: AppearanceConfig,
+        camera: Camera,
+        seed: int,
+        *,
+        imaging: ImagingConfig | None = None,
+        wind_from_deg: float = 235.0,
+    ) -> None:
+        self.terrain, self.camera = terrain, camera
+        self._appearance = appearance
+        self._datum = float(terrain.height.mean(dtype=np.float64))
+        self._lens = _lens(camera)
+        self._scene = _scene(terrain, self._datum, appearance, wind_from_deg, seed)
+        self._sensor = Sensor(imaging or ImagingConfig(), camera, seed)
+        self._table = np.zeros(
+            (max(256, int(1.4 * camera.width)), max(200, int(1.34 * camera.height))), np.float32
+        )
+        self._ranges = sample_ranges(float(np.hypot(*terrain.height.shape)) * terrain.step_m)
+
+    def render(
+        self,
+        T_world_camera: FloatArray,
+        time_s: float = 0.0,
+        frame_index: int = 0,
+        *,
+        T_world_camera_last_row: FloatArray | None = None,
+        T_world_camera_exposed: FloatArray | None = None,
+        rover_box: RoverBox | None = None,
+    ) -> Image:
+        """Return the image (H, W) of one frame.
+
+        Parameters
+        ----------
+        T_world_camera : (4, 4) array_like
+            Pose at the first row: takes camera coordinates to easting, northing, elevation.
+        time_s : float
+            Time of the frame; the still world does not depend on it [s].
+        frame_index : int
+            Number of the frame: it alone chooses the sensor's noise.
+        T_world_camera_last_row : (4, 4) array_like, optional
+            Pose at the last row, for a rolling shutter.
+        T_world_camera_exposed : (4, 4) array_like, optional
+            Pose of the first row at the end of its exposure, for motion blur.
+        rover_box : RoverBox, optional
+            What throws the rover's shadow.
+
+        Raises
+        ------
+        InputError
+            The camera is below ground or outside the terrain, or a pose is none.
+        """
+        del time_s
+        radiance, depth = self._trace(T_world_camera, T_world_camera_last_row, rover_box, shaded=True)
+        if T_world_camera_exposed is not None:
+            moved = self._flow(depth, T_world_camera, T_world_camera_exposed)
+            radiance = _smeared(radiance, moved)
+        return self._sensor.image(radiance, frame_index)
+
+    def depth(self, T_world_camera: FloatArray, T_world_camera_last_row: FloatArray | None = None) -> Floats:
+        """Return the distance along each pixel's ray (H, W) [m]; infinite for sky and mountains."""
+        _, depth = self._trace(T_world_camera, T_world_camera_last_row, None, shaded=False)
+        return np.where(depth < 0.0, np.float32(np.inf), depth)
+
+    def flow(self, T_world_camera: FloatArray, T_world_camera_next: FloatArray) -> FloatArray:
+        """Return where each pixel's place on the ground moves to (H, W, 2) [pixels]; NaN when it leaves the view.
+
+        The backdrop moves as things at its distance do. Whether the place is hidden in the
+        next image is not asked: see `visible`.
+        """
+        depth = self.depth(T_world_camera)
+        return self._flow(
+            np.where(np.isinf(depth), np.float32(-1), depth), T_world_camera, T_world_camera_next
+        )
+
+    def visible(
+        self, T_world_camera: FloatArray, T_world_camera_next: FloatArray, tolerance_m: float = 0.05
+    ) -> npt.NDArray[np.bool_]:
+        """Tell which pixels' places (H, W) the next view also sees."""
+        points = self._points(self.depth(T_world_camera), T_world_camera)
+        there = np.linalg.inv(T_world_camera_next)
+        seen = points @ there[:3, :3].T + there[:3, 3]
+        pixels = self.camera.project(seen.reshape(-1, 3)).reshape(*seen.shape[:2], 2).astype(np.float32)
+        depth = np.nan_to_num(self.depth(T_world_camera_next), posinf=1e6)
+        found = cv2.remap(depth, pixels[..., 0], pixels[..., 1], cv2.INTER_NEAREST, borderValue=-1.0)
+        distance = np.linalg.norm(seen, axis=-1)
+        return np.isfinite(distance) & (np.abs(found - distance) < tolerance_m + 0.05 * distance)
+
+    def _points(self, depth: Floats, T_world_camera: FloatArray) -> FloatArray:
+        rays = np.stack([self._lens.x, self._lens.y, self._lens.z], axis=-1).astype(np.float64)
+        pose = np.asarray(T_world_camera, dtype=np.float64)
+        points: FloatArray = (rays * depth[..., None]) @ pose[:3, :3].T + pose[:3, 3]
+        return points
+
+    def _flow(self, depth: Floats, T_world_camera: FloatArray, T_world_camera_next: FloatArray) -> FloatArray:
+        far = np.float32(self._appearance.ridges_distance_m)
+        points = self._points(np.where(depth < 0.0, far, depth), T_world_camera)
+        there = np.linalg.inv(T_world_camera_next)
+        seen = points.reshape(-1, 3) @ there[:3, :3].T + there[:3, 3]
+        v, u = np.mgrid[0 : self.camera.height, 0 : self.camera.width]
+        moved: FloatArray = self.camera.project(seen).reshape(*depth.shape, 2) - np.stack([u, v], axis=-1)
+        return moved
+
+    def _trace(
+        self, first: FloatArray, last: FloatArray | None, box: RoverBox | None, *, shaded: bool
+    ) -> tuple[Floats, Floats]:
+        """Radiance and depth (-1 for the backdrop) of every pixel."""
+        poses = [self._local(pose) for pose in ([first] if last is None else [first, last])]
+        rotations, origins = _row_poses(poses, self.camera.height)
+        middle = self.camera.height // 2
+        edges = _edge_rays(self._lens)
+        directions = np.vstack([edges @ rotations[0].T, edges @ rotations[-1].T])
+        view = view_of(directions, rotations[middle][:, 2], *self._table.shape)
+        slopes = row_slopes(view, self._table.shape[1])
+        share_out(sweep, self._scene.surface, origins[middle], view, self._ranges, slopes, self._table)
+        radiance = np.empty(self._lens.x.shape, np.float32)
+        depth = np.empty_like(radiance)
+        share_out(
+            render_rows,
+            self._lens,
+            rotations,
+            origins,
+            view,
+            self._table,
+            self._scene,
+            self._light(box),
+            _MOST_TAPS,
+            shaded,
+            radiance,
+            depth,
+        )
+        return radiance, depth
+
+    def _local(self, pose: FloatArray) -> Doubles:
+        """Return a pose counted from the terrain's south-western node and datum; refuse what sees nothing."""
+        matrix = np.array(pose, dtype=np.float64)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise InputError("the camera's pose holds no 4 × 4 finite numbers; give T_world_camera.")
+        place = matrix[:3, 3]
+        ground = float(self.terrain.elevation(place[None, :2])[0])
+        where = f"({place[0]:.1f}, {place[1]:.1f}, {place[2]:.2f})"
+        if np.isnan(ground):
+            raise InputError(
+                f"the camera at {where} is outside the terrain {self.terrain.bounds}; keep it on the map."
+            )
+        if place[2] <= ground:
+            raise InputError(
+                f"the camera at {where} is {ground - place[2]:.2f} m below the ground; raise it above {ground:.2f} m."
+            )
+        matrix[:2, 3] -= self.terrain.origin
+        matrix[2, 3] -= self._datum
+        return matrix
+
+    def _light(self, box: RoverBox | None) -> Light:
+        half, rotation, centre = np.zeros(3), np.eye(3), np.zeros(3)
+        if box is not None:
+            pose = np.asarray(box.T_world_box, dtype=np.float64)
+            half, rotation = (
+                0.5 * np.asarray(box.size_m, dtype=np.float64),
+                np.ascontiguousarray(pose[:3, :3]),
+            )
+            centre = pose[:3, 3] - np.append(self.terrain.origin, self._datum)
+        look = self._appearance
+        return Light(sun_direction(look), look.sky_share, look.haze_m, half, rotation, centre)
+
+
+def _lens(camera: Camera) -> Lens:
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
+    rays = camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(camera.height, camera.width, 3)
+    if not np.isfinite(rays).all():
+        raise InputError("some pixels of the camera have no ray (90° or more off the axis); narrow the lens.")
+    x, y, z = (np.ascontiguousarray(rays[..., k], dtype=np.float32) for k in range(3))
+    return Lens(x, y, z, 1.0 / float(camera.matrix[0, 0]))
+
+
+def _scene(
+    terrain: FineTerrain, datum: float, look: AppearanceConfig, wind_from_deg: float, seed: int
+) -> Scene:
+    surface = surface_of(terrain, datum)
+    patches = snow_patches(terrain.height.shape, terrain.step_m, look, seed)
+    rows, columns = terrain.height.shape
+    centre = 0.5 * terrain.step_m * np.array([columns - 1, rows - 1])
+    return Scene(
+        surface,
+        ground_map(terrain, surface.height, patches, look),
+        _texture(surface_tile(look, wind_from_deg, seed)),
+        _texture(grain_tile(look, seed)),
+        backdrop(look, centre, seed),
+    )
+
+
+def _texture(tile: Tile) -> Texture:
+    return Texture(tile.words, tile.starts, tile.texels - 1, tile.texels_per_m, tile.amplitude)
+
+
+def _edge_rays(lens: Lens) -> Doubles:
+    """Rays along the image's edges: they bound all others."""
+    rays = np.stack([lens.x, lens.y, lens.z], axis=-1)
+    around = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
+    return around.astype(np.float64)
+
+
+def _row_poses(poses: list[Doubles], n_rows: int) -> tuple[Doubles, Doubles]:
+    """Rotation and place of each row, along the shortest turn from the first pose to the last."""
+    first, last = poses[0], poses[-1]
+    turn = cv2.Rodrigues(first[:3, :3].T @ last[:3, :3])[0].ravel()
+    share = np.linspace(0.0, 1.0, n_rows)
+    origins = first[:3, 3] + share[:, None] * (last[:3, 3] - first[:3, 3])
+    if not turn.any():
+        return np.repeat(first[None, :3, :3], n_rows, axis=0), origins
+    rotations = np.stack([first[:3, :3] @ cv2.Rodrigues(turn * s)[0] for s in share])
+    return rotations, origins
+
+
+def _smeared(radiance: Floats, moved: FloatArray) -> Floats:
+    """Average the radiance along each pixel's motion during the exposure."""
+    v, u = np.mgrid[0 : radiance.shape[0], 0 : radiance.shape[1]].astype(np.float32)
+    path = np.nan_to_num(moved).astype(np.float32)
+    total = np.zeros_like(radiance)
+    for share in np.linspace(0.0, 1.0, _BLUR_SAMPLES, dtype=np.float32):
+        x, y = u - share * path[..., 0], v - share * path[..., 1]
+        total += cv2.remap(radiance, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return total / np.float32(_BLUR_SAMPLES)

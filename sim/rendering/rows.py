@@ -1,0 +1,233 @@
+"""All rows of an image, several at a time on as many threads as there are."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.rendering.backdrop import Backdrop, backdrop_radiance
+from sim.rendering.compiled import Doubles, Floats, Ints, Words, by_share, f32, i32, row_loop, scalar
+from sim.rendering.footprint import (
+    GRAIN_FROM_M,
+    Footprints,
+    lattice,
+    measure,
+    read_map,
+    read_tile,
+)
+from sim.rendering.ground_map import GroundMap
+from sim.rendering.light import OWN_SHADOW_REACH_M, Light, add_shadow_and_water, shade
+from sim.rendering.rays import EDGE, FOUND, OUTSIDE, SKY, RowRays, meet_ground
+from sim.rendering.surface import Surface, first_hit, height_and_gradient
+from sim.rendering.sweep import View
+
+_ROWS_AT_ONCE = 8
+_FARTHEST_M = 3000.0
+
+
+class Lens(NamedTuple):
+    """Unit directions of all pixels in the camera frame, (H, W) each, and the angle of one pixel."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+    pixel_rad: float
+
+
+class Texture(NamedTuple):
+    """A periodic tile for the compiled loops."""
+
+    words: Words
+    starts: Ints
+    mask: int
+    per_m: float
+    gain: float
+
+
+class Scene(NamedTuple):
+    """Everything that does not change from frame to frame."""
+
+    surface: Surface
+    ground: GroundMap
+    snow: Texture
+    grain: Texture
+    backdrop: Backdrop
+
+
+@by_share
+def render_rows(
+    worker: int,
+    n_workers: int,
+    lens: Lens,
+    rotations: Doubles,
+    origins: Doubles,
+    view: View,
+    table: Floats,
+    scene: Scene,
+    light: Light,
+    most_taps: int,
+    shaded: bool,
+    radiance: Floats,
+    depth: Floats,
+) -> None:
+    """Fill radiance and depth (along the ray, -1 for sky), (H, W); each row has its own pose."""
+    n_rows, width = lens.x.shape
+    floats, ints = np.empty((29, width), np.float32), np.empty((10, width), np.int32)
+    for block in range(worker, (n_rows + _ROWS_AT_ONCE - 1) // _ROWS_AT_ONCE, n_workers):
+        for row in range(block * _ROWS_AT_ONCE, min((block + 1) * _ROWS_AT_ONCE, n_rows)):
+            _render_row(
+                row,
+                lens,
+                rotations[row],
+                origins[row],
+                view,
+                table,
+                scene,
+                light,
+                most_taps,
+                shaded,
+                floats,
+                ints,
+                radiance[row],
+                depth[row],
+            )
+
+
+@scalar
+def _render_row(
+    row: int,
+    lens: Lens,
+    rotation: Doubles,
+    origin: Doubles,
+    view: View,
+    table: Floats,
+    scene: Scene,
+    light: Light,
+    most_taps: int,
+    shaded: bool,
+    floats: Floats,
+    ints: Ints,
+    radiance: Floats,
+    depth: Floats,
+) -> None:
+    height, step = scene.surface.height, scene.surface.step_m
+    f, n = floats, ints
+    rays = RowRays(f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8], n[0])
+    at = Footprints(
+        f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17], f[18], f[19], f[20], f[21], f[22], f[23],
+        f[24], f[25], f[26], f[27], f[28], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9],
+    )  # fmt: skip
+    meet_ground(
+        lens.x[row], lens.y[row], lens.z[row], rotation, origin, view, table.ravel(), table.shape[1],
+        height.ravel(), height.shape[1], height.shape[0], step, rays,
+    )  # fmt: skip
+    walk_edges(rays, scene.surface, origin)
+    n_ground = _paint_sky(rays, scene.backdrop, origin, shaded, radiance, depth, at.pixel)
+    if n_ground == 0:
+        return
+    measure(n_ground, rays, origin[0], origin[1], lens.pixel_rad, most_taps, step, at)
+    if shaded:
+        _read_surface(n_ground, at, scene, origin)
+        shade(n_ground, at, light.sky_share, light.haze_m)
+        if _is_special(n_ground, at, light):
+            add_shadow_and_water(n_ground, at, rays, origin, light, scene.backdrop)
+    for k in range(n_ground):
+        radiance[at.pixel[k]] = at.radiance[k]
+        depth[at.pixel[k]] = at.path_m[k]
+
+
+@scalar
+def walk_edges(rays: RowRays, surface: Surface, origin: Doubles) -> None:
+    """Give the pixels that the table cannot decide their exact range, or the sky."""
+    for c in range(rays.fate.size):
+        if rays.fate[c] != EDGE and rays.fate[c] != OUTSIDE:
+            continue
+        start, end = 0.0, _FARTHEST_M
+        if rays.fate[c] == EDGE:
+            start = max(0.7 / rays.nearest[c] - 2.5, 0.0)
+            if rays.farthest[c] > 0.0:
+                end = 1.03 / rays.farthest[c] + 0.1
+        ux, uy, slope = float(rays.ux[c]), float(rays.uy[c]), float(rays.slope[c])
+        r = first_hit(surface, origin, ux, uy, slope, start, end)
+        if r < 0.0:
+            rays.fate[c] = i32(SKY)
+            continue
+        x, y = origin[0] + ux * r, origin[1] + uy * r
+        z, gx, gy = height_and_gradient(surface.height, 1.0 / surface.step_m, x, y)
+        rays.range_m[c], rays.z[c], rays.gx[c], rays.gy[c] = f32(r), f32(z), f32(gx), f32(gy)
+        rays.fate[c] = i32(FOUND)
+
+
+@scalar
+def _paint_sky(
+    rays: RowRays,
+    scenery: Backdrop,
+    origin: Doubles,
+    shaded: bool,
+    radiance: Floats,
+    depth: Floats,
+    ground: Ints,
+) -> int:
+    """Paint the sky's pixels, list the others, and return how many those are."""
+    n = 0
+    x, y = origin[0] - scenery.centre_x, origin[1] - scenery.centre_y
+    for c in range(rays.fate.size):
+        if rays.fate[c] != SKY:
+            ground[n] = c
+            n += 1
+            continue
+        depth[c] = f32(-1)
+        if shaded:
+            ux, uy, slope = float(rays.ux[c]), float(rays.uy[c]), float(rays.slope[c])
+            radiance[c] = backdrop_radiance(scenery.faces, scenery.distance_m, x, y, origin[2], ux, uy, slope)
+    return n
+
+
+@scalar
+def _read_surface(n: int, at: Footprints, scene: Scene, origin: Doubles) -> None:
+    """Read light and texture over the footprints."""
+    ground, snow, grain = scene.ground, scene.snow, scene.grain
+    most, longest, narrowest = _extremes(n, at)
+    lattice(n, at)
+    for tap in range(2 if longest > 0.6 else 1):
+        read_map(
+            tap, n, at, origin[0], origin[1], ground.words, ground.starts, ground.widths, ground.heights,
+            scene.surface.step_m,
+        )  # fmt: skip
+    copies = (at.weight0, at.weight1, at.weight2)
+    fine = (at.grain0, at.grain1, at.grain2)
+    jumps = (at.jump0, at.jump1, at.jump2)
+    for tap in range(most):
+        for k in range(3):
+            read_tile(
+                tap, n, at, copies[k], jumps[k], at.taps, at.level, snow.words, snow.starts, snow.mask, snow.per_m,
+                snow.gain,
+            )  # fmt: skip
+    if narrowest < GRAIN_FROM_M:
+        for tap in range(min(most, 2)):
+            for k in range(3):
+                read_tile(
+                    tap, n, at, fine[k], jumps[k], at.grain_taps, at.grain_level, grain.words, grain.starts,
+                    grain.mask, grain.per_m, grain.gain,
+                )  # fmt: skip
+
+
+@row_loop
+def _extremes(n: int, at: Footprints) -> tuple[int, float, float]:
+    """Most taps, longest footprint and narrowest tap of a row."""
+    most, longest, narrowest = i32(1), f32(0), f32(1e9)
+    for k in range(n):
+        most = max(most, at.taps[k])
+    for k in range(n):
+        longest = max(longest, at.length_m[k])
+        narrowest = min(narrowest, at.width_m[k])
+    return most, longest, narrowest
+
+
+@row_loop
+def _is_special(n: int, at: Footprints, light: Light) -> bool:
+    """Tell whether the rover's shadow or water may be among the pixels."""
+    wettest, nearest = f32(0), f32(1e9)
+    for k in range(n):
+        wettest = max(wettest, at.water[k])
+        nearest = min(nearest, at.range_m[k])
+    return wettest >= f32(0.001) or (light.box_half_m[0] > 0.0 and nearest < OWN_SHADOW_REACH_M)
