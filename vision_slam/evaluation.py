@@ -1,9 +1,13 @@
 """How far an estimated trajectory is from a reference."""
 
 from dataclasses import asdict, dataclass
+from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
+from survey.arrays import FloatArray, IntArray
 from survey.errors import InputError
 from survey.geodesy import same_crs
 from survey.trajectory import Trajectory
@@ -69,3 +73,176 @@ def trajectory_error(estimate: Trajectory, reference: Trajectory) -> TrajectoryE
         worst_m=float(distance.max()),
         normalised_squared=float(squared.mean()),
     )
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """The similarity x → s R x + t that best lays one trajectory on another."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    scale: float
+
+    def applied(self, position: FloatArray) -> FloatArray:
+        """Return positions (N, 3) moved by it."""
+        moved: FloatArray = self.scale * position @ self.rotation.T + self.translation
+        return moved
+
+
+def alignment(
+    estimate: FloatArray, reference: FloatArray, kind: Literal["none", "se3", "sim3"] = "sim3"
+) -> Alignment:
+    r"""Find the least-squares similarity between matched positions (N, 3) (Umeyama 1991, Eqs. 40-42).
+
+    With Σ the covariance of reference and estimate, UDVᵀ its singular values and S the
+    identity whose last entry is the sign of det(U) det(V),
+
+    .. math:: R = U S Vᵀ, \quad s = tr(D S) / σ²_{estimate}, \quad t = μ_{reference} − s R μ_{estimate}
+
+    ``"se3"`` keeps s = 1; ``"none"`` aligns nothing.
+
+    Raises
+    ------
+    InputError
+        Different shapes, or places that are all the same or on a line, which fix no rotation.
+
+    Examples
+    --------
+    >>> places = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    >>> alignment(places, 2.0 * places + 5.0).scale
+    2.0
+    """
+    if estimate.shape != reference.shape or estimate.ndim != 2 or estimate.shape[1] != 3:
+        raise InputError(
+            f"places of the shapes {estimate.shape} and {reference.shape} cannot be compared; match them by time first."
+        )
+    if kind == "none":
+        return Alignment(np.eye(3), np.zeros(3), 1.0)
+    of_estimate, of_reference = estimate.mean(axis=0), reference.mean(axis=0)
+    spread = estimate - of_estimate
+    u, d, vt = np.linalg.svd((reference - of_reference).T @ spread / len(estimate))
+    if np.count_nonzero(d > 1e-12 * max(d[0], 1e-300)) < 2:
+        raise InputError("the trajectories run along a line or stand still; no rotation can be fitted.")
+    mirror = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    rotation = (u * mirror) @ vt
+    scale = float(d @ mirror / np.mean((spread**2).sum(axis=1))) if kind == "sim3" else 1.0
+    return Alignment(rotation, of_reference - scale * rotation @ of_estimate, scale)
+
+
+def absolute_errors_m(
+    estimate: FloatArray, reference: FloatArray, kind: Literal["none", "se3", "sim3"] = "none"
+) -> FloatArray:
+    """Return the absolute trajectory error of each matched position (N,) [m] after an alignment.
+
+    Examples
+    --------
+    >>> places = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    >>> absolute_errors_m(places + [3.0, 0.0, 4.0], places).tolist()
+    [5.0, 5.0, 5.0, 5.0]
+    """
+    errors: FloatArray = np.linalg.norm(
+        alignment(estimate, reference, kind).applied(estimate) - reference, axis=1
+    )
+    return errors
+
+
+def relative_errors(
+    estimate: FloatArray, reference: FloatArray, distance_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Relative pose error over stretches of the estimated path: translation [m] and rotation [rad].
+
+    The estimate is cut into stretches of `distance_m`, one after the other (as evo does,
+    so that figures can be compared). Over each, E =
+    (R_i⁻¹ R_j)⁻¹ (E_i⁻¹ E_j) with R the reference's poses and E the estimated ones; the
+    errors are the length of its translation and the angle of its rotation.
+
+    Parameters
+    ----------
+    estimate, reference : (N, 4, 4) ndarray
+        Matched poses, body to world.
+    distance_m : float
+        Length of a stretch [m].
+
+    Raises
+    ------
+    InputError
+        The estimate is shorter than one stretch.
+    """
+    steps = np.linalg.norm(np.diff(estimate[:, :3, 3], axis=0), axis=1)
+    ends, since = [0], 0.0
+    for index, step in enumerate(steps.tolist(), start=1):
+        since += step
+        if since >= distance_m:
+            ends.append(index)
+            since = 0.0
+    if len(ends) < 2:
+        raise InputError(
+            f"the estimate is {steps.sum():.1f} m long, shorter than the stretch of {distance_m} m; take a shorter one."
+        )
+    i, j = np.array(ends[:-1]), np.array(ends[1:])
+    of_reference = np.linalg.solve(reference[i], reference[j])
+    of_estimate = np.linalg.solve(estimate[i], estimate[j])
+    error = np.linalg.solve(of_reference, of_estimate)
+    turn = Rotation.from_matrix(error[:, :3, :3]).magnitude()
+    return np.linalg.norm(error[:, :3, 3], axis=1), turn
+
+
+def matched_times(
+    first_s: FloatArray, second_s: FloatArray, within_s: float = 0.01
+) -> tuple[IntArray, IntArray]:
+    """Pair times: each of the shorter list with its nearest in the other, where not farther than `within_s`.
+
+    Examples
+    --------
+    >>> [list(map(int, side)) for side in matched_times(np.array([0.0, 1.0]), np.array([0.001, 0.5, 2.0]))]
+    [[0], [0]]
+    """
+    if len(first_s) > len(second_s):
+        second, first = matched_times(second_s, first_s, within_s)
+        return first, second
+    after = np.searchsorted(second_s, first_s).clip(1, max(len(second_s) - 1, 1))
+    before_is_nearer = first_s - second_s[after - 1] <= second_s[after.clip(max=len(second_s) - 1)] - first_s
+    nearest = np.where(before_is_nearer, after - 1, after.clip(max=len(second_s) - 1))
+    keep = np.flatnonzero(np.abs(second_s[nearest] - first_s) <= within_s)
+    return keep.astype(np.int64), nearest[keep].astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Mean normalised squared error, and the band that honest covariances leave it in.
+
+    For errors of D dimensions from N independent runs, N times the mean is χ²(N D) when
+    the covariances are right; the band holds `probability` of that (Bar-Shalom et al.
+    2001, section 5.4.2).
+    """
+
+    mean: float
+    lowest: float
+    highest: float
+
+    @property
+    def is_honest(self) -> bool:
+        """Whether the mean lies inside the band."""
+        return self.lowest <= self.mean <= self.highest
+
+
+def consistency(errors: FloatArray, covariances: FloatArray, probability: float = 0.95) -> Consistency:
+    """Judge errors (N, D) by the covariances (N, D, D) that were claimed for them (NEES; NIS of innovations).
+
+    The errors must be of independent runs: poses of one drive share their drift, and the
+    band would be far too narrow for them.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> errors = rng.normal(0.0, 2.0, (200, 3))
+    >>> consistency(errors, np.tile(4.0 * np.eye(3), (200, 1, 1))).is_honest
+    True
+    >>> consistency(errors, np.tile(1.0 * np.eye(3), (200, 1, 1))).is_honest
+    False
+    """
+    n, dimensions = errors.shape
+    squared = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
+    tail = 0.5 * (1.0 - probability)
+    lowest, highest = chi2.ppf([tail, 1.0 - tail], n * dimensions) / n
+    return Consistency(float(squared.mean()), float(lowest), float(highest))
