@@ -180,11 +180,17 @@ def relative_errors(
             f"the estimate is {steps.sum():.1f} m long, shorter than the stretch of {distance_m} m; take a shorter one."
         )
     i, j = np.array(ends[:-1]), np.array(ends[1:])
-    of_reference = np.linalg.solve(reference[i], reference[j])
-    of_estimate = np.linalg.solve(estimate[i], estimate[j])
-    error = np.linalg.solve(of_reference, of_estimate)
+    error = _inverse(_inverse(reference[i]) @ reference[j]) @ _inverse(estimate[i]) @ estimate[j]
     turn = Rotation.from_matrix(error[:, :3, :3]).magnitude()
     return np.linalg.norm(error[:, :3, 3], axis=1), turn
+
+
+def _inverse(poses: FloatArray) -> FloatArray:
+    """Inverse of rigid poses (N, 4, 4); text files round rotations, their transpose stays as good."""
+    inverse = np.tile(np.eye(4), (len(poses), 1, 1))
+    inverse[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
+    inverse[:, :3, 3] = -np.einsum("nij,nj->ni", inverse[:, :3, :3], poses[:, :3, 3])
+    return inverse
 
 
 def matched_times(
