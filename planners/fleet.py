@@ -85,10 +85,14 @@ def share(
     if not len(places):
         raise ConfigError("no depot was given; name one per rover.")
     tours = Tours(swaths, ground, [(place, place) for place in places], axes=axes, turning=turning)
-    rows = _Rows(tours, mobility or Mobility(), dem)
-    shares = _relieved(rows, _cut(rows, tours.best()[1:]))
+    return tours.until_turns_fit(lambda: _shared(tours, mobility or Mobility(), dem))
+
+
+def _shared(tours: Tours, mobility: Mobility, dem: Dem | None) -> tuple[Leg, ...]:
+    """Cut the best tour into one row per rover, balance the rows, and drive them."""
+    rows = _Rows(tours, mobility, dem)
     legs: list[Leg] = []
-    for rover, row in enumerate(shares):
+    for rover, row in enumerate(_relieved(rows, _cut(rows, tours.best()[1:]))):
         if len(row):
             legs += tours.legs(rows.with_returns(row, rover), rover)
     return tuple(legs)

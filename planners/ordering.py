@@ -1,6 +1,6 @@
 """From swaths to legs: the order and direction of driving, joined by transits on free ground."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from survey.route import Leg
 from survey.streams import stream
 
 _KICKS_PER_SWATH, _MOST_KICKS, _KICKS_PER_SHARE = 25, 5_000, 200
-_TURN_REACH, _MOST_STRUCK_OUT, _NO_WAY_M = 8.0, 60, 1e6
+_TURN_REACH, _MOST_STRUCK_OUT, _NO_WAY_M = 8.0, 20, 1e6
 
 
 class _NoTurnError(InputError):
@@ -155,11 +155,15 @@ class Tours:
         return float(transit_length(int(a), int(b), self.transits))
 
     def driven(self, rover: int = 0) -> tuple[Leg, ...]:
-        """Return the legs of the best tour; turns that find no room are struck out and the tour made anew."""
+        """Return the legs of the best tour."""
+        return self.until_turns_fit(lambda: self.legs(self.best(), rover))
+
+    def until_turns_fit(self, drive: Callable[[], tuple[Leg, ...]]) -> tuple[Leg, ...]:
+        """Return what `drive` does; turns that find no room are struck out and it is done anew."""
         struck_out: list[_NoTurnError] = []
         while True:
             try:
-                return self.legs(self.best(), rover)
+                return drive()
             except _NoTurnError as error:
                 struck_out.append(error)
                 if len(struck_out) > _MOST_STRUCK_OUT:

@@ -7,7 +7,7 @@ from pydantic import PositiveFloat, PositiveInt, model_validator
 
 from planners.energy import Mobility
 from planners.traversability import RoverLimits
-from planners.turns import Turning
+from planners.turns import Turning, turning_room_m
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.config import Section
@@ -25,6 +25,11 @@ class Rover(Mobility, RoverLimits, Turning):
     >>> Rover(max_pitch_deg=20.0, max_roll_deg=15.0).max_slope_deg
     15.0
     """
+
+    @property
+    def turning_room_m(self) -> float:
+        """Distance from every border that it needs where it turns [m]."""
+        return turning_room_m(self.turn_radius_m)
 
 
 class Fleet(Section):

@@ -44,6 +44,11 @@ class RoverLimits(Section):
         return min((a for a in (self.max_pitch_deg, self.max_roll_deg) if a is not None), default=None)
 
     @property
+    def turning_room_m(self) -> float:
+        """Distance from every border that a rover needs where it turns [m]; 0 for one that pivots."""
+        return 0.0
+
+    @property
     def needs_heights(self) -> bool:
         """Whether the ground has to be known to tell where the rover can drive."""
         return self.max_slope_deg is not None or self.max_roughness_m is not None
@@ -137,6 +142,11 @@ def drivable(
         opened = narrowed.buffer(1.02 * clearance_m, quad_segs=8)
         left_out += _pieces(shapely.difference(free, opened), "too narrow")
         free = narrowed
+    if limits.turning_room_m > 0.0:
+        opened = free.buffer(-limits.turning_room_m, quad_segs=8).buffer(limits.turning_room_m, quad_segs=8)
+        opened = _polygonal(shapely.intersection(opened, free))
+        left_out += _pieces(shapely.difference(free, opened), "too narrow")
+        free = opened
     if free.is_empty:
         raise InputError(
             f"no ground is left to drive on: {_listed(left_out)}; relax the limits or move the area."

@@ -89,9 +89,8 @@ class Turns:
 
     @cached_property
     def roomy(self) -> FreeGround:
-        """The ground with room to round a right-angled corner: R (√2 - 1) from every border."""
-        room_m = self.turning.turn_radius_m * (np.sqrt(2.0) - 1.0)
-        narrowed = self.ground.polygon.buffer(-room_m, quad_segs=2)
+        """The ground with room to round a right-angled corner."""
+        narrowed = self.ground.polygon.buffer(-turning_room_m(self.turning.turn_radius_m), quad_segs=2)
         return FreeGround(narrowed) if not narrowed.is_empty else self.ground
 
     def between(self, start: Pose, goal: Pose) -> FloatArray:
@@ -142,25 +141,31 @@ class Turns:
         return np.vstack(pieces)
 
 
+def turning_room_m(turn_radius_m: float) -> float:
+    """Return how far from a border the way must run so that an arc rounds a right-angled corner: R (√2 - 1) [m]."""
+    return turn_radius_m * float(np.sqrt(2.0) - 1.0)
+
+
 def headland_m(turning: Turning, spacing_m: float) -> float:
     r"""Return the width of border that turns from swath to swath take; 0 for a rover that pivots [m].
 
-    .. math::  R + \sqrt{\max(0, (2 R)^2 - (R + d / 2)^2)}
+    .. math::  \max(2 R, \; R + \sqrt{(2 R)^2 - (R + d / 2)^2})
 
-    A rover that only drives forwards and whose swaths are d < 2 R apart swings out to both
-    sides: three arcs of radius R, the middle one's centre as far beyond the swaths' ends as
-    the root says. A half circle, or with reversing a three-point turn, takes R.
+    Two radii hold the half circle beside a swath's end, however slanted the border. A rover
+    that only drives forwards and whose swaths are d < 2 R apart needs the second term: it
+    swings out and back on three arcs, the middle one's centre as far beyond the ends as the
+    root says.
 
     Examples
     --------
     >>> headland_m(Turning(turn_radius_m=5.0), 20.0), headland_m(Turning(), 20.0)
-    (5.0, 0.0)
+    (10.0, 0.0)
     """
     radius = turning.turn_radius_m
-    if turning.reverse:
-        return radius
-    beyond = (2.0 * radius) ** 2 - (radius + 0.5 * min(spacing_m, 2.0 * radius)) ** 2
-    return radius + float(np.sqrt(max(beyond, 0.0)))
+    if turning.reverse or spacing_m >= 2.0 * radius:
+        return 2.0 * radius
+    beyond = (2.0 * radius) ** 2 - (radius + 0.5 * spacing_m) ** 2
+    return max(2.0 * radius, radius + float(np.sqrt(beyond)))
 
 
 def headland_passes(ground: FreeGround, spacing_m: float, n_passes: int) -> list[FloatArray]:
