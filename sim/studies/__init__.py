@@ -19,7 +19,7 @@ class Study(Protocol):
         """Write pictures and tables into `folder`; `quick` makes them smaller and rougher."""
 
 
-STUDIES: dict[str, str] = {}
+STUDIES: dict[str, str] = {"joint-map-comparison": "sim.studies.joint_map:comparison"}
 """Name of the study, in the order of the papers → where its function stands, ``module:function``."""
 
 

@@ -28,8 +28,8 @@ Family = Literal[
 class SatelliteErrors(Section):
     """What is stated of a satellite's elevation model when its cells count as measurements."""
 
-    sigma_m: float = Field(default=1.0, gt=0)
-    """Error of a cell, independent of its neighbours' [m]."""
+    sigma_m: float | None = Field(default=None, gt=0)
+    """Error of a cell, independent of its neighbours' [m]; the likeliest, given the landmarks, when left out."""
     correlated_sigma_m: float = Field(default=0.0, ge=0)
     """Error that neighbouring cells share [m]."""
     correlation_m: float = Field(default=200.0, gt=0)

@@ -121,9 +121,14 @@ class JointTerrain:
         plane = _plane(points.xy, points.z)
         slope = np.tile(plane[1:], (len(points), 1))
         found = self._hyperparameters(points, slope, plane)
+        cells = self._cells(points, bounds)
+        if cells is not None and self.joint.satellite.sigma_m is None:
+            alone = self._solution(points, bounds, found, slope, None)
+            cells = cells.with_sigma(cells.likeliest_sigma_m(*alone.cell_means(cells)))
+            slope = alone.gradient(points.xy)
         for _ in range(self.joint.slope_passes - 1):
-            slope = self._solution(points, bounds, found, slope, _ROUGH_MB).gradient(points.xy)
-        return self._solution(points, bounds, found, slope, self.joint.memory_mb)
+            slope = self._solution(points, bounds, found, slope, cells).gradient(points.xy)
+        return self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
 
     @cached_property
     def _modes(self) -> FloatArray:
@@ -153,7 +158,9 @@ class JointTerrain:
         bounds: Bounds,
         found: Hyperparameters,
         slope: FloatArray,
-        memory_mb: float,
+        cells: SatelliteCells | None,
+        *,
+        memory_mb: float = _ROUGH_MB,
     ) -> "JointSolution":
         shared = self._shared(points, slope)
         noise = _own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
@@ -163,7 +170,6 @@ class JointTerrain:
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(noise + tail))
         trend = PolynomialTrend("plane", basis.box)
         columns, n_path = trend.columns(points.xy), shared.rows.shape[1]
-        cells = self._cells(points, bounds)
         has_offset = cells is not None and cells.datum_sigma_m > 0.0
         more = np.column_stack([columns, np.zeros((len(points), int(has_offset)))])
         strengths = amplitudes(found.kernel, basis)
@@ -226,6 +232,16 @@ class JointSolution:
         slopes = [box.evaluate(xy, box.derivative(coefficients, axis)) for axis in (0, 1)]
         gradient: FloatArray = np.stack(slopes, axis=-1) + self.trend.gradient @ self._plane
         return gradient
+
+    def cell_means(self, cells: SatelliteCells) -> tuple[FloatArray, FloatArray]:
+        """Return the mean heights (C,) of cells [m] and their covariance (C, C) [m²]."""
+        posterior = self.posterior
+        waves = cells.features(self.basis, posterior.weights.amplitudes)
+        columns = self.trend.columns(cells.centre)
+        cross = waves @ posterior.cross_weights(self._plane_rows) @ columns.T
+        covariance = waves @ posterior.seen(waves) + cross + cross.T
+        covariance += columns @ posterior.shared_covariance(self._plane_rows) @ columns.T
+        return waves @ posterior.mean + columns @ self._plane + self.datum_m, covariance
 
     def on(self, grid: Grid) -> JointMap:
         """Return the map on a grid, and the path's correction."""
@@ -315,6 +331,8 @@ class JointSolution:
                 "tail_m": float(np.sqrt(self.tail_m2)),
             },
         }
+        if self.cells is not None:
+            facts["satellite_sigma_m"] = float(np.sqrt(self.cells.covariance[0, 0]))
         if self.cells is not None and self.cells.datum_sigma_m > 0.0:
             last = sparse.csr_array(([1.0], ([0], [self._n_shared - 1])), shape=(1, self._n_shared))
             facts["satellite_offset_m"] = float(self.posterior.shared[-1])

@@ -83,13 +83,13 @@ class JointPosterior:
         sides = np.ascontiguousarray(rows.toarray().T)
         through = self._through(rows)
         own = rows @ self.factor.solve(sides)
-        covariance: FloatArray = own + through @ self._seen(through)
+        covariance: FloatArray = own + through @ self.seen(through)
         return covariance
 
     def shared_blocks(self, rows: Any, size: int) -> FloatArray:
         """Return the covariance (M / size, size, size) within each block of linear functions (M, S)."""
         through = self._through(rows)
-        seen = self._seen(through)
+        seen = self.seen(through)
         own = self.factor.solve(np.ascontiguousarray(rows.toarray().T))
         n = len(through) // size
         blocks = np.empty((n, size, size))
@@ -100,12 +100,13 @@ class JointPosterior:
 
     def cross_weights(self, rows: Any) -> FloatArray:
         """Return the covariance (m, M) of the whitened weights with linear functions of the shared unknowns."""
-        return -self._seen(self._through(rows))
+        return -self.seen(self._through(rows))
 
     def _through(self, rows: Any) -> FloatArray:
         return np.asarray(rows @ self.reach)
 
-    def _seen(self, through: FloatArray) -> FloatArray:
+    def seen(self, through: FloatArray) -> FloatArray:
+        """Return the covariance (m, M) of the whitened weights with linear functions of them (M, m)."""
         seen: FloatArray = blas.dsymm(1.0, self.weights.covariance, np.asfortranarray(through.T), lower=1)
         return seen
 

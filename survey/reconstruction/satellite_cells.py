@@ -1,6 +1,6 @@
 """A satellite's elevation model as what it is: measurements of the mean height over cells, with an error of their own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -16,6 +16,8 @@ from survey.reconstruction.resolution import Bounds
 
 # Beyond these many cells their covariance is no longer a detail.
 _MOST_CELLS = 4000
+# Between these an unstated error is looked for [m].
+_SIGMAS_M = (0.05, 20.0)
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,35 @@ class SatelliteCells:
                 "needed, check that both are in the same place, or take coarser cells."
             )
         centre = here[kept]
-        covariance = errors.sigma_m**2 * np.eye(len(centre))
+        covariance = np.zeros((len(centre), len(centre)))
         if errors.correlated_sigma_m > 0.0:
             distance = np.hypot(*(centre[:, None] - centre[None]).transpose(2, 0, 1))
             covariance += errors.correlated_sigma_m**2 * np.exp(-distance / errors.correlation_m)
-        return cls(centre, sides[kept], height[kept], covariance, errors.datum_sigma_m)
+        cells = cls(centre, sides[kept], height[kept], covariance, errors.datum_sigma_m)
+        return cells if errors.sigma_m is None else cells.with_sigma(errors.sigma_m)
+
+    def with_sigma(self, sigma_m: float) -> Self:
+        """Return the cells with an independent error of their own beside what they share."""
+        return replace(self, covariance=self.covariance + sigma_m**2 * np.eye(len(self)))
+
+    def likeliest_sigma_m(self, expected: FloatArray, covariance: FloatArray) -> float:
+        r"""Return the independent error that is likeliest, given what landmarks alone say of the cells' means.
+
+        .. math::  S - \mu \sim N(0, \Sigma + R + \sigma_\beta^2 1 1^T + \sigma^2 I)
+
+        Parameters
+        ----------
+        expected, covariance : (C,) and (C, C) ndarray
+            μ [m] and Σ [m²].
+        """
+        innovation = self.height - expected
+        rest = covariance + self.covariance + self.datum_sigma_m**2
+        value, vector = np.linalg.eigh(0.5 * (rest + rest.T))
+        squared = (vector.T @ innovation) ** 2
+        tried = np.geomspace(*_SIGMAS_M, 200)
+        total = np.maximum(value, 0.0)[:, None] + tried**2
+        misfit = np.sum(np.log(total) + squared[:, None] / total, axis=0)
+        return float(tried[np.argmin(misfit)])
 
     def __len__(self) -> int:
         return len(self.height)
