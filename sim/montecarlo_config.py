@@ -21,12 +21,12 @@ from sim.config import Family, RoverConfig, SatelliteConfig, SensorConfig
 from survey.config import Section, read_toml, validated, with_overrides
 from survey.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.kernel_search import Family as SearchedKernel
 from survey.scoring.standards import map_classes
 from vision_slam import LocalizationConfig
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.,/()<=-]*$")]
 MapClassName = Literal["class-1", "class-2", "class-3"]
-SearchedFamily = Literal["squared-exponential", "matern-5/2", "matern-3/2"]
 _SIZES = ("swaths", "spacing_m", "budget_m", "rmse_m")
 
 
@@ -73,7 +73,7 @@ class SearchedMap(Section):
     method: Literal["searched"] = "searched"
     name: Name = "fitted"
     """Name of the map in the table."""
-    families: tuple[SearchedFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+    families: tuple[SearchedKernel, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
     """Covariance functions to compare by their likelihood."""
 
 
@@ -83,7 +83,7 @@ class GivenMap(Section):
     method: Literal["given"]
     name: Name
     """Name of the map in the table."""
-    family: SearchedFamily = "squared-exponential"
+    family: SearchedKernel = "squared-exponential"
     """Covariance function."""
     variance_m2: PositiveFloat
     """Prior variance about the mean [m²]."""

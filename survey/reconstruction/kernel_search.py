@@ -18,7 +18,7 @@ constant mean μ integrated out:
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -26,17 +26,22 @@ from scipy.spatial.distance import cdist
 
 from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.errors import InputError
-from survey.reconstruction.config import Family
-from survey.reconstruction.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.kernels import Kernel, Matern32, Matern52, SquaredExponential, Whittle
 from survey.reconstruction.stationary import Stationary
+
+Family = Literal["squared-exponential", "matern-5/2", "matern-3/2", "whittle"]
 
 SEARCHED: tuple[Family, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 """Families that a search compares unless told otherwise."""
+
+ALL: tuple[Family, ...] = (*SEARCHED, "whittle")
+"""Every family that can be searched, the smoothest first."""
 
 _KINDS: dict[Family, type[Stationary]] = {
     "squared-exponential": SquaredExponential,
     "matern-5/2": Matern52,
     "matern-3/2": Matern32,
+    "whittle": Whittle,
 }
 _PER_DOUBLING = 4
 """Length scales of the lattice per doubling."""

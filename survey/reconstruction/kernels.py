@@ -18,13 +18,13 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaln, kve
+from scipy.special import gammaln, k1, kve
 
 from survey.arrays import FloatArray
 from survey.errors import ConfigError
 from survey.reconstruction.stationary import Kernel, Stationary
 
-__all__ = ["Kernel", "Matern32", "Matern52", "RationalQuadratic", "SquaredExponential", "Sum"]
+__all__ = ["Kernel", "Matern32", "Matern52", "RationalQuadratic", "SquaredExponential", "Sum", "Whittle"]
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,37 @@ class Matern52(_Matern):
     def _correlation(self, s2: FloatArray) -> FloatArray:
         s = np.sqrt(5 * s2)
         correlation: FloatArray = (1 + s + s**2 / 3) * np.exp(-s)
+        return correlation
+
+
+@dataclass(frozen=True)
+class Whittle(_Matern):
+    r"""Matérn covariance with ν = 1, the elementary one of the plane (Whittle 1954): between smooth and jagged.
+
+    .. math::  k(h) = v \, \sqrt2 s \, K_1(\sqrt2 s), \qquad S(\omega) = 8 \pi v \, l_a l_b \, (2 + q^2)^{-2}
+
+    Parameters are those of `SquaredExponential`.
+
+    Notes
+    -----
+    Fields drawn from it have no derivative, but only just: heights differ by about their distance. Self-similar
+    terrain of Hurst exponent near 1 looks like this over the distances of a survey.
+
+    Examples
+    --------
+    >>> Whittle(4.0, 25.0).covariance_of_lag(np.array([[0.0, 0.0], [25.0, 0.0]]))
+    array([4.     , 1.77737])
+    """
+
+    @property
+    def smoothness(self) -> float:
+        """The smoothness ν."""
+        return 1.0
+
+    def _correlation(self, s2: FloatArray) -> FloatArray:
+        # s K₁(s) tends to 1; below 1e-8 it is 1 in double precision.
+        s = np.maximum(np.sqrt(2 * s2), 1e-8)
+        correlation: FloatArray = s * k1(s)
         return correlation
 
 

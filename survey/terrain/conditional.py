@@ -14,6 +14,7 @@ from survey.reconstruction.kernels import Kernel
 from survey.terrain.random_fields import kernel_field
 
 _MOST_CELLS = 1600
+_MOST_PLACES = 2500
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,7 @@ class CoarseCells:
     r"""What the cells of a coarse DEM say of a stationary field: their covariance with it and among them.
 
     A cell shows the mean of the field over its square, with an error of its own. Means are taken over
-    `n_within` × `n_within` places:
+    n × n places, three by three where there are few cells:
 
     .. math::  Q_{ij} = \frac{1}{n^4} \sum_{p \in i, q \in j} k(p, q) + \sigma^2 \delta_{ij}
 
@@ -33,20 +34,17 @@ class CoarseCells:
         Coarse elevations; cells without a height are left out.
     sigma_m : float
         Standard deviation of a cell's error, independent from cell to cell [m].
-    n_within : int
-        Places along each side of a cell.
     """
 
     prior: Dem
     sigma_m: float
-    n_within: int = 3
 
     def __post_init__(self) -> None:
         n = int(np.isfinite(self.prior.elevation).sum())
         if not 9 <= n <= _MOST_CELLS:
             raise InputError(
                 f"the prior has {n} known cells on the area; 9 to {_MOST_CELLS} are needed to tell how the terrain varies, "
-                "take cells of another size."
+                "take a coarser or a finer prior."
             )
 
     @cached_property
@@ -58,7 +56,8 @@ class CoarseCells:
     @cached_property
     def places(self) -> FloatArray:
         """Places (C, P, 2) within each cell that its mean is taken over [m]."""
-        share = (np.arange(self.n_within) + 0.5) / self.n_within - 0.5
+        n = int(np.clip(np.sqrt(_MOST_PLACES / len(self.height_m)), 1, 3))
+        share = (np.arange(n) + 0.5) / n - 0.5
         east, north = np.meshgrid(share, share)
         offsets = self.prior.step_m * np.column_stack([east.ravel(), north.ravel()])
         centres = self.prior.xy[np.isfinite(self.prior.elevation).ravel()]

@@ -1,0 +1,175 @@
+"""Promises: probabilities that simulation confirms, refusals that name what is reachable, surveys that stop in time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners.adaptive import AdaptiveConfig, gaps_filled, survey_adaptively
+from planners.assurance import (
+    Assurance,
+    Belief,
+    Believed,
+    belief_from_prior,
+    belief_from_survey,
+    localized_noise_m,
+)
+from planners.promise import Wanted, promise, reachable_class
+from survey import Dem, Grid, SurveyArea
+from survey.errors import ConfigError, InputError
+from survey.reconstruction.kernel_search import Cell, FoundKernel, mapped
+from survey.reconstruction.kernels import SquaredExponential
+from survey.streams import stream
+from survey.terrain import random_dem, satellite_copy
+from survey.terrain.conditional import CoarseCells
+
+CRS = "EPSG:32608"
+SIDE_M = 300.0
+AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
+SMOOTH = Believed(Cell.of("squared-exponential", 80.0, -12.0), 25.0, 0.1, 1.0)
+
+
+def smooth_terrain(seed: int = 3) -> Dem:
+    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
+    return random_dem("squared_exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
+
+
+def coarse(terrain: Dem) -> Dem:
+    return satellite_copy(terrain, rng=stream(4), cell_m=50.0, sigma_m=0.5)
+
+
+def lines(n: int) -> np.ndarray:
+    along = np.arange(0.0, SIDE_M + 1.0, 10.0)
+    offsets = (np.arange(n) + 0.5) * SIDE_M / n
+    return np.array([(x, y) for y in offsets for x in along])
+
+
+def test_the_chance_of_a_limit_is_that_of_drawn_errors(rng):
+    # Errors drawn from the posterior covariance itself, which the moments stand for.
+    assurance = Assurance(AREA, limit_m=0.5, step_m=10.0)
+    xy, nodes, kernel = lines(3), assurance.nodes, SMOOTH.kernel
+    among = kernel.covariance(xy, xy) + SMOOTH.noise_m**2 * np.eye(len(xy))
+    joint = np.vstack([xy, nodes])
+    root = np.linalg.cholesky(kernel.covariance(joint, joint) + 1e-8 * np.eye(len(joint)))
+    field = root @ rng.standard_normal((len(joint), 400))
+    heights = field[: len(xy)] + SMOOTH.noise_m * rng.standard_normal((len(xy), 400))
+    weights = np.linalg.solve(among, kernel.covariance(xy, nodes)).T
+    rmse = np.sqrt(np.mean((weights @ heights - field[len(xy) :]) ** 2, axis=0))
+    told = assurance.of(xy, Belief((SMOOTH,)))
+    # 400 draws know a share to 0.025; the unknown constant and thinned samples add a little.
+    assert told.probability == pytest.approx(np.mean(rmse <= 0.5), abs=0.1)
+    assert told.rmse_m == pytest.approx(rmse.mean(), rel=0.1)
+
+
+def test_more_swaths_promise_more():
+    assurance = Assurance(AREA, limit_m=0.4572, step_m=10.0)
+    chances = [assurance.of(lines(n), Belief((SMOOTH,))).probability for n in (1, 2, 4, 8)]
+    assert chances == sorted(chances)
+    assert chances[0] < 0.01
+    assert chances[-1] > 0.99
+
+
+def test_errors_of_place_count_by_the_slope():
+    kernel = SquaredExponential(25.0, 50.0)
+    # Each slope has the variance v / l²; two of them, and no noise of height.
+    assert localized_noise_m(0.0, 2.0, kernel) == pytest.approx(np.sqrt(2 * 4.0 * 25.0 / 2500.0), rel=1e-3)
+    assert localized_noise_m(0.3, 0.0, kernel) == pytest.approx(0.3)
+
+
+def test_the_prior_tells_the_length_scale():
+    cells = CoarseCells(coarse(smooth_terrain()), 0.5)
+    belief = belief_from_prior(cells, noise_m=0.1)
+    assert sum(one.weight for one in belief.kernels) == pytest.approx(1.0)
+    # 36 cells of one field tell the scale to within a factor of two.
+    assert 40.0 < belief.slope_length_m < 160.0
+
+
+def test_the_survey_tells_family_and_noise(rng):
+    terrain, xy = smooth_terrain(), lines(4)
+    belief = belief_from_survey(xy, terrain.at(xy) + 0.1 * rng.standard_normal(len(xy)), noise_m=0.1)
+    assert belief.likeliest.cell.family == "squared-exponential"
+    assert belief.likeliest.noise_m == pytest.approx(0.1, rel=0.25)
+
+
+def test_gaps_are_cut_into_equal_parts_no_wider_than_the_spacing():
+    driven = [50.0, 250.0]
+    places = sorted(driven + [offset for offset, _ in gaps_filled(driven, 600.0, 110.0)])
+    # The slack of 15 % keeps a gap that is barely wider from another swath.
+    assert np.diff(places).max() <= 1.15 * 110.0
+    assert places[0] <= (0.35 + 0.15) * 110.0
+    assert gaps_filled(places, 600.0, 110.0) == []
+
+
+def test_an_adaptive_survey_stops_when_its_promise_holds():
+    terrain = smooth_terrain()
+    rng = stream(9)
+    belief = belief_from_prior(CoarseCells(coarse(terrain), 0.5), noise_m=0.1)
+    config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1)
+    heights = []
+
+    def measure(xy):
+        heights.append(terrain.at(xy) + 0.1 * rng.standard_normal(len(xy)))
+        return heights[-1]
+
+    survey = survey_adaptively(AREA, belief, config, measure)
+    assert survey.holds
+    assert survey.route is not None
+    assert survey.assured.probability >= 0.9
+    assert 2 <= len(survey.route.swaths) <= 8
+    nodes = Grid((10.0, 10.0, 290.0, 290.0), 20.0, CRS).xy
+    best = survey.belief.likeliest
+    mean, _ = mapped(
+        survey.samples, np.concatenate(heights)[:, None], [FoundKernel(best.cell, best.variance_m2)], nodes
+    )
+    assert np.sqrt(np.mean((mean[:, 0] - terrain.at(nodes)) ** 2)) <= config.limit_m
+
+
+def test_an_adaptive_survey_tells_when_no_survey_would_do():
+    terrain, rng = smooth_terrain(), stream(9)
+    belief = belief_from_prior(CoarseCells(coarse(terrain), 0.5), noise_m=2.0)
+    config = AdaptiveConfig(limit_m=0.02, noise_m=2.0)
+    survey = survey_adaptively(
+        AREA, belief, config, lambda xy: terrain.at(xy) + 2.0 * rng.standard_normal(len(xy))
+    )
+    assert not survey.holds
+    assert survey.route is None
+
+
+def test_a_promise_is_kept_on_simulated_terrain_and_states_what_it_assumes():
+    wanted = Wanted(0.4572, noise_m=0.1, n_simulations=30, prior_sigma_m=0.5)
+    made = promise(AREA, coarse(smooth_terrain()), wanted)
+    assert made.holds
+    assert made.simulated_share >= 0.9
+    assert made.reachable_m <= 0.4572
+    assert "length scale" in made.assumptions
+
+
+def test_a_promise_that_cannot_be_kept_names_what_is_reachable():
+    made = promise(
+        AREA,
+        coarse(smooth_terrain()),
+        Wanted(0.05, noise_m=1.0, n_simulations=10, prior_sigma_m=0.5),
+    )
+    assert not made.holds
+    assert made.reachable_m > 0.05
+    assert "0.3048 m" in str(reachable_class(0.25))
+    assert reachable_class(0.5) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"probability": 1.0}, "between 0 and 1"),
+        ({"noise_m": -1.0}, "noise_m is -1.0"),
+        ({"limit_m": 0.0}, "limit_m"),
+    ],
+)
+def test_wishes_out_of_range_are_refused(change, words):
+    with pytest.raises(ConfigError, match=words):
+        replace(Wanted(0.4572), **change)
+
+
+def test_a_prior_too_coarse_to_tell_is_refused():
+    cells = Dem.on(Grid((75.0, 75.0, 225.0, 225.0), 150.0, CRS), np.zeros((2, 2)))
+    with pytest.raises(InputError, match="4 known cells"):
+        promise(AREA, cells, Wanted(0.4572))
