@@ -67,10 +67,9 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
     """Return the 20 m tile of sastrugi, crust, specks and stones at 1 cm."""
     shape = SURFACE_TEXELS, SURFACE_TEXELS
     rng = stream(seed, "appearance", "surface")
-    relief = _sastrugi(rng, wind_from_deg)
-    snow = 0.30 * _shading(relief, config)
-    snow += 0.035 * wavy(shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.3, rng, periodic=True)
-    snow += 0.02 * wavy(shape, SURFACE_TEXEL_M, (0.2, 5.0), 0.9, rng, periodic=True)
+    snow = _sunlit_relief(rng, wind_from_deg, config)
+    snow += 0.02 * wavy(shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.6, rng, periodic=True)
+    snow += 0.02 * wavy(shape, SURFACE_TEXEL_M, (0.2, 5.0), 1.2, rng, periodic=True)
     snow -= np.float32(0.35) * _specks(rng, config.debris)
     texture = config.contrast * (1.0 - config.stones) * snow
     if config.stones > 0.0:
@@ -103,24 +102,32 @@ def packed(texture: FloatGrid, texels_per_m: float) -> Tile:
     )
 
 
-def _sastrugi(rng: np.random.Generator, wind_from_deg: float) -> FloatGrid:
-    """Relief of the snow that is finer than the terrain's nodes [m]; the first row lies in the south."""
+def _sunlit_relief(rng: np.random.Generator, wind_from_deg: float, config: AppearanceConfig) -> FloatGrid:
+    """Relative change of sunlight on relief finer than the terrain's nodes: drifts, creased edges and ripples.
+
+    The slopes of each form have the same variance in every octave, as wind-worked snow nearly has.
+    """
     shape, wind = (SURFACE_TEXELS, SURFACE_TEXELS), float(np.radians(270.0 - wind_from_deg))
-    long = wavy(shape, SURFACE_TEXEL_M, (0.25, 2.5), 0.9, rng, stretch=3.5, angle=wind, periodic=True)
-    short = wavy(shape, SURFACE_TEXEL_M, (0.08, 0.6), 0.5, rng, stretch=2.0, angle=wind, periodic=True)
-    return np.float32(0.018) * long + np.float32(0.004) * short
+
+    def form(shortest_m: float, longest_m: float, stretch: float) -> FloatGrid:
+        lengths_m = shortest_m, longest_m
+        return wavy(shape, SURFACE_TEXEL_M, lengths_m, 2.0, rng, stretch=stretch, angle=wind, periodic=True)
+
+    drifts, edges, ripples = form(0.15, 3.0, 3.0), -np.abs(form(0.25, 4.0, 4.0)), form(0.03, 0.4, 1.6)
+    shading = (
+        0.055 * _shading(drifts, config) + 0.035 * _shading(edges, config) + 0.035 * _shading(ripples, config)
+    )
+    low_sun = np.tan(np.radians(25.0)) / np.tan(np.radians(config.sun_elevation_deg))
+    sunlit: FloatGrid = np.clip(min(low_sun, 2.0) * shading, -0.9, 1.0).astype(np.float32)
+    return sunlit
 
 
 def _shading(relief: FloatGrid, config: AppearanceConfig) -> FloatGrid:
-    """Relative change of the sunlight on a relief, by Lambert's law for small slopes."""
-    to_east, to_north = (
-        (np.roll(relief, -1, axis) - np.roll(relief, 1, axis)) / (2.0 * SURFACE_TEXEL_M) for axis in (1, 0)
-    )
+    """Return the slope towards the sun, with standard deviation 1."""
+    to_east, to_north = (np.roll(relief, -1, axis) - np.roll(relief, 1, axis) for axis in (1, 0))
     sun = sun_direction(config)
-    shading: FloatGrid = np.clip(-(to_east * sun[0] + to_north * sun[1]) / sun[2], -1.0, 1.5).astype(
-        np.float32
-    )
-    return shading
+    slope = -(to_east * sun[0] + to_north * sun[1])
+    return np.asarray(slope / max(float(slope.std()), 1e-9), dtype=np.float32)
 
 
 def _specks(rng: np.random.Generator, per_area: float) -> FloatGrid:

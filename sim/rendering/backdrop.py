@@ -15,7 +15,8 @@ from survey.streams import stream
 HAZE_RADIANCE = 0.92
 _COLUMNS, _ROWS = 1024, 640
 _SLOPES = -0.15, 1.2
-_WAVES = ((2, 1.5), (3, 1.5), (5, 1.2), (9, 0.8), (17, 0.5), (33, 0.3), (70, 0.18), (150, 0.08))
+_WAVES = ((4, 0.35), (6, 0.35), (10, 0.3), (18, 0.2), (34, 0.12), (66, 0.07), (140, 0.04), (300, 0.02))
+"""Number of half waves around the horizon, and their share of the mean height."""
 
 
 class Backdrop(NamedTuple):
@@ -37,7 +38,7 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
     crest = _crest(azimuth, config.ridges_deg, rng)
     rock = _mountainside(azimuth, elevation, crest, rng)
     clear = math.exp(-config.ridges_distance_m / (6.0 * config.haze_m))
-    sky = np.broadcast_to(0.90 - 0.004 * np.maximum(elevation, 0.0), rock.shape)
+    sky = np.broadcast_to(0.62 + 0.30 * np.exp(-np.maximum(elevation, 0.0) / 18.0), rock.shape)
     mountain = np.clip((crest - elevation) / 0.12 + 0.5, 0.0, 1.0) * (config.ridges_deg > 0.0)
     picture = mountain * (rock * clear + 0.9 * (1.0 - clear)) + (1.0 - mountain) * sky
     plain = np.clip(-elevation / 0.2, 0.0, 1.0)  # snow beyond the map's edge
@@ -47,26 +48,28 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
 
 
 def _crest(azimuth: Doubles, mean_deg: float, rng: np.random.Generator) -> Doubles:
-    """Elevation of the ridge line at each azimuth [deg]."""
-    waves = sum(a * np.cos(k * azimuth + rng.uniform(0.0, 2.0 * np.pi)) for k, a in _WAVES)
-    crest: Doubles = np.maximum(mean_deg * (1.0 + 0.2 * waves), 0.14 * mean_deg)
+    """Elevation of the ridge line at each azimuth [deg]: peaks with concave sides."""
+    waves = sum(a * np.abs(np.sin(0.5 * k * azimuth + rng.uniform(0.0, np.pi))) for k, a in _WAVES)
+    crest: Doubles = np.maximum(mean_deg * (1.75 - waves), 0.15 * mean_deg)
     return crest
 
 
 def _mountainside(azimuth: Doubles, elevation: Doubles, crest: Doubles, rng: np.random.Generator) -> Doubles:
-    """Radiance of rock with snow on it, more of it higher up."""
+    """Radiance of sunlit rock and of the snow on it, of which there is more higher up."""
     texel_deg = 0.1
-    rock = wavy((256, 3600), texel_deg, (0.3, 12.0), 1.0, rng, periodic=True)
-    snow = wavy((256, 3600), texel_deg, (0.4, 8.0), 0.8, rng, periodic=True)
+    relief = wavy((512, 3600), texel_deg, (0.3, 25.0), 2.0, rng, stretch=0.6, periodic=True)
+    shade = np.roll(relief, 2, axis=1) - relief + 0.5 * (np.roll(relief, 2, axis=0) - relief)
+    shade /= shade.std()
+    snow = wavy((512, 3600), texel_deg, (0.5, 25.0), 1.7, rng, periodic=True)
     x = np.broadcast_to(np.degrees(azimuth) % 360.0 / texel_deg, (len(elevation), len(azimuth))).astype(
         np.float32
     )
-    y = np.broadcast_to(elevation / texel_deg + 60.0, x.shape).astype(np.float32)
-    rock, snow = (cv2.remap(t, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for t in (rock, snow))
-    cover = 1.0 / (1.0 + np.exp(-3.0 * (snow + 2.0 * elevation / np.maximum(crest, 0.1) - 0.7)))
-    side: Doubles = (
-        np.clip(0.42 + 0.10 * rock, 0.15, 0.7) * (1.0 - cover) + np.clip(0.84 + 0.06 * rock, 0.6, 1.0) * cover
-    )
+    y = np.broadcast_to(elevation / texel_deg + 120.0, x.shape).astype(np.float32)
+    shade, snow = (cv2.remap(t, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for t in (shade, snow))
+    below = (crest - elevation) / np.maximum(crest, 0.1)
+    cover = 1.0 / (1.0 + np.exp(-6.0 * (snow + 0.6 * shade + 0.8 - 1.6 * below)))
+    rock, white = np.clip(0.40 + 0.09 * shade, 0.15, 0.7), np.clip(0.80 + 0.07 * shade, 0.5, 1.0)
+    side: Doubles = rock * (1.0 - cover) + white * cover
     return side
 
 

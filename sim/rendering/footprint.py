@@ -2,8 +2,9 @@
 
 A pixel's footprint is a strip along the line of sight. Up to a few taps are spread over it,
 each from the level of the mipmap that fits their distance. The fine texture is a periodic tile;
-at every place three copies of it are mixed, moved by the hashed numbers of the three nearest
-corners of a triangular lattice (after Heitz and Neyret, 2018), so that it never repeats.
+at every place two copies of it are mixed, moved by the hashed numbers of the two nearest
+corners of a triangular lattice (after Heitz and Neyret, 2018, who mix three), so that it
+never repeats.
 """
 
 from typing import NamedTuple
@@ -37,13 +38,11 @@ class Footprints(NamedTuple):
     width_m: Floats
     """That a tap stands for."""
     weight0: Floats
-    """Of the three copies of the texture."""
+    """Of the two copies of the texture."""
     weight1: Floats
-    weight2: Floats
     grain0: Floats
     """The same for the grain, which fades with distance."""
     grain1: Floats
-    grain2: Floats
     texture: Floats
     """Relative change of brightness by all that is finer than the map."""
     direct: Floats
@@ -62,9 +61,8 @@ class Footprints(NamedTuple):
     grain_level: Ints
     map_level: Ints
     jump0: Ints
-    """Hashed numbers of the three corners."""
+    """Hashed numbers of the two corners."""
     jump1: Ints
-    jump2: Ints
 
 
 @inlined
@@ -116,9 +114,10 @@ def measure(
 
 @row_loop
 def lattice(n: int, at: Footprints) -> None:
-    """Find the three corners of the triangular lattice around each place, their weights and hashes.
+    """Find the nearer two corners of the lattice triangle around each place, their weights and hashes.
 
-    The weights' squares add up to 1, so that the mix has the variance of the tile.
+    A corner weighs what it exceeds the farthest one in barycentric coordinates; the squares
+    add up to 1, so that the mix has the variance of the tile.
     """
     zero, one = f32(0), f32(1)
     for k in range(n):
@@ -129,17 +128,20 @@ def lattice(n: int, at: Footprints) -> None:
         i, j = i32(np.floor(u)), i32(np.floor(v))
         upper = fu + fv >= one
         shift = i32(1) if upper else i32(0)
-        w0 = max((fu + fv - one if upper else one - fu - fv) - f32(0.3), zero)
-        w1 = max((one - fv if upper else fu) - f32(0.3), zero)
-        w2 = max((one - fu if upper else fv) - f32(0.3), zero)
-        norm = one / np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
-        w0, w1, w2 = w0 * norm, w1 * norm, w2 * norm
+        w0 = fu + fv - one if upper else one - fu - fv
+        w1 = one - fv if upper else fu
+        w2 = one - fu if upper else fv
+        least = min(w0, w1, w2)
+        not0, not2 = w0 <= least, w2 <= least
+        wa, wb = (w1 if not0 else w0) - least, (w1 if not2 else w2) - least
+        norm = one / np.sqrt(wa * wa + wb * wb + f32(1e-12))
+        wa, wb = wa * norm, wb * norm
         near = min(max((f32(GRAIN_FROM_M) - at.width_m[k]) * f32(150), zero), one)
-        at.weight0[k], at.weight1[k], at.weight2[k] = w0, w1, w2
-        at.grain0[k], at.grain1[k], at.grain2[k] = w0 * near, w1 * near, w2 * near
-        at.jump0[k] = i32(hash32(i + shift, j + shift))
-        at.jump1[k] = i32(hash32(i + i32(1), j))
-        at.jump2[k] = i32(hash32(i, j + i32(1)))
+        at.weight0[k], at.weight1[k] = wa, wb
+        at.grain0[k], at.grain1[k] = wa * near, wb * near
+        east0, north0 = (i + i32(1), j) if not0 else (i + shift, j + shift)
+        east1, north1 = (i + i32(1), j) if not2 else (i, j + i32(1))
+        at.jump0[k], at.jump1[k] = i32(hash32(east0, north0)), i32(hash32(east1, north1))
 
 
 @row_loop

@@ -100,7 +100,8 @@ class Renderer:
         self._appearance = appearance
         self._datum = float(terrain.height.mean(dtype=np.float64))
         self._lens = _lens(camera)
-        self._scene = _scene(terrain, self._datum, appearance, wind_from_deg, seed)
+        self._edges = _edge_rays(self._lens)
+        self.scene = _scene(terrain, self._datum, appearance, wind_from_deg, seed)
         self._sensor = Sensor(imaging or ImagingConfig(), camera, seed)
         self._table = np.zeros(
             (max(256, int(1.4 * camera.width)), max(200, int(1.34 * camera.height))), np.float32
@@ -197,11 +198,10 @@ class Renderer:
         poses = [self._local(pose) for pose in ([first] if last is None else [first, last])]
         rotations, origins = _row_poses(poses, self.camera.height)
         middle = self.camera.height // 2
-        edges = _edge_rays(self._lens)
-        directions = np.vstack([edges @ rotations[0].T, edges @ rotations[-1].T])
+        directions = np.vstack([self._edges @ rotations[0].T, self._edges @ rotations[-1].T])
         view = view_of(directions, rotations[middle][:, 2], *self._table.shape)
         slopes = row_slopes(view, self._table.shape[1])
-        share_out(sweep, self._scene.surface, origins[middle], view, self._ranges, slopes, self._table)
+        share_out(sweep, self.scene.surface, origins[middle], view, self._ranges, slopes, self._table)
         radiance = np.empty(self._lens.x.shape, np.float32)
         depth = np.empty_like(radiance)
         share_out(
@@ -211,7 +211,7 @@ class Renderer:
             origins,
             view,
             self._table,
-            self._scene,
+            self.scene,
             self._light(box),
             _MOST_TAPS,
             shaded,

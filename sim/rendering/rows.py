@@ -71,7 +71,7 @@ def render_rows(
 ) -> None:
     """Fill radiance and depth (along the ray, -1 for sky), (H, W); each row has its own pose."""
     n_rows, width = lens.x.shape
-    floats, ints = np.empty((29, width), np.float32), np.empty((10, width), np.int32)
+    floats, ints = np.empty((27, width), np.float32), np.empty((9, width), np.int32)
     for block in range(worker, (n_rows + _ROWS_AT_ONCE - 1) // _ROWS_AT_ONCE, n_workers):
         for row in range(block * _ROWS_AT_ONCE, min((block + 1) * _ROWS_AT_ONCE, n_rows)):
             _render_row(
@@ -114,7 +114,7 @@ def _render_row(
     rays = RowRays(f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8], n[0])
     at = Footprints(
         f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17], f[18], f[19], f[20], f[21], f[22], f[23],
-        f[24], f[25], f[26], f[27], f[28], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9],
+        f[24], f[25], f[26], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8],
     )  # fmt: skip
     meet_ground(
         lens.x[row], lens.y[row], lens.z[row], rotation, origin, view, table.ravel(), table.shape[1],
@@ -126,7 +126,7 @@ def _render_row(
         return
     measure(n_ground, rays, origin[0], origin[1], lens.pixel_rad, most_taps, step, at)
     if shaded:
-        _read_surface(n_ground, at, scene, origin)
+        read_surface(n_ground, at, scene, origin)
         shade(n_ground, at, light.sky_share, light.haze_m)
         if _is_special(n_ground, at, light):
             add_shadow_and_water(n_ground, at, rays, origin, light, scene.backdrop)
@@ -183,7 +183,7 @@ def _paint_sky(
 
 
 @scalar
-def _read_surface(n: int, at: Footprints, scene: Scene, origin: Doubles) -> None:
+def read_surface(n: int, at: Footprints, scene: Scene, origin: Doubles) -> None:
     """Read light and texture over the footprints."""
     ground, snow, grain = scene.ground, scene.snow, scene.grain
     most, longest, narrowest = _extremes(n, at)
@@ -193,18 +193,18 @@ def _read_surface(n: int, at: Footprints, scene: Scene, origin: Doubles) -> None
             tap, n, at, origin[0], origin[1], ground.words, ground.starts, ground.widths, ground.heights,
             scene.surface.step_m,
         )  # fmt: skip
-    copies = (at.weight0, at.weight1, at.weight2)
-    fine = (at.grain0, at.grain1, at.grain2)
-    jumps = (at.jump0, at.jump1, at.jump2)
+    copies = (at.weight0, at.weight1)
+    fine = (at.grain0, at.grain1)
+    jumps = (at.jump0, at.jump1)
     for tap in range(most):
-        for k in range(3):
+        for k in range(2):
             read_tile(
                 tap, n, at, copies[k], jumps[k], at.taps, at.level, snow.words, snow.starts, snow.mask, snow.per_m,
                 snow.gain,
             )  # fmt: skip
     if narrowest < GRAIN_FROM_M:
         for tap in range(min(most, 2)):
-            for k in range(3):
+            for k in range(2):
                 read_tile(
                     tap, n, at, fine[k], jumps[k], at.grain_taps, at.grain_level, grain.words, grain.starts,
                     grain.mask, grain.per_m, grain.gain,

@@ -1,0 +1,69 @@
+"""The surface's radiance seen from straight above: a map of the snow, to look for patterns that repeat."""
+
+import numpy as np
+
+from sim.rendering.compiled import Floats, scalar
+from sim.rendering.footprint import Footprints
+from sim.rendering.light import shade
+from sim.rendering.renderer import Renderer
+from sim.rendering.rows import Scene, read_surface
+from survey.arrays import FloatArray
+
+_NO_HAZE_M = 1e12
+
+
+def plan_view(
+    renderer: Renderer,
+    south_west: tuple[float, float],
+    shape: tuple[int, int],
+    texel_m: float,
+    sky_share: float,
+) -> Floats:
+    """Return the radiance of a rectangle of the site without water's mirror, (rows, columns), north up.
+
+    Parameters
+    ----------
+    renderer : Renderer
+        The scene.
+    south_west : (2,) tuple of float
+        Easting and northing of the south-western texel [m].
+    shape : (2,) tuple of int
+        Rows and columns.
+    texel_m : float
+        Distance between texels [m]; what is finer is averaged away by the mipmaps.
+    sky_share : float
+        That of the renderer's appearance.
+    """
+    radiance = np.empty(shape, np.float32)
+    corner = np.array(south_west) - renderer.terrain.origin
+    _fill(renderer.scene, corner, texel_m, sky_share, radiance)
+    return np.ascontiguousarray(radiance[::-1])
+
+
+@scalar
+def _fill(scene: Scene, corner: FloatArray, texel_m: float, sky_share: float, radiance: Floats) -> None:
+    rows, columns = radiance.shape
+    f, n = np.zeros((18, columns), np.float32), np.zeros((8, columns), np.int32)
+    at = Footprints(
+        f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8], f[9], f[10], f[11], f[12], f[13], f[14], f[15],
+        f[16], f[17], n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7],
+    )  # fmt: skip
+    level, grain_level, map_level = 0, 0, 0
+    while 0.01 * 2**level < 0.99 * texel_m:
+        level += 1
+    while 0.0025 * 2**grain_level < 0.99 * texel_m and grain_level < 4:
+        grain_level += 1
+    while scene.surface.step_m * 2**map_level < 0.99 * texel_m:
+        map_level += 1
+    at.ux[:], at.taps[:], at.grain_taps[:] = 1.0, 1, 1
+    at.width_m[:], at.level[:], at.grain_level[:], at.map_level[:] = texel_m, level, grain_level, map_level
+    origin = np.array([corner[0], 0.0, 0.0])
+    for row in range(rows):
+        origin[1] = corner[1] + row * texel_m
+        for c in range(columns):
+            at.range_m[c] = c * texel_m
+            at.x[c], at.y[c] = origin[0] + c * texel_m, origin[1]
+        at.texture[:], at.direct[:], at.ambient[:], at.water[:] = 0.0, 0.0, 0.0, 0.0
+        read_surface(columns, at, scene, origin)
+        shade(columns, at, sky_share, _NO_HAZE_M)
+        radiance[row] = at.radiance
