@@ -1,0 +1,160 @@
+"""``firnline plan`` on areas: routes, pictures, limits, and what it refuses in one sentence."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from pyogrio.raw import write
+from typer.testing import CliRunner
+
+from sim.cli.main import app
+from survey import Dem, Grid, Route, SurveyArea
+
+CRS = "EPSG:32608"
+SITE = shapely.box(526_000.0, 6_478_000.0, 526_200.0, 6_478_200.0)
+
+
+@pytest.fixture(autouse=True)
+def room(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    grid = Grid((525_940.0, 6_477_940.0, 526_260.0, 6_478_260.0), 20.0, CRS)
+    x, y = np.meshgrid(grid.x - 526_100.0, grid.y - 6_478_100.0)
+    Dem.on(grid, 40.0 * np.exp(-(x**2 + y**2) / (2.0 * 50.0**2))).write("hill.tif")
+    SurveyArea(SITE, CRS, starts=[[526_005.0, 6_478_005.0]]).write("site.gpkg")
+    return tmp_path
+
+
+def planned(*args: str, code: int = 0) -> tuple[str, str]:
+    result = CliRunner().invoke(app, ["plan", *args, "-q"])
+    assert result.exit_code == code, result.output
+    return result.stdout, result.stderr
+
+
+def drawn(shape: shapely.Geometry, crs: str | None = CRS) -> str:
+    """Write one feature as a GIS would."""
+    write("drawn.gpkg", np.array([shapely.to_wkb(shape)], dtype=object), [np.array([1])], ["id"], crs=crs,
+          geometry_type=shape.geom_type, driver="GPKG")  # fmt: skip
+    return "drawn.gpkg"
+
+
+def test_a_plan_comes_with_its_picture_and_what_is_expected():
+    out, _ = planned("site.gpkg", "--prior", "hill.tif", "--spacing", "25", "--json")
+    content = json.loads(out)
+    assert {"length_m", "n_turns", "time_s", "energy_j", "rmse_m", "left_out_share"} <= set(content)
+    assert Route.read(content["route"]).length_m == pytest.approx(content["length_m"])
+    assert Path(content["picture"]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_limits_rovers_and_settings_reach_the_plan():
+    args = ("site.gpkg", "--prior", "hill.tif", "--spacing", "25", "--max-slope", "15", "--rovers", "2")
+    out, _ = planned(
+        *args, "--set", "rover.speed_m_s=2.0", "--set", "fleet.separation_m=5.0", "-o", "two.geojson"
+    )
+    route = Route.read("two.geojson")
+    assert route.n_rovers == 2
+    slopes = Dem.read("hill.tif").slope()
+    places = np.vstack([route.sample(2.0, rover).xy for rover in range(2)])
+    assert slopes.at(places).max() <= 15.0
+    assert route.prediction["left_out_share"] > 0.05
+    assert "predicted wait_s_rover_1" in out
+
+
+def test_a_prior_too_coarse_to_predict_from_still_plans():
+    grid = Grid((525_900.0, 6_477_900.0, 526_300.0, 6_478_300.0), 100.0, CRS)
+    Dem.on(grid, np.add.outer(grid.x, grid.y) * 0.01).write("coarse.tif")
+    SurveyArea(SITE.buffer(-40.0), CRS).write("small.gpkg")
+    out, err = planned("small.gpkg", "--prior", "coarse.tif", "--swaths", "3")
+    assert "no error is predicted: 1 known cells" in err
+    assert "rmse_m" not in out
+
+
+@pytest.mark.parametrize(
+    ("shape", "crs", "message"),
+    [
+        (shapely.Polygon([(0, 0), (100, 100), (100, 0), (0, 100)]), CRS, "Self-intersection"),
+        (shapely.Polygon(), CRS, "empty polygon"),
+        (shapely.LineString([(0, 0), (100, 0), (100, 100)]), CRS, "a LineString; a polygon was expected"),
+        (shapely.Polygon(shapely.box(0, 0, 90, 90).exterior, [shapely.box(200, 0, 210, 10).exterior]), CRS, "outside shell"),
+        (shapely.box(-134.5, 58.4, -134.4, 58.5), "EPSG:4326", "degrees"),
+    ],
+    ids=["self-crossing", "empty", "line", "hole outside", "degrees"],
+)  # fmt: skip
+def test_areas_that_are_none_are_refused_in_one_sentence(shape, crs, message):
+    _, err = planned(drawn(shape, crs), "--swaths", "3", code=3)
+    assert message in err
+    assert err.startswith("firnline: ")
+    assert err.count("\n") == 1
+    assert not Path("route.geojson").exists()
+
+
+def test_an_area_in_degrees_is_planned_in_the_crs_that_is_named():
+    lonlat = drawn(shapely.box(-134.560, 58.440, -134.555, 58.443), "EPSG:4326")
+    planned(lonlat, "--swaths", "3", "--crs", CRS)
+    assert 1000.0 < Route.read("route.geojson").length_m < 2000.0
+
+
+def test_an_area_smaller_than_the_spacing_gets_one_swath_through_its_middle():
+    planned("site.gpkg", "--spacing", "500", "--set", "planner.heading_deg=0.0")
+    route = Route.read("route.geojson")
+    assert [swath.xy[:, 1].tolist() for swath in route.swaths] == [[6_478_100.0] * 2]
+
+
+def test_a_start_in_a_no_go_zone_is_refused():
+    shapes = [
+        SITE,
+        shapely.box(526_000.0, 6_478_000.0, 526_050.0, 6_478_050.0),
+        shapely.Point(526_020.0, 6_478_020.0),
+    ]
+    roles = np.array(["area", "no-go", "start"], dtype=object)
+    write("zone.gpkg", np.array([shapely.to_wkb(s) for s in shapes], dtype=object), [roles], ["role"], crs=CRS,
+          geometry_type="Unknown", driver="GPKG")  # fmt: skip
+    _, err = planned("zone.gpkg", "--swaths", "3", code=3)
+    assert "the start (526020.0, 6478020.0) is outside the area or in a no-go zone; move it" in err
+
+
+def test_a_million_vertices_are_refused_with_the_remedy():
+    angle = np.linspace(0.0, 2.0 * np.pi, 1_000_001)[:-1]
+    circle = shapely.Polygon(
+        np.column_stack([np.cos(angle), np.sin(angle)]) * 500.0 + [526_000.0, 6_478_000.0]
+    )
+    _, err = planned(drawn(circle), "--swaths", "3", code=3)
+    assert "1000001 corners" in err
+    assert "simplify the outline" in err
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "message"),
+    [
+        (("--spacing", "0"), 4, "spacing_m"),
+        (("--swaths", "3", "--set", "rover.max_pich_deg=20.0"), 4, "did you mean max_pitch_deg?"),
+        (("--swaths", "3", "--max-slope", "20"), 3, "need heights; give a prior DEM"),
+        (("--swaths", "3", "--max-slope", "95"), 4, "max_pitch_deg"),
+        (("--pattern", "wavy", "--swaths", "3"), 3, "give a prior DEM"),
+        (
+            ("--swaths", "3", "--set", "fleet.end_m=[1.0, 2.0]"),
+            3,
+            "the point (1.0, 2.0) is outside the free ground",
+        ),
+        (("--swaths", "3", "--set", "rover.battery_j=10.0"), 3, "the battery holds"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_in_one_sentence(args, code, message):
+    _, err = planned("site.gpkg", *args, code=code)
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_mission_plans_for_its_rover_and_simulates_one_only():
+    Path("m.toml").write_text(
+        'schema_version = 1\nname = "m"\nfidelity = "ideal"\n[terrain]\nsource = "dem"\nfile = "hill.tif"\n'
+        "[satellite]\ncell_m = 20.0\nsigma_m = 0.0\n[area]\nbounds_m = [526000.0, 6478000.0, 526200.0, 6478200.0]\n"
+        '[planner]\npattern = "lawnmower"\nspacing_m = 40.0\n[rover]\nmax_pitch_deg = 15.0\n'
+    )
+    planned("m.toml", "--runs", "runs")
+    route = Route.read("runs/m/latest/1-plan/route.geojson")
+    assert route.prediction["left_out_share"] > 0.02
+    result = CliRunner().invoke(app, ["run", "m.toml", "--runs", "runs", "-q", "--set", "fleet.rovers=2"])
+    assert result.exit_code == 3
+    assert "0 starts for 2 rovers" in result.stderr
