@@ -1,6 +1,7 @@
 """The look of snow, firn and debris: fine texture in periodic tiles, grey patches, and the direction of the sun."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -63,6 +64,7 @@ def snow_patches(shape: tuple[int, int], step_m: float, config: AppearanceConfig
     return share
 
 
+@lru_cache(maxsize=2)
 def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> Tile:
     """Return the 20 m tile of sastrugi, crust, specks and stones at 1 cm."""
     shape = SURFACE_TEXELS, SURFACE_TEXELS
@@ -77,6 +79,7 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
     return packed(texture.astype(np.float32), 1.0 / SURFACE_TEXEL_M)
 
 
+@lru_cache(maxsize=2)
 def grain_tile(config: AppearanceConfig, seed: int) -> Tile:
     """Return the 2.5 m tile of snow grains at 2.5 mm."""
     rng = stream(seed, "appearance", "grain")

@@ -166,15 +166,16 @@ class Renderer:
     def visible(
         self, T_world_camera: FloatArray, T_world_camera_next: FloatArray, tolerance_m: float = 0.05
     ) -> npt.NDArray[np.bool_]:
-        """Tell which pixels' places (H, W) the next view also sees."""
-        points = self._points(self.depth(T_world_camera), T_world_camera)
+        """Tell which pixels' places on the ground (H, W) the next view also sees."""
+        depth = self.depth(T_world_camera)
+        points = self._points(np.where(np.isinf(depth), np.float32(1e6), depth), T_world_camera)
         there = np.linalg.inv(T_world_camera_next)
         seen = points @ there[:3, :3].T + there[:3, 3]
         pixels = self.camera.project(seen.reshape(-1, 3)).reshape(*seen.shape[:2], 2).astype(np.float32)
-        depth = np.nan_to_num(self.depth(T_world_camera_next), posinf=1e6)
-        found = cv2.remap(depth, pixels[..., 0], pixels[..., 1], cv2.INTER_NEAREST, borderValue=-1.0)
+        there_depth = np.nan_to_num(self.depth(T_world_camera_next), posinf=1e6)
+        found = cv2.remap(there_depth, pixels[..., 0], pixels[..., 1], cv2.INTER_NEAREST, borderValue=-1.0)
         distance = np.linalg.norm(seen, axis=-1)
-        return np.isfinite(distance) & (np.abs(found - distance) < tolerance_m + 0.05 * distance)
+        return np.isfinite(depth) & (np.abs(found - distance) < tolerance_m + 0.05 * distance)
 
     def _points(self, depth: Floats, T_world_camera: FloatArray) -> FloatArray:
         rays = np.stack([self._lens.x, self._lens.y, self._lens.z], axis=-1).astype(np.float64)
