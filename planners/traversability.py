@@ -17,6 +17,8 @@ from survey.config import Section
 from survey.dem import Dem
 from survey.errors import InputError
 
+_ROUNDING_M = 1e-6
+
 Reason = Literal["too steep", "too rough", "height unknown", "too narrow", "cut off"]
 
 
@@ -147,6 +149,9 @@ def drivable(
         opened = _polygonal(shapely.intersection(opened, free))
         left_out += _pieces(shapely.difference(free, opened), "too narrow")
         free = opened
+    if not free.equals(area.free):
+        # Where borders cross, rounding may put a new corner outside the old border.
+        free = _polygonal(free.buffer(-_ROUNDING_M, join_style="mitre"))
     if free.is_empty:
         raise InputError(
             f"no ground is left to drive on: {_listed(left_out)}; relax the limits or move the area."

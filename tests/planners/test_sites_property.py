@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from shapely import LineString, affinity
 
+from planners import LawnmowerConfig, Rover, plan
 from planners.decomposition import swaths_on, unswept
 from planners.energy import Mobility, predicted
 from planners.fleet import share
@@ -25,7 +26,10 @@ from planners.ordering import connect
 from planners.swaths import axes_of
 from planners.transit import MARGIN_M, FreeGround
 from planners.turns import headland_passes
+from survey.area import SurveyArea
+from survey.dem import Dem
 from survey.errors import InputError
+from survey.grid import Grid
 from survey.route import Leg
 
 _spec = importlib.util.spec_from_file_location("random_sites", Path(__file__).parent / "random_sites.py")
@@ -160,3 +164,25 @@ def test_several_rovers_take_between_an_equal_share_and_one_rover(seed: int, n_r
     assert together["time_s"] >= swath_s / n_rovers - 1e-6
     assert together["time_s"] >= together["length_m"] / mobility.speed_m_s / n_rovers - 1e-6
     assert together["time_s"] <= alone["time_s"] + 1e-6
+
+
+@settings(max_examples=25, **quick)
+@given(seeds, st.floats(8.0, 25.0), st.sampled_from([0.0, 3.0]))
+def test_no_metre_is_steeper_than_the_rover_can_stand(seed: int, limit_deg: float, radius_m: float) -> None:
+    grid = Grid((-150.0, -150.0, 290.0, 150.0), 10.0, "EPSG:32608")
+    bumps = np.random.default_rng(seed).uniform([-120.0, -120.0, 5.0], [250.0, 120.0, 25.0], (6, 3))
+    away = grid.xy[:, None, :] - bumps[None, :, :2]
+    height = (bumps[:, 2] * np.exp(-(away**2).sum(axis=2) / (2.0 * 30.0**2))).sum(axis=1)
+    dem = Dem.on(grid, height.reshape(grid.shape))
+    area = SurveyArea(sites.random_site(seed), "EPSG:32608")
+    rover = Rover(max_pitch_deg=limit_deg, max_roll_deg=limit_deg, turn_radius_m=radius_m)
+    try:
+        route = plan(area, dem, LawnmowerConfig(spacing_m=SPACING_M), rover=rover)
+    except InputError as error:
+        # What is left may be smaller than the room that turns need: that is said, and is no plan to judge.
+        assume("no ground is left" not in str(error) and not (radius_m and "no swath fits" in str(error)))
+        raise
+    assert area.free.covers(route.line)
+    driven = shapely.get_coordinates(shapely.segmentize(route.line, 1.0))
+    assert dem.slope().at(driven).max() <= limit_deg
+    assert 0.0 <= route.prediction["left_out_share"] < 1.0
