@@ -1,5 +1,8 @@
 """The main path of localization: records in, trajectory and landmarks out."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
 from survey.arrays import FloatArray
@@ -8,10 +11,13 @@ from survey.recording import Recording
 from survey.sensors import Odometry
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
+from vision_slam.attitude import heading_correction
 from vision_slam.config import LocalizationConfig
 from vision_slam.landmarks import placed_landmarks
 from vision_slam.rotation import quaternions, rotations
 from vision_slam.smoother import SmoothedPath, smooth
+from vision_slam.visual_config import VisualOdometryConfig
+from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
 
 def localize(
@@ -20,8 +26,9 @@ def localize(
     """Estimate where the rover was and where its landmarks are.
 
     The odometry is reckoned from the surveyed start, its errors are estimated from GPS
-    and barometer, and the landmarks are placed from the corrected path. A recording
-    without odometry is a kinematic GPS survey: the fixes are the path and the ground
+    and barometer, and the landmarks are placed from the corrected path. Images are turned
+    into odometry and sightings first, where the recording has no odometry. One without
+    either is a kinematic GPS survey: the fixes are the path and the ground
     below the antenna the surface.
 
     Parameters
@@ -46,6 +53,8 @@ def localize(
         Sightings are missing, or none passes the gates.
     """
     settings = config or LocalizationConfig()
+    if recording.odometry is None and recording.frames is not None:
+        recording, _ = with_visual_odometry(recording)
     if recording.odometry is None:
         return _kinematic_survey(recording, settings)
     if recording.sightings is None:
@@ -55,6 +64,27 @@ def localize(
     reckoned = dead_reckoning(recording.odometry, recording.start)
     path = smooth(recording, reckoned, settings)
     return _trajectory(recording, path), placed_landmarks(recording, path, settings)
+
+
+def with_visual_odometry(
+    recording: Recording,
+    config: VisualOdometryConfig | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> tuple[Recording, VisualOdometry]:
+    """Return the recording with the odometry and the sightings of its images, headed by its fixes.
+
+    Raises
+    ------
+    InputError
+        No images, fewer than two, or images that do not fit their calibration.
+    """
+    found = visual_odometry(recording, config, progress)
+    odometry = found.odometry
+    path = dead_reckoning(odometry, recording.start)
+    turn = heading_correction(path, odometry.time_s, recording.gps)
+    headed = Odometry(odometry.time_s, odometry.step, odometry.attitude_rad + [0.0, 0.0, turn])
+    found = replace(found, odometry=headed)
+    return replace(recording, odometry=headed, sightings=found.sightings), found
 
 
 def dead_reckoning(odometry: Odometry, start: FloatArray) -> FloatArray:

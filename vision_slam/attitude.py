@@ -1,0 +1,75 @@
+"""Attitude in the world: roll and pitch tied to gravity, heading to compass or to the GPS track."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from survey.arrays import FloatArray
+from survey.sensors import GpsFixes
+from vision_slam.sequence import Sensed
+
+_TIME_S = 30.0
+_LONG_ENOUGH_M = 20.0
+
+
+def attitudes(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> FloatArray:
+    """Return roll, pitch, yaw (N, 3) [rad] of a body whose turns (N, 3, 3) images have told.
+
+    The specific force, turned into the frame of the first image and averaged over 30 s to
+    either side, points up: driving forces cancel over that time, a constant bias of the
+    accelerometer does not. Heading starts with the compass, or at 0 without one.
+    """
+    upright = _upright(rotations, time_s, recording) @ rotations
+    attitude: FloatArray = Rotation.from_matrix(upright).as_euler("xyz")
+    attitude[:, 2] += _first_heading(recording, time_s[0]) - attitude[0, 2]
+    attitude[:, 2] = np.unwrap(attitude[:, 2])
+    return attitude
+
+
+def heading_correction(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> float:
+    """Return the turn about the start [rad] that lays a reckoned path (N, 3) on the fixes.
+
+    The best turn in the plane, arg of Σ (g − s)·conj(p − s) in complex numbers; 0 for paths
+    that never leave the start by 20 m, of which fixes cannot tell a heading.
+    """
+    inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
+    reckoned = [np.interp(gps.time_s[inside], time_s, path[:, axis] - path[0, axis]) for axis in (0, 1)]
+    fixed = gps.position[inside, :2] - path[0, :2]
+    moved = reckoned[0] + 1j * reckoned[1]
+    if len(moved) < 3 or np.abs(moved).max() < _LONG_ENOUGH_M:
+        return 0.0
+    return float(np.angle(((fixed[:, 0] + 1j * fixed[:, 1]) * moved.conj()).sum()))
+
+
+def _upright(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> FloatArray:
+    """Return turns (N, 3, 3) from the frame of the first image to one whose z points up."""
+    inertial = recording.inertial
+    if inertial is None:
+        return np.tile(np.eye(3), (len(time_s), 1, 1))
+    frame = np.searchsorted(time_s, inertial.time_s).clip(0, len(time_s) - 1)
+    force = np.einsum("nij,nj->ni", rotations[frame], inertial.specific_force_m_s2)
+    up = np.column_stack([_averaged(inertial.time_s, axis, time_s) for axis in force.T])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    axis = np.column_stack([up[:, 1], -up[:, 0], np.zeros(len(up))])  # up × z
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    angle = np.arctan2(sine[:, 0], up[:, 2])
+    matrices: FloatArray = Rotation.from_rotvec(axis / np.maximum(sine, 1e-12) * angle[:, None]).as_matrix()
+    return matrices
+
+
+def _averaged(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
+    """Mean of readings within `_TIME_S` of each moment."""
+    total = np.r_[0.0, np.cumsum(values)]
+    first = np.searchsorted(time_s, at_s - _TIME_S)
+    last = np.maximum(np.searchsorted(time_s, at_s + _TIME_S), first + 1).clip(max=len(time_s))
+    first = np.minimum(first, last - 1)
+    mean: FloatArray = (total[last] - total[first]) / (last - first)
+    return mean
+
+
+def _first_heading(recording: Sensed, time_s: float) -> float:
+    compass = recording.compass
+    if compass is None:
+        return 0.0
+    near = np.abs(compass.time_s - time_s) <= 2.0
+    heading = compass.heading_rad[near] if near.any() else compass.heading_rad[:1]
+    return float(np.arctan2(np.sin(heading).mean(), np.cos(heading).mean()))

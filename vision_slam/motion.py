@@ -1,0 +1,90 @@
+"""Motion between two moments as wheels and gyro tell it, without any image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from survey.arrays import FloatArray
+from vision_slam.sequence import Sensed
+
+_STANDING_S = 0.5
+_STANDING_M = 2e-3
+_BIAS_TIME_S = 30.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Turn (3, 3), R_before_after of the body, and travel [m]; None where no sensor tells it."""
+
+    seconds: float
+    rotation: FloatArray | None
+    travel_m: float | None
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether the wheels say that the rover did not move, and no gyro objects."""
+        turned = 0.0 if self.rotation is None else Rotation.from_matrix(self.rotation).magnitude()
+        return self.travel_m is not None and abs(self.travel_m) < _STANDING_M and bool(turned < 5e-3)
+
+
+class MotionSensors:
+    """Wheels and gyro of a recording; the gyro's bias is learnt while standing, then from images."""
+
+    def __init__(self, recording: Sensed) -> None:
+        self._wheels, self._inertial = recording.wheels, recording.inertial
+        self._bias = self._standing_bias()
+
+    def between(self, first_s: float, last_s: float) -> Motion:
+        """Return the motion between two times."""
+        return Motion(last_s - first_s, self._turn(first_s, last_s), self._travel(first_s, last_s))
+
+    def learn(self, motion: Motion, rotation: FloatArray) -> None:
+        """Take from a turn that images have seen what of the gyro's was bias."""
+        if motion.rotation is None or motion.seconds <= 0.0:
+            return
+        too_much = Rotation.from_matrix(rotation.T @ motion.rotation).as_rotvec() / motion.seconds
+        share = min(motion.seconds / _BIAS_TIME_S, 0.2)
+        self._bias = self._bias + share * np.clip(too_much, -0.02, 0.02)
+
+    def _travel(self, first_s: float, last_s: float) -> float | None:
+        wheels = self._wheels
+        if wheels is None or not _covers(wheels.time_s, first_s, last_s):
+            return None
+        rolled = 0.5 * (wheels.left_m + wheels.right_m)
+        return float(np.diff(np.interp([first_s, last_s], wheels.time_s, rolled))[0])
+
+    def _turn(self, first_s: float, last_s: float) -> FloatArray | None:
+        inertial = self._inertial
+        if inertial is None or not _covers(inertial.time_s, first_s, last_s):
+            return None
+        inside = inertial.time_s[(inertial.time_s > first_s) & (inertial.time_s < last_s)]
+        moments = np.concatenate([[first_s], inside, [last_s]])
+        middle = 0.5 * (moments[1:] + moments[:-1])
+        rates = np.column_stack([np.interp(middle, inertial.time_s, axis) for axis in inertial.gyro_rad_s.T])
+        turn = Rotation.identity()
+        for part in Rotation.from_rotvec((rates - self._bias) * np.diff(moments)[:, None]):
+            turn = turn * part
+        matrix: FloatArray = turn.as_matrix()
+        return matrix
+
+    def _standing_bias(self) -> FloatArray:
+        """Mean rate while the wheels rest at the start; zero when the recording begins in motion."""
+        if self._wheels is None or self._inertial is None:
+            return np.zeros(3)
+        rolled = np.abs(self._wheels.left_m - self._wheels.left_m[0]) + np.abs(
+            self._wheels.right_m - self._wheels.right_m[0]
+        )
+        moving = np.flatnonzero(rolled > _STANDING_M)
+        until = self._wheels.time_s[moving[0] - 1] if len(moving) and moving[0] else self._wheels.time_s[0]
+        still = self._inertial.time_s <= until
+        if until - self._wheels.time_s[0] < _STANDING_S or not still.any():
+            return np.zeros(3)
+        bias: FloatArray = self._inertial.gyro_rad_s[still].mean(axis=0)
+        return bias
+
+
+def _covers(time_s: FloatArray, first_s: float, last_s: float) -> bool:
+    """Whether readings reach over both moments, but for less than the time between two readings."""
+    slack = 0.6 * float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    return bool(time_s[0] - slack <= first_s and last_s <= time_s[-1] + slack)

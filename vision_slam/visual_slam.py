@@ -1,0 +1,319 @@
+"""Monocular visual SLAM: images, wheels and gyro in, poses and landmarks out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+
+from survey.arrays import BoolArray, FloatArray
+from survey.camera import Camera, Image
+from survey.errors import InputError
+from survey.sensors import Odometry, Sightings
+from vision_slam.attitude import attitudes
+from vision_slam.enhance import Enhancer, grey_of
+from vision_slam.features import Pixels, detect
+from vision_slam.health import FrameHealth, image_health
+from vision_slam.motion import Motion, MotionSensors
+from vision_slam.resection import resected
+from vision_slam.sequence import Sensed
+from vision_slam.tracks import Track, followed
+from vision_slam.triangulation import sighted
+from vision_slam.visual_config import VisualOdometryConfig
+from vision_slam.window import Window, half_turned
+
+_LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
+_STILL_PX = 0.3
+
+
+@dataclass(frozen=True)
+class FramePose:
+    """Pose of one frame, relative to the keyframe that it hangs on, and how it was found."""
+
+    time_s: float
+    keyframe: int
+    relative: FloatArray
+    health: FrameHealth
+
+
+class VisualSlam:
+    """Follows a rover by its camera, keyframe by keyframe.
+
+    Poses count from the body at the first frame. Their scale is the wheels'; without
+    wheels it is that of the first step, taken as one unit.
+
+    Parameters
+    ----------
+    camera : Camera
+        Calibration and mounting.
+    config : VisualOdometryConfig, optional
+        How images become motion.
+    """
+
+    def __init__(self, camera: Camera, config: VisualOdometryConfig | None = None) -> None:
+        self.config = config or VisualOdometryConfig()
+        self.camera = camera
+        self.window = Window(camera, self.config)
+        self.frames: list[FramePose] = []
+        self.finished: list[Track] = []
+        self._tracks: list[Track] = []
+        self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
+        self._image: Image | None = None
+        self._pose = np.eye(4)
+        self._step = np.eye(4)
+        self._since: Motion | None = None
+        self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
+
+    def step(self, image: Image, time_s: float, motion: Motion | None) -> FramePose:
+        """Take the next image and the motion since the one before, which the first has not."""
+        grey = grey_of(image, self.camera.width, self.camera.height)
+        health = image_health(grey)
+        enhanced = self._enhance(grey)
+        if self._image is None or motion is None:
+            return self._begin(enhanced, time_s, health)
+        predicted = self._predicted(motion)
+        pixels, came = self._follow(enhanced, predicted)
+        standing = self._is_standing(motion, pixels, came)
+        pose, agree = self._located(self._pose if standing else predicted, pixels, came)
+        health = self._judged(health, came, agree)
+        pose = self._pose if standing else pose if health.is_visual else predicted
+        self._keep(pixels, agree if health.is_visual else np.zeros_like(agree))
+        self._since = _joined(self._since, motion)
+        self._step = np.linalg.inv(self._pose) @ pose
+        self._pose, self._image = pose, enhanced
+        if self._deserves_keyframe(pose):
+            self._add_keyframe(enhanced, health)
+        return self._reported(time_s, health)
+
+    @property
+    def live_tracks(self) -> list[Track]:
+        """Corners that are being followed."""
+        return self._tracks
+
+    def pose(self, frame: FramePose) -> FloatArray:
+        """Return the body's pose (4, 4) at a frame, by what is known of its keyframe now."""
+        placed: FloatArray = self.window.poses[frame.keyframe] @ frame.relative
+        return placed
+
+    def _begin(self, enhanced: Image, time_s: float, health: FrameHealth) -> FramePose:
+        self.window.add(self._pose, None)
+        self._image = enhanced
+        self._replenish(enhanced, health)
+        return self._reported(time_s, health)
+
+    def _predicted(self, motion: Motion) -> FloatArray:
+        """Where wheels and gyro put the body; what they do not tell goes on as in the last step."""
+        step = self._step.copy()
+        if motion.rotation is not None:
+            step[:3, :3] = motion.rotation
+        if motion.travel_m is not None:
+            step[:3, 3] = half_turned(step[:3, :3]) @ [motion.travel_m, 0.0, 0.0]
+        elif len(self.frames) == 1:
+            step[:3, 3] = [1.0, 0.0, 0.0]
+        predicted: FloatArray = self._pose @ step
+        return predicted
+
+    def _follow(self, enhanced: Image, predicted: FloatArray) -> tuple[Pixels, BoolArray]:
+        assert self._image is not None
+        pixels = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
+        points, is_far = self._guessed_points(pixels)
+        guess = self._projected(predicted, points, is_far)
+        lost = ~np.isfinite(guess).all(axis=1) | (np.abs(guess - pixels).max(axis=1, initial=0.0) > 150.0)
+        guess[lost] = pixels[lost]
+        return followed(self._image, enhanced, pixels, guess, self.config)
+
+    def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
+        """Points of the tracks; those still unknown lie on level ground, or far off above the horizon."""
+        camera = self._pose @ self.camera.T_body_camera
+        rays = self._rays(pixels) @ camera[:3, :3].T
+        down = -rays @ self._pose[:3, 2]
+        height = (camera[:3, 3] - self._pose[:3, 3]) @ self._pose[:3, 2]
+        is_far = down < 0.02
+        points = np.where(
+            is_far[:, None], rays, camera[:3, 3] + rays * (height / np.maximum(down, 0.02))[:, None]
+        )
+        for index, track in enumerate(self._tracks):
+            if track.point is not None:
+                points[index], is_far[index] = track.point, track.is_far
+        return points, is_far
+
+    def _rays(self, pixels: Pixels) -> FloatArray:
+        return self.camera.rays(pixels.astype(np.float64))
+
+    def _projected(self, body: FloatArray, points: FloatArray, is_far: BoolArray) -> Pixels:
+        camera = body @ self.camera.T_body_camera
+        seen = np.where(is_far[:, None], points, points - camera[:3, 3]) @ camera[:3, :3]
+        return self.camera.project(seen).astype(np.float32)
+
+    def _is_standing(self, motion: Motion, pixels: Pixels, came: BoolArray) -> bool:
+        """Whether neither the wheels nor the image moved."""
+        if motion.travel_m is not None:
+            return motion.is_standing
+        if came.sum() < self.config.least_inliers:
+            return False
+        before = np.array([track.pixel for track in self._tracks])
+        return bool(np.median(np.linalg.norm(pixels - before, axis=1)[came]) < _STILL_PX)
+
+    def _located(
+        self, predicted: FloatArray, pixels: Pixels, came: BoolArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Find the pose from the corners whose points are known; tell which corners agree with it."""
+        agree = came.copy()
+        known = np.array([track.point is not None for track in self._tracks], dtype=bool) & came
+        if known.sum() < self.config.least_inliers:
+            return predicted, self._epipolar(pixels, agree)
+        index = np.flatnonzero(known)
+        points = np.array([self._tracks[i].point for i in index])
+        is_far = np.array([self._tracks[i].is_far for i in index])
+        has_gyro = self._since is None or self._since.rotation is not None
+        camera, errors = resected(
+            predicted @ self.camera.T_body_camera, points, is_far, self._rays(pixels[index]),
+            angle_sigma=self.config.pixel_sigma / self._focal_px,
+            turn_sigma=0.01 if has_gyro else 0.1,
+            shift_sigma=0.1 if has_gyro else 1.0,
+        )  # fmt: skip
+        agree[index] = errors < self.config.gate_px / self._focal_px
+        return camera @ np.linalg.inv(self.camera.T_body_camera), agree
+
+    def _epipolar(self, pixels: Pixels, came: BoolArray) -> BoolArray:
+        """Before any point is known: which corners moved as some rigid motion would have it."""
+        if came.sum() < self.config.least_inliers:
+            return np.zeros_like(came)
+        before = self.camera.rays(np.array([track.pixel for track in self._tracks])[came])
+        after = self._rays(pixels[came])
+        first, second = (np.ascontiguousarray(rays[:, :2] / rays[:, 2:]) for rays in (before, after))
+        cv2.setRNGSeed(0)  # RANSAC draws; the same images shall give the same bytes
+        found: Any = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.999, 1.0 / self._focal_px)
+        mask = found[1]
+        agree = came.copy()
+        agree[came] = False if mask is None else mask.ravel() > 0
+        return agree
+
+    def _judged(self, health: FrameHealth, came: BoolArray, agree: BoolArray) -> FrameHealth:
+        config = self.config
+        n_followed, n_inliers = int(came.sum()), int(agree.sum())
+        is_visual = (
+            health.entropy_bits >= config.least_entropy_bits
+            and n_inliers >= config.least_inliers
+            and n_inliers >= config.least_inlier_ratio * n_followed
+        )
+        return replace(health, n_followed=n_followed, n_inliers=n_inliers, is_visual=is_visual)
+
+    def _keep(self, pixels: Pixels, agree: BoolArray) -> None:
+        kept = []
+        for track, pixel, is_good in zip(self._tracks, pixels, agree, strict=True):
+            if is_good:
+                track.pixel = pixel
+                kept.append(track)
+            else:
+                self.finished.append(track)
+        self._tracks = kept
+
+    def _deserves_keyframe(self, pose: FloatArray) -> bool:
+        relative = np.linalg.inv(self.window.poses[-1]) @ pose
+        turned = np.arccos(np.clip(0.5 * (np.trace(relative[:3, :3]) - 1.0), -1.0, 1.0))
+        return bool(
+            np.linalg.norm(relative[:3, 3]) >= self.config.keyframe_spacing_m
+            or turned >= np.radians(self.config.keyframe_turn_deg)
+        )
+
+    def _add_keyframe(self, enhanced: Image, health: FrameHealth) -> None:
+        self.window.add(self._pose, self._since)
+        self._since = None
+        pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
+        for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
+            track.seen(self.window.newest, ray)
+        if self._tracks:
+            self._keep(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
+            self._pose = self.window.poses[-1]
+        self._replenish(enhanced, health)
+
+    def _replenish(self, enhanced: Image, health: FrameHealth) -> None:
+        n_missing = self.config.n_features - len(self._tracks)
+        if n_missing < 0.1 * self.config.n_features or health.entropy_bits < self.config.least_entropy_bits:
+            return
+        taken = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
+        fresh = detect(enhanced, taken, n_missing, self.config)
+        for pixel, ray in zip(fresh, self._rays(fresh), strict=True):
+            if ray[2] > 0.2:
+                self._tracks.append(Track(pixel, [self.window.newest], [ray]))
+
+    def _reported(self, time_s: float, health: FrameHealth) -> FramePose:
+        relative = np.linalg.inv(self.window.poses[-1]) @ self._pose
+        self.frames.append(FramePose(time_s, self.window.newest, relative, health))
+        return self.frames[-1]
+
+
+def _joined(first: Motion | None, second: Motion) -> Motion:
+    """One motion after the other."""
+    if first is None:
+        return second
+    rotation = None if first.rotation is None or second.rotation is None else first.rotation @ second.rotation
+    travel = None if first.travel_m is None or second.travel_m is None else first.travel_m + second.travel_m
+    return Motion(first.seconds + second.seconds, rotation, travel)
+
+
+@dataclass(frozen=True)
+class VisualOdometry:
+    """What images gave: the same types as an odometry that was processed elsewhere.
+
+    ``health`` holds one entry a frame; ``is_lost`` says where the pose rests on wheels and
+    gyro for too long to be believed, or on nothing.
+    """
+
+    odometry: Odometry
+    sightings: Sightings
+    health: tuple[FrameHealth, ...]
+    is_lost: BoolArray
+
+
+def visual_odometry(
+    recording: Sensed,
+    config: VisualOdometryConfig | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> VisualOdometry:
+    """Estimate motion and landmarks from a recording's images, wheels and inertial records.
+
+    Raises
+    ------
+    InputError
+        No images, fewer than two, or images that do not fit their calibration.
+    """
+    if recording.frames is None or recording.camera is None:
+        raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
+    if len(recording.frames) < 2:
+        raise InputError("the recording has one frame; motion needs at least two.")
+    slam, sensors = VisualSlam(recording.camera, config), MotionSensors(recording)
+    times = recording.frames.time_s
+    for index, time_s in enumerate(times.tolist()):
+        motion = None if index == 0 else sensors.between(times[index - 1], time_s)
+        frame = slam.step(recording.frames[index], time_s, motion)
+        if motion is not None and frame.health.is_visual:
+            before = slam.pose(slam.frames[-2])
+            sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
+        if progress is not None:
+            progress("frames", index + 1, len(times))
+    return _delivered(slam, recording)
+
+
+def _delivered(slam: VisualSlam, recording: Sensed) -> VisualOdometry:
+    poses = np.array([slam.pose(frame) for frame in slam.frames])
+    times = np.array([frame.time_s for frame in slam.frames])
+    steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
+    odometry = Odometry(times, steps, attitudes(poses[:, :3, :3], times, recording))
+    health = tuple(frame.health for frame in slam.frames)
+    first_frame = {frame.keyframe: index for index, frame in reversed(list(enumerate(slam.frames)))}
+    sightings = sighted(
+        [*slam.finished, *slam.live_tracks], slam.window.poses, first_frame, slam.camera, slam.config
+    )
+    return VisualOdometry(odometry, sightings, health, _lost(poses, health))
+
+
+def _lost(poses: FloatArray, health: tuple[FrameHealth, ...]) -> BoolArray:
+    travel = np.r_[0.0, np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)]
+    blind_m, lost = 0.0, []
+    for index, (length, frame) in enumerate(zip(travel.tolist(), health, strict=True)):
+        blind_m = 0.0 if frame.is_visual or index == 0 else blind_m + length
+        lost.append(blind_m > _LOST_M)
+    return np.array(lost)

@@ -1,0 +1,169 @@
+"""Fixed-lag window of keyframes: the newest poses, solved together from what they all saw."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+
+from survey.arrays import FloatArray
+from survey.camera import Camera
+from vision_slam.motion import Motion
+from vision_slam.tracks import Track
+from vision_slam.visual_config import VisualOdometryConfig
+
+_HELD_SIGMA = 1e-5
+_UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
+_FAR_M = 400.0  # a point so far away moves by less than 0.1° within a window
+
+
+@dataclass(frozen=True)
+class _Between:
+    """What wheels and gyro say of the motion from one keyframe to the next."""
+
+    pose: Any
+    noise: Any
+
+
+class Window:
+    r"""Body poses of all keyframes so far, of which the newest few are estimated anew each time.
+
+    With T the free poses, the sum
+
+    .. math:: Σ_j min_{x_j} Σ_k |u_{kj} − π(T_k, x_j)|² / σ² + Σ_k ρ(|log(M_k⁻¹ T_k⁻¹ T_{k+1})|²_{Σ_k})
+
+    is minimized by Levenberg-Marquardt. Each corner j is one smart factor: its point x_j
+    is eliminated before the poses are solved for, and becomes a direction where no motion
+    in the window moves it (HANDLE_INFINITY), so that a far ridge holds the heading and
+    nothing else. M is the motion by wheels and gyro, under a Cauchy loss for wheel slip.
+
+    Poses before the free ones are held, with every so many older ones as anchors, so that
+    a mountain that was seen a hundred metres ago still bears on today's heading. What has
+    been held is not questioned any more: uncertainty does not leave the window.
+    """
+
+    def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
+        self.poses: list[FloatArray] = []
+        self._between: list[_Between] = []
+        self._config = config
+        self._body_camera = camera.T_body_camera
+        self._sensor = gtsam.Pose3(camera.T_body_camera)
+        self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
+        self._lens = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
+        self._params = gtsam.SmartProjectionParams(
+            gtsam.LinearizationMode.HESSIAN, gtsam.DegeneracyMode.HANDLE_INFINITY
+        )
+        self._params.setRankTolerance(1e-3)
+        self._params.setLandmarkDistanceThreshold(_FAR_M)
+        self._optimizer = gtsam.LevenbergMarquardtParams()
+        self._optimizer.setMaxIterations(4)
+        self._optimizer.setRelativeErrorTol(1e-3)
+
+    def add(self, pose: FloatArray, motion: Motion | None) -> None:
+        """Add a keyframe with a first guess of its pose, reached by a motion from the one before."""
+        if self.poses:
+            assert motion is not None
+            self._between.append(self._constraint(pose, motion))
+        self.poses.append(pose)
+
+    @property
+    def newest(self) -> int:
+        """Index of the newest keyframe."""
+        return len(self.poses) - 1
+
+    def solve(self, tracks: list[Track]) -> list[bool]:
+        """Estimate the newest poses and the tracks' points; return which tracks agree with them."""
+        free, held = self._split()
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for k in (*held, *free):
+            values.insert(X(k), gtsam.Pose3(self.poses[k]))
+        still = gtsam.noiseModel.Isotropic.Sigma(6, _HELD_SIGMA)
+        for k in held:
+            graph.add(gtsam.PriorFactorPose3(X(k), values.atPose3(X(k)), still))
+        for k in free:
+            graph.add(
+                gtsam.BetweenFactorPose3(
+                    X(k - 1), X(k), self._between[k - 1].pose, self._between[k - 1].noise
+                )
+            )
+        used = {*held, *free}
+        factors = [self._smart(track, used) for track in tracks]
+        for factor in factors:
+            if factor is not None:
+                graph.add(factor)
+        solved = gtsam.LevenbergMarquardtOptimizer(graph, values, self._optimizer).optimize()
+        for k in free:
+            self.poses[k] = solved.atPose3(X(k)).matrix()
+        return [
+            self._take_point(track, factor, solved) for track, factor in zip(tracks, factors, strict=True)
+        ]
+
+    def _split(self) -> tuple[list[int], list[int]]:
+        config = self._config
+        first_free = max(1, self.newest - config.n_free + 1)
+        first_held = max(0, first_free - config.n_held)
+        anchors = [k for k in range(first_held - 1, -1, -1) if k % config.anchor_every == 0]
+        held = sorted(anchors[: config.n_anchors]) + list(range(first_held, first_free))
+        return list(range(first_free, self.newest + 1)), held
+
+    def _smart(self, track: Track, used: set[int]) -> Any:
+        sights = [(k, ray) for k, ray in zip(track.keyframes, track.rays, strict=True) if k in used]
+        if len(sights) < 2:
+            return None
+        # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
+        oblique = sum(ray[2] for _, ray in sights) / len(sights)
+        sigma = self._config.pixel_sigma / self._focal_px / oblique**1.5
+        factor = gtsam.SmartProjectionPoseFactorCal3_S2(
+            gtsam.noiseModel.Isotropic.Sigma(2, sigma), self._lens, self._sensor, self._params
+        )
+        for k, ray in sights:
+            factor.add(ray[:2] / ray[2], X(k))
+        return factor
+
+    def _take_point(self, track: Track, factor: Any, solved: Any) -> bool:
+        """Keep the track's point or direction; say whether its newest sight agrees with it."""
+        if factor is None:
+            return True
+        rotation, place = self._camera_pose(self.newest)
+        result = factor.point(solved)
+        if result.valid():
+            track.point, track.is_far = np.asarray(result.get()), False
+            seen = (track.point - place) @ rotation
+        else:
+            oldest = max(track.keyframes[0], self.newest - 30)
+            index = next(i for i, k in enumerate(track.keyframes) if k >= oldest)
+            track.point = self._camera_pose(track.keyframes[index])[0] @ track.rays[index]
+            track.is_far = True
+            seen = track.point @ rotation
+        expected = seen / np.linalg.norm(seen)
+        return bool(np.linalg.norm(expected - track.rays[-1]) < self._config.gate_px / self._focal_px)
+
+    def _camera_pose(self, k: int) -> tuple[FloatArray, FloatArray]:
+        pose = self.poses[k] @ self._body_camera
+        return pose[:3, :3], pose[:3, 3]
+
+    def _constraint(self, guess: FloatArray, motion: Motion) -> _Between:
+        """Turn by the gyro, travel along the body by the wheels; what no sensor tells stays as good as free."""
+        config = self._config
+        relative = np.linalg.inv(self.poses[-1]) @ guess
+        turn_sigma = np.full(3, _UNKNOWN_TURN_RAD)
+        if motion.rotation is not None:
+            relative[:3, :3] = motion.rotation
+            turn_sigma = np.full(3, np.radians(config.gyro_sigma_deg) * max(1.0, motion.seconds**0.5))
+        shift_sigma = np.full(3, _UNKNOWN_TRAVEL_M)
+        if motion.travel_m is not None:
+            relative[:3, 3] = half_turned(relative[:3, :3]) @ [motion.travel_m, 0.0, 0.0]
+            travel = abs(motion.travel_m)
+            aside = config.lateral_sigma * travel + 0.005
+            shift_sigma = np.array([config.wheel_sigma * travel + 0.002, aside, aside])
+        gaussian = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([turn_sigma, shift_sigma]))
+        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(3.0)
+        return _Between(gtsam.Pose3(relative), gtsam.noiseModel.Robust.Create(cauchy, gaussian))
+
+
+def half_turned(rotation: FloatArray) -> FloatArray:
+    """Return the mean heading of a turn: a body drives its travel along the chord of the arc."""
+    middle = gtsam.Rot3.Expmap(0.5 * gtsam.Rot3.Logmap(gtsam.Rot3(rotation)))
+    matrix: FloatArray = middle.matrix()
+    return matrix
