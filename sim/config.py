@@ -6,6 +6,10 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PrivateAttr, model_validator
 
 from planners import Fleet, PlannerConfig, Rover
+from sim.drive_config import PhysicsConfig
+from sim.fault_config import FaultConfig
+from sim.scene_config import AppearanceConfig, ImagingConfig, SceneryConfig
+from sim.sensor_config import InstrumentsConfig
 from survey.config import Section
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.config import JointConfig
@@ -224,8 +228,8 @@ class MissionConfig(Section):
     """Name of the mission and of its folder of runs."""
     seed: NonNegativeInt = 0
     """Everything random follows from it."""
-    fidelity: Literal["ideal", "statistical"] = "statistical"
-    """Depth of the simulation: a perfect sensor, or sensors with drawn errors."""
+    fidelity: Literal["ideal", "statistical", "vision"] = "statistical"
+    """Depth of the simulation: a perfect sensor, sensors with drawn errors, or a rover that drives and looks."""
     terrain: TerrainConfig
     satellite: SatelliteConfig = SatelliteConfig()
     area: AreaConfig = AreaConfig()
@@ -234,6 +238,12 @@ class MissionConfig(Section):
     fleet: Fleet = Fleet()
     sensors: SensorConfig = SensorConfig()
     aids: AidsConfig = AidsConfig()
+    scenery: SceneryConfig = SceneryConfig()
+    appearance: AppearanceConfig = AppearanceConfig()
+    imaging: ImagingConfig = ImagingConfig()
+    physics: PhysicsConfig = PhysicsConfig()
+    instruments: InstrumentsConfig = InstrumentsConfig()
+    faults: tuple[FaultConfig, ...] = ()
     localization: LocalizationConfig = LocalizationConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()
     score: ScoreConfig = ScoreConfig()

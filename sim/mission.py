@@ -18,6 +18,7 @@ import planners
 import survey
 from sim.aids import with_way_home
 from sim.config import MissionConfig
+from sim.drive import simulate_vision
 from sim.ideal import simulate_ideal
 from sim.report import write_mission_report
 from sim.statistical import simulate_statistical
@@ -86,8 +87,13 @@ def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
         )
     world = build_world(mission)
     route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
-    drive = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
-    recording, truth = drive(world.terrain, route, mission)
+    if mission.fidelity == "vision":
+        drive = simulate_vision(world.terrain, route, mission, folder / "recording")
+        recording, truth = drive.recording, drive.truth
+        drive.write_report(folder)
+    else:
+        simulate_drawn = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
+        recording, truth = simulate_drawn(world.terrain, route, mission)
     route.write(folder / "driven_route.geojson")
     recording.write(folder / "recording")
     truth.write(folder / "truth")

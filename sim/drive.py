@@ -1,0 +1,340 @@
+"""The vision fidelity: a rover drives a route over fine ground, and its instruments and camera record it.
+
+Open loop, the rover steers by where it really is; closed loop, by where a navigator
+believes it to be from what was recorded so far. How the drive ends is named: see `Ending`.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from sim.camera import RoverCamera, rover_camera
+from sim.config import MissionConfig
+from sim.faults import Faults
+from sim.instruments import Instruments, Log, Readings
+from sim.motion import Motion
+from sim.physics import HeightField, KinematicRover, Physics, RoverState
+from sim.pursuit import PurePursuit
+from sim.rendering import Renderer, RoverBox
+from sim.rover import ContactRover
+from sim.scene_config import AppearanceConfig
+from sim.scenery import FineTerrain, fine_terrain
+from survey.arrays import FloatArray
+from survey.camera import Camera, Frames, FrameWriter
+from survey.dem import Dem
+from survey.errors import ConfigError, InputError
+from survey.io.documents import write_json
+from survey.recording import Recording
+from survey.route import Route
+from survey.trajectory import Trajectory
+from survey.truth import Truth
+
+LOGGED_HZ = 80
+"""States kept per second: sensors read from them, and `Truth` holds some."""
+STEERED_HZ = 20
+
+_STAND_S = 1.0
+_KEPT_S = 0.5
+_TIPPED_COS = np.cos(np.radians(65.0))
+_FELL_M = 0.8
+_STALLED_S, _STALLED_M = 20.0, 0.5
+
+
+class Ending(Enum):
+    """How a drive ended."""
+
+    ARRIVED = "arrived"
+    STALLED = "stalled"
+    TIPPED_OVER = "tipped over"
+    FELL = "fell"
+    BATTERY_EMPTY = "battery empty"
+    LEFT_THE_MAP = "left the map"
+    OUT_OF_TIME = "out of time"
+
+
+class Belief(NamedTuple):
+    """Where a navigator thinks that the rover is: ``xy`` (2,) [m] and ``heading_rad`` from east."""
+
+    xy: FloatArray
+    heading_rad: float
+
+
+class Navigator(Protocol):
+    """Steers by estimate: gets what was sensed and nothing else."""
+
+    def step(self, readings: Readings, /) -> Belief:
+        """Take the readings since the last call in, the newest frame among them, and say where the rover is."""
+        ...
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What came of a drive.
+
+    Parameters
+    ----------
+    recording : Recording
+        What was sensed; frames are in the drive's folder.
+    truth : Truth
+        The ground and the real path, 20 poses a second.
+    ending : Ending
+        How it ended.
+    progress_m : float
+        How far along its route the rover got [m].
+    energy_j : float
+        What the battery gave [J].
+    """
+
+    recording: Recording
+    truth: Truth
+    ending: Ending
+    progress_m: float
+    energy_j: float
+
+    def write_report(self, folder: Path) -> None:
+        """Write how the drive went into ``drive.json``."""
+        content = {
+            "ending": self.ending.value,
+            "progress_m": round(self.progress_m, 2),
+            "duration_s": float(self.truth.trajectory.time_s[-1]),
+            "energy_j": round(self.energy_j, 1),
+        }
+        write_json(folder / "drive.json", content)
+
+
+def simulate_vision(
+    terrain: Dem, route: Route, mission: MissionConfig, folder: Path, navigator: Navigator | None = None
+) -> Drive:
+    """Drive a route over fine ground and record what instruments and camera sense.
+
+    Parameters
+    ----------
+    terrain : Dem
+        The site; fine relief and hazards of ``mission.scenery`` are put on it.
+    route : Route
+        Of one rover.
+    mission : MissionConfig
+        Everything else.
+    folder : pathlib.Path
+        Where the recording is to be; its images are written while the rover drives.
+    navigator : Navigator, optional
+        Steers by estimate; without one the rover keeps to its route as it really is.
+
+    Raises
+    ------
+    InputError
+        The route leaves the terrain, or the folder exists and is not empty.
+    ConfigError
+        The rates of physics and instruments do not go together, or Bullet is missing.
+    """
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"the recording folder {folder} exists and is not empty; choose another one.")
+    ground = fine_terrain(terrain, mission.scenery, mission.seed)
+    path = route.path()
+    _check(ground, path, mission)
+    run = _Run(ground, path, mission)
+    with FrameWriter(folder / "frames") as writer:
+        ending = run.until_the_end(writer, navigator)
+    return run.result(ending, folder)
+
+
+def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
+    """Refuse what cannot be driven before anything is written."""
+    xmin, ymin, xmax, ymax = ground.bounds
+    outside = ((path < [xmin, ymin]) | (path > [xmax, ymax])).any(axis=1)
+    if outside.any():
+        east, north = path[outside][0]
+        raise InputError(
+            f"the route leaves the terrain at ({east:.1f}, {north:.1f}), whose bounds are {ground.bounds}; "
+            "cut the area to the terrain or take a larger one."
+        )
+    rate = mission.physics.rate_hz
+    if rate % LOGGED_HZ:
+        raise ConfigError(f"physics.rate_hz is {rate}; it must be a multiple of {LOGGED_HZ}.")
+
+
+class _Run:
+    """A drive on its way."""
+
+    def __init__(self, ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
+        self._ground, self._mission = ground, mission
+        self._faults = Faults(mission.faults, mission.seed)
+        self._pursuit = PurePursuit(path, mission.rover.speed_m_s, mission.physics)
+        self._physics = physics_of(ground, path, mission)
+        self._every = mission.physics.rate_hz // LOGGED_HZ
+        self._states = [self._physics.state]
+        self._recent = [self._physics.state]
+        antenna = np.array([0.0, 0.0, mission.rover.antenna_height_m])
+        self._start = np.array(self._physics.state.position)
+        stakes = _stakes(ground, self._pursuit, mission)
+        self._instruments = Instruments(
+            mission.instruments, mission.rover.antenna_height_m, self._start + antenna, stakes, mission.seed
+        )
+        self._log = Log()
+        self._camera = rover_camera(mission.imaging)
+        self._eye = _eye(ground, self._faults.appearance(mission.appearance), self._camera, mission)
+        self._n_frames, self._frame_times = 0, list[float]()
+
+    def until_the_end(self, writer: FrameWriter, navigator: Navigator | None) -> Ending:
+        """Drive until something ends the drive."""
+        belief: Belief | None = None
+        while True:
+            self._drive_on(self._really() if navigator is None else belief)
+            if self._frame_is_due():
+                readings = self._sensed(writer)
+                belief = None if navigator is None else navigator.step(readings)
+            ending = self._ending()
+            if ending is not None:
+                self._log.add(self._read())
+                return ending
+
+    def _really(self) -> Belief:
+        state = self._states[-1]
+        return Belief(np.array(state.position[:2]), _heading(state))
+
+    def _drive_on(self, belief: Belief | None) -> None:
+        """Drive for a tick of the steering; stand still for a second first, and while nothing is believed."""
+        time_s = self._states[-1].time_s
+        waits = belief is None or time_s < _STAND_S
+        left, right = (0.0, 0.0) if belief is None or waits else self._pursuit.track_speeds(*belief)
+        self._faults.drive(self._physics, time_s)
+        for _ in range(LOGGED_HZ // STEERED_HZ):
+            for _ in range(self._every):
+                self._physics.step(left, right)
+            self._recent.append(self._physics.state)
+        self._states.append(self._physics.state)
+
+    def _frame_is_due(self) -> bool:
+        """Tell whether the rover has moved on until the last row of the next frame is exposed."""
+        camera, imaging = self._camera, self._mission.imaging
+        lasts_s = camera.row_readout_s * (camera.height - 1) + 0.5 * imaging.exposure_s
+        return self._states[-1].time_s + 1e-9 >= self._next_frame_s + lasts_s
+
+    @property
+    def _next_frame_s(self) -> float:
+        return self._n_frames / self._mission.instruments.frame_rate_hz
+
+    def _sensed(self, writer: FrameWriter) -> Readings:
+        """Take the next frame and read the instruments."""
+        motion, time_s, index = Motion.of(self._recent), self._next_frame_s, self._n_frames
+        image = self._faults.image(time_s, index, self._eye.frame(motion.pose_at, time_s, index))
+        self._n_frames += 1
+        if image is not None:
+            writer.add(time_s, image)
+            self._frame_times.append(time_s)
+        readings = self._read()
+        self._log.add(readings)
+        return replace(readings, frame=None if image is None else (time_s, image))
+
+    def _read(self) -> Readings:
+        """Read the instruments up to now, and forget motion that nobody reads any more."""
+        readings = self._instruments.read(Motion.of(self._recent))
+        kept_from = min(self._next_frame_s, self._recent[-1].time_s) - _KEPT_S
+        self._recent = [state for state in self._recent if state.time_s >= kept_from]
+        return replace(readings, gps=self._faults.fixes(readings.gps))
+
+    def _ending(self) -> Ending | None:
+        """Return how the drive has ended, if it has."""
+        state, battery_j = self._states[-1], self._mission.rover.battery_j
+        xmin, ymin, xmax, ymax = self._ground.bounds
+        x, y, z = state.position
+        a_second_ago = self._states[max(len(self._states) - 1 - STEERED_HZ, 0)]
+        limit_s = 3.0 * self._pursuit.length_m / self._mission.rover.speed_m_s + 60.0
+        reasons = {
+            Ending.LEFT_THE_MAP: not (xmin < x < xmax and ymin < y < ymax),
+            Ending.TIPPED_OVER: _upright(state) < _TIPPED_COS,
+            Ending.FELL: a_second_ago.position[2] - z > _FELL_M,
+            Ending.BATTERY_EMPTY: battery_j is not None and state.energy_j > battery_j,
+            Ending.ARRIVED: self._pursuit.is_done(np.array([x, y])),
+            Ending.STALLED: self._is_stuck(),
+            Ending.OUT_OF_TIME: state.time_s > limit_s,
+        }
+        return next((ending for ending, is_so in reasons.items() if is_so), None)
+
+    def _is_stuck(self) -> bool:
+        """Tell whether the rover is where it was some time ago."""
+        n = round(_STALLED_S * STEERED_HZ)
+        if len(self._states) <= n + _STAND_S * STEERED_HZ:
+            return False
+        then, now = self._states[-1 - n].position, self._states[-1].position
+        return bool(np.hypot(now[0] - then[0], now[1] - then[1]) < _STALLED_M)
+
+    def result(self, ending: Ending, folder: Path) -> Drive:
+        """Put recording and truth together."""
+        records = self._log.records()
+        if records["gps"] is None:
+            raise InputError(
+                f"the drive ended after {self._states[-1].time_s:.1f} s ({ending.value}) with fewer than two GPS fixes; "
+                "there is nothing to localize, drive longer or leave the receiver on."
+            )
+        ground, mission = self._ground, self._mission
+        recording = Recording(
+            ground.crs,
+            self._faults.start(self._start),
+            antenna_height_m=mission.rover.antenna_height_m,
+            vertical_datum=ground.vertical_datum,
+            stakes=self._instruments.spotter.stakes,
+            camera=self._faults.calibration(self._camera),
+            frames=Frames.read(folder / "frames"),
+            **records,
+        )
+        motion = Motion.of(self._states)
+        zero = np.zeros((len(self._states), 3, 3))
+        trajectory = Trajectory(motion.time_s, motion.position, motion.quaternion, zero, ground.crs)
+        last = self._states[-1]
+        return Drive(
+            recording, Truth(ground.dem, trajectory), ending, self._pursuit.progress_m, last.energy_j
+        )
+
+
+def physics_of(ground: HeightField, path: FloatArray, mission: MissionConfig) -> Physics:
+    """Put a rover at the start of a path, heading along it."""
+    kind = ContactRover if mission.physics.engine == "contact" else KinematicRover
+    ahead = path[1] - path[0]
+    return kind(ground, mission.physics, mission.rover, path[0], float(np.arctan2(ahead[1], ahead[0])))
+
+
+def _eye(ground: FineTerrain, look: AppearanceConfig, camera: Camera, mission: MissionConfig) -> RoverCamera:
+    renderer = Renderer(
+        ground,
+        look,
+        camera,
+        mission.seed,
+        imaging=mission.imaging,
+        wind_from_deg=mission.scenery.wind_from_deg,
+    )
+    physics = mission.physics
+    length = physics.track_length_m + 2.0 * physics.wheel_radius_m
+    size = length, physics.track_gauge_m + physics.wheel_radius_m, 0.3
+
+    def box(T_world_body: FloatArray) -> RoverBox:
+        T_body_box = np.eye(4)
+        T_body_box[2, 3] = 0.5 * size[2] + 0.05
+        return RoverBox(size, T_world_body @ T_body_box)
+
+    return RoverCamera(renderer, exposure_s=mission.imaging.exposure_s, box=box)
+
+
+def _stakes(ground: HeightField, pursuit: PurePursuit, mission: MissionConfig) -> FloatArray:
+    """Stand stakes on the ground beside the route, left and right in turn; those beyond the map are left out."""
+    config = mission.instruments.stakes
+    along = (np.arange(config.count) + 0.5) * pursuit.length_m / max(config.count, 1)
+    xy, heading = pursuit.at(along)
+    side = config.beside_m * np.where(np.arange(config.count) % 2, -1.0, 1.0)[:, None]
+    feet = xy + side * np.column_stack([-np.sin(heading), np.cos(heading)])
+    place = np.column_stack([feet, ground.elevation(feet)])
+    return place[np.isfinite(place[:, 2])]
+
+
+def _heading(state: RoverState) -> float:
+    x, y, z, w = state.quaternion
+    return float(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def _upright(state: RoverState) -> float:
+    """Cosine of the body's tilt."""
+    x, y, _, _ = state.quaternion
+    return 1.0 - 2.0 * (x * x + y * y)
