@@ -81,14 +81,19 @@ def plan(
 
       firnline plan mine.toml
     """
+    asked = {"swaths": swaths, "spacing_m": spacing, "budget_m": budget, "rmse_m": rmse}
+    given = {name: value for name, value in asked.items() if value is not None}
     if source.suffix == ".toml":
         from sim.cli.mission_file import run_until, tell
+        from survey.errors import ConfigError
 
+        if given or any(option is not None for option in (prior, crs, rovers, max_slope)):
+            raise ConfigError(
+                f"{source} is a mission, which says all that itself; change it with --set, as in --set planner.swaths=6."
+            )
         _, run = run_until(source, "plan", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         tell(run, as_json=as_json)
         return
-    asked = {"swaths": swaths, "spacing_m": spacing, "budget_m": budget, "rmse_m": rmse}
-    given = {name: value for name, value in asked.items() if value is not None}
     wanted: dict[str, Any] = {"planner": {"pattern": pattern, **(given or {"swaths": 4})}}
     if rovers is not None:
         wanted["fleet"] = {"rovers": rovers}

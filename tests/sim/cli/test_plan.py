@@ -152,6 +152,8 @@ def test_a_mission_plans_for_its_rover_and_simulates_one_only():
         "[satellite]\ncell_m = 20.0\nsigma_m = 0.0\n[area]\nbounds_m = [526000.0, 6478000.0, 526200.0, 6478200.0]\n"
         '[planner]\npattern = "lawnmower"\nspacing_m = 40.0\n[rover]\nmax_pitch_deg = 15.0\n'
     )
+    _, err = planned("m.toml", "--runs", "runs", "--max-slope", "20", code=4)
+    assert "change it with --set" in err
     planned("m.toml", "--runs", "runs")
     route = Route.read("runs/m/latest/1-plan/route.geojson")
     assert route.prediction["left_out_share"] > 0.02
