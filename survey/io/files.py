@@ -49,14 +49,31 @@ def replacing(path: str | Path) -> Iterator[Path]:
         ) from error
 
 
+class DamagedError(ValueError):
+    """A library has read a file that does not hold what it says."""
+
+
+# What GDAL warns of and goes on with a value that the file does not hold.
+_DAMAGE = ("parsed incompletely", "corrupt", "truncat", "unexpected end")
+
+
 @contextmanager
 def warnings_logged() -> Iterator[None]:
-    """Send what libraries warn of while reading a file to the log: a refusal is one sentence, a success is silent."""
+    """Send what libraries warn of while reading a file to the log: a refusal is one sentence, a success is silent.
+
+    Raises
+    ------
+    DamagedError
+        When a warning tells of damage: the values that were read are not those of the file.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for warning in caught:
-        logging.getLogger(__name__).warning("%s", warning.message)
+        words = str(warning.message)
+        if any(sign in words.lower() for sign in _DAMAGE):
+            raise DamagedError(words)
+        logging.getLogger(__name__).info("%s", words)
 
 
 def synced(path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import laspy
+import lazrs
 import numpy as np
 import plyfile
 import shapely
@@ -17,6 +18,7 @@ from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.geodesy import UNSTATED, vertical_datum_of
 from survey.io.files import existing_file, first_line, replacing
+from survey.io.las_claims import check_claim, check_las_points, check_las_records
 from survey.io.tables import read_table, write_table
 from survey.io.vector import read_features, write_features
 
@@ -25,9 +27,23 @@ _DATUM = "vertical_datum"
 # LAS keeps coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
 _LAS_OWNER = "firnline"
-# Points that are all alike shrink to little in LAZ, but hardly to less than this share.
-_LAZ_RATIO = 400
 _PLY_HEAD = 65_536
+# No coordinate, covariance or temperature is larger; what is comes of flipped bits.
+_LARGEST = 1e15
+_LAS_FAULTS = (
+    laspy.errors.LaspyException,
+    lazrs.LazrsError,
+    CRSError,
+    ValueError,
+    RuntimeError,
+    struct.error,
+    OSError,
+    MemoryError,
+    OverflowError,
+    KeyError,
+    IndexError,
+    TypeError,
+)
 
 
 class PointTable(NamedTuple):
@@ -47,7 +63,13 @@ def read_point_table(path: str | Path) -> PointTable:
         Another ending; a file that is missing, empty or damaged; a column that is missing
         or holds something that is no number.
     """
-    return _format(path).read(Path(path))
+    table = _format(path).read(Path(path))
+    for name, column in table.columns.items():
+        if (np.abs(column) > _LARGEST).any():
+            raise InputError(
+                f"the point file {path} holds {np.abs(column).max():.3g} in {name}; it is damaged, get it again."
+            )
+    return table
 
 
 def write_point_table(path: str | Path, table: PointTable) -> None:
@@ -114,13 +136,13 @@ def _write_vector(path: Path, table: PointTable) -> None:
 def _read_las(path: Path) -> PointTable:
     file = existing_file(path, "the point file")
     try:
-        with laspy.open(file) as reader:
-            _check_claim(
-                file, reader.header.point_count, reader.header.point_format.size, packed=_is_packed(reader)
-            )
+        check_las_records(file)
+        # One thread: the same work in the same order.
+        with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs) as reader:
+            check_las_points(file, reader.header)
             las = reader.read()
         crs = las.header.parse_crs()
-    except (laspy.errors.LaspyException, CRSError, ValueError, RuntimeError, struct.error, OSError) as error:
+    except _LAS_FAULTS as error:
         raise _damaged(file, "LAS", error) from error
     if len(las.points) == 0:
         raise InputError(f"the point file {file} holds no points; get it again.")
@@ -169,7 +191,15 @@ def _read_ply(path: Path) -> PointTable:
         _check_ply_claim(file)
         ply = plyfile.PlyData.read(str(file))
         vertices = ply["vertex"].data
-    except (plyfile.PlyParseError, KeyError, ValueError, UnicodeDecodeError) as error:
+    except (
+        plyfile.PlyParseError,
+        KeyError,
+        ValueError,
+        MemoryError,
+        OverflowError,
+        TypeError,
+        IndexError,
+    ) as error:
         raise _damaged(file, "PLY", error) from error
     missing = {"x", "y", "z"} - set(vertices.dtype.names)
     if missing:
@@ -199,19 +229,6 @@ def _write_ply(path: Path, table: PointTable) -> None:
         plyfile.PlyData([element], text=False, byte_order="<", comments=comments).write(str(draft))
 
 
-def _is_packed(reader: Any) -> bool:
-    return bool(reader.header.are_points_compressed)
-
-
-def _check_claim(file: Path, n_points: int, point_bytes: int, *, packed: bool) -> None:
-    """Refuse a header that claims more points than the file can hold, before memory is taken for them."""
-    room = file.stat().st_size * (_LAZ_RATIO if packed else 1)
-    if n_points * max(point_bytes, 1) > room:
-        raise InputError(
-            f"the point file {file} claims {n_points:,} points of {point_bytes} bytes but has {file.stat().st_size:,} bytes; it was cut off."
-        )
-
-
 def _check_ply_claim(file: Path) -> None:
     """Refuse a header of more rows than the file has bytes."""
     with file.open("rb") as stream:
@@ -219,7 +236,7 @@ def _check_ply_claim(file: Path) -> None:
     for line in head.splitlines():
         words = line.split()
         if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
-            _check_claim(file, int(words[2]), 1, packed=False)
+            check_claim(file, int(words[2]), 1)
 
 
 def _damaged(file: Path, kind: str, error: Exception) -> InputError:

@@ -9,11 +9,12 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 from pyproj.crs import CompoundCRS
+from pyproj.exceptions import CRSError
 
 from survey.arrays import FloatArray
 from survey.errors import CapacityError, InputError
 from survey.geodesy import UNSTATED, VERTICAL_CRS, projected_crs, vertical_datum_of
-from survey.io.files import existing_file, first_line, replacing, unwritable, warnings_logged
+from survey.io.files import DamagedError, existing_file, first_line, replacing, unwritable, warnings_logged
 
 NODATA = -9999.0
 LARGEST_CELLS = 160_000_000
@@ -290,4 +291,5 @@ def _gdal_faults() -> tuple[type[Exception], ...]:
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
-    return RasterioError, CPLE_BaseError
+    # Texts of a damaged header may not be UTF-8, and its claims may exceed the memory.
+    return RasterioError, CPLE_BaseError, DamagedError, UnicodeDecodeError, MemoryError, CRSError

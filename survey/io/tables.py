@@ -1,6 +1,7 @@
 """Tables of numbers as CSV: a header with units, full precision, nothing guessed."""
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -34,7 +35,8 @@ def read_table(
     file = existing_file(path, what)
     try:
         with file.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.reader(stream))
+            content = stream.read()
+        rows = list(csv.reader(io.StringIO(content, newline="")))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{what} {file} is no text table ({error}); a CSV file was expected.") from error
     header = [name.strip() for name in rows[0]] if rows else []
@@ -53,6 +55,10 @@ def read_table(
                 f"{what} {file}, line {number}: {len(row)} values where the header names {len(header)}; "
                 "the file may be cut off, make it again."
             )
+    if not content.endswith(("\n", "\r")):
+        raise InputError(
+            f"{what} {file} ends in the middle of a line; it may be cut off, make it again or end it with a line break."
+        )
     return {
         name: _numbers(body, index, f"{what} {file}", name)
         for index, name in enumerate(header)

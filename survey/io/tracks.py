@@ -21,13 +21,15 @@ KITTI_COLUMNS = tuple(
 )
 # Times count from here where a format wants a date and the track has none.
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
+# TUM readers skip lines like this; it tells a file that was cut off at the end of a line.
+_COUNT = "# poses: "
 _WGS84 = CRS.from_epsg(4326)
 _TIME, _HEIGHT = "time_s", "elevation_m"
 
 
 def write_tum(path: str | Path, rows: FloatArray) -> None:
     """Write poses (N, 8) as TUM text; numbers read back exactly as they were."""
-    _write_rows(path, rows, "# " + " ".join(TUM_COLUMNS) + "\n")
+    _write_rows(path, rows, f"# {' '.join(TUM_COLUMNS)}\n{_COUNT}{len(rows)}\n")
 
 
 def read_tum(path: str | Path) -> FloatArray:
@@ -146,14 +148,18 @@ def _write_rows(path: str | Path, rows: FloatArray, header: str) -> None:
 def _read_rows(path: str | Path, columns: Sequence[str], kind: str) -> FloatArray:
     file = existing_file(path, "the trajectory")
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        content = file.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise InputError(
             f"the trajectory {file} is no text ({error.reason}); a {kind} file was expected."
         ) from error
+    if not content.endswith("\n"):
+        raise InputError(
+            f"the trajectory {file} ends in the middle of a line; it may be cut off, make it again or end it with a line break."
+        )
     rows = [
         _row(line, columns, f"the trajectory {file}, line {number}")
-        for number, line in enumerate(lines, start=1)
+        for number, line in enumerate(content.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not rows:
