@@ -98,10 +98,11 @@ def _shortest(kernel: Kernel, noise_m: float) -> RouteMaker:
     """Plan the shortest choice that is predicted to err no more than the plain lawnmower of so many swaths."""
 
     def make(n: int, _: Sequence[Dem]) -> list[Route]:
-        known = {"kernel": kernel, "noise_m": noise_m, "sample_step_m": 15.0}
-        plain = planners.plan(AREA, None, planners.LawnmowerConfig(swaths=n), **known)
-        config = planners.BestConfig(rmse_m=plain.prediction["rmse_m"])
-        return [planners.plan(AREA, None, config, **known)]
+        def planned(config: planners.PlannerConfig) -> Route:
+            return planners.plan(AREA, None, config, kernel=kernel, noise_m=noise_m, sample_step_m=15.0)
+
+        plain = planned(planners.LawnmowerConfig(swaths=n))
+        return [planned(planners.BestConfig(rmse_m=plain.prediction["rmse_m"]))]
 
     return make
 
