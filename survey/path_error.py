@@ -1,5 +1,6 @@
 """What is still wrong with an estimated path, and how its keyframes share it."""
 
+import io
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -188,7 +189,7 @@ class PathError:
         """
         file = existing_file(path, "the error of the path")
         try:
-            with np.load(file, allow_pickle=False) as kept:
+            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as kept:
                 size = int(kept["n_unknowns"])
                 place = (kept["row"], kept["column"])
                 upper = sparse.csr_array((kept["value"], place), shape=(size, size))

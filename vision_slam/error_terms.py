@@ -8,7 +8,7 @@ from survey.arrays import FloatArray, IntArray
 from survey.recording import Recording
 from survey.sensors import Barometer, Odometry
 from vision_slam.config import LocalizationConfig
-from vision_slam.leveling import gravity_tilt
+from vision_slam.gravity import gravity_tilt
 from vision_slam.normal_equations import (
     BIAS,
     DATUM,
@@ -205,7 +205,7 @@ def _add_gravity(system: NormalEquations, recording: Recording, along: _Nodes) -
 
 def _scatter(readings: FloatArray, mean: FloatArray, count: FloatArray) -> float:
     """Return the standard deviation of one reading [rad]: by neighbours in time, and by bends of the nodes' means."""
-    within = 1.4826 * float(np.median(np.abs(np.diff(readings)))) / np.sqrt(2.0)
+    within = 1.4826 * float(np.median(np.abs(np.diff(readings))) / np.sqrt(2.0))
     if len(mean) < 3:
         return max(within, _EXACT_RAD)
     bends = np.abs(mean[2:] - 2.0 * mean[1:-1] + mean[:-2]) * np.sqrt(count[1:-1] / 6.0)

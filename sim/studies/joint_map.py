@@ -24,6 +24,7 @@ from sim.studies import Progress
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.dem import Dem
+from survey.geodesy import projected_crs
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.reconstruction.config import JointConfig, SatelliteErrors
@@ -36,7 +37,7 @@ from survey.terrain.random_fields import kernel_field
 from survey.trajectory import Trajectory
 from vision_slam import LocalizationConfig, localize
 
-CRS = "EPSG:32608"
+CRS = projected_crs("EPSG:32608", "the study")
 SIDE_M, RELIEF_M, MICRO_RELIEF_M = 600.0, 25.0, 0.15
 AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
 NODES = Grid((3.75, 3.75, 596.25, 596.25), 7.5, CRS)

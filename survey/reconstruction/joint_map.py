@@ -30,7 +30,7 @@ from survey.reconstruction.resolution import (
     tail_variance,
 )
 from survey.reconstruction.satellite_cells import SatelliteCells
-from survey.reconstruction.shared_error import SharedError, dominant_modes
+from survey.reconstruction.shared_error import SharedError, dominant_modes, side_by_side
 from survey.reconstruction.support import support_codes
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
@@ -178,7 +178,7 @@ class JointTerrain:
             strengths,
             data,
             (
-                sparse.csr_array(sparse.hstack([shared.rows, more], format="csr")),
+                side_by_side(shared.rows, more),
                 _with_more(shared.information, more.shape[1], cells),
             ),
             None
@@ -285,12 +285,10 @@ class JointSolution:
         """Return the path's error, as the map found it."""
         path, n_path = self.asked.path, self.shared.poses.shape[1]
         places = np.flatnonzero(np.arange(len(path) * POSE) % POSE < 3)
-        rows = sparse.hstack(
-            [self.shared.poses[places], sparse.csr_array((len(places), self._n_shared - n_path))],
-            format="csr",
-        )
+        nothing = sparse.csr_array((len(places), self._n_shared - n_path))
+        rows = side_by_side(self.shared.poses[places], nothing)
         shift = np.asarray(rows @ self.posterior.shared).reshape(-1, 3)
-        covariance = self.posterior.shared_blocks(sparse.csr_array(rows), 3)
+        covariance = self.posterior.shared_blocks(rows, 3)
         if self.asked.joint.rank is not None:
             covariance = path.pose_covariances[0][:, :3, :3]
         return PathCorrection(path.time_s, shift, 0.5 * (covariance + covariance.transpose(0, 2, 1)))
@@ -369,8 +367,7 @@ def _functionals(
     if cells.datum_sigma_m > 0.0:
         more = np.column_stack([more, np.ones(len(cells))])
     before = sparse.csr_array((len(cells), n_path))
-    shared = sparse.csr_array(sparse.hstack([before, more], format="csr"))
-    return Functionals(waves, shared, cells.height - datum, cells.covariance)
+    return Functionals(waves, side_by_side(before, more), cells.height - datum, cells.covariance)
 
 
 def _with_more(information: Any, n_more: int, cells: SatelliteCells | None) -> Any:
@@ -378,7 +375,8 @@ def _with_more(information: Any, n_more: int, cells: SatelliteCells | None) -> A
     own = np.zeros(n_more)
     if cells is not None and cells.datum_sigma_m > 0.0:
         own[-1] = cells.datum_sigma_m**-2
-    return sparse.csr_array(sparse.block_diag([information, sparse.diags_array(own)], format="csr"))
+    blocks: Any = [information, sparse.diags_array(own)]
+    return sparse.csr_array(sparse.block_diag(blocks))
 
 
 def _own_variance(points: SurfacePoints, slope: FloatArray) -> FloatArray:

@@ -125,7 +125,8 @@ class SatelliteCells:
 
 def _placed(dem: Dem, crs: CRS, column: FloatArray, row: FloatArray) -> FloatArray:
     """Return places (N, 2) in a CRS of fractional columns and rows of a raster."""
-    places = np.column_stack(dem.transform @ (column, row))
+    a, b, c, d, e, f = tuple(dem.transform)[:6]
+    places = np.column_stack([a * column + b * row + c, d * column + e * row + f])
     if dem.crs.equals(crs, ignore_axis_order=True):
         return places
     return transformed(places, dem.crs, crs, "the satellite's model")

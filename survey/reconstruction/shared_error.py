@@ -89,6 +89,12 @@ def height_levers(points: SurfacePoints, slope: FloatArray) -> FloatArray:
     return np.column_stack([above, *turns])
 
 
+def side_by_side(*blocks: Any) -> Any:
+    """Return matrices of as many rows, sparse or not, as one sparse one."""
+    parts: Any = blocks
+    return sparse.csr_array(sparse.hstack(parts))
+
+
 def _levers(points: SurfacePoints, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
     if points.keyframe is None:
         raise InputError(
