@@ -10,10 +10,10 @@ from survey.arrays import FloatArray
 from survey.geodesy import same_crs
 from survey.grid import Grid
 from survey.reconstruction.base import Capabilities, local_datum_m, not_fitted
-from survey.reconstruction.calibration import Calibration
 from survey.reconstruction.field_posterior import FieldPosterior, Part, is_small
 from survey.reconstruction.ghost_returns import ghosts
 from survey.reconstruction.lattice import Here, LatticeModel, NodeWindow, bilinear, require_room, sensor_place
+from survey.reconstruction.lattice_calibration import LatticeCalibration
 from survey.reconstruction.lattice_config import FieldLatticeConfig
 from survey.reconstruction.recent_points import RecentPoints
 from survey.reconstruction.stiffness import Stiffness, likeliest
@@ -76,7 +76,7 @@ class FieldLattice(LatticeModel):
     """Iterations of the latest solution."""
     _posterior: FieldPosterior | None = field(default=None, init=False, repr=False)
     recent: RecentPoints = field(default_factory=RecentPoints, init=False, repr=False)
-    _calibration: Calibration | None = field(default=None, init=False, repr=False)
+    _calibration: LatticeCalibration | None = field(default=None, init=False, repr=False)
 
     def fit(self, points: SurfacePoints) -> Self:
         """Forget everything and learn from points.
@@ -257,15 +257,15 @@ class FieldLattice(LatticeModel):
     def _node_std(self) -> FloatArray:
         if self.config.window_nodes is not None:
             self.settle()
-        std = self.posterior.std(self.where.window, self.stiffness_)
-        return std * self._calibrated().at(self._away_m().ravel()).reshape(std.shape)
+        return self.calibration.surface * self.posterior.std(self.where.window, self.stiffness_)
 
-    def _calibrated(self) -> Calibration:
+    @property
+    def calibration(self) -> LatticeCalibration:
+        """The factors on the standard deviations of surface and points, from blocks that were left out."""
         if self._calibration is None:
+            wanted = self.config.calibrate
             self._calibration = (
-                self.recent.calibration(self.config, self.stiffness_, self._away_m())
-                if self.config.calibrate
-                else Calibration.none()
+                self.recent.calibration(self.config, self.stiffness_) if wanted else LatticeCalibration()
             )
         return self._calibration
 
@@ -281,7 +281,7 @@ class FieldLattice(LatticeModel):
             "n_points": self.posterior.information.n_points,
             "n_ghosts": self.n_ghosts_,
             "prior_std_m": self.stiffness_.prior_std_m(),
-            "calibration": self._calibrated().facts(),
+            "calibration": self.calibration.facts(),
         }
         return learned, facts
 

@@ -78,11 +78,13 @@ class FieldPosterior:
     def carried(self, new: NodeWindow, old: NodeWindow) -> "FieldPosterior":
         """Return the same on another window."""
         soft = None if self.soft is None else new.carried(self.soft, old, 1.0)
-        return FieldPosterior(self.information.carried(new, old), new.carried(self.z, old, np.nan), soft)
+        information = self.information.carried(new, old, self.heights())
+        return FieldPosterior(information, new.carried(self.z, old, np.nan), soft)
 
     def heights(self) -> FloatArray:
         """Return the heights (H, W) above the datum [m]; the best plane where no solution has reached yet."""
-        return np.where(np.isnan(self.z), self._plane(self._whole()), self.z)
+        unknown = np.isnan(self.z)
+        return np.where(unknown, self._plane(self._whole()), self.z) if unknown.any() else self.z
 
     def solve(self, part: Part, step_m: float, stiffness: Stiffness, config: FieldLatticeConfig) -> int:
         """Solve a part of the map, its rim held fixed; return the number of iterations."""

@@ -9,6 +9,7 @@ from survey.arrays import BoolArray, FloatArray, IntArray
 _CELL_M, _WIDER = 1.0, 4.0
 _N_LEAST = 6
 _N_ASKED = 32
+_N_COMPANIONS = 3
 LEAST_M = 0.3
 _SIGMAS = 4.0
 _QUARTILES_TO_SIGMA = 1.349
@@ -18,7 +19,8 @@ def ghosts(xyz: FloatArray) -> BoolArray:
     """Tell which points of a scan (N, 3) [m] are ghosts (N,).
 
     A ghost lies farther from the median height of its neighbours, within 1 to 2 m, than
-    0.3 m and four of their standard deviations, taken from their quartiles. Where fewer than six points are
+    0.3 m and four of their standard deviations, taken from their quartiles, and fewer than
+    three of them lie within 0.3 m of its height: the top of a pile is not alone. Where fewer than six points are
     near, those within 4 to 8 m are asked; without six there, a point is believed.
 
     Examples
@@ -105,6 +107,12 @@ def _judged(z: FloatArray, key: IntArray, order: IntArray, n_east: int) -> tuple
         middle = asked[m // 2]
         allowed = max(LEAST_M, _SIGMAS * (asked[3 * m // 4] - asked[m // 4]) / _QUARTILES_TO_SIGMA)
         for a in range(first, k):
-            far[order[a]] = abs(z[order[a]] - middle) > allowed
+            height = z[order[a]]
             n_near[order[a]] = total
+            if abs(height - middle) > allowed:
+                companions = -1
+                for row in range(3):
+                    for b in range(spans[row, 0], spans[row, 1]):
+                        companions += abs(z[order[b]] - height) <= LEAST_M
+                far[order[a]] = companions < _N_COMPANIONS
     return far, n_near

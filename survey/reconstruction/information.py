@@ -1,7 +1,7 @@
 """What a lattice has been told: every scan's points, summed into a stencil that can be added to for ever."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -52,12 +52,26 @@ class Information:
         kernel.add_points(points, self.stencil, self.rhs, self.draws, self.n_points)
         kernel.add_moments(points, self.moments)
 
-    def carried(self, new: NodeWindow, old: NodeWindow) -> "Information":
-        """Return the same sums on another window; points in cells that are left behind are forgotten."""
-        stencil, rhs = new.carried(self.stencil, old), new.carried(self.rhs, old)
+    def carried(self, new: NodeWindow, old: NodeWindow, z: FloatArray) -> "Information":
+        """Return the sums on another window.
+
+        Points between nodes that stay and nodes that are left behind keep their pull on the
+        former, with the latter where they stand now (`z`, (H, W) [m]).
+        """
+        kept = new.within(old)
+        leaving = z.copy()
+        leaving[kept] = 0.0
+        rhs = self.rhs
+        if leaving.size > leaving[kept].size:
+            pulled = np.empty_like(z)
+            kernel.apply(self.stencil, (0.0, 0.0, 0.0), np.zeros((0, 0, 0)), leaving, pulled)
+            rhs = rhs - pulled
         draws = np.zeros((*new.shape, self.draws.shape[2]), dtype=np.float32)
-        draws[old.within(new)] = self.draws[new.within(old)]
-        return Information(stencil, rhs, draws, _shifted(self.moments, old, new), self.n_points)
+        draws[old.within(new)] = self.draws[kept]
+        stencil, rhs = _without_loose_ends(new.carried(self.stencil, old)), new.carried(rhs, old)
+        moments = np.zeros((3, 4))
+        kernel.add_moments_of_sums(stencil, rhs, moments)
+        return Information(stencil, rhs, draws, moments, self.n_points)
 
     def part(self, rows: slice, columns: slice) -> tuple[FloatArray, FloatArray]:
         """Return stencil and right-hand side of a part of the window."""
@@ -99,8 +113,10 @@ def plane_heights(plane: FloatArray, rows: slice, columns: slice) -> FloatArray:
     return heights
 
 
-def _shifted(moments: FloatArray, old: NodeWindow, new: NodeWindow) -> Any:
-    """Return the moments about the first node of another window."""
-    shift = np.eye(3)
-    shift[1:, 0] = old.west - new.west, old.south - new.south
-    return np.column_stack([shift @ moments[:, :3] @ shift.T, shift @ moments[:, 3]])
+def _without_loose_ends(stencil: FloatArray) -> FloatArray:
+    """Cut couplings to nodes beyond the window, in place."""
+    stencil[kernel.EAST, :, -1] = 0.0
+    stencil[kernel.NORTH, -1] = 0.0
+    stencil[kernel.NORTH_EAST, -1], stencil[kernel.NORTH_EAST, :, -1] = 0.0, 0.0
+    stencil[kernel.NORTH_WEST, -1], stencil[kernel.NORTH_WEST, :, 0] = 0.0, 0.0
+    return stencil

@@ -34,8 +34,8 @@ class FieldLatticeConfig(Section):
     """Draws from which the standard deviation of a large map is taken; 0 for none."""
     calibrate: bool = True
     """Whether blocks of points that are left out scale the standard deviation."""
-    tolerance: float = Field(default=1e-2, gt=0)
-    """Largest error of the solver, in posterior standard deviations of any node."""
+    tolerance: float = Field(default=0.1, gt=0)
+    """Bound of the solver's error at any node, in its posterior standard deviations; the usual error is far smaller."""
     memory_mb: float = Field(default=4000.0, gt=0)
     """Memory that a map may take [MB]."""
 
@@ -68,7 +68,7 @@ class SpringLatticeConfig(Section):
     """Side of the lattice that follows the sensor [m], twice its range; left out, the lattice grows with the points."""
     k_surface: float = Field(default=1.0, gt=0)
     """Constant of the springs between nodes."""
-    k_data: float = Field(default=1.0, gt=0)
+    k_data: float = Field(default=0.3, gt=0)
     """Constant of the springs to the points."""
     tolerance: float = Field(default=1e-2, gt=0)
     """Largest error of the solver, in standard deviations of a node whose points err by `sigma` / √k_data."""

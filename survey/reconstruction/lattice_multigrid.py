@@ -1,7 +1,7 @@
 """The V-cycle and the conjugate gradients, compiled.
 
-All levels but the finest lie one behind the other in flat arrays: their data, which hang on
-single nodes there, and what the smoother divides by. A coarser level has every second node.
+Each level has every second node of the one before, and the data that the same points would
+have left there. Levels lie one behind the other in flat arrays.
 """
 
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from survey.reconstruction.lattice_stencil import (
     add_prolonged,
     apply,
     cholesky,
+    coarsen_stencil,
     coarsened_factors,
     dense,
     dot,
@@ -122,6 +123,16 @@ def _grid(flat: FloatArray, shapes: IntArray, k: int) -> FloatArray:
 
 
 @njit(cache=True, inline="always")
+def _stencil(flat: FloatArray, shapes: IntArray, k: int) -> FloatArray:
+    """Return the data stencil of one level but the finest."""
+    start = 0
+    for m in range(1, k):
+        start += 5 * shapes[m, 0] * shapes[m, 1]
+    rows, columns = shapes[k]
+    return flat[start : start + 5 * rows * columns].reshape((5, rows, columns))
+
+
+@njit(cache=True, inline="always")
 def _factors(flat: FloatArray, shapes: IntArray, k: int) -> FloatArray:
     """Return one level of the factors on the curvatures, or none."""
     if len(flat) == 0:
@@ -159,29 +170,30 @@ def _built(
     n, last = 0, len(shapes) - 1
     for k in range(len(shapes)):
         n += shapes[k, 0] * shapes[k, 1]
-    data, inverse_bound = np.empty(n), np.empty(n)
+    inverse_bound = np.empty(n)
+    data = np.empty(5 * (n - shapes[0, 0] * shapes[0, 1]))
     factors = np.empty(3 * n if soft.shape[0] else 0)
     spectrum = _SPECTRUM_OF_FACTORS if soft.shape[0] else _SPECTRUM
-    here = soft
+    here, held = soft, stencil[0].copy()
     for k in range(len(shapes)):
-        shape = (shapes[k, 0], shapes[k, 1])
-        own = _grid(data, shapes, k)
-        if k == 0:
-            own[:] = lumped(stencil)
-        else:
-            restrict(_grid(data, shapes, k - 1), own)
+        if k == 1:
+            coarsen_stencil(held, stencil, _stencil(data, shapes, 1))
+        elif k > 1:
+            finer = _stencil(data, shapes, k - 1)
+            coarsen_stencil(finer[0], finer, _stencil(data, shapes, k))
         if soft.shape[0]:
             here = soft if k == 0 else coarsened_factors(here)
             _factors(factors, shapes, k)[:] = here
+        own = lumped(stencil) if k == 0 else lumped(_stencil(data, shapes, k))
+        shape = (shapes[k, 0], shapes[k, 1])
         bound = own + spectrum * prior_diagonal(_coarser_weights(weights, k), here, shape)
         if k == 0 and rim[0] + rim[1] + rim[2] + rim[3] > 0:
             free = np.ones(shape)
             clear(free, rim)
-            own += _HEAVY * bound.max() * (1.0 - free)
+            held += _HEAVY * bound.max() * (1.0 - free)
             bound = np.where(free > 0.0, bound, np.inf)
         _grid(inverse_bound, shapes, k)[:] = 1.0 / bound
-    rows, columns = shapes[last]
-    deepest = _grid(data, shapes, last).copy().reshape((1, rows, columns))
+    deepest = stencil if last == 0 else _stencil(data, shapes, last)
     matrix = dense(deepest, _coarser_weights(weights, last), _factors(factors, shapes, last))
     return data, factors, inverse_bound, cholesky(matrix)
 
@@ -199,8 +211,7 @@ def _apply_at(k: int, operator: Operator, levels: Hierarchy, z: FloatArray, out:
     if k == 0:
         apply(operator.stencil, operator.weights, operator.soft, z, out)
     else:
-        rows, columns = levels.shapes[k]
-        data = _grid(levels.data, levels.shapes, k).reshape((1, rows, columns))
+        data = _stencil(levels.data, levels.shapes, k)
         soft = _factors(levels.soft, levels.shapes, k)
         apply(data, _coarser_weights(operator.weights, k), soft, z, out)
 

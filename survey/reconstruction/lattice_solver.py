@@ -92,6 +92,11 @@ def solve(
     Solution
         Heights and number of iterations.
 
+    Raises
+    ------
+    ValueError
+        When the three do not lie on one lattice.
+
     Examples
     --------
     >>> data = np.zeros((1, 5, 5))
@@ -100,6 +105,8 @@ def solve(
     >>> float(solve(springs, 3.0 * data[0], np.zeros((5, 5)), tolerance=1e-9).z[0, 0].round(6))
     3.0
     """
+    if not operator.shape == rhs.shape == start.shape:
+        raise ValueError(f"shapes differ: operator {operator.shape}, rhs {rhs.shape}, start {start.shape}")
     by = preconditioner or Preconditioner(operator)
     until = (tolerance, max_iterations)
     return Solution(*multigrid.conjugate_gradients(operator, by.levels, rhs, start, until))

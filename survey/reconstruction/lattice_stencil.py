@@ -95,6 +95,33 @@ def add_moments(points: FloatArray, moments: FloatArray) -> None:
             moments[a, 3] += left * z
 
 
+@njit(cache=True)
+def add_moments_of_sums(stencil: FloatArray, rhs: FloatArray, moments: FloatArray) -> None:
+    """Add to `moments` what `add_moments` would have, from the sums over the points: Tᵀ S T and Tᵀ b."""
+    rows, columns = rhs.shape
+    steps = ((0, 0), (1, 0), (0, 1), (1, 1), (-1, 1))
+    for j in range(rows):
+        for i in range(columns):
+            moments[0, 3] += rhs[j, i]
+            moments[1, 3] += rhs[j, i] * i
+            moments[2, 3] += rhs[j, i] * j
+            for layer in range(5):
+                w = stencil[layer, j, i]
+                if w == 0.0:
+                    continue
+                east, north = steps[layer]
+                u, v = i + east, j + north
+                # A coupling stands for two entries of the matrix, one on either side of its diagonal.
+                half = 0.5 * w if layer == 0 else w
+                moments[0, 0] += 2.0 * half
+                moments[0, 1] += half * (i + u)
+                moments[0, 2] += half * (j + v)
+                moments[1, 1] += 2.0 * half * i * u
+                moments[1, 2] += half * (i * v + j * u)
+                moments[2, 2] += 2.0 * half * j * v
+    moments[1, 0], moments[2, 0], moments[2, 1] = moments[0, 1], moments[0, 2], moments[1, 2]
+
+
 @njit(cache=True, fastmath=True, inline="always")
 def _add_data_row(stencil: FloatArray, z: FloatArray, j: int, out: FloatArray) -> None:
     """Add the data's couplings of row j with itself and its neighbours."""
@@ -448,6 +475,64 @@ def restrict(fine: FloatArray, coarse: FloatArray) -> None:
             for i in range(1, columns, 2):
                 b[i // 2] += 0.5 * half * fine[j, i]
                 b[i // 2 + 1] += 0.5 * half * fine[j, i]
+
+
+@njit(cache=True, inline="always")
+def _coarse_shares(i: int) -> tuple[int, int, float]:
+    """Return the one or two coarse nodes that a fine one lies between, and the share of the first."""
+    return i // 2, (i + 1) // 2, 1.0 if i % 2 == 0 else 0.5
+
+
+@njit(cache=True)
+def _add_coupling(w: float, p: tuple[int, int], q: tuple[int, int], coarse: FloatArray) -> None:
+    """Add a coupling w of the fine nodes p and q to the coarse stencil: the coarse functions' values there, multiplied."""
+    pj, pjj, ps = _coarse_shares(p[0])
+    pi, pii, pt = _coarse_shares(p[1])
+    qj, qjj, qs = _coarse_shares(q[0])
+    qi, qii, qt = _coarse_shares(q[1])
+    itself = p == q
+    for a in range(1 if pj == pjj else 2):
+        for b in range(1 if pi == pii else 2):
+            left = w * (ps if a == 0 else 1.0 - ps) * (pt if b == 0 else 1.0 - pt)
+            j, i = (pj if a == 0 else pjj), (pi if b == 0 else pii)
+            for c in range(1 if qj == qjj else 2):
+                for d in range(1 if qi == qii else 2):
+                    value = left * (qs if c == 0 else 1.0 - qs) * (qt if d == 0 else 1.0 - qt)
+                    north, east = (qj if c == 0 else qjj) - j, (qi if d == 0 else qii) - i
+                    if north == 0 and east == 0:
+                        coarse[0, j, i] += value if itself else 2.0 * value
+                    elif itself and (north < 0 or (north == 0 and east < 0)):
+                        continue
+                    elif north == 0:
+                        coarse[1, j, min(i, i + east)] += value
+                    elif east == 0:
+                        coarse[2, min(j, j + north), i] += value
+                    elif north == east:
+                        coarse[3, min(j, j + north), min(i, i + east)] += value
+                    else:
+                        coarse[4, min(j, j + north), max(i, i + east)] += value
+
+
+@njit(cache=True)
+def coarsen_stencil(own: FloatArray, stencil: FloatArray, coarse: FloatArray) -> None:
+    """Set a coarse data stencil (5, h, w) to the one that the same points would have made there."""
+    rows, columns = own.shape
+    coarse[:] = 0.0
+    for j in range(rows):
+        for i in range(columns):
+            if own[j, i] == 0.0:
+                continue
+            _add_coupling(own[j, i], (j, i), (j, i), coarse)
+            if stencil.shape[0] == 1:
+                continue
+            if stencil[1, j, i] != 0.0:
+                _add_coupling(stencil[1, j, i], (j, i), (j, i + 1), coarse)
+            if stencil[2, j, i] != 0.0:
+                _add_coupling(stencil[2, j, i], (j, i), (j + 1, i), coarse)
+            if stencil[3, j, i] != 0.0:
+                _add_coupling(stencil[3, j, i], (j, i), (j + 1, i + 1), coarse)
+            if stencil[4, j, i] != 0.0:
+                _add_coupling(stencil[4, j, i], (j, i), (j + 1, i - 1), coarse)
 
 
 @njit(cache=True)

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from survey.arrays import BoolArray, FloatArray
-from survey.reconstruction.calibration import Calibration
-from survey.reconstruction.field_posterior import FieldPosterior, Part
+from survey.reconstruction.field_posterior import FieldPosterior, Part, is_small
 from survey.reconstruction.lattice import NodeWindow, bilinear
+from survey.reconstruction.lattice_calibration import LatticeCalibration, calibrated
 from survey.reconstruction.lattice_config import FieldLatticeConfig
 from survey.reconstruction.stiffness import Stiffness
 
@@ -32,18 +32,17 @@ class RecentPoints:
         """All of them, the latest ones first when there are too many."""
         return np.concatenate(self.scans)[-_N_KEPT:]
 
-    def calibration(
-        self, config: FieldLatticeConfig, stiffness: Stiffness, away_m: FloatArray
-    ) -> Calibration:
-        """Return the factor on the standard deviation that blocks of left-out points ask for."""
+    def calibration(self, config: FieldLatticeConfig, stiffness: Stiffness) -> LatticeCalibration:
+        """Return the factors on the standard deviations that blocks of left-out points ask for."""
         points = self.xyzw
         (xmin, ymin), (xmax, ymax) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
         window = NodeWindow.over((xmin, ymin, xmax, ymax), config.step_m)
         uv = window.coordinates(points[:, :2])
         whole = Part(slice(0, window.rows), slice(0, window.columns))
+        n_draws = 0 if is_small(window.shape) else _N_DRAWS
 
         def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-            posterior = FieldPosterior.empty(window.shape, _N_DRAWS)
+            posterior = FieldPosterior.empty(window.shape, n_draws)
             posterior.information.add(np.column_stack([uv[kept], points[kept, 2:]]))
             posterior.solve(whole, config.step_m, stiffness, config)
             places = window.coordinates(xy)
@@ -52,4 +51,4 @@ class RecentPoints:
             ) ** 2
 
         noise_m2 = stiffness.noise_factor**2 / points[:, 3]
-        return Calibration.cross_validated(points[:, :2], points[:, 2], noise_m2, predict, away_m.ravel())
+        return calibrated(points, noise_m2, config.step_m, predict)

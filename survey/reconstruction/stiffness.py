@@ -8,6 +8,7 @@ a Gaussian field of Matérn smoothness 1 (Lindgren, Rue and Lindström 2011): κ
 stiffness, without a unit, and ρ the range [m] at which the correlation has fallen to about 0.1.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +22,11 @@ from survey.reconstruction.lattice_exact import band_cholesky, band_of, log_dete
 from survey.reconstruction.lattice_solver import Operator
 from survey.reconstruction.lattice_stencil import Weights
 
-_N_NODES = 40
+# Patches of nodes from which it is learned: the ones with most points, side by side.
+_N_NODES, _N_PATCHES = 32, 6
 _LEAST_POINTS = 60
 _RANGES_IN_STEPS = (400.0, 80.0, 40.0, 20.0, 10.0)
-_NOISE_FACTORS = (0.3, 10.0)
+_NOISE_FACTORS = (0.05, 10.0)
 _LOG_WIDTH_FIRST, _LOG_WIDTH_LATER = 7.0, 1.5
 
 
@@ -70,38 +72,53 @@ class Evidence:
         height = points[:, 2] - (plane[0] + points[:, :2] @ plane[1:])
         information = Information.empty(shape, 0)
         information.add(np.column_stack([points[:, :2], height, points[:, 3]]))
-        self._rhs = information.rhs
-        self._n, self._energy = len(points), float(np.sum(points[:, 3] * height**2))
+        self._rhs = information.rhs.ravel()
+        self.n_points, self._energy = len(points), float(np.sum(points[:, 3] * height**2))
         self._data_band = band_of(Operator(information.stencil, (0.0, 0.0, 0.0)))
-        self._prior: dict[float, tuple[FloatArray, float]] = {}
 
     def __call__(self, log_ratio: float, range_m: float) -> tuple[float, float]:
-        r"""Return the log likelihood and the noise factor s that goes with it.
+        r"""Return the two parts of the likelihood that know the heights.
 
-        With the ratio λ = κ s², the likelihood is largest at s² = F/N and there
+        With the ratio λ = κ s² of stiffness and squared noise factor,
 
-        .. math::  2 \log p = m \log\lambda + \log|Q_0| - \log|\lambda Q_0 + S| - N \log(F/N) + \mathrm{const}
+        .. math::  2 \log p = \underbrace{m \log\lambda + \log|Q_0| - \log|\lambda Q_0 + S|}_D
+            - N \log s^2 - F / s^2 + \mathrm{const}
 
-        where :math:`F = z^T R^{-1} z - b^T (\lambda Q_0 + S)^{-1} b`, m counts the nodes, and Q₀ is
-        the prior's matrix at κ = 1.
+        where :math:`F = z^T R^{-1} z - b^T (\lambda Q_0 + S)^{-1} b`, m counts the nodes, and Q₀ is the
+        prior's matrix at κ = 1. Returned are D and F.
         """
-        ratio = float(np.exp(log_ratio))
-        band, log_prior = self._prior_at(range_m)
-        factor = band_cholesky(self._data_band + ratio * band)
-        z = cho_solve_banded((factor, True), self._rhs.ravel(), check_finite=False)
-        misfit = max(self._energy - float(np.sum(self._rhs.ravel() * z)), 1e-12)
-        squared = float(np.clip(misfit / self._n, _NOISE_FACTORS[0] ** 2, _NOISE_FACTORS[1] ** 2))
-        twice = (
-            band.shape[1] * log_ratio + log_prior - log_determinant(factor) - self._n * np.log(squared)
-        ) - misfit / squared
-        return 0.5 * float(twice), float(np.sqrt(squared))
+        band, log_prior = _prior_band(range_m, self._step_m)
+        factor = band_cholesky(self._data_band + np.exp(log_ratio) * band)
+        z = cho_solve_banded((factor, True), self._rhs, check_finite=False)
+        misfit = max(self._energy - float(np.sum(self._rhs * z)), 1e-12)
+        return band.shape[1] * log_ratio + log_prior - log_determinant(factor), misfit
 
-    def _prior_at(self, range_m: float) -> tuple[FloatArray, float]:
-        if range_m not in self._prior:
-            nothing = np.zeros((1, *self._rhs.shape))
-            band = band_of(Operator(nothing, Stiffness(1.0, range_m).weights(self._step_m)))
-            self._prior[range_m] = band, log_determinant(band_cholesky(band))
-        return self._prior[range_m]
+
+@lru_cache(maxsize=32)
+def _prior_band(range_m: float, step_m: float) -> tuple[FloatArray, float]:
+    """Return the prior's matrix on a patch at κ = 1, as a band, and its log determinant."""
+    nothing = np.zeros((1, _N_NODES, _N_NODES))
+    band = band_of(Operator(nothing, Stiffness(1.0, range_m).weights(step_m)))
+    return band, log_determinant(band_cholesky(band))
+
+
+class _Joint:
+    """The likelihood of several patches, at the noise factor that makes it largest."""
+
+    def __init__(self, patches: list[Evidence]) -> None:
+        self._patches = patches
+        self._n = sum(patch.n_points for patch in patches)
+
+    def noise_factor(self, misfit: float) -> float:
+        """Return s² = F/N, within bounds."""
+        return float(np.clip(np.sqrt(misfit / self._n), *_NOISE_FACTORS))
+
+    def __call__(self, log_ratio: float, range_m: float) -> tuple[float, float]:
+        """Return the log likelihood and the noise factor."""
+        determinants, misfit = np.sum([patch(log_ratio, range_m) for patch in self._patches], axis=0)
+        noise_factor = self.noise_factor(misfit)
+        twice = determinants - 2.0 * self._n * np.log(noise_factor) - misfit / noise_factor**2
+        return 0.5 * float(twice), noise_factor
 
 
 def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None) -> Stiffness | None:
@@ -116,10 +133,10 @@ def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None)
     start : Stiffness, optional
         What was likeliest before; near it the search is short.
     """
-    patch = _densest(points, step_m)
-    if patch is None:
+    patches = [Evidence(*patch, step_m) for patch in _fullest(points, step_m)]
+    if not patches:
         return None
-    evidence = Evidence(*patch, step_m)
+    joint = _Joint(patches)
     ranges = [step_m * n for n in _RANGES_IN_STEPS]
     if start is None:
         centre, width = np.log(1000.0), _LOG_WIDTH_FIRST
@@ -127,42 +144,36 @@ def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None)
         centre, width = np.log(start.stiffness * start.noise_factor**2), _LOG_WIDTH_LATER
         k = int(np.argmin(np.abs(np.log(np.array(ranges) / start.range_m))))
         ranges = ranges[max(k - 1, 0) : k + 2]
-    found = [_likeliest_at(evidence, centre, width, range_m) for range_m in ranges]
-    _, log_ratio, range_m = max(found)
-    noise_factor = evidence(log_ratio, range_m)[1]
+    _, log_ratio, range_m = max(_likeliest_at(joint, centre, width, range_m) for range_m in ranges)
+    noise_factor = joint(log_ratio, range_m)[1]
     return Stiffness(float(np.exp(log_ratio)) / noise_factor**2, range_m, noise_factor)
 
 
-def _likeliest_at(
-    evidence: Evidence, centre: float, width: float, range_m: float
-) -> tuple[float, float, float]:
+def _likeliest_at(joint: _Joint, centre: float, width: float, range_m: float) -> tuple[float, float, float]:
     """Return the largest log likelihood at one range, the logarithm of κ s² there, and the range."""
     found = minimize_scalar(
-        lambda log_ratio: -evidence(log_ratio, range_m)[0],
+        lambda log_ratio: -joint(log_ratio, range_m)[0],
         bounds=(centre - width, centre + width),
         method="bounded",
-        options={"xatol": 0.1},
+        options={"xatol": 0.15},
     )
     return -float(found.fun), float(found.x), range_m
 
 
-def _densest(points: FloatArray, step_m: float) -> tuple[FloatArray, tuple[int, int]] | None:
-    """Return the points of the patch of nodes that holds most cells with points, in its coordinates, and its shape."""
+def _fullest(points: FloatArray, step_m: float) -> list[tuple[FloatArray, tuple[int, int]]]:
+    """Return the points, in lattice coordinates, and the shape of the patches in which most nodes have points."""
     cells = np.floor(points[:, :2] / step_m).astype(np.int64)
     side = _N_NODES - 1
-    patches, count = np.unique(np.unique(cells, axis=0) // (side // 2), axis=0, return_counts=True)
-    if len(points) < _LEAST_POINTS:
-        return None
-    # Half patches are counted, and the full one begins where four of them hold most.
-    held = {(int(i), int(j)): int(n) for (i, j), n in zip(patches, count, strict=True)}
-    west, south = max(
-        held, key=lambda p: (sum(held.get((p[0] + a, p[1] + b), 0) for a in (0, 1) for b in (0, 1)), p)
-    )
-    first = np.array([west, south]) * (side // 2)
-    last = first + side
-    inside = ((cells >= first) & (cells < last)).all(axis=1)
-    if inside.sum() < _LEAST_POINTS:
-        return None
-    window = NodeWindow(step_m, int(first[0]), int(first[1]), _N_NODES, _N_NODES)
-    uv = window.coordinates(points[inside, :2])
-    return np.column_stack([uv, points[inside, 2:]]), window.shape
+    first = cells.min(axis=0)
+    patch = (cells - first) // side
+    occupied = np.unique(np.column_stack([patch, cells]), axis=0)
+    patches, n_cells = np.unique(occupied[:, :2], axis=0, return_counts=True)
+    found = []
+    for k in np.argsort(-n_cells, kind="stable")[:_N_PATCHES]:
+        inside = (patch == patches[k]).all(axis=1)
+        if inside.sum() >= _LEAST_POINTS:
+            west, south = (first + patches[k] * side).tolist()
+            window = NodeWindow(step_m, west, south, _N_NODES, _N_NODES)
+            uv = window.coordinates(points[inside, :2])
+            found.append((np.column_stack([uv, points[inside, 2:]]), window.shape))
+    return found
