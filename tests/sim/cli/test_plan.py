@@ -4,13 +4,16 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 import shapely
 from pyogrio.raw import write
 from typer.testing import CliRunner
 
+import planners
 from sim.cli.main import app
 from survey import Dem, Grid, Route, SurveyArea
+from survey.geodesy import transformed
 
 CRS = "EPSG:32608"
 SITE = shapely.box(526_000.0, 6_478_000.0, 526_200.0, 6_478_200.0)
@@ -93,6 +96,21 @@ def test_an_area_in_degrees_is_planned_in_the_crs_that_is_named():
     lonlat = drawn(shapely.box(-134.560, 58.440, -134.555, 58.443), "EPSG:4326")
     planned(lonlat, "--swaths", "3", "--crs", CRS)
     assert 1000.0 < Route.read("route.geojson").length_m < 2000.0
+
+
+@pytest.mark.parametrize("file", ["a.geojson", "a.kml", "a.shp", "a.gpkg"])
+def test_areas_of_every_format_give_the_same_plan(file):
+    lonlat = shapely.box(-134.560, 58.440, -134.555, 58.443) - shapely.box(-134.558, 58.441, -134.557, 58.442)
+    driver = {"geojson": "GeoJSON", "kml": "KML", "shp": "ESRI Shapefile", "gpkg": "GPKG"}[file.split(".")[1]]
+    write(file, np.array([shapely.to_wkb(lonlat)], dtype=object), [np.array(["x"], dtype=object)], ["Name"],
+          crs="EPSG:4326", geometry_type="Polygon", driver=driver)  # fmt: skip
+    planned(file, "--spacing", "40", "--crs", CRS)
+    metres = shapely.transform(
+        lonlat, lambda xy: transformed(xy, pyproj.CRS("EPSG:4326"), pyproj.CRS(CRS), file)
+    )
+    drawn_by_hand = planners.plan(SurveyArea(metres, CRS), None, planners.LawnmowerConfig(spacing_m=40.0))
+    # Formats that keep nine decimals of a degree keep a tenth of a millimetre.
+    assert Route.read("route.geojson").length_m == pytest.approx(drawn_by_hand.length_m, abs=0.1)
 
 
 def test_an_area_smaller_than_the_spacing_gets_one_swath_through_its_middle():
