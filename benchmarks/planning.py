@@ -1,7 +1,5 @@
 """How fast, how short and how safe are plans of real sites: ``python -m benchmarks.planning``."""
 
-import importlib
-import importlib.util
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -83,8 +81,6 @@ def rows(quick: bool) -> Iterator[Row]:
     yield from _four_hundred_segments()
     yield from _growth(quick)
     yield from _fleet()
-    if importlib.util.find_spec("benchmarks.planning_patterns"):
-        yield from importlib.import_module("benchmarks.planning_patterns").rows(quick)
 
 
 def _square_kilometre() -> Iterator[Row]:

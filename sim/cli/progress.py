@@ -89,11 +89,11 @@ class _JsonLines(logging.Formatter):
 
 @contextmanager
 def logged_to(path: Path, verbose: int) -> Iterator[None]:
-    """Append log records of firnline's packages to a file of JSON lines; echo them with -v."""
+    """Append log records of firnline's packages to a file of JSON lines; echo warnings, and with -v all of them."""
     handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")]
     handlers[0].setFormatter(_JsonLines())
-    if verbose:
-        handlers.append(logging.StreamHandler())
+    handlers.append(logging.StreamHandler())
+    handlers[-1].setLevel(logging.DEBUG if verbose else logging.WARNING)
     loggers = [logging.getLogger(name) for name in ("survey", "planners", "vision_slam", "sim", "firnline")]
     for logger in loggers:
         logger.setLevel(logging.DEBUG)

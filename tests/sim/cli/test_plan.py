@@ -172,7 +172,8 @@ def test_a_mission_plans_for_its_rover_and_simulates_one_only():
     )
     _, err = planned("m.toml", "--runs", "runs", "--max-slope", "20", code=4)
     assert "change it with --set" in err
-    planned("m.toml", "--runs", "runs")
+    _, err = planned("m.toml", "--runs", "runs")
+    assert "of the area is left out" in err
     route = Route.read("runs/m/latest/1-plan/route.geojson")
     assert route.prediction["left_out_share"] > 0.02
     result = CliRunner().invoke(app, ["run", "m.toml", "--runs", "runs", "-q", "--set", "fleet.rovers=2"])
