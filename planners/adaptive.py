@@ -54,8 +54,8 @@ class AdaptiveConfig:
     n_first : int
         Swaths that are driven before anything is learned from them.
     first_probability : float
-        Chance, as the prior has it, that the first swaths' spacing would be enough: a half risks as many
-        swaths too many as too few.
+        Chance, as the prior has it, that the first swaths' spacing would be enough. A gap that proves too
+        wide costs a swath that halves it.
     """
 
     limit_m: float
@@ -64,7 +64,7 @@ class AdaptiveConfig:
     localization_m: float = 0.0
     sample_step_m: float = 10.0
     n_first: int = 2
-    first_probability: float = 0.5
+    first_probability: float = 0.8
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ and the chance that it stays below the squared limit is that of the gamma distri
 moments (Satterthwaite 1946).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -28,7 +28,8 @@ from survey.reconstruction.kernels import Kernel
 from survey.reconstruction.stationary import Stationary
 from survey.terrain.conditional import CoarseCells
 
-_NODES_ALONG = 13
+_NODES_ALONG = 12
+_MOST_REMEMBERED = 100
 # Samples nearer to one another than this share of the slope length are averaged.
 _AVERAGED = 0.2
 _LENGTHS_PER_DOUBLING = 2
@@ -68,10 +69,6 @@ class Believed(NamedTuple):
     def kernel(self) -> Stationary:
         """The covariance function [m²]."""
         return self.cell.kernel(self.variance_m2)
-
-    def covariance(self, squared_m2: FloatArray) -> FloatArray:
-        """Return the covariance at squared distances [m²]."""
-        return self.variance_m2 * self.cell.correlation(squared_m2)
 
 
 @dataclass(frozen=True)
@@ -188,7 +185,7 @@ class Assurance:
     Parameters
     ----------
     area : SurveyArea
-        Where the map is judged: at the centres of 13 cells along its longer side.
+        Where the map is judged: at the centres of 12 cells along its longer side.
     limit_m : float
         Largest root mean square error allowed [m].
     step_m : float
@@ -198,6 +195,7 @@ class Assurance:
     area: SurveyArea
     limit_m: float
     step_m: float
+    _correlations: dict[Cell, FloatArray] = field(default_factory=dict, repr=False)
 
     @cached_property
     def nodes(self) -> FloatArray:
@@ -212,37 +210,40 @@ class Assurance:
             raise InputError("the area is so thin that no node of its map lies on free ground; widen it.")
         return inside
 
-    @cached_property
-    def _among_nodes(self) -> FloatArray:
-        squared: FloatArray = cdist(self.nodes, self.nodes, "sqeuclidean")
-        return squared
+    def _among_nodes(self, cell: Cell) -> FloatArray:
+        """Correlation (M, M) of the nodes, which every plan under this covariance needs."""
+        if cell not in self._correlations:
+            if len(self._correlations) >= _MOST_REMEMBERED:
+                self._correlations.clear()
+            self._correlations[cell] = cell.correlation(cdist(self.nodes, self.nodes, "sqeuclidean"))
+        return self._correlations[cell]
 
     def of(self, xy: FloatArray, belief: Belief) -> Assured:
         """Return what samples at the places (N, 2) [m] promise."""
         thin = max(int(_AVERAGED * belief.slope_length_m / self.step_m), 1)
         places = xy[::thin]
-        squared = cdist(places, places, "sqeuclidean"), cdist(places, self.nodes, "sqeuclidean")
-        each = [self._under(one, one.noise_m / np.sqrt(thin), *squared) for one in belief.kernels]
+        across = cdist(places, self.nodes, "sqeuclidean")
+        each = [self._under(one, places, across, thin) for one in belief.kernels]
         weights = np.array([one.weight for one in belief.kernels])
         return Assured(
             float(weights @ [one.probability for one in each]),
             float(weights @ [one.rmse_m for one in each]),
         )
 
-    def _under(self, believed: Believed, noise_m: float, among: FloatArray, across: FloatArray) -> Assured:
-        """Return what is promised if the terrain has this covariance."""
-        n = len(among)
-        matrix = believed.covariance(among)
-        matrix[np.diag_indices(n)] += noise_m**2 + 2.0**-28 * believed.variance_m2
-        factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
-        if failed:
+    def _under(self, believed: Believed, places: FloatArray, across: FloatArray, thin: int) -> Assured:
+        """Return what is promised if the terrain has this covariance; each place stands for `thin` samples."""
+        ratio = believed.noise_m**2 / thin / believed.variance_m2
+        cell = Cell.of(believed.cell.family, believed.cell.length_scale_m, ratio)
+        factor = cell.factor(places)
+        if factor is None:
             return Assured(0.0, float(np.sqrt(believed.variance_m2)))
-        right = np.column_stack([np.ones(n), believed.covariance(across)])
+        right = np.column_stack([np.ones(len(places)), cell.correlation(across)])
         half = lapack.dtrtrs(factor, right, lower=1)[0]
         ones, explained = half[:, 0], half[:, 1:]
         gap = 1.0 - ones @ explained
-        posterior = believed.covariance(self._among_nodes) - explained.T @ explained
+        posterior = self._among_nodes(cell._replace(ratio=0.0)) - explained.T @ explained
         posterior += np.outer(gap, gap) / (ones @ ones)
+        posterior *= believed.variance_m2
         m = len(posterior)
         mean = max(float(np.trace(posterior)) / m, 1e-12)
         variance = max(2.0 * float(np.square(posterior).sum()) / m**2, 1e-6 * mean**2)
