@@ -15,6 +15,8 @@ from vision_slam.visual_config import VisualOdometryConfig
 
 _HELD_SIGMA = 1e-5
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
+_FREE = 1e3
+_SLIP_SIGMAS = 3.0  # wheels that disagree by more lose their say: they slip
 _FAR_M = 400.0  # a point so far away moves by less than 0.1° within a window
 
 
@@ -23,7 +25,8 @@ class _Between:
     """What wheels and gyro say of the motion from one keyframe to the next."""
 
     pose: Any
-    noise: Any
+    turn_noise: Any
+    shift_noise: Any
 
 
 class Window:
@@ -31,12 +34,14 @@ class Window:
 
     With T the free poses, the sum
 
-    .. math:: Σ_j min_{x_j} Σ_k |u_{kj} − π(T_k, x_j)|² / σ² + Σ_k ρ(|log(M_k⁻¹ T_k⁻¹ T_{k+1})|²_{Σ_k})
+    .. math:: Σ_j min_{x_j} Σ_k |u_{kj} − π(T_k, x_j)|² / σ² + Σ_k |turn|² / σ_g² + ρ(|shift|²_{Σ_w})
 
     is minimized by Levenberg-Marquardt. Each corner j is one smart factor: its point x_j
     is eliminated before the poses are solved for, and becomes a direction where no motion
     in the window moves it (HANDLE_INFINITY), so that a far ridge holds the heading and
-    nothing else. M is the motion by wheels and gyro, under a Cauchy loss for wheel slip.
+    nothing else. Turn and shift are the parts of log(M_k⁻¹ T_k⁻¹ T_{k+1}) with M the motion
+    by gyro and wheels; the loss ρ of the shift is Cauchy's, because wheels slip. Both in one
+    factor under one loss would let a bump of the ground silence the wheels: scale then drifts.
 
     Poses before the free ones are held, with every so many older ones as anchors, so that
     a mountain that was seen a hundred metres ago still bears on today's heading. What has
@@ -82,11 +87,9 @@ class Window:
         for k in held:
             graph.add(gtsam.PriorFactorPose3(X(k), values.atPose3(X(k)), still))
         for k in free:
-            graph.add(
-                gtsam.BetweenFactorPose3(
-                    X(k - 1), X(k), self._between[k - 1].pose, self._between[k - 1].noise
-                )
-            )
+            between = self._between[k - 1]
+            for noise in (between.turn_noise, between.shift_noise):
+                graph.add(gtsam.BetweenFactorPose3(X(k - 1), X(k), between.pose, noise))
         used = {*held, *free}
         factors = [self._smart(track, used) for track in tracks]
         for factor in factors:
@@ -157,9 +160,11 @@ class Window:
             travel = abs(motion.travel_m)
             aside = config.lateral_sigma * travel + 0.005
             shift_sigma = np.array([config.wheel_sigma * travel + 0.002, aside, aside])
-        gaussian = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([turn_sigma, shift_sigma]))
-        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(3.0)
-        return _Between(gtsam.Pose3(relative), gtsam.noiseModel.Robust.Create(cauchy, gaussian))
+        free = np.full(3, _FREE)
+        turn = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([turn_sigma, free]))
+        shift = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([free, shift_sigma]))
+        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(_SLIP_SIGMAS)
+        return _Between(gtsam.Pose3(relative), turn, gtsam.noiseModel.Robust.Create(cauchy, shift))
 
 
 def half_turned(rotation: FloatArray) -> FloatArray:
