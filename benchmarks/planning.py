@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from shapely import LineString, Polygon
 
+import planners
 from benchmarks.report import Row, cpu_seconds, fastest, main
 from planners.decomposition import swaths_on, unswept
 from planners.energy import Mobility, predicted
@@ -87,6 +88,9 @@ def _square_kilometre() -> Iterator[Row]:
     area = random_area(0)
     plan, seconds = fastest(lambda: planned(area), 3)
     yield Row.of("1 km², 50 no-go zones, 20 m: CPU time", seconds, "s", "<=", 1.0)
+    config = planners.LawnmowerConfig(spacing_m=SPACING_M, heading_deg=HEADING_DEG)
+    _, seconds = fastest(lambda: planners.plan(area, None, config), 3)
+    yield Row.of("1 km², from area to route with its predictions: CPU time", seconds, "s", "<=", 1.0)
     yield Row("1 km²: swaths", plan.n_swaths, "")
     ground = FreeGround(area.free)
     left = unswept(ground, swaths_on(ground, SPACING_M, HEADING_DEG), SPACING_M)

@@ -56,13 +56,6 @@ def swath_route(
     return Route(legs, area.crs, pattern, lines.spacing_m)
 
 
-def join(swaths: Sequence[Swath], area: SurveyArea, crew: Crew | None = None) -> tuple[Leg, ...]:
-    """Join swaths by transits: in the given order where that is free and nothing else is asked, else by the shortest found."""
-    crew = crew or Crew()
-    legs = _back_and_forth(swaths, area) if crew.is_unbound else None
-    return legs or _joined(swaths, area, crew)
-
-
 def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
     if config.wavelength_m is not None:
         return config.wavelength_m
