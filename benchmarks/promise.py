@@ -28,7 +28,7 @@ from planners.promise import Wanted, promise
 from sim.executors import done
 from survey import Dem, Grid, Route, SurveyArea
 from survey.arrays import FloatArray
-from survey.reconstruction.kernel_search import ALL, KernelSearch, mapped
+from survey.reconstruction.kernel_search import KernelSearch, mapped
 from survey.streams import stream
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells
@@ -199,7 +199,7 @@ def heights_at(site: Site, xy: FloatArray, task: Task, *names: str | int) -> Flo
 def map_error(site: Site, xy: FloatArray, heights: FloatArray, noise_m: float) -> float:
     """Return the root mean square error of the Gaussian process fitted to a survey [m]."""
     columns = heights[:, None]
-    mean, _ = mapped(xy, columns, KernelSearch(xy, columns, noise_m, ALL).found(), site.nodes)
+    mean, _ = mapped(xy, columns, KernelSearch(xy, columns, noise_m).found(), site.nodes)
     return float(np.sqrt(np.mean((mean[:, 0] - site.terrain.at(site.nodes)) ** 2)))
 
 

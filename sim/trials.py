@@ -94,7 +94,7 @@ class Trial:
 def survey_block(study: StudyConfig, block: Block) -> list[Trial]:
     """Do the trials of one block, on one thread so that sums keep their order."""
     with threadpool_limits(1):
-        world = _World(study, block)
+        world = World(study, block)
         survey_all = _surveyed_ideally if study.fidelity == "ideal" else _surveyed_statistically
         return [
             trial
@@ -104,7 +104,7 @@ def survey_block(study: StudyConfig, block: Block) -> list[Trial]:
         ]
 
 
-class _World:
+class World:
     """The terrains of a block, and what every survey of them needs."""
 
     def __init__(self, study: StudyConfig, block: Block) -> None:
@@ -176,13 +176,13 @@ class Driven(NamedTuple):
     mine: Sequence[int]
 
 
-def _surveyed_ideally(world: _World, driven: Driven) -> Iterator[Trial]:
-    xy, heights = _samples(world, driven)
+def _surveyed_ideally(world: World, driven: Driven) -> Iterator[Trial]:
+    xy, heights = samples_of(world, driven)
     for how in world.study.maps:
         yield from _judged(world, driven, how, _maps(world, how, xy, heights, driven.mine))
 
 
-def routes(world: _World, design: Design) -> list[Driven]:
+def routes(world: World, design: Design) -> list[Driven]:
     """Return the routes of a design: one for all terrains where it depends on none."""
     everyone = range(len(world.dems))
     if _needs_prior(design.planner):
@@ -202,7 +202,7 @@ def _needs_prior(planner: planners.PlannerConfig) -> bool:
     return isinstance(planner, planners.BestConfig | planners.VarianceDrivenConfig)
 
 
-def _planned(world: _World, design: Design, index: int | None) -> Route:
+def _planned(world: World, design: Design, index: int | None) -> Route:
     prior = None if index is None else world.prior(index)
     samples = world.study.samples
     return planners.plan(
@@ -210,7 +210,7 @@ def _planned(world: _World, design: Design, index: int | None) -> Route:
     )
 
 
-def _samples(world: _World, driven: Driven) -> tuple[FloatArray, FloatArray]:
+def samples_of(world: World, driven: Driven) -> tuple[FloatArray, FloatArray]:
     """Return where the rover believes to sample (N, 2) and the heights that it measures (N, B) [m]."""
     samples = world.study.samples
     xy = places(driven.route, samples.step_m)
@@ -236,7 +236,7 @@ class _Mapped(NamedTuple):
     n_samples: int
 
 
-def _maps(world: _World, how: Map, xy: FloatArray, heights: FloatArray, mine: Sequence[int]) -> _Mapped:
+def _maps(world: World, how: Map, xy: FloatArray, heights: FloatArray, mine: Sequence[int]) -> _Mapped:
     if isinstance(how, ReconstructedMap):
         return _reconstructed(world, how, xy, heights, mine)
     if isinstance(how, SearchedMap):
@@ -260,7 +260,7 @@ def _given(how: GivenMap, study: StudyConfig) -> FoundKernel:
 
 
 def _reconstructed(
-    world: _World, how: ReconstructedMap, xy: FloatArray, heights: FloatArray, mine: Sequence[int]
+    world: World, how: ReconstructedMap, xy: FloatArray, heights: FloatArray, mine: Sequence[int]
 ) -> _Mapped:
     noise = max(_noise_m(world.study), 1e-3)
     mean, claimed, kernels = np.empty((len(world.nodes.xy), len(mine))), np.empty(len(mine)), []
@@ -274,7 +274,7 @@ def _reconstructed(
 
 
 def _reconstruction(
-    world: _World, how: ReconstructedMap, points: survey.SurfacePoints, index: int
+    world: World, how: ReconstructedMap, points: survey.SurfacePoints, index: int
 ) -> tuple[FloatArray, float, tuple[str, float, float]]:
     prior = world.prior(index) if how.use_prior else None
     result = survey.reconstruct(points, world.nodes, prior, method=how.method, config=how.gp)
@@ -289,7 +289,7 @@ def _reconstruction(
     return result.mean.elevation.ravel(), claimed, kernel
 
 
-def _judged(world: _World, driven: Driven, how: Map, maps: _Mapped) -> Iterator[Trial]:
+def _judged(world: World, driven: Driven, how: Map, maps: _Mapped) -> Iterator[Trial]:
     design = driven.design
     for column, index in enumerate(driven.mine):
         error = maps.mean[:, column] - world.actual[:, index]
@@ -308,7 +308,7 @@ def _judged(world: _World, driven: Driven, how: Map, maps: _Mapped) -> Iterator[
         )  # fmt: skip
 
 
-def _surveyed_statistically(world: _World, driven: Driven) -> Iterator[Trial]:
+def _surveyed_statistically(world: World, driven: Driven) -> Iterator[Trial]:
     """Drive with sensors that err, estimate path and landmarks from what was sensed, and map those."""
     for index in driven.mine:
         points = _landmarks(world, driven, index)
@@ -323,7 +323,7 @@ def _surveyed_statistically(world: _World, driven: Driven) -> Iterator[Trial]:
             yield from _judged(world, driven._replace(mine=[index]), how, maps)
 
 
-def _landmarks(world: _World, driven: Driven, index: int) -> survey.SurfacePoints:
+def _landmarks(world: World, driven: Driven, index: int) -> survey.SurfacePoints:
     design = driven.design
     seed = int(world.stream("sensors", world.trials[index], design.label, design.swaths).integers(2**62))
     study = world.study

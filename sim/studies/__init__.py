@@ -19,7 +19,12 @@ class Study(Protocol):
         """Write pictures and tables into `folder`; `quick` makes them smaller and rougher."""
 
 
-STUDIES: dict[str, str] = {"joint-map-comparison": "sim.studies.joint_map:comparison"}
+STUDIES: dict[str, str] = {
+    "glacier-fig9": "sim.studies.glacier_monte_carlo:glacier_fig9",
+    "glacier-fig10": "sim.studies.glacier_monte_carlo:glacier_fig10",
+    "glacier-fig11": "sim.studies.glacier_monte_carlo:glacier_fig11",
+    "joint-map-comparison": "sim.studies.joint_map:comparison",
+}
 """Name of the study, in the order of the papers → where its function stands, ``module:function``."""
 
 
