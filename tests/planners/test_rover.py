@@ -15,8 +15,11 @@ from planners import (
     Rover,
     VarianceDrivenConfig,
     WavyConfig,
+    attitude_sensor,
     drivable,
     plan,
+    rollout,
+    steering_of,
 )
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.reconstruction.kernels import SquaredExponential
@@ -56,6 +59,18 @@ def test_no_metre_is_too_steep_for_the_rover(config):
     assert route.prediction["left_out_share"] == pytest.approx(site.left_out_share(SITE))
     # A ring of steep ground and the top that it cuts off, all of it within 3 standard deviations of the hill.
     assert 0.05 < site.left_out_share(SITE) < np.pi * 180.0**2 / SITE.free.area
+
+
+def test_a_rover_that_steers_itself_keeps_to_its_ground():
+    rover, config = Rover(max_pitch_deg=15.0), PiecewiseContinuousConfig(swaths=5)
+    route = plan(SITE, HILL, config, rover=rover)
+    ground = drivable(SITE, rover, HILL).within(SITE)
+    rngs = [np.random.default_rng(seed) for seed in range(3)]
+    steering = steering_of(config)
+    assert steering is not None
+    for driven in rollout(ground, route, steering, attitude_sensor([HILL] * 3), rngs):
+        assert driven.length_m > route.length_m
+        assert_gentle(driven, 15.0)
 
 
 def test_what_is_left_out_is_said_with_share_place_and_reason(caplog):
