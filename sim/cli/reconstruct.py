@@ -7,23 +7,40 @@ import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import refusals_told
+from sim.cli.reconstruct_scans import SCAN_METHODS, reconstruct_scans
 
 
 @refusals_told
 def reconstruct(
-    source: Annotated[
-        Path, typer.Argument(help="Points (CSV, GeoPackage, LAS/LAZ, PLY) or mission file (TOML).")
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), or LiDAR scans and folders of them "
+            "(npz, LAS/LAZ, PLY, ROS 2) for emap and field."
+        ),
     ],
     prior: Annotated[
         Path | None, typer.Option("--prior", help="Coarse elevation raster to build around.")
     ] = None,
-    grid: Annotated[float, typer.Option("--grid", help="Distance between the nodes of the map [m].")] = 1.0,
-    method: Annotated[str, typer.Option("--method", help="gp, dense or tin.")] = "gp",
+    grid: Annotated[
+        float | None,
+        typer.Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
+    ] = None,
+    method: Annotated[
+        str, typer.Option("--method", help="gp, dense or tin; emap or field for scans.")
+    ] = "gp",
     value: Annotated[
         str | None, typer.Option("--value", help="Map this sampled quantity instead of elevation.")
     ] = None,
     crs: Annotated[
         str | None, typer.Option("--crs", help="CRS of points that carry none, e.g. EPSG:32608.")
+    ] = None,
+    sigma: Annotated[
+        float | None, typer.Option("--sigma", help="Standard deviation of points that state none [m].")
+    ] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option("--trajectory", help="Where the scanner was (TUM), for scans that do not say."),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")
@@ -43,15 +60,41 @@ def reconstruct(
 
       firnline reconstruct cloud.laz --method tin -o map
 
+      firnline reconstruct scans/ --method field --crs EPSG:32608 --sigma 0.03
+
       firnline reconstruct mine.toml
     """
+    from survey.errors import InputError
+
+    source = sources[0]
+    if len(sources) > 1 and method not in SCAN_METHODS:
+        raise InputError(
+            f"{len(sources)} files were named, and the method {method!r} maps one; name one, or take emap or field."
+        )
     if source.suffix == ".toml":
         from sim.cli.mission_file import run_until, tell
 
         _, run = run_until(source, "reconstruct", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         tell(run, as_json=as_json)
         return
-    _reconstruct_points(source, prior, grid, method, value, crs, out, force=force, as_json=as_json)
+    if (out / "dem.tif").exists() and not force:
+        raise InputError(
+            f"{out / 'dem.tif'} exists; choose another folder with --out or add --force to replace it."
+        )
+    if method in SCAN_METHODS:
+        reconstruct_scans(
+            sources,
+            method,
+            grid,
+            crs=crs,
+            sigma_m=sigma,
+            trajectory=trajectory,
+            out=out,
+            quiet=quiet,
+            as_json=as_json,
+        )
+    else:
+        _reconstruct_points(source, prior, grid or 1.0, method, value, crs, sigma, out, as_json=as_json)
 
 
 def _reconstruct_points(
@@ -61,20 +104,15 @@ def _reconstruct_points(
     method: str,
     value: str | None,
     crs: str | None,
+    sigma_m: float | None,
     out: Path,
     *,
-    force: bool,
     as_json: bool,
 ) -> None:
     import survey
-    from survey.errors import InputError
     from survey.reconstruction.base import ELEVATION
 
-    if (out / "dem.tif").exists() and not force:
-        raise InputError(
-            f"{out / 'dem.tif'} exists; choose another folder with --out or add --force to replace it."
-        )
-    points = survey.SurfacePoints.read(source, crs=crs)
+    points = survey.SurfacePoints.read(source, crs=crs, sigma_m=sigma_m)
     (xmin, ymin), (xmax, ymax) = points.xy.min(axis=0), points.xy.max(axis=0)
     nodes = survey.Grid.over((float(xmin), float(ymin), float(xmax), float(ymax)), step_m, points.crs)
     result = survey.reconstruct(

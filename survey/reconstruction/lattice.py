@@ -135,7 +135,7 @@ class LatticeModel(TerrainModel):
 
     @abstractmethod
     def _node_std(self) -> FloatArray:
-        """Return the standard deviations of the nodes (H, W) [m]; NaN for a model that has none."""
+        """Return the standard deviations of the nodes (H, W) [m], or the points' spread for a model that has none."""
 
     @abstractmethod
     def _weights(self) -> FloatArray:
@@ -150,7 +150,11 @@ class LatticeModel(TerrainModel):
         """Return what was assumed or learned, and what was found out, for the record."""
 
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid; NaN beyond the lattice."""
+        """Return the map on the nodes of a grid; NaN beyond the lattice.
+
+        A model without standard deviation gives the spread of the points about the surface in
+        its place, and says so.
+        """
         here = self.where
         places = grid.xy
         hyperparameters, diagnostics = self._record()
@@ -159,10 +163,9 @@ class LatticeModel(TerrainModel):
             return Dem.on(grid, values.reshape(grid.shape), here.vertical_datum)
 
         has_std = self.capabilities.std
-        std = self._std(places) if has_std else np.full(len(places), np.nan)
         return Reconstruction(
             dem(self._height(places)),
-            dem(std),
+            dem(self._std(places)),
             self._support(places).reshape(grid.shape),
             self.method,
             hyperparameters,

@@ -23,6 +23,7 @@ from survey.reconstruction.lattice_solver import Operator, solve
 from survey.surface_points import SurfacePoints
 
 _FORMAT = "firnline spring lattice 1"
+_NOTE = "springs state none; the band holds the root mean square distance of a node's points from the surface"
 _SPARE_NODES = 16
 _BYTES = 120.0
 # A range's noise throws a few points over the edge.
@@ -69,6 +70,8 @@ class SpringLattice(LatticeModel):
     """Heights of the nodes above the datum [m], (H, W)."""
     seen_: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64), init=False, repr=False)
     """How many points each node has had, (H, W)."""
+    squared_: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), init=False, repr=False)
+    """Sum of the squared distances of the points from the surface after their scan [m²], (H, W)."""
     n_scans_: int = field(default=0, init=False)
     n_iterations_: int = field(default=0, init=False)
 
@@ -84,7 +87,7 @@ class SpringLattice(LatticeModel):
         self.here = Here(window, local_datum_m(points.z), points.crs, points.vertical_datum)
         level = float(np.median(points.z)) - self.here.datum_m
         self.z_, self.seen_ = np.full(window.shape, level), np.zeros(window.shape, dtype=np.int64)
-        self.n_scans_ = 0
+        self.squared_, self.n_scans_ = np.zeros(window.shape), 0
         return self._pulled(points)
 
     def update(self, points: SurfacePoints) -> Self:
@@ -102,6 +105,7 @@ class SpringLattice(LatticeModel):
         if new != old:
             self.z_ = _edges_continued(new.carried(self.z_, old, np.nan))
             self.seen_ = new.carried(self.seen_, old, 0)
+            self.squared_ = new.carried(self.squared_, old)
             self.here = self.here._replace(window=new)
         return self._pulled(points)
 
@@ -128,7 +132,7 @@ class SpringLattice(LatticeModel):
             "vertical_datum": self.where.vertical_datum,
             "n_scans": self.n_scans_,
         }
-        write_arrays(path, _FORMAT, facts, {"z": self.z_, "seen": self.seen_})
+        write_arrays(path, _FORMAT, facts, {"z": self.z_, "seen": self.seen_, "squared": self.squared_})
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -137,7 +141,8 @@ class SpringLattice(LatticeModel):
         model = cls(validated(SpringLatticeConfig, facts["config"], "the spring lattice's settings"))
         crs = CRS.from_wkt(facts["crs"])
         model.here = Here(NodeWindow(*facts["window"]), facts["datum_m"], crs, facts["vertical_datum"])
-        model.z_, model.seen_, model.n_scans_ = arrays["z"], arrays["seen"], facts["n_scans"]
+        model.z_, model.seen_, model.squared_ = arrays["z"], arrays["seen"], arrays["squared"]
+        model.n_scans_ = facts["n_scans"]
         return model
 
     def _pulled(self, points: SurfacePoints) -> Self:
@@ -159,6 +164,8 @@ class SpringLattice(LatticeModel):
                 springs, pull, np.zeros(window.shape), tolerance=self.config.tolerance
             )
             self.z_ = self.z_ + displacement
+            left = residual - displacement.ravel()[node]
+            self.squared_ = self.squared_ + np.bincount(node, left**2, n_nodes).reshape(window.shape)
         self.seen_ = self.seen_ + count
         self.n_scans_ += 1
         return self
@@ -189,7 +196,8 @@ class SpringLattice(LatticeModel):
         return self.z_
 
     def _node_std(self) -> FloatArray:
-        return np.full(self.z_.shape, np.nan)
+        spread = np.sqrt(self.squared_ / np.maximum(self.seen_, 1))
+        return np.where(self.seen_ > 0, spread, np.nan)
 
     def _weights(self) -> FloatArray:
         return self.seen_.astype(np.float64)
@@ -199,7 +207,7 @@ class SpringLattice(LatticeModel):
 
     def _record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         assumed = {"k_surface": self.config.k_surface, "k_data": self.config.k_data}
-        return assumed, {"step_m": self.config.step_m, "n_scans": self.n_scans_}
+        return assumed, {"step_m": self.config.step_m, "n_scans": self.n_scans_, "standard_deviation": _NOTE}
 
 
 def nearest_nodes(window: NodeWindow, xy: FloatArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:

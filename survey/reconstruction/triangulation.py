@@ -76,13 +76,7 @@ def triangulate(points: SurfacePoints, grid: Grid, *, quantity: str = ELEVATION)
     >>> result.mean.elevation[2]
     array([0., 1., 2.])
     """
-    model = TriangulatedTerrain(quantity).fit(points)
-    result = model.grid(grid)
-    if not np.isfinite(result.mean.elevation).any():
-        raise InputError(
-            "no node of the grid lies between the points; check that both are in the same place and CRS."
-        )
-    return result
+    return TriangulatedTerrain(quantity).fit(points).grid(grid)
 
 
 @dataclass(eq=False)
@@ -130,9 +124,13 @@ class TriangulatedTerrain(TerrainModel):
         return self
 
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid; NaN beyond the hull."""
+        """Return the map on the nodes of a grid, NaN beyond the hull; refuse a grid that lies outside it."""
         surface = self._known
         mean, std = surface.at(grid.xy)
+        if not np.isfinite(mean).any():
+            raise InputError(
+                "no node of the grid lies between the points; check that both are in the same place and CRS."
+            )
         near = surface.distance_m(grid.xy) <= grid.step_m / np.sqrt(2.0)
         support = np.where(np.isfinite(mean), np.where(near, MEASURED, INTERPOLATED), UNSEEN)
         return Reconstruction(

@@ -1,0 +1,51 @@
+"""``firnline reconstruct … --method emap|field``: a map from LiDAR scans, taken in one by one."""
+
+from pathlib import Path
+
+import typer
+
+SCAN_METHODS = ("emap", "field")
+_STEP_M = 0.25
+
+
+def reconstruct_scans(
+    sources: list[Path],
+    method: str,
+    step_m: float | None,
+    *,
+    crs: str | None,
+    sigma_m: float | None,
+    trajectory: Path | None,
+    out: Path,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Stream scans into a lattice and write mean, standard deviation, bounds and support."""
+    from sim.cli.progress import counted
+    from survey.io.scans import Track, read_scans, scan_files
+    from survey.reconstruction.field_lattice import FieldLattice
+    from survey.reconstruction.lattice_config import FieldLatticeConfig, SpringLatticeConfig
+    from survey.reconstruction.spring_lattice import SpringLattice
+
+    files = scan_files(sources)
+    track = None if trajectory is None else Track.read(trajectory)
+    step = step_m or _STEP_M
+    model: FieldLattice | SpringLattice = (
+        FieldLattice(FieldLatticeConfig(step_m=step))
+        if method == "field"
+        else SpringLattice(SpringLatticeConfig(step_m=step, side_m=None))
+    )
+    with counted(quiet=quiet) as progress:
+        for n_read, scan in enumerate(read_scans(files, crs=crs, sigma_m=sigma_m, track=track), start=1):
+            model.update(scan)
+            progress("scans", n_read, max(len(files), n_read))
+    result = model.grid(model.whole_grid())
+    out.mkdir(parents=True, exist_ok=True)
+    result.write(out)
+    if as_json:
+        typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
+        return
+    rows, columns = result.mean.shape
+    typer.echo(f"{rows} × {columns} nodes from {model.n_scans_} scans, written to {out / 'dem.tif'}")
+    for name, setting in result.hyperparameters.items():
+        typer.echo(f"  {name} = {setting:.6g}")
