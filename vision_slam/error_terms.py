@@ -8,7 +8,7 @@ from survey.arrays import FloatArray, IntArray
 from survey.recording import Recording
 from survey.sensors import Barometer, Odometry
 from vision_slam.config import LocalizationConfig
-from vision_slam.gravity import gravity_tilt
+from vision_slam.gravity import gravity_tilt, standing_bias
 from vision_slam.normal_equations import (
     BIAS,
     DATUM,
@@ -185,6 +185,12 @@ def _add_gravity(system: NormalEquations, recording: Recording, along: _Nodes) -
     """
     if recording.inertial is None:
         return
+    standing = standing_bias(recording.inertial, along.odometry.time_s[0])
+    if standing is not None:
+        # The bias of what gravity tells is that of the reading: θ(g) = θ + a.
+        for which, value in ((FORCE_ROLL, standing.roll_rad), (FORCE_PITCH, standing.pitch_rad)):
+            one = np.ones(1)
+            system.add([(np.array([which]), one)], value * one, standing.sigma_rad * one)
     tilt = gravity_tilt(recording.inertial, along.odometry)
     times, attitude = along.odometry.time_s, along.odometry.attitude_rad
     sensed = np.column_stack(

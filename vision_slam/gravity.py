@@ -17,6 +17,10 @@ _GRAVITY_M_S2 = 9.81
 # A reading whose length is further from g than this is a jolt.
 _MOST_JOLT_M_S2 = 0.5
 _MOST_RATE_RAD_S = 0.1
+_N_STANDING, _STILL_RAD_S = 10, 0.02
+_LEAST_TURN_RAD = np.radians(120.0)
+# Tracks do not stand on the very same crumbs twice.
+_LEAST_SIGMA_RAD = np.radians(0.02)
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,59 @@ class GravityTilt:
     time_s: FloatArray
     roll_rad: FloatArray
     pitch_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class StandingBias:
+    """Tilt that the accelerometer pretends: ``roll_rad``, ``pitch_rad``, each ± ``sigma_rad``."""
+
+    roll_rad: float
+    pitch_rad: float
+    sigma_rad: float
+
+
+def standing_bias(inertial: Inertial, before_s: float) -> StandingBias | None:
+    r"""Tell the accelerometer's bias from standing on one spot under several headings, before a drive begins.
+
+    The ground keeps its slope when the rover turns on it, and the bias turns with the
+    rover. With ψ the heading, by the gyro, n the level part of the ground's normal and b
+    the bias, every standing reading is
+
+    .. math::  (f_x, f_y)^T / g = R(\psi)^T n + b
+
+    Parameters
+    ----------
+    inertial : Inertial
+        Readings; those before `before_s` were taken on one spot.
+    before_s : float
+        When the drive begins [s].
+
+    Returns
+    -------
+    StandingBias or None
+        None where the rover did not stand under headings a third of a turn apart.
+    """
+    waiting = inertial.time_s < before_s
+    if waiting.sum() < _N_STANDING:
+        return None
+    times, rates = inertial.time_s[waiting], inertial.gyro_rad_s[waiting]
+    heading = np.r_[0.0, np.cumsum(0.5 * (rates[1:, 2] + rates[:-1, 2]) * np.diff(times))]
+    still = np.linalg.norm(rates, axis=1) < _STILL_RAD_S
+    if still.sum() < _N_STANDING or np.ptp(heading[still]) < _LEAST_TURN_RAD:
+        return None
+    level = inertial.specific_force_m_s2[waiting][still, :2] / _GRAVITY_M_S2
+    cosine, sine = np.cos(heading[still]), np.sin(heading[still])
+    zero, one = np.zeros_like(cosine), np.ones_like(cosine)
+    rows = np.stack(
+        [np.column_stack([cosine, sine, one, zero]), np.column_stack([-sine, cosine, zero, one])], axis=1
+    )
+    design, values = rows.reshape(-1, 4), level.ravel()
+    found, squares, _, _ = np.linalg.lstsq(design, values, rcond=None)
+    scatter = float(squares[0]) / (len(values) - 4) if len(squares) else 0.0
+    spread = np.linalg.inv(design.T @ design)[2:, 2:].trace() / 2.0
+    return StandingBias(
+        float(found[3]), float(-found[2]), max(float(np.sqrt(scatter * spread)), _LEAST_SIGMA_RAD)
+    )
 
 
 def gravity_tilt(inertial: Inertial, odometry: Odometry) -> GravityTilt:
@@ -45,9 +102,9 @@ def gravity_tilt(inertial: Inertial, odometry: Odometry) -> GravityTilt:
     own = _own_acceleration(inertial, odometry)
     force = inertial.specific_force_m_s2 - own
     length = np.linalg.norm(force, axis=1)
-    quiet = (np.abs(length - _GRAVITY_M_S2) < _MOST_JOLT_M_S2) & (
-        np.linalg.norm(inertial.gyro_rad_s, axis=1) < _MOST_RATE_RAD_S
-    )
+    driving = (inertial.time_s >= odometry.time_s[0]) & (inertial.time_s <= odometry.time_s[-1])
+    slow = np.linalg.norm(inertial.gyro_rad_s, axis=1) < _MOST_RATE_RAD_S
+    quiet = driving & slow & (np.abs(length - _GRAVITY_M_S2) < _MOST_JOLT_M_S2)
     force = force[quiet]
     level = np.hypot(force[:, 1], force[:, 2])
     return GravityTilt(

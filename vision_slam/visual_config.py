@@ -19,7 +19,7 @@ class VisualOdometryConfig(Section):
     """Tiles a side of that equalization."""
     detector: Literal["gftt", "harris", "orb", "sift"] = "gftt"
     """Corner detector; its corners are followed by pyramidal Lucas-Kanade, whatever it is."""
-    n_features: PositiveInt = 280
+    n_features: PositiveInt = 250
     """Corners that are followed at a time."""
     corner_threshold: PositiveFloat = 2e-4
     """Least response of a corner, absolute: a mountain must not decide how many snow corners there are."""
@@ -35,13 +35,13 @@ class VisualOdometryConfig(Section):
     """Travel after which a frame becomes a keyframe, which the window is solved for [m]."""
     keyframe_turn_deg: PositiveFloat = 3.0
     """Turn after which it does [deg]."""
-    n_free: PositiveInt = 10
+    n_free: PositiveInt = 8
     """Newest keyframes, whose poses are estimated."""
-    n_held: PositiveInt = 8
+    n_held: PositiveInt = 5
     """Keyframes before them, whose poses are held."""
     anchor_every: PositiveInt = 10
     """Of still older keyframes each of this many is held too, while far features live that it saw."""
-    n_anchors: PositiveInt = 5
+    n_anchors: PositiveInt = 3
     """Most anchors."""
     wheel_sigma: PositiveFloat = 0.03
     """Relative error of the travel that the wheels tell, step by step."""

@@ -62,8 +62,8 @@ class Window:
         self._params.setRankTolerance(1e-3)
         self._params.setLandmarkDistanceThreshold(_FAR_M)
         self._optimizer = gtsam.LevenbergMarquardtParams()
-        self._optimizer.setMaxIterations(4)
-        self._optimizer.setRelativeErrorTol(1e-3)
+        self._optimizer.setMaxIterations(3)
+        self._optimizer.setRelativeErrorTol(1e-2)
 
     def add(self, pose: FloatArray, motion: Motion | None) -> None:
         """Add a keyframe with a first guess of its pose, reached by a motion from the one before."""

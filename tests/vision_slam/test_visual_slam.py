@@ -1,0 +1,200 @@
+"""Visual odometry on images whose motion is known, real and drawn."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from survey.arrays import FloatArray
+from survey.camera import Camera, Frames
+from survey.errors import InputError
+from vision_slam.motion import Motion
+from vision_slam.readers import read_sequence
+from vision_slam.sequence import ImageSequence, scaled_by_first
+from vision_slam.tracks import Track
+from vision_slam.visual_config import VisualOdometryConfig
+from vision_slam.visual_slam import VisualSlam, visual_odometry
+from vision_slam.window import Window
+
+
+def _pose(x_m: float, yaw_deg: float = 0.0) -> FloatArray:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    pose[0, 3] = x_m
+    return pose
+
+
+def _driven(world: object, camera: Camera, poses: list[FloatArray], travel: bool = True) -> VisualSlam:
+    slam = VisualSlam(camera)
+    for k, pose in enumerate(poses):
+        motion = None
+        if k:
+            step = np.linalg.inv(poses[k - 1]) @ pose
+            motion = Motion(0.25, step[:3, :3], float(step[0, 3]) if travel else None)
+        slam.step(world.image(pose), 0.25 * k, motion)  # type: ignore[attr-defined]
+    return slam
+
+
+def test_follows_a_straight_drive_and_maps_the_ground(plane_world: object, camera: Camera) -> None:
+    poses = [_pose(0.2 * k) for k in range(20)]
+    slam = _driven(plane_world, camera, poses)
+    end = slam.pose(slam.frames[-1])
+    # The wheels are exact here; sideways and in height only images tell: 1 % of the path.
+    assert np.linalg.norm(end[:3, 3] - poses[-1][:3, 3]) < 0.01 * 3.8
+    known = np.array(
+        [track.point for track in slam.live_tracks if track.point is not None and not track.is_far]
+    )
+    assert len(known) > 50
+    assert abs(np.median(known[:, 2])) < 0.02
+
+
+def test_wheels_that_slip_for_a_while_do_not_stretch_the_path(plane_world: object, camera: Camera) -> None:
+    poses = [_pose(0.2 * k) for k in range(24)]
+    slam = VisualSlam(camera)
+    for k, pose in enumerate(poses):
+        rolled = 0.2 if k < 12 or k >= 18 else 0.3
+        motion = None if k == 0 else Motion(0.25, np.eye(3), rolled)
+        slam.step(plane_world.image(pose), 0.25 * k, motion)  # type: ignore[attr-defined]
+    # Wheels alone would end 0.6 m too far; images keep the scale of the metres before.
+    assert abs(slam.pose(slam.frames[-1])[0, 3] - poses[-1][0, 3]) < 0.15
+
+
+def test_turning_on_the_spot_moves_nothing(plane_world: object, camera: Camera) -> None:
+    poses = [_pose(0.2 * k) for k in range(8)] + [_pose(1.4, 4.0 * k) for k in range(1, 12)]
+    slam = _driven(plane_world, camera, poses)
+    end = slam.pose(slam.frames[-1])
+    assert np.linalg.norm(end[:3, 3] - poses[-1][:3, 3]) < 0.03
+    turn = Rotation.from_matrix(end[:3, :3].T @ poses[-1][:3, :3]).magnitude()
+    assert np.degrees(turn) < 0.5
+
+
+def test_a_standing_camera_invents_no_motion(plane_world: object, camera: Camera) -> None:
+    rng = np.random.default_rng(2)
+    slam = VisualSlam(camera)
+    scene = plane_world.image(_pose(0.0)).astype(float)  # type: ignore[attr-defined]
+    for k in range(15):
+        noisy = (scene + rng.normal(0.0, 1.3, scene.shape)).clip(0, 255).astype(np.uint8)
+        slam.step(noisy, 0.25 * k, Motion(0.25, None, None) if k else None)
+    assert np.array_equal(slam.pose(slam.frames[-1]), np.eye(4))
+    assert slam.window.newest == 0
+
+
+def test_wheels_and_gyro_bridge_a_whiteout_that_is_declared(plane_world: object, camera: Camera) -> None:
+    rng = np.random.default_rng(3)
+    slam = VisualSlam(camera)
+    for k in range(24):
+        image = plane_world.image(_pose(0.2 * k))  # type: ignore[attr-defined]
+        if 10 <= k < 15:
+            image = (235 + rng.normal(0.0, 1.3, image.shape)).clip(0, 255).astype(np.uint8)
+        slam.step(image, 0.25 * k, Motion(0.25, np.eye(3), 0.2) if k else None)
+    visual = [frame.health.is_visual for frame in slam.frames]
+    assert not any(visual[10:15])
+    # The first images after it find new corners, which are known from the second on.
+    assert all(visual[17:])
+    assert np.linalg.norm(slam.pose(slam.frames[-1])[:3, 3] - [4.6, 0.0, 0.0]) < 0.05
+
+
+def test_the_same_images_give_the_same_bytes(plane_world: object, camera: Camera) -> None:
+    poses = [_pose(0.2 * k, 0.5 * k) for k in range(8)]
+    first, second = (_driven(plane_world, camera, poses) for _ in range(2))
+    assert np.array(first.window.poses).tobytes() == np.array(second.window.poses).tobytes()
+
+
+def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None:
+    """Four poses, forty points: full bundle adjustment by scipy over poses and points is the judge."""
+    rng = np.random.default_rng(6)
+    real = [_pose(0.25 * k, 1.0 * k) for k in range(4)]
+    points = np.column_stack(
+        [rng.uniform(2.0, 8.0, 40), rng.uniform(-2.0, 2.0, 40), rng.uniform(-0.2, 0.2, 40)]
+    )
+    eyes = [pose @ camera.T_body_camera for pose in real]
+    sigma = 0.5 / 240.0
+    seen = np.array([(points - eye[:3, 3]) @ eye[:3, :3] for eye in eyes])
+    plane = seen[:, :, :2] / seen[:, :, 2:] + sigma * rng.normal(size=(4, 40, 2))
+    config = VisualOdometryConfig()
+    window = Window(camera, config)
+    window.add(real[0], None)
+    for before, pose in pairwise(real):
+        step = np.linalg.inv(before) @ pose
+        guess = pose.copy()
+        guess[:3, 3] += rng.normal(0.0, 0.01, 3)
+        window.add(guess, Motion(0.25, step[:3, :3], float(np.linalg.norm(step[:3, 3]))))
+    between = list(window._between)
+    rays = np.concatenate([plane, np.ones((4, 40, 1))], axis=2)
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
+    for _ in range(4):
+        window.solve(tracks)
+
+    def residual(x: FloatArray) -> FloatArray:
+        bodies = [
+            gtsam.Pose3(real[0]),
+            *(gtsam.Pose3(real[k]).retract(x[6 * k - 6 : 6 * k]) for k in (1, 2, 3)),
+        ]
+        place = x[18:].reshape(40, 3)
+        parts = []
+        for k, body in enumerate(bodies):
+            eye = body.matrix() @ camera.T_body_camera
+            inside = (place - eye[:3, 3]) @ eye[:3, :3]
+            weight = (rays[:, :, 2].mean(axis=0) ** 1.5)[:, None] / sigma
+            parts.append(((inside[:, :2] / inside[:, 2:] - plane[k]) * weight).ravel())
+        for k in range(3):
+            off = between[k].pose.localCoordinates(bodies[k].between(bodies[k + 1]))
+            travel = float(np.linalg.norm(between[k].pose.translation()))
+            aside = config.lateral_sigma * travel + 0.005
+            parts.append(off[:3] / np.radians(config.gyro_sigma_deg))
+            shift = off[3:] / [config.wheel_sigma * travel + 0.002, aside, aside]
+            length = np.linalg.norm(shift) + 1e-12  # Cauchy's loss as a residual: c √ln(1 + |e|²/c²)
+            parts.append(shift / length * 3.0 * np.sqrt(np.log1p((length / 3.0) ** 2)))
+        return np.concatenate(parts)
+
+    judge = least_squares(residual, np.r_[np.zeros(18), points.ravel()], xtol=1e-12, ftol=1e-12)
+    for k in (1, 2, 3):
+        expected = gtsam.Pose3(real[k]).retract(judge.x[6 * k - 6 : 6 * k]).translation()
+        # Points are triangulated linearly before they are eliminated: a tenth of the noise's effect (2 mm).
+        assert np.linalg.norm(window.poses[k][:3, 3] - expected) < 1e-3
+
+
+def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None:
+    folder = real_data / "seq_kitti_mini" / "KITTI_sequence_1"
+    if not folder.is_dir():
+        pytest.skip(f"the images {folder} are not here; set FIRNLINE_DATA")
+    sequence = read_sequence(folder)
+    assert sequence.reference is not None
+    first = scaled_by_first(sequence, 10.0)
+    found = visual_odometry(replace(first, reference=None, reference_time_s=None))
+    path = np.vstack(
+        [np.zeros(3), np.cumsum(np.einsum("nij,nj->ni", _turns(found), found.odometry.step), axis=0)]
+    )
+    reference = sequence.reference[:, :3, 3] - sequence.reference[0, :3, 3]
+    length = np.linalg.norm(np.diff(reference, axis=0), axis=1).sum()
+    assert np.linalg.norm(path[-1] - reference[-1]) < 0.015 * length
+
+
+def _turns(found: object) -> FloatArray:
+    attitude = found.odometry.attitude_rad[:-1]  # type: ignore[attr-defined]
+    matrices: FloatArray = Rotation.from_euler("xyz", attitude).as_matrix()
+    return matrices
+
+
+def test_one_frame_and_images_of_another_size_are_refused(plane_world: object, camera: Camera) -> None:
+    image = plane_world.image(_pose(0.0))  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match="one frame"):
+        visual_odometry(ImageSequence(camera, Frames(np.array([0.0]), (image,))))
+    with pytest.raises(InputError, match="its calibration 320 × 240"):
+        visual_odometry(ImageSequence(camera, Frames(np.array([0.0, 1.0]), (image[:100], image))))
+
+
+def test_colour_and_grey_are_the_same_drive(plane_world: object, camera: Camera) -> None:
+    images = [plane_world.image(_pose(0.2 * k)) for k in range(3)]  # type: ignore[attr-defined]
+    grey, colour = VisualSlam(camera), VisualSlam(camera)
+    for k, image in enumerate(images):
+        motion = Motion(0.25, np.eye(3), 0.2) if k else None
+        grey.step(image, 0.25 * k, motion)
+        colour.step(np.repeat(image[:, :, None], 3, axis=2), 0.25 * k, motion)
+    assert np.array_equal(grey.window.poses[-1], colour.window.poses[-1])
