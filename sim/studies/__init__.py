@@ -24,6 +24,13 @@ STUDIES: dict[str, str] = {
     "glacier-fig10": "sim.studies.glacier_monte_carlo:glacier_fig10",
     "glacier-fig11": "sim.studies.glacier_monte_carlo:glacier_fig11",
     "joint-map-comparison": "sim.studies.joint_map:comparison",
+    "emap-fig1": "sim.studies.emap:figure_1",
+    "emap-fig2": "sim.studies.emap:figure_2",
+    "emap-table1": "sim.studies.emap:table_1",
+    "emap-fig4": "sim.studies.emap:figure_4",
+    "emap-fig5": "sim.studies.emap:figure_5",
+    "emap-fig6": "sim.studies.emap:figure_6",
+    "emap-range": "sim.studies.emap:range_extension",
 }
 """Name of the study, in the order of the papers → where its function stands, ``module:function``."""
 
