@@ -73,10 +73,10 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
     snow += 0.02 * wavy(shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.6, rng, periodic=True)
     snow += 0.02 * wavy(shape, SURFACE_TEXEL_M, (0.2, 5.0), 1.2, rng, periodic=True)
     snow -= np.float32(0.35) * _specks(rng, config.debris)
-    texture = config.contrast * (1.0 - config.stones) * snow
+    texture = (1.0 - config.stones) * snow
     if config.stones > 0.0:
         texture += config.stones * _stones(stream(seed, "appearance", "stones"), config)
-    return packed(texture.astype(np.float32), 1.0 / SURFACE_TEXEL_M)
+    return packed((config.contrast * texture).astype(np.float32), 1.0 / SURFACE_TEXEL_M)
 
 
 @lru_cache(maxsize=2)
@@ -84,7 +84,8 @@ def grain_tile(config: AppearanceConfig, seed: int) -> Tile:
     """Return the 2.5 m tile of snow grains at 2.5 mm."""
     rng = stream(seed, "appearance", "grain")
     grain = wavy((GRAIN_TEXELS, GRAIN_TEXELS), GRAIN_TEXEL_M, (0.006, 0.06), 0.6, rng, periodic=True)
-    return packed(np.float32(0.05 * config.contrast) * grain, 1.0 / GRAIN_TEXEL_M)
+    strength = config.contrast * (0.05 + 0.10 * config.stones)  # gravel is rougher than snow
+    return packed(np.float32(strength) * grain, 1.0 / GRAIN_TEXEL_M)
 
 
 def packed(texture: FloatGrid, texels_per_m: float) -> Tile:
@@ -149,14 +150,16 @@ def _specks(rng: np.random.Generator, per_area: float) -> FloatGrid:
 def _stones(rng: np.random.Generator, config: AppearanceConfig) -> FloatGrid:
     """Debris: stones of 2 to 40 cm in all tones, bright towards the sun, dark on their far side."""
     n = SURFACE_TEXELS
-    tone = 0.25 * wavy((n, n), SURFACE_TEXEL_M, (0.02, 2.0), 0.4, rng, periodic=True)
+    gravel = wavy((n, n), SURFACE_TEXEL_M, (0.02, 2.0), 0.7, rng, periodic=True)
+    coarseness = np.exp(0.6 * wavy((n, n), SURFACE_TEXEL_M, (0.3, 5.0), 1.5, rng, periodic=True))
+    tone = np.float32(0.20) * gravel * coarseness  # sand here, cobbles there
     sun = sun_direction(config)
     aside = sun[:2] / max(float(np.hypot(sun[0], sun[1])), 1e-6)
-    count = 12000
-    radius = np.sort(np.clip(1.5 * (1.0 - rng.random(count)) ** -0.55, 1.5, 20.0))
+    count = 20000
+    radius = np.sort(np.clip(1.2 * (1.0 - rng.random(count)) ** -0.55, 1.2, 20.0))
     places = rng.uniform(0.0, n, (count, 2))
     flatness, turn = rng.uniform(0.5, 1.0, count), rng.uniform(0.0, 180.0, count)
-    shade = np.clip(rng.normal(0.05, 0.30, count), -0.6, 0.8)
+    shade = np.clip(rng.normal(0.05, 0.40, count), -0.7, 1.0)
     for k in range(count):
         for shift, value in ((-0.35, shade[k] - 0.55), (0.0, shade[k]), (0.3, shade[k] + 0.15)):
             size = radius[k] * (1.0 if shift <= 0.0 else 0.6)
@@ -170,5 +173,5 @@ def _stones(rng: np.random.Generator, config: AppearanceConfig) -> FloatGrid:
 def _copies(place: FloatArray, reach: float) -> list[FloatArray]:
     """Return where a shape must be drawn so that the tile's opposite edges meet."""
     n = SURFACE_TEXELS
-    shifts = [[0] + [n] * (p < reach + 2) + [-n] * (p > n - reach - 2) for p in place.tolist()]
+    shifts = [[0] + [n] * bool(p < reach + 2) + [-n] * bool(p > n - reach - 2) for p in place.tolist()]
     return [place + np.array([east, north]) for east in shifts[0] for north in shifts[1]]

@@ -48,7 +48,7 @@ class AppearanceConfig(Section):
     haze_m: PositiveFloat = 3000.0
     """Distance at which haze leaves 1/e of the contrast [m]."""
     contrast: NonNegativeFloat = 1.0
-    """Factor on the surface's fine texture; 1 is wind-worked snow (3 % local contrast)."""
+    """Factor on the surface's fine texture; 1 is strongly wind-worked snow (3 to 4 % local contrast)."""
     debris: NonNegativeFloat = 1.0
     """Dark specks and stones, 6 per square metre at 1."""
     patches: NonNegativeFloat = 1.0

@@ -66,7 +66,7 @@ def _mountainside(azimuth: Doubles, elevation: Doubles, crest: Doubles, rng: np.
     )
     y = np.broadcast_to(elevation / texel_deg + 120.0, x.shape).astype(np.float32)
     shade, snow = (cv2.remap(t, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for t in (shade, snow))
-    below = (crest - elevation) / np.maximum(crest, 0.1)
+    below = np.clip((crest - elevation) / np.maximum(crest, 0.1), -2.0, 2.0)
     cover = 1.0 / (1.0 + np.exp(-6.0 * (snow + 0.6 * shade + 0.8 - 1.6 * below)))
     rock, white = np.clip(0.40 + 0.09 * shade, 0.15, 0.7), np.clip(0.80 + 0.07 * shade, 0.5, 1.0)
     side: Doubles = rock * (1.0 - cover) + white * cover

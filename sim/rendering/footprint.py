@@ -116,8 +116,8 @@ def measure(
 def lattice(n: int, at: Footprints) -> None:
     """Find the nearer two corners of the lattice triangle around each place, their weights and hashes.
 
-    A corner weighs what it exceeds the farthest one in barycentric coordinates; the squares
-    add up to 1, so that the mix has the variance of the tile.
+    A corner weighs the cube of what it exceeds the farthest one in barycentric coordinates
+    (narrow seams); the squares add up to 1, so that the mix has the variance of the tile.
     """
     zero, one = f32(0), f32(1)
     for k in range(n):
@@ -134,7 +134,8 @@ def lattice(n: int, at: Footprints) -> None:
         least = min(w0, w1, w2)
         not0, not2 = w0 <= least, w2 <= least
         wa, wb = (w1 if not0 else w0) - least, (w1 if not2 else w2) - least
-        norm = one / np.sqrt(wa * wa + wb * wb + f32(1e-12))
+        wa, wb = wa * wa * wa, wb * wb * wb
+        norm = one / np.sqrt(wa * wa + wb * wb + f32(1e-24))
         wa, wb = wa * norm, wb * norm
         near = min(max((f32(GRAIN_FROM_M) - at.width_m[k]) * f32(150), zero), one)
         at.weight0[k], at.weight1[k] = wa, wb

@@ -75,7 +75,7 @@ def _light(
             if lit > f32(0):
                 sunlight = _sunlit(height, i, j, step_m, sun)
                 direct = (
-                    f32(1.0 - sky_share) * min(lit, f32(1.6)) * albedo * sunlight * min(f32(1), seen * f32(2))
+                    f32(1.0 - sky_share) * min(lit, f32(1.3)) * albedo * sunlight * min(f32(1), seen * f32(2))
                 )
             ambient = f32(sky_share) * albedo * seen
             d = u32(min(direct * f32(DIRECT_UNIT) + f32(0.5), f32(4095)))

@@ -10,7 +10,6 @@ from sim.rendering.ground_map import AMBIENT_UNIT, DIRECT_UNIT
 from sim.rendering.rays import RowRays
 
 OWN_SHADOW_REACH_M = 12.0
-_TEXTURE_IN_SHADE = 0.3
 
 
 class Light(NamedTuple):
@@ -19,6 +18,8 @@ class Light(NamedTuple):
     sun: Doubles
     """Unit vector towards the sun."""
     sky_share: float
+    in_shade: float
+    """Radiance that texture adds under the sky alone: albedo shows there, the sun's shading does not."""
     haze_m: float
     box_half_m: Doubles
     """Half the sides of the rover's box [m]; zeros for none."""
@@ -36,9 +37,9 @@ def hazed(radiance: float, path_m: float, haze_m: float) -> float:
 
 
 @row_loop
-def shade(n: int, at: Footprints, sky_share: float, haze_m: float) -> None:
-    """Radiance of dry ground in sun and haze; texture shows in the shade by 30 %."""
-    in_shade, per_haze = f32(_TEXTURE_IN_SHADE * sky_share), f32(1.0 / haze_m)
+def shade(n: int, at: Footprints, in_shade: float, haze_m: float) -> None:
+    """Radiance of dry ground in sun, skylight and haze."""
+    in_shade, per_haze = f32(in_shade), f32(1.0 / haze_m)
     for k in range(n):
         water = at.water[k] * f32(1.0 / 255.0)
         texture = at.texture[k] * (f32(1) - water)
@@ -46,7 +47,7 @@ def shade(n: int, at: Footprints, sky_share: float, haze_m: float) -> None:
         at.direct[k], at.ambient[k], at.water[k], at.texture[k] = direct, ambient, water, texture
         t = at.path_m[k] * per_haze
         clear = f32(1) / (f32(1) + t * (f32(1) + t * (f32(0.5) + t * f32(0.166667))))
-        ground = direct * max(f32(0), f32(1) + texture) + max(ambient + in_shade * texture, f32(0))
+        ground = direct * max(f32(0), f32(1) + texture) + ambient * max(f32(1) + in_shade * texture, f32(0))
         at.radiance[k] = ground * clear + f32(HAZE_RADIANCE) * (f32(1) - clear)
 
 
@@ -68,7 +69,7 @@ def add_shadow_and_water(
             if direct == at.direct[k] and at.water[k] < 0.001:
                 continue
         texture = float(at.texture[k])
-        shaded = max(at.ambient[k] + _TEXTURE_IN_SHADE * light.sky_share * texture, 0.0)
+        shaded = max(at.ambient[k] + light.in_shade * at.ambient[k] * texture, 0.0)
         radiance = direct * max(0.0, 1.0 + texture) + shaded
         if at.water[k] >= 0.001:
             body = 0.42 * (direct + at.ambient[k])

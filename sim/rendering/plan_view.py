@@ -10,6 +10,7 @@ from sim.rendering.rows import Scene, read_surface
 from survey.arrays import FloatArray
 
 _NO_HAZE_M = 1e12
+_IN_SHADE = 0.3
 
 
 def plan_view(
@@ -17,7 +18,6 @@ def plan_view(
     south_west: tuple[float, float],
     shape: tuple[int, int],
     texel_m: float,
-    sky_share: float,
 ) -> Floats:
     """Return the radiance of a rectangle of the site without water's mirror, (rows, columns), north up.
 
@@ -31,17 +31,15 @@ def plan_view(
         Rows and columns.
     texel_m : float
         Distance between texels [m]; what is finer is averaged away by the mipmaps.
-    sky_share : float
-        That of the renderer's appearance.
     """
     radiance = np.empty(shape, np.float32)
     corner = np.array(south_west) - renderer.terrain.origin
-    _fill(renderer.scene, corner, texel_m, sky_share, radiance)
+    _fill(renderer.scene, corner, texel_m, radiance)
     return np.ascontiguousarray(radiance[::-1])
 
 
 @scalar
-def _fill(scene: Scene, corner: FloatArray, texel_m: float, sky_share: float, radiance: Floats) -> None:
+def _fill(scene: Scene, corner: FloatArray, texel_m: float, radiance: Floats) -> None:
     rows, columns = radiance.shape
     f, n = np.zeros((18, columns), np.float32), np.zeros((8, columns), np.int32)
     at = Footprints(
@@ -65,5 +63,5 @@ def _fill(scene: Scene, corner: FloatArray, texel_m: float, sky_share: float, ra
             at.x[c], at.y[c] = origin[0] + c * texel_m, origin[1]
         at.texture[:], at.direct[:], at.ambient[:], at.water[:] = 0.0, 0.0, 0.0, 0.0
         read_surface(columns, at, scene, origin)
-        shade(columns, at, sky_share, _NO_HAZE_M)
+        shade(columns, at, _IN_SHADE, _NO_HAZE_M)
         radiance[row] = at.radiance

@@ -251,7 +251,8 @@ class Renderer:
             )
             centre = pose[:3, 3] - np.append(self.terrain.origin, self._datum)
         look = self._appearance
-        return Light(sun_direction(look), look.sky_share, look.haze_m, half, rotation, centre)
+        in_shade = 0.3 + 0.7 * look.stones
+        return Light(sun_direction(look), look.sky_share, in_shade, look.haze_m, half, rotation, centre)
 
 
 def _lens(camera: Camera) -> Lens:

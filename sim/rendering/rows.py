@@ -127,7 +127,7 @@ def _render_row(
     measure(n_ground, rays, origin[0], origin[1], lens.pixel_rad, most_taps, step, at)
     if shaded:
         read_surface(n_ground, at, scene, origin)
-        shade(n_ground, at, light.sky_share, light.haze_m)
+        shade(n_ground, at, light.in_shade, light.haze_m)
         if _is_special(n_ground, at, light):
             add_shadow_and_water(n_ground, at, rays, origin, light, scene.backdrop)
     for k in range(n_ground):

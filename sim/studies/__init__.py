@@ -20,6 +20,7 @@ class Study(Protocol):
 
 
 STUDIES: dict[str, str] = {
+    "glacier-fig4": "sim.studies.glacier_images:glacier_fig4",
     "glacier-fig9": "sim.studies.glacier_monte_carlo:glacier_fig9",
     "glacier-fig10": "sim.studies.glacier_monte_carlo:glacier_fig10",
     "glacier-fig11": "sim.studies.glacier_monte_carlo:glacier_fig11",
