@@ -122,12 +122,13 @@ def error_of_sum(
     r"""Error of the weighted sum of a raster's errors, with their correlation.
 
     .. math::  \operatorname{var} \sum_i w_i e_i = \sum_{ij} w_i w_j \, C(|x_i - x_j|) = \sum_k v_k, \qquad
-               \nu = \frac{(\sum_k v_k)^2}{\sum_k v_k^2 / \nu_k}, \qquad
+               \nu = \Big(\frac{\sum_k v_k}{\sum_k v_k / \sqrt{\nu_k}}\Big)^2, \qquad
                \nu_k = \frac{n^2 C_k(0)^2}{\sum_{ij} C_k(|x_i - x_j|)^2}
 
     over all pairs of cells exactly, by autocorrelations; k runs over the structures of the
     variogram, and ν is Satterthwaite's (1946) number of degrees of freedom: how many
     independent errors of each range the n cells have shown from which the variogram was learnt.
+    The sills of one fit err together, so that their deviations add up, not their variances.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def error_of_sum(
     variance = float(parts.sum())
     if variance == 0.0:
         return ErrorOfSum(0.0, n)
-    return ErrorOfSum(float(np.sqrt(variance)), variance**2 / float((parts**2 / free).sum()))
+    return ErrorOfSum(float(np.sqrt(variance)), (variance / float((parts / np.sqrt(free)).sum())) ** 2)
 
 
 def _spherical(s: FloatArray) -> FloatArray:

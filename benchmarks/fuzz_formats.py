@@ -1,0 +1,120 @@
+"""Damage files of every format at random: ``python -m benchmarks.fuzz_formats --seconds 600``.
+
+Reading may give an answer or a refusal of one sentence; any other exception, a crash of the process, a read
+of more than ten seconds or memory beyond 2 GB is a finding.  Cases are numbered, and come again by number.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.format_samples import SAMPLES, mutated
+from survey.errors import FirnlineError
+
+SLOWEST_S = 10.0
+LARGEST_BYTES = 2 * 10**9
+
+
+def outcome(name: str, whole: bytes, seed: int, folder: Path) -> str:
+    """Read one damaged file; return ``answer``, ``refused``, or what went wrong."""
+    path = folder / name
+    path.write_bytes(mutated(whole, np.random.default_rng(seed)))
+    start = time.process_time()
+    try:
+        SAMPLES[name].read(path)
+        found = "answer"
+    except FirnlineError as refusal:
+        found = (
+            "refused" if "\n" not in str(refusal) and len(str(refusal)) > 20 else f"no sentence: {refusal!r}"
+        )
+    except BaseException as fault:  # that is what is looked for
+        if isinstance(fault, KeyboardInterrupt):
+            raise
+        found = f"{type(fault).__name__}: {fault}"
+    seconds = time.process_time() - start
+    return found if seconds < SLOWEST_S else f"slow: {seconds:.0f} s"
+
+
+def run(seconds: float, first: int, progress: Path | None = None) -> tuple[Counter[str], list[str], int]:
+    """Damage one format after the other until time is up; return counts, findings and the next number."""
+    counts: Counter[str] = Counter()
+    findings: list[str] = []
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        wholes = {}
+        for name, sample in SAMPLES.items():
+            sample.write(folder / name)
+            wholes[name] = (folder / name).read_bytes()
+        end, seed = time.monotonic() + seconds, first
+        while time.monotonic() < end:
+            for name, whole in wholes.items():
+                if progress is not None:
+                    progress.write_text(f"{name} {seed}")
+                found = outcome(name, whole, seed, folder)
+                counts[found if found in ("answer", "refused") else "finding"] += 1
+                if found not in ("answer", "refused"):
+                    findings.append(f"{name} {seed}: {found[:300]}")
+            seed += 1
+    return counts, findings, seed
+
+
+def supervised(seconds: float, first: int) -> dict[str, object]:
+    """Run in a process of its own, begun again behind a case that kills it."""
+    end, seed = time.monotonic() + seconds, first
+    total: Counter[str] = Counter()
+    findings: list[str] = []
+    largest = 0
+    while (left := end - time.monotonic()) > 1.0:
+        with tempfile.TemporaryDirectory() as place:
+            progress, report = Path(place) / "at", Path(place) / "report.json"
+            command = [
+                sys.executable,
+                "-W",
+                "ignore",
+                "-m",
+                "benchmarks.fuzz_formats",
+                "--child",
+                str(report),
+            ]
+            command += ["--seconds", f"{left:.0f}", "--first", str(seed), "--at", str(progress)]
+            code = subprocess.run(command, check=False, stderr=subprocess.DEVNULL).returncode
+            if report.exists():
+                content = json.loads(report.read_text())
+                total.update(content["counts"])
+                findings += content["findings"]
+                seed, largest = content["next"], max(largest, content["largest_bytes"])
+            else:
+                at = progress.read_text()
+                findings.append(f"{at}: the process died with code {code}")
+                seed = int(at.split()[1]) + 1
+    return {"counts": dict(total), "findings": findings, "next": seed, "largest_bytes": largest}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--at", type=Path, help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    if chosen.child is None:
+        print(json.dumps(supervised(chosen.seconds, chosen.first), indent=2))
+        return
+    counts, findings, following = run(chosen.seconds, chosen.first, chosen.at)
+    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    if largest > LARGEST_BYTES:
+        findings.append(f"memory: {largest / 1e9:.1f} GB")
+    report = {"counts": dict(counts), "findings": findings, "next": following, "largest_bytes": largest}
+    chosen.child.write_text(json.dumps(report))
+
+
+if __name__ == "__main__":
+    main()
