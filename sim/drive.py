@@ -4,6 +4,7 @@ Open loop, the rover steers by where it really is; closed loop, by where a navig
 believes it to be from what was recorded so far. How the drive ends is named: see `Ending`.
 """
 
+import shutil
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -13,10 +14,13 @@ import numpy as np
 
 from sim.camera import RoverCamera, rover_camera
 from sim.config import MissionConfig
+from sim.exchange import write_tum_list
 from sim.faults import Faults
+from sim.hazards import Hazard
 from sim.instruments import Instruments, Log, Readings
 from sim.motion import Motion
 from sim.physics import HeightField, KinematicRover, Physics, RoverState
+from sim.preview import write_contact_sheet, write_preview
 from sim.pursuit import PurePursuit
 from sim.rendering import Renderer, RoverBox
 from sim.rover import ContactRover
@@ -27,6 +31,7 @@ from survey.camera import Camera, Frames, FrameWriter
 from survey.dem import Dem
 from survey.errors import ConfigError, InputError
 from survey.io.documents import write_json
+from survey.io.vector import write_features
 from survey.recording import Recording
 from survey.route import Route
 from survey.trajectory import Trajectory
@@ -86,6 +91,10 @@ class Drive:
         How far along its route the rover got [m].
     energy_j : float
         What the battery gave [J].
+    route_m : float
+        Length of the route [m].
+    hazards : tuple of Hazard
+        Crevasses, channels, pools and cones of the ground.
     """
 
     recording: Recording
@@ -93,16 +102,31 @@ class Drive:
     ending: Ending
     progress_m: float
     energy_j: float
+    route_m: float
+    hazards: tuple[Hazard, ...]
 
-    def write_report(self, folder: Path) -> None:
-        """Write how the drive went into ``drive.json``."""
+    def write(self, folder: Path) -> None:
+        """Write recording and truth, how the drive went (``drive.json``), its hazards, and what it looks like."""
+        self.recording.write(folder / "recording")
+        self.truth.write(folder / "truth")
         content = {
             "ending": self.ending.value,
             "progress_m": round(self.progress_m, 2),
+            "route_m": round(self.route_m, 2),
             "duration_s": float(self.truth.trajectory.time_s[-1]),
             "energy_j": round(self.energy_j, 1),
         }
         write_json(folder / "drive.json", content)
+        if self.hazards:
+            kinds = np.array([hazard.kind for hazard in self.hazards], dtype=object)
+            outlines = [hazard.outline for hazard in self.hazards]
+            write_features(
+                folder / "hazards.geojson", outlines, {"kind": kinds}, self.recording.crs, layer="hazards"
+            )
+        if self.recording.frames is not None:
+            write_tum_list(self.recording.frames, folder / "recording")
+            write_preview(self.recording.frames, folder / "preview.mp4")
+            write_contact_sheet(self.recording.frames, folder / "contact_sheet.png")
 
 
 def simulate_vision(
@@ -154,6 +178,11 @@ def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> Non
     rate = mission.physics.rate_hz
     if rate % LOGGED_HZ:
         raise ConfigError(f"physics.rate_hz is {rate}; it must be a multiple of {LOGGED_HZ}.")
+    inertial_hz = mission.instruments.inertial.rate_hz
+    if LOGGED_HZ % inertial_hz:
+        raise ConfigError(
+            f"instruments.inertial.rate_hz is {inertial_hz:g}; it must divide {LOGGED_HZ} (80, 40, 20 …)."
+        )
 
 
 class _Run:
@@ -262,6 +291,13 @@ class _Run:
         then, now = self._states[-1 - n].position, self._states[-1].position
         return bool(np.hypot(now[0] - then[0], now[1] - then[1]) < _STALLED_M)
 
+    def _frames(self, folder: Path) -> Frames | None:
+        """Return the frames that arrived; without any there is no folder of frames either."""
+        if self._frame_times:
+            return Frames.read(folder)
+        shutil.rmtree(folder)
+        return None
+
     def result(self, ending: Ending, folder: Path) -> Drive:
         """Put recording and truth together."""
         records = self._log.records()
@@ -271,22 +307,28 @@ class _Run:
                 "there is nothing to localize, drive longer or leave the receiver on."
             )
         ground, mission = self._ground, self._mission
+        frames = self._frames(folder / "frames")
         recording = Recording(
             ground.crs,
             self._faults.start(self._start),
             antenna_height_m=mission.rover.antenna_height_m,
             vertical_datum=ground.vertical_datum,
             stakes=self._instruments.spotter.stakes,
-            camera=self._faults.calibration(self._camera),
-            frames=Frames.read(folder / "frames"),
+            camera=None if frames is None else self._faults.calibration(self._camera),
+            frames=frames,
             **records,
         )
         motion = Motion.of(self._states)
         zero = np.zeros((len(self._states), 3, 3))
         trajectory = Trajectory(motion.time_s, motion.position, motion.quaternion, zero, ground.crs)
-        last = self._states[-1]
         return Drive(
-            recording, Truth(ground.dem, trajectory), ending, self._pursuit.progress_m, last.energy_j
+            recording,
+            Truth(ground.dem, trajectory),
+            ending,
+            self._pursuit.progress_m,
+            self._states[-1].energy_j,
+            self._pursuit.length_m,
+            ground.hazards,
         )
 
 
@@ -325,8 +367,9 @@ def _stakes(ground: HeightField, pursuit: PurePursuit, mission: MissionConfig) -
     xy, heading = pursuit.at(along)
     side = config.beside_m * np.where(np.arange(config.count) % 2, -1.0, 1.0)[:, None]
     feet = xy + side * np.column_stack([-np.sin(heading), np.cos(heading)])
-    place = np.column_stack([feet, ground.elevation(feet)])
-    return place[np.isfinite(place[:, 2])]
+    place: FloatArray = np.column_stack([feet, ground.elevation(feet)])
+    known: FloatArray = place[np.isfinite(place[:, 2])]
+    return known
 
 
 def _heading(state: RoverState) -> float:

@@ -130,12 +130,13 @@ class Faults:
                 return _with_glare(grey, size)
             case "lens-drop":
                 return self._with_drop(grey, size * image.shape[1])
-        blank = {
-            "whiteout": lambda: np.full_like(grey, size),
-            "dark": lambda: grey * size,
-            "blur": lambda: cv2.GaussianBlur(grey, (0, 0), max(size, 1e-3)),
-        }
-        return self._noisy(np.asarray(blank[fault.failure]()), index)
+            case "whiteout":
+                grey = np.full_like(grey, size)
+            case "dark":
+                grey = grey * size
+            case _:
+                grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), max(size, 1e-3)), dtype=np.float64)
+        return self._noisy(grey, index)
 
     def _noisy(self, grey: FloatArray, index: int) -> Image:
         rng = stream(self._seed, "faults", "noise", index)

@@ -87,14 +87,12 @@ def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
         )
     world = build_world(mission)
     route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
-    if mission.fidelity == "vision":
-        drive = simulate_vision(world.terrain, route, mission, folder / "recording")
-        recording, truth = drive.recording, drive.truth
-        drive.write_report(folder)
-    else:
-        simulate_drawn = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
-        recording, truth = simulate_drawn(world.terrain, route, mission)
     route.write(folder / "driven_route.geojson")
+    if mission.fidelity == "vision":
+        simulate_vision(world.terrain, route, mission, folder / "recording").write(folder)
+        return
+    drive = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
+    recording, truth = drive(world.terrain, route, mission)
     recording.write(folder / "recording")
     truth.write(folder / "truth")
 

@@ -66,7 +66,7 @@ class ContactRover:
     def __init__(
         self, ground: HeightField, config: PhysicsConfig, rover: Rover, start: FloatArray, heading_rad: float
     ) -> None:
-        self._bullet = _Engine()
+        self.bullet = _Engine()
         self.dt_s = 1.0 / config.rate_hz
         self.friction_share = 1.0
         self.drive_share = (1.0, 1.0)
@@ -78,7 +78,7 @@ class ContactRover:
         self.resisted_j = 0.0
         self._battery_j = 0.0
         self._asked: tuple[float, float, float] | None = None
-        call = self._bullet
+        call = self.bullet
         call.setGravity(0.0, 0.0, -GRAVITY_M_S2)
         # Bullet's friction cone is a pyramid along the world's axes; without it, along the slip.
         call.setPhysicsEngineParameter(
@@ -88,16 +88,16 @@ class ContactRover:
             enableConeFriction=0,
             deterministicOverlappingPairs=1,
         )
-        self._patch: int | None = None
+        self.patch: int | None = None
         self._patch_centre = 0.0, 0.0
         self._lay_patch(0.0, 0.0)
-        self._links = list(range(2 * _N_WHEELS))
-        self._body = self._built(heading_rad)
+        self.wheels = list(range(2 * _N_WHEELS))
+        self.body = self._built(heading_rad)
         self._settle()
 
     def _built(self, heading_rad: float) -> int:
         """Put the rover together and on the ground."""
-        call, config, mass = self._bullet, self._config, self._rover.mass_kg
+        call, config, mass = self.bullet, self._config, self._rover.mass_kg
         radius, gauge, length = config.wheel_radius_m, config.track_gauge_m, config.track_length_m
         between = max(0.5 * gauge - radius, 0.05)
         chassis = call.createCollisionShape(call.GEOM_BOX, halfExtents=[0.5 * length, between, _AXLE_BELOW_M])
@@ -157,7 +157,7 @@ class ContactRover:
 
     def _lay_patch(self, x: float, y: float) -> None:
         """Give Bullet the ground around a place; where it overlaps the last patch the triangles are the same."""
-        call, step = self._bullet, self._ground.step_m
+        call, step = self.bullet, self._ground.step_m
         xmin, ymin, xmax, ymax = self._ground.bounds
         n = round(_PATCH_M / step) + 1
         first = np.round((self._origin[:2] + [x, y] - [xmin, ymin]) / step) - n // 2
@@ -178,16 +178,16 @@ class ContactRover:
         middle = 0.5 * float(height.min() + height.max())
         patch = call.createMultiBody(0, shape, basePosition=[*centre, middle])
         call.changeDynamics(patch, -1, lateralFriction=1.0, restitution=0.0)
-        if self._patch is not None:
-            call.removeBody(self._patch)
-        self._patch, self._patch_centre = patch, (float(centre[0]), float(centre[1]))
+        if self.patch is not None:
+            call.removeBody(self.patch)
+        self.patch, self._patch_centre = patch, (float(centre[0]), float(centre[1]))
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Move by one step with these speeds asked of the tracks [m/s]."""
         self._ask(left_m_s * self.drive_share[0], right_m_s * self.drive_share[1])
         resistance = self._resist()
         turning, velocity = self._turning, self._velocity
-        self._bullet.stepSimulation()
+        self.bullet.stepSimulation()
         self._n_steps += 1
         self._read()
         self._account(resistance, turning, velocity)
@@ -200,19 +200,19 @@ class ContactRover:
         asked = left_m_s, right_m_s, self.friction_share
         if asked == self._asked:
             return
-        call, config = self._bullet, self._config
+        call, config = self.bullet, self._config
         radius = config.wheel_radius_m
         if self._asked is None or self._asked[2] != self.friction_share:
-            for link in range(-1, len(self._links)):
+            for link in range(-1, len(self.wheels)):
                 friction = config.friction * self.friction_share
-                call.changeDynamics(self._body, link, lateralFriction=friction)
+                call.changeDynamics(self.body, link, lateralFriction=friction)
         call.setJointMotorControlArray(
-            self._body,
-            self._links,
+            self.body,
+            self.wheels,
             call.VELOCITY_CONTROL,
             targetVelocities=[left_m_s / radius] * _N_WHEELS + [right_m_s / radius] * _N_WHEELS,
             # Where one wheel carries the load it gets all of its track's torque.
-            forces=[0.5 * config.thrust_share * self._weight * radius] * len(self._links),
+            forces=[0.5 * config.thrust_share * self._weight * radius] * len(self.wheels),
         )
         self._asked = asked
 
@@ -223,15 +223,15 @@ class ContactRover:
         along = sum(a * v for a, v in zip(ahead, self._velocity, strict=True))
         force = -float(self._rover.rolling_resistance * self._weight * np.tanh(along / _RESISTED_FROM_M_S))
         pushed = [force * a for a in ahead]
-        self._bullet.applyExternalForce(self._body, -1, pushed, self._place, self._bullet.WORLD_FRAME)
+        self.bullet.applyExternalForce(self.body, -1, pushed, self._place, self.bullet.WORLD_FRAME)
         return pushed
 
     def _read(self) -> None:
         """Ask Bullet where everything is after a step."""
-        call = self._bullet
-        self._place, self._turn = call.getBasePositionAndOrientation(self._body)
-        self._velocity, self._rate = call.getBaseVelocity(self._body)
-        wheels = call.getJointStates(self._body, self._links)
+        call = self.bullet
+        self._place, self._turn = call.getBasePositionAndOrientation(self.body)
+        self._velocity, self._rate = call.getBaseVelocity(self.body)
+        wheels = call.getJointStates(self.body, self.wheels)
         self._angles = [wheel[0] for wheel in wheels]
         self._turning = [wheel[1] for wheel in wheels]
         self._torques = [wheel[3] for wheel in wheels]
@@ -287,11 +287,11 @@ class _Engine:
                     'set physics.engine = "kinematic".'
                 ) from error
             self._client = pybullet.connect(pybullet.DIRECT)
-        self._bullet = pybullet
+        self._module = pybullet
 
     def __getattr__(self, name: str) -> Any:
         """Return Bullet's function of that name, bound to this world, or its constant."""
-        found = getattr(self._bullet, name)
+        found = getattr(self._module, name)
         if callable(found):
             found = partial(found, physicsClientId=self._client)
         setattr(self, name, found)
@@ -299,7 +299,7 @@ class _Engine:
 
     def __del__(self) -> None:
         if hasattr(self, "_client"):
-            self._bullet.disconnect(self._client)
+            self._module.disconnect(self._client)
 
 
 @contextmanager
