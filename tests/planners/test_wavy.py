@@ -102,3 +102,13 @@ def test_a_prior_with_too_few_cells_is_refused():
 def test_settings_out_of_range_are_refused():
     with pytest.raises(ConfigError, match="amplitude_share"):
         validated(WavyConfig, {"swaths": 2, "amplitude_share": 0.7}, "planner")
+
+
+def test_waves_also_pass_between_holes_where_no_line_runs():
+    holes = (shapely.box(150.0, 100.0, 290.0, 500.0), shapely.box(330.0, 100.0, 460.0, 500.0))
+    area = SurveyArea(SITE.polygon, CRS, no_go=holes)
+    route = plan(area, None, WavyConfig(swaths=4, wavelength_m=105.0, heading_deg=90.0))
+    # The lines lie at 57, 219, 381 and 543 m; the passage between 290 and 330 m is met by none.
+    between = [swath for swath in route.swaths if 290.0 < swath.axis[:, 0].mean() < 330.0]
+    assert len(between) == 1
+    assert between[0].length_m > 300.0
