@@ -18,6 +18,8 @@ from survey.trajectory import Trajectory
 from vision_slam.rotation import rotations
 
 _GRAVITY_M_S2 = 9.81
+# Standing, turning and standing again take this long each; nothing jolts but the motor's hum.
+_STAND_S, _STILL_SHARE = 20.0, 0.1
 # A stake stands this far beside the way; it is seen when the rover is nearest.
 _BESIDE_M = 1.5
 _SEEN_SIGMA_M = 0.03
@@ -85,7 +87,33 @@ def _inertial(trajectory: Trajectory, attitude_rad: FloatArray, mission: Mission
     bias = aids.accelerometer_bias_m_s2 * rng.standard_normal(3)
     jolts = aids.accelerometer_white_m_s2 * rng.standard_normal(body.shape)
     rates = np.gradient(np.unwrap(attitude_rad, axis=0), times, axis=0)
-    return Inertial(times, rates, body + bias + jolts)
+    driving = Inertial(times, rates, body + bias + jolts)
+    if not aids.turn_at_start:
+        return driving
+    noise = _STILL_SHARE * aids.accelerometer_white_m_s2
+    return _after_turning(driving, attitude_rad[0], bias, noise, rng)
+
+
+def _after_turning(
+    driving: Inertial, start_rad: FloatArray, bias: FloatArray, noise: float, rng: np.random.Generator
+) -> Inertial:
+    """Put a minute before the drive: stand turned about, turn on the spot, stand as the drive begins."""
+    seconds = np.arange(3.0 * _STAND_S)
+    turned = np.pi * np.clip((2.0 * _STAND_S - seconds) / _STAND_S, 0.0, 1.0)
+    forward, left = -np.tan(start_rad[1]), np.tan(start_rad[0])
+    ahead, aside = (
+        np.cos(turned) * forward + np.sin(turned) * left,
+        np.cos(turned) * left - np.sin(turned) * forward,
+    )
+    attitude = np.column_stack([np.arctan(aside), -np.arctan(ahead), start_rad[2] + turned])
+    force = rotations(attitude)[:, 2, :] * _GRAVITY_M_S2
+    force = force + bias + noise * rng.standard_normal(force.shape)
+    rates = np.column_stack([np.zeros((len(seconds), 2)), np.gradient(turned)])
+    return Inertial(
+        np.concatenate([seconds - len(seconds) + driving.time_s[0], driving.time_s]),
+        np.concatenate([rates, driving.gyro_rad_s]),
+        np.concatenate([force, driving.specific_force_m_s2]),
+    )
 
 
 def _ends_of_swaths(trajectory: Trajectory, route: Route, n_stakes: int) -> IntArray:

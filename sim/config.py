@@ -171,8 +171,10 @@ class AidsConfig(Section):
     """An accelerometer whose gravity ties roll and pitch."""
     accelerometer_bias_m_s2: NonNegativeFloat = 0.05
     """Its bias on each axis, constant over the drive [m/s²]."""
-    accelerometer_white_m_s2: NonNegativeFloat = 0.1
-    """Jolts and noise of each reading [m/s²]."""
+    accelerometer_white_m_s2: NonNegativeFloat = 0.05
+    """Jolts and noise of each reading, a mean over a second [m/s²]."""
+    turn_at_start: bool = True
+    """Whether the rover, where it has one, stands under two headings before it sets off, to tell that bias."""
     stakes: NonNegativeInt = 0
     """Number of surveyed stakes, at the ends of swaths, seen in passing."""
     stake_sigma_m: PositiveFloat = 0.05

@@ -19,6 +19,7 @@ Its whole information is handed on: whatever is made of the path knows what its 
 
 import logging
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -65,10 +66,10 @@ def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
     nodes = _nodes(reckoned, config.node_spacing_m)
     time_s = recording.odometry.time_s[nodes]
     posterior = _Posterior.of(recording, reckoned, nodes, config)
+    gain = _gain_if_longer(recording, reckoned, nodes, config, posterior.log_evidence)
     ties = ties_of(recording, reckoned, time_s, posterior.chain.n_unknowns)
     accepted = gated(ties, posterior.chain, posterior.estimate, config.tie_gate)
     posterior = posterior.with_ties(accepted)
-    gain = _gain_if_longer(recording, reckoned, nodes, config)
     if len(ties) > len(accepted):
         logger.warning(
             "%d of %d closures and stakes disagree with all else and are left out",
@@ -81,13 +82,13 @@ def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
 
 @dataclass(frozen=True)
 class _Posterior:
-    """Estimate (n,), sparse information, its factorization, and the marginals of the poses."""
+    """Estimate (n,), sparse information, the factorization of the chain, and what ties gained on it."""
 
     chain: Chain
     information: sparse.csr_array
     estimate: FloatArray
     log_evidence: float
-    covariance: FloatArray
+    gained: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
     def of(
@@ -102,8 +103,19 @@ class _Posterior:
         estimate = chain.solve(right[:, None])[:, 0]
         misfit = float(values @ values - right @ estimate)
         log_evidence = -0.5 * (misfit + chain.log_determinant) - system.log_sigma
-        own = chain.covariances()[0]
-        return cls(chain, information, estimate, log_evidence, own[:, :POSE, :POSE])
+        return cls(chain, information, estimate, log_evidence)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Marginal covariances (K, 6, 6) of the poses."""
+        own = self.chain.covariances()[0][:, :POSE, :POSE]
+        if self.gained is None:
+            return own
+        gain, seen = (
+            part[: len(own) * PER_NODE].reshape(len(own), PER_NODE, -1)[:, :POSE] for part in self.gained
+        )
+        left: FloatArray = own - gain @ seen.transpose(0, 2, 1)
+        return 0.5 * (left + left.transpose(0, 2, 1))
 
     def with_ties(self, ties: Ties) -> "_Posterior":
         """Return the posterior that also knows some stakes and closures (Woodbury over the chain)."""
@@ -112,17 +124,9 @@ class _Posterior:
         seen = self.chain.solve(ties.rows.T.toarray())
         gain = np.linalg.solve(ties.rows @ seen + ties.noise, seen.T).T
         estimate = self.estimate + gain @ (ties.value - ties.rows @ self.estimate)
-        n_nodes = len(self.covariance)
-        parts = [part[: n_nodes * PER_NODE].reshape(n_nodes, PER_NODE, -1)[:, :POSE] for part in (gain, seen)]
-        covariance = self.covariance - parts[0] @ parts[1].transpose(0, 2, 1)
         weighted = sparse.csr_array(np.linalg.inv(ties.noise)) @ ties.rows
         information = sparse.csr_array(self.information + ties.rows.T @ weighted)
-        return replace(
-            self,
-            information=information,
-            estimate=estimate,
-            covariance=0.5 * (covariance + covariance.transpose(0, 2, 1)),
-        )
+        return replace(self, information=information, estimate=estimate, gained=(gain, seen))
 
 
 def _nodes(path: FloatArray, spacing_m: float) -> IntArray:
@@ -133,7 +137,11 @@ def _nodes(path: FloatArray, spacing_m: float) -> IntArray:
 
 
 def _gain_if_longer(
-    recording: Recording, reckoned: FloatArray, nodes: IntArray, config: LocalizationConfig
+    recording: Recording,
+    reckoned: FloatArray,
+    nodes: IntArray,
+    config: LocalizationConfig,
+    log_evidence: float,
 ) -> float:
     """Log likelihood gained by receiver errors that last longer: the innovations' test of the assumed time constant.
 
@@ -141,11 +149,8 @@ def _gain_if_longer(
     innovations, which then follow one another, tell. The other way round costs little.
     """
     longer = config.gps_correlation_time_s * _LONGER
-    both = [
-        _Posterior.of(recording, reckoned, nodes, changed).log_evidence
-        for changed in (config, config.model_copy(update={"gps_correlation_time_s": longer}))
-    ]
-    gain = both[1] - both[0]
+    changed = config.model_copy(update={"gps_correlation_time_s": longer})
+    gain = _Posterior.of(recording, reckoned, nodes, changed).log_evidence - log_evidence
     if gain > _CONVINCING:
         logger.warning(
             "the errors of the GPS last longer than the %g s assumed (a log likelihood of %.0f more at %g s); "

@@ -18,7 +18,7 @@ from survey.reconstruction.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.errors_in_variables import variance_through_slope
 from survey.reconstruction.families import Hyperparameters, likeliest
 from survey.reconstruction.fourier_basis import FourierBasis
-from survey.reconstruction.joint_solve import Functionals, JointPosterior
+from survey.reconstruction.joint_solve import Functionals, JointPosterior, waves_at
 from survey.reconstruction.noisy_values import NoisyValues
 from survey.reconstruction.polynomial_trend import PolynomialTrend
 from survey.reconstruction.resolution import (
@@ -235,13 +235,27 @@ class JointSolution:
 
     def cell_means(self, cells: SatelliteCells) -> tuple[FloatArray, FloatArray]:
         """Return the mean heights (C,) of cells [m] and their covariance (C, C) [m²]."""
-        posterior = self.posterior
-        waves = cells.features(self.basis, posterior.weights.amplitudes)
+        waves = cells.features(self.basis, self.posterior.weights.amplitudes)
         columns = self.trend.columns(cells.centre)
+        means: FloatArray = waves @ self.posterior.mean + columns @ self._plane + self.datum_m
+        return means, self._covariance(waves, columns)
+
+    def covariance(self, xy: FloatArray) -> FloatArray:
+        """Return the covariance (M, M) of the heights at places (M, 2) [m²], relief finer than the map included.
+
+        It depends on where points lie and how they err, on no height that was measured.
+        """
+        waves = waves_at(xy, self.basis, self.posterior.weights.amplitudes)
+        covariance = self._covariance(waves, self.trend.columns(xy))
+        covariance[np.diag_indices(len(xy))] += self.tail_m2 + self.found.nugget_m**2
+        return covariance
+
+    def _covariance(self, waves: FloatArray, columns: FloatArray) -> FloatArray:
+        """Return the covariance of functionals of waves (M, m) and plane (M, 3)."""
+        posterior = self.posterior
         cross = waves @ posterior.cross_weights(self._plane_rows) @ columns.T
-        covariance = waves @ posterior.seen(waves) + cross + cross.T
-        covariance += columns @ posterior.shared_covariance(self._plane_rows) @ columns.T
-        return waves @ posterior.mean + columns @ self._plane + self.datum_m, covariance
+        plane: FloatArray = columns @ posterior.shared_covariance(self._plane_rows) @ columns.T
+        return waves @ posterior.seen(waves) + cross + cross.T + plane
 
     def on(self, grid: Grid) -> JointMap:
         """Return the map on a grid, and the path's correction."""

@@ -186,6 +186,13 @@ def _coupling(basis: FourierBasis, amplitudes: FloatArray, xy: FloatArray, weigh
     return total
 
 
+def waves_at(xy: FloatArray, basis: FourierBasis, amplitudes: FloatArray) -> FloatArray:
+    """Return the whitened waves (N, m) at places (N, 2) [m], for few places."""
+    waves = np.empty((len(xy), basis.n_modes))
+    fill_waves(*basis.box.phases(xy), basis.lattice, amplitudes, waves)
+    return waves
+
+
 @numba.njit(cache=True, fastmath=True)
 def fill_waves(x: FloatArray, y: FloatArray, lattice: IntArray, d: FloatArray, out: FloatArray) -> None:
     """Write the whitened waves at points (N, m): cosines, then sines, by turning unit vectors step by step."""

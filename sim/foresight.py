@@ -1,0 +1,175 @@
+"""How wrong the map of a mission will be, errors of the rover's place included, before it is driven.
+
+The mission is rehearsed on the prior: where landmarks will lie and how their errors will be
+shared follows from the route and the sensors alone. The joint estimate's covariance needs no
+heights; those of the rehearsal only give the slopes.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammainc
+
+import planners
+from sim.aids import with_way_home
+from sim.config import MissionConfig
+from sim.statistical import simulate_statistical
+from sim.world import World
+from survey.arrays import FloatArray
+from survey.dem import Dem
+from survey.errors import ConfigError, InputError
+from survey.grid import Grid
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.families import likeliest
+from survey.reconstruction.joint_map import JointSolution, JointTerrain
+from survey.route import Route
+from vision_slam import localize
+
+_NODES_ALONG = 20
+_BEYOND_M = 60.0
+_STEP_M = 5.0
+_UNSTATED_SIGMA_M = 1.0
+_N_LEAST = 9
+
+
+class Foreseen(NamedTuple):
+    """What a mission promises: expected RMSE [m], that of the site's mean height [m], chance of meeting the limit, drive [m]."""
+
+    swaths: int
+    stakes: int
+    rmse_m: float
+    site_mean_m: float
+    chance: float
+    length_m: float
+
+    def __str__(self) -> str:
+        stakes = f" with {self.stakes} stakes" if self.stakes else ""
+        return f"{self.swaths} swaths{stakes}: {self.rmse_m:.2f} m, {100 * self.chance:.0f} %, {self.length_m:.0f} m to drive"
+
+
+def foresee(mission: MissionConfig, world: World, *, limit_m: float, nugget_m: float = 0.15) -> Foreseen:
+    r"""Predict the error of the map of a mission, with all that its landmarks share.
+
+    With the joint covariance C of M nodes the mean squared error has the mean tr C / M and
+    the variance 2 tr C² / M²; the chance to stay within the limit is that of the gamma
+    distribution with these moments (Satterthwaite 1946).
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        Pattern, sensors, aids and what is assumed of them.
+    world : World
+        Its area and prior are used, and nothing else.
+    limit_m : float
+        RMSE that is wanted [m].
+    nugget_m : float
+        Relief finer than the prior can tell [m].
+
+    Raises
+    ------
+    InputError
+        A prior that does not tell a length scale, or no landmark in sight.
+    ConfigError
+        A mission that has no landmarks to share errors.
+
+    Notes
+    -----
+    As good as the covariance that is read from the prior, and the stated sensors.
+    """
+    if mission.fidelity == "ideal":
+        raise ConfigError(
+            "the ideal fidelity has no errors of place to foresee; set fidelity = 'statistical'."
+        )
+    solution, route = _rehearsed(mission, world, nugget_m)
+    xmin, ymin, xmax, ymax = world.area.bounds
+    step = max(xmax - xmin, ymax - ymin) / _NODES_ALONG
+    nodes = Grid(
+        (xmin + step / 2, ymin + step / 2, xmax - step / 2, ymax - step / 2), step, world.area.crs
+    ).xy
+    nodes = nodes[world.area.contains(nodes)]
+    if not len(nodes):
+        raise InputError("the area is too narrow for a grid of 20 nodes along it; foresee a larger one.")
+    return _promised(solution.covariance(nodes), limit_m, mission, route)
+
+
+def ways_to_meet(
+    mission: MissionConfig, world: World, *, limit_m: float, chance: float = 0.9, most_swaths: int = 8
+) -> Iterator[Foreseen]:
+    """Yield, for 0, 2 and 4 stakes, the fewest swaths that meet the limit with the wanted chance, if any do."""
+    for stakes in (0, 2, 4):
+        for swaths in range(2, most_swaths + 1):
+            sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
+            aids = mission.aids.model_copy(update={"stakes": stakes})
+            tried = mission.model_copy(update={"planner": sized, "aids": aids})
+            found = foresee(tried, world, limit_m=limit_m)
+            if found.chance >= chance:
+                yield found
+                break
+
+
+def cheapest(ways: Iterable[Foreseen]) -> Foreseen | None:
+    """Return the way with the least to drive, and of those the one with the fewest stakes."""
+    return min(ways, key=lambda way: (round(way.length_m), way.stakes), default=None)
+
+
+def _rehearsed(mission: MissionConfig, world: World, nugget_m: float) -> tuple[JointSolution, Route]:
+    """Drive the mission over the prior, localize, and solve for what would be known."""
+    ground = _read_beyond(world.prior, world.area.bounds)
+    route = planners.plan(world.area, world.prior, mission.planner)
+    if mission.aids.way_home:
+        route = with_way_home(route, world.area)
+    recording, _ = simulate_statistical(ground, route, mission)
+    path, points = localize(recording, mission.assumed)
+    if path.error is None:
+        raise ConfigError("the mission has no odometry, so that nothing is known of shared errors; add it.")
+    joint = mission.reconstruction.joint
+    sigma_m = joint.satellite.sigma_m or _UNSTATED_SIGMA_M
+    config = _covariance_of(world.prior, world.area.bounds, sigma_m, nugget_m)
+    stated = joint.satellite.model_copy(update={"sigma_m": sigma_m})
+    prior = world.prior if mission.reconstruction.use_prior else None
+    model = JointTerrain(path.error, prior, config, joint.model_copy(update={"satellite": stated}))
+    return model.solved(points, world.area.bounds), route
+
+
+def _covariance_of(
+    prior: Dem, bounds: tuple[float, float, float, float], sigma_m: float, nugget_m: float
+) -> GaussianProcessConfig:
+    """Read the likeliest smooth covariance about a plane from the cells, whose own error is no terrain."""
+    xy, height = prior.xy, prior.elevation.ravel()
+    near = ((xy >= bounds[:2]) & (xy <= bounds[2:])).all(axis=1) & np.isfinite(height)
+    if near.sum() < _N_LEAST:
+        raise InputError(
+            f"{int(near.sum())} known cells of the prior lie on the area; {_N_LEAST} are needed to tell how it varies."
+        )
+    columns = np.column_stack([np.ones(int(near.sum())), xy[near] - xy[near].mean(axis=0)])
+    rest = height[near] - columns @ np.linalg.lstsq(columns, height[near], rcond=None)[0]
+    asked = GaussianProcessConfig(family="squared-exponential", nugget_m=0.0)
+    kernel = likeliest(xy[near], rest, np.full(len(rest), sigma_m**2), asked).kernel
+    return GaussianProcessConfig(
+        fit=False, variance_m2=kernel.variance_m2, length_scale_m=kernel.length_scales_m[0], nugget_m=nugget_m
+    )
+
+
+def _read_beyond(prior: Dem, bounds: tuple[float, float, float, float]) -> Dem:
+    """Read the prior on 5 m, and what a camera sees beyond it as its nearest cell."""
+    xmin, ymin, xmax, ymax = bounds
+    grid = Grid.over(
+        (xmin - _BEYOND_M, ymin - _BEYOND_M, xmax + _BEYOND_M, ymax + _BEYOND_M), _STEP_M, prior.crs
+    )
+    low, high = np.array(prior.bounds[:2]), np.array(prior.bounds[2:])
+    heights = prior.at(np.clip(grid.xy, low + 1e-6, high - 1e-6))
+    level = float(np.nanmean(prior.elevation))
+    return Dem.on(
+        grid, np.where(np.isfinite(heights), heights, level).reshape(grid.shape), prior.vertical_datum
+    )
+
+
+def _promised(covariance: FloatArray, limit_m: float, mission: MissionConfig, route: Route) -> Foreseen:
+    n = len(covariance)
+    mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
+    chance = float(gammainc(mean**2 / variance, mean * limit_m**2 / variance))
+    site_mean = float(np.sqrt(covariance.mean()))
+    return Foreseen(
+        len(route.swaths), mission.aids.stakes, float(np.sqrt(mean)), site_mean, chance, route.length_m
+    )
