@@ -92,6 +92,7 @@ class GpsReceiver:
                 ("multipath", gps.multipath_per_h, _MULTIPATH_LASTS_S),
             )
         }
+        self._is_disturbed = max(gps.outages_per_h, gps.jumps_per_h, gps.multipath_per_h) > 0.0
         self._seed = seed
         self._per_axis = np.array([1.0, 1.0, gps.vertical_factor])
 
@@ -107,7 +108,7 @@ class GpsReceiver:
         of_rover = np.isin(ticks, at_s)
         error = (both + share * own)[of_rover] + self._white_noise(0, len(at_s))
         fixes, kept = antenna + error * self._per_axis, np.ones(len(at_s), dtype=np.bool_)
-        for k, time_s in enumerate(at_s):
+        for k, time_s in enumerate(at_s if self._is_disturbed else ()):
             kept[k] = self._events["outages"].number_at(time_s) == 0
             fixes[k] += self._disturbance(time_s) * self._per_axis
         base = (
