@@ -48,11 +48,26 @@ def _upright(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> Fl
     frame = np.searchsorted(time_s, inertial.time_s).clip(0, len(time_s) - 1)
     force = np.einsum("nij,nj->ni", rotations[frame], inertial.specific_force_m_s2)
     up = np.column_stack([_averaged(inertial.time_s, axis, time_s) for axis in force.T])
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    return _raised(up)
+
+
+def upright_start(recording: Sensed, time_s: float) -> FloatArray:
+    """Return the pose (4, 4) at the first image, with gravity of its first second pointing down."""
+    pose = np.eye(4)
+    if recording.inertial is not None:
+        near = np.abs(recording.inertial.time_s - time_s) <= 1.0
+        force = recording.inertial.specific_force_m_s2
+        pose[:3, :3] = _raised(force[near if near.any() else slice(1)].mean(axis=0)[None])[0]
+    return pose
+
+
+def _raised(up: FloatArray) -> FloatArray:
+    """Least turns (N, 3, 3) that take vectors (N, 3) to the vertical."""
     axis = np.column_stack([up[:, 1], -up[:, 0], np.zeros(len(up))])  # up × z
-    sine = np.linalg.norm(axis, axis=1, keepdims=True)
-    angle = np.arctan2(sine[:, 0], up[:, 2])
-    matrices: FloatArray = Rotation.from_rotvec(axis / np.maximum(sine, 1e-12) * angle[:, None]).as_matrix()
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, up[:, 2])
+    vectors = axis * (angle / np.maximum(sine, 1e-12))[:, None]
+    matrices: FloatArray = Rotation.from_rotvec(vectors).as_matrix()
     return matrices
 
 

@@ -10,6 +10,7 @@ from vision_slam.sequence import Sensed
 
 _STANDING_S = 0.5
 _STANDING_M = 2e-3
+_QUIET_RAD_S = 0.005
 _BIAS_TIME_S = 30.0
 
 
@@ -69,7 +70,7 @@ class MotionSensors:
         return matrix
 
     def _standing_bias(self) -> FloatArray:
-        """Mean rate while the wheels rest at the start; zero when the recording begins in motion."""
+        """Rate while the wheels rest at the start; zero when it begins in motion, or rocks while standing."""
         if self._wheels is None or self._inertial is None:
             return np.zeros(3)
         rolled = np.abs(self._wheels.left_m - self._wheels.left_m[0]) + np.abs(
@@ -80,8 +81,10 @@ class MotionSensors:
         still = self._inertial.time_s <= until
         if until - self._wheels.time_s[0] < _STANDING_S or not still.any():
             return np.zeros(3)
-        bias: FloatArray = self._inertial.gyro_rad_s[still].mean(axis=0)
-        return bias
+        rates = self._inertial.gyro_rad_s[still]
+        bias: FloatArray = np.median(rates, axis=0)
+        rocking = np.median(np.abs(rates - bias), axis=0).max() > _QUIET_RAD_S
+        return np.zeros(3) if rocking else bias
 
 
 def _covers(time_s: FloatArray, first_s: float, last_s: float) -> bool:

@@ -11,7 +11,7 @@ from survey.arrays import BoolArray, FloatArray
 from survey.camera import Camera, Image
 from survey.errors import InputError
 from survey.sensors import Odometry, Sightings
-from vision_slam.attitude import attitudes
+from vision_slam.attitude import attitudes, upright_start
 from vision_slam.enhance import Enhancer, grey_of
 from vision_slam.features import Pixels, detect
 from vision_slam.health import FrameHealth, image_health
@@ -40,7 +40,7 @@ class FramePose:
 class VisualSlam:
     """Follows a rover by its camera, keyframe by keyframe.
 
-    Poses count from the body at the first frame. Their scale is the wheels'; without
+    Poses count from `start`. Their scale is the wheels'; without
     wheels it is that of the first step, taken as one unit.
 
     Parameters
@@ -49,9 +49,13 @@ class VisualSlam:
         Calibration and mounting.
     config : VisualOdometryConfig, optional
         How images become motion.
+    start : (4, 4) ndarray, optional
+        Pose at the first image; its z axis points up. Level unless said.
     """
 
-    def __init__(self, camera: Camera, config: VisualOdometryConfig | None = None) -> None:
+    def __init__(
+        self, camera: Camera, config: VisualOdometryConfig | None = None, start: FloatArray | None = None
+    ) -> None:
         self.config = config or VisualOdometryConfig()
         self.camera = camera
         self.window = Window(camera, self.config)
@@ -60,7 +64,7 @@ class VisualSlam:
         self._tracks: list[Track] = []
         self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
         self._image: Image | None = None
-        self._pose = np.eye(4)
+        self._pose = np.eye(4) if start is None else start
         self._step = np.eye(4)
         self._since: Motion | None = None
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
@@ -284,8 +288,9 @@ def visual_odometry(
         raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
     if len(recording.frames) < 2:
         raise InputError("the recording has one frame; motion needs at least two.")
-    slam, sensors = VisualSlam(recording.camera, config), MotionSensors(recording)
     times = recording.frames.time_s
+    slam = VisualSlam(recording.camera, config, upright_start(recording, times[0]))
+    sensors = MotionSensors(recording)
     for index, time_s in enumerate(times.tolist()):
         motion = None if index == 0 else sensors.between(times[index - 1], time_s)
         frame = slam.step(recording.frames[index], time_s, motion)

@@ -15,6 +15,7 @@ from vision_slam.visual_config import VisualOdometryConfig
 
 _HELD_SIGMA = 1e-5
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
+_LEVEL = -0.04  # sine of elevation: from 0.7 m above level ground, what lies 17 m off
 _FREE = 1e3
 _SLIP_SIGMAS = 3.0  # wheels that disagree by more lose their say: they slip
 _FAR_M = 400.0  # a point so far away moves by less than 0.1° within a window
@@ -38,8 +39,9 @@ class Window:
 
     is minimized by Levenberg-Marquardt. Each corner j is one smart factor: its point x_j
     is eliminated before the poses are solved for, and becomes a direction where no motion
-    in the window moves it (HANDLE_INFINITY), so that a far ridge holds the heading and
-    nothing else. Turn and shift are the parts of log(M_k⁻¹ T_k⁻¹ T_{k+1}) with M the motion
+    in the window moves it, so that a far ridge holds the heading and nothing else. That is
+    for corners near the horizon only: ground that shows no parallax, as in a turn on the
+    spot, is near all the same, and taken for a mountain it would bend the turn. Turn and shift are the parts of log(M_k⁻¹ T_k⁻¹ T_{k+1}) with M the motion
     by gyro and wheels; the loss ρ of the shift is Cauchy's, because wheels slip. Both in one
     factor under one loss would let a bump of the ground silence the wheels: scale then drifts.
 
@@ -56,11 +58,8 @@ class Window:
         self._sensor = gtsam.Pose3(camera.T_body_camera)
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
         self._lens = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
-        self._params = gtsam.SmartProjectionParams(
-            gtsam.LinearizationMode.HESSIAN, gtsam.DegeneracyMode.HANDLE_INFINITY
-        )
-        self._params.setRankTolerance(1e-3)
-        self._params.setLandmarkDistanceThreshold(_FAR_M)
+        self._may_be_far = _smart_params(gtsam.DegeneracyMode.HANDLE_INFINITY)
+        self._is_ground = _smart_params(gtsam.DegeneracyMode.ZERO_ON_DEGENERACY)
         self._optimizer = gtsam.LevenbergMarquardtParams()
         self._optimizer.setMaxIterations(3)
         self._optimizer.setRelativeErrorTol(1e-2)
@@ -117,8 +116,9 @@ class Window:
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
         oblique = sum(ray[2] for _, ray in sights) / len(sights)
         sigma = self._config.pixel_sigma / self._focal_px / oblique**1.5
+        params = self._may_be_far if self._looks_level(track) else self._is_ground
         factor = gtsam.SmartProjectionPoseFactorCal3_S2(
-            gtsam.noiseModel.Isotropic.Sigma(2, sigma), self._lens, self._sensor, self._params
+            gtsam.noiseModel.Isotropic.Sigma(2, sigma), self._lens, self._sensor, params
         )
         for k, ray in sights:
             factor.add(ray[:2] / ray[2], X(k))
@@ -133,6 +133,9 @@ class Window:
         if result.valid():
             track.point, track.is_far = np.asarray(result.get()), False
             seen = (track.point - place) @ rotation
+        elif not self._looks_level(track):
+            track.point = None
+            return True
         else:
             oldest = max(track.keyframes[0], self.newest - 30)
             index = next(i for i, k in enumerate(track.keyframes) if k >= oldest)
@@ -141,6 +144,11 @@ class Window:
             seen = track.point @ rotation
         expected = seen / np.linalg.norm(seen)
         return bool(np.linalg.norm(expected - track.rays[-1]) < self._config.gate_px / self._focal_px)
+
+    def _looks_level(self, track: Track) -> bool:
+        """Whether a track lies so near the horizon, or above, that it may be a mountain."""
+        rotation, _ = self._camera_pose(self.newest)
+        return bool((rotation @ track.rays[-1])[2] > _LEVEL)
 
     def _camera_pose(self, k: int) -> tuple[FloatArray, FloatArray]:
         pose = self.poses[k] @ self._body_camera
@@ -165,6 +173,13 @@ class Window:
         shift = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([free, shift_sigma]))
         cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(_SLIP_SIGMAS)
         return _Between(gtsam.Pose3(relative), turn, gtsam.noiseModel.Robust.Create(cauchy, shift))
+
+
+def _smart_params(mode: Any) -> Any:
+    params = gtsam.SmartProjectionParams(gtsam.LinearizationMode.HESSIAN, mode)
+    params.setRankTolerance(1e-3)
+    params.setLandmarkDistanceThreshold(_FAR_M)
+    return params
 
 
 def half_turned(rotation: FloatArray) -> FloatArray:
