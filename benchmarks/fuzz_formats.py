@@ -21,6 +21,8 @@ from survey.errors import FirnlineError
 
 SLOWEST_S = 10.0
 LARGEST_BYTES = 2 * 10**9
+# The process that reads may not take the machine's memory with it.
+_ADDRESS_SPACE_BYTES = 8 * 10**9
 
 
 def outcome(name: str, whole: bytes, seed: int, folder: Path) -> str:
@@ -108,6 +110,7 @@ def main() -> None:
     if chosen.child is None:
         print(json.dumps(supervised(chosen.seconds, chosen.first), indent=2))
         return
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE_BYTES, _ADDRESS_SPACE_BYTES))
     counts, findings, following = run(chosen.seconds, chosen.first, chosen.at)
     largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if largest > LARGEST_BYTES:

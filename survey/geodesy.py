@@ -24,7 +24,6 @@ VERTICAL_CRS = {
     "EGM2008 height": "EPSG:3855",
     "NAVD88 height": "EPSG:5703",
     "EGM84 height": "EPSG:5798",
-    "CGVD2013(CGG2013a) height": "EPSG:9245",
 }
 """Vertical datums that are known by name, with their codes."""
 

@@ -1,5 +1,6 @@
 """Elevation rasters: whatever GDAL reads; written as Cloud-Optimized GeoTIFF, Esri ASCII grid or NetCDF."""
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,7 @@ NODATA = -9999.0
 LARGEST_CELLS = 160_000_000
 """Rasters beyond this are not read whole: 1.3 GB as numbers of double precision."""
 _STRIP_CELLS = 4_000_000
+_LARGEST_BLOCK_BYTES = 2**29
 # GDAL keeps blocks that it has read in up to a twentieth of the machine's memory unless told otherwise.
 _CACHE_BYTES = 64 * 2**20
 _VERTICAL_TAG = "VERTICAL_DATUM"
@@ -121,6 +123,14 @@ def _checked_band(source: Any, file: Path, band: int) -> int:
         raise InputError(f"{file} has {source.count} bands; band {band} was asked for.")
     if np.issubdtype(np.dtype(source.dtypes[number - 1]), np.complexfloating):
         raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
+    bands = source.count if str(source.interleaving).lower().endswith("pixel") else 1
+    block_bytes = (
+        math.prod(source.block_shapes[number - 1]) * np.dtype(source.dtypes[number - 1]).itemsize * bands
+    )
+    if block_bytes > _LARGEST_BLOCK_BYTES:
+        raise CapacityError(
+            f"{file} keeps its cells in blocks of {block_bytes / 1e9:.1f} GB ({source.count} bands); it is damaged, or to be rewritten in tiles (gdal_translate -co TILED=YES)."
+        )
     return number
 
 

@@ -162,6 +162,11 @@ def _read_rows(path: str | Path, columns: Sequence[str], kind: str) -> FloatArra
         for number, line in enumerate(content.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
+    counts = [line.removeprefix(_COUNT) for line in content.splitlines() if line.startswith(_COUNT)]
+    if counts and counts[0] != str(len(rows)):
+        raise InputError(
+            f"the trajectory {file} holds {len(rows)} of {counts[0]} poses; it was cut off or joined, make it again."
+        )
     if not rows:
         raise InputError(
             f"the trajectory {file} holds no poses; {len(columns)} numbers a line were expected."
