@@ -161,7 +161,10 @@ def test_roll_tilts_what_lies_to_the_side():
     assert points.origins is not None
     tilted[:, 2] += roll * (points.xyz[:, 1] - points.origins[:, 1])
     found = JointTerrain(
-        path_error(0.02, angle_rad=0.05), cells_of(hill), KNOWN, JointConfig(satellite=SatelliteErrors(sigma_m=0.1))
+        path_error(0.02, angle_rad=0.05),
+        cells_of(hill),
+        KNOWN,
+        JointConfig(satellite=SatelliteErrors(sigma_m=0.1)),
     )
     solution = found.solved(replace(points, xyz=tilted), GRID.bounds)
     roll_found = solution.posterior.shared[: 6 * 6].reshape(6, 6)[:, 5]
