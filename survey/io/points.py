@@ -17,6 +17,7 @@ from pyproj.exceptions import CRSError
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.geodesy import UNSTATED, vertical_datum_of
+from survey.io.checksum import checksum, refuse_altered
 from survey.io.files import existing_file, first_line, replacing
 from survey.io.las_claims import check_claim, check_las_points, check_las_records
 from survey.io.tables import read_table, write_table
@@ -26,7 +27,8 @@ PLACE = ("x_m", "y_m", "z_m")
 _DATUM = "vertical_datum"
 # LAS keeps coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
-_LAS_OWNER = "firnline"
+_LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
+_CRC = "crc32"
 _PLY_HEAD = 65_536
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
 _LARGEST = 1e15
@@ -159,8 +161,11 @@ def _read_las(path: Path) -> PointTable:
             columns[name] = column.astype(np.float64)
     datum = vertical_datum_of(crs) if crs is not None else UNSTATED
     for record in las.header.vlrs:
-        if record.user_id == _LAS_OWNER:
-            datum = record.record_data.decode("utf-8")
+        if record.user_id == _LAS_OWNER and record.record_id == _LAS_DATUM:
+            datum = record.record_data.decode("utf-8", "replace")
+        elif record.user_id == _LAS_OWNER and record.record_id == _LAS_CRC:
+            crc = record.record_data.decode("utf-8", "replace")
+            refuse_altered(file, crc, columns.values(), f"its record {_LAS_OWNER} {_LAS_CRC}")
     return PointTable(columns, crs, datum)
 
 
@@ -176,11 +181,13 @@ def _write_las(path: Path, table: PointTable) -> None:
     extra = {name: column for name, column in table.columns.items() if name not in PLACE}
     header.add_extra_dims([laspy.ExtraBytesParams(name=name, type=np.float64) for name in extra])
     if table.vertical_datum:
-        header.vlrs.append(laspy.VLR(_LAS_OWNER, 1, _DATUM, table.vertical_datum.encode("utf-8")))
+        header.vlrs.append(laspy.VLR(_LAS_OWNER, _LAS_DATUM, _DATUM, table.vertical_datum.encode("utf-8")))
     las = laspy.LasData(header)
     las.x, las.y, las.z = xyz.T
     for name, column in extra.items():
         las[name] = column
+    stored = [*(np.asarray(axis, dtype=np.float64) for axis in (las.x, las.y, las.z)), *extra.values()]
+    las.vlrs.append(laspy.VLR(_LAS_OWNER, _LAS_CRC, _CRC, checksum(stored).encode("utf-8")))
     with replacing(path) as draft:
         las.write(str(draft))
 
@@ -211,6 +218,8 @@ def _read_ply(path: Path) -> PointTable:
         if name not in "xyz" and np.issubdtype(vertices.dtype[name], np.number):
             columns[name] = vertices[name].astype(np.float64)
     stated = dict(comment.split(" ", 1) for comment in ply.comments if " " in comment)
+    if _CRC in stated:
+        refuse_altered(file, stated[_CRC], [vertices], f"its comment {_CRC}")
     return PointTable(columns, stated.get("crs"), stated.get(_DATUM, UNSTATED))
 
 
@@ -221,7 +230,7 @@ def _write_ply(path: Path, table: PointTable) -> None:
     for name, column in table.columns.items():
         vertices[names.get(name, name)] = column
     crs: CRS = table.crs
-    comments = [f"crs {crs.to_string()}"]
+    comments = [f"crs {crs.to_string()}", f"{_CRC} {checksum([vertices])}"]
     if table.vertical_datum:
         comments.append(f"{_DATUM} {table.vertical_datum}")
     element = plyfile.PlyElement.describe(vertices, "vertex")

@@ -15,6 +15,7 @@ from pyproj.exceptions import CRSError
 from survey.arrays import FloatArray
 from survey.errors import CapacityError, InputError
 from survey.geodesy import UNSTATED, VERTICAL_CRS, projected_crs, vertical_datum_of
+from survey.io.checksum import checksum, refuse_altered
 from survey.io.files import DamagedError, existing_file, first_line, replacing, unwritable, warnings_logged
 
 NODATA = -9999.0
@@ -25,6 +26,7 @@ _LARGEST_BLOCK_BYTES = 2**29
 # GDAL keeps blocks that it has read in up to a twentieth of the machine's memory unless told otherwise.
 _CACHE_BYTES = 64 * 2**20
 _VERTICAL_TAG = "VERTICAL_DATUM"
+_CRC_TAG = "FIRNLINE_CRC32"
 
 _COG = {
     "driver": "COG",
@@ -68,6 +70,9 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
             crs = source.crs.to_wkt() if source.crs else None
             datum = stated_datum(source)
             transform = source.transform
+            crcs = source.tags().get(_CRC_TAG, "").split()
+        if len(crcs) >= band:
+            refuse_altered(file, crcs[band - 1], _summed(values, transform, datum), f"the tag {_CRC_TAG}")
         return Raster(values, transform, crs, datum or (vertical_datum_of(crs) if crs else UNSTATED))
     except _gdal_faults() as error:
         raise damaged(file, error) from error
@@ -144,6 +149,17 @@ def _read_strips(source: Any, band: int) -> FloatArray:
         window = Window(0, first, source.width, min(rows, source.height - first))
         values[first : first + rows] = read_window(source, band, window)
     return values
+
+
+def _summed(values: FloatArray, transform: Affine, vertical_datum: str) -> tuple[Any, ...]:
+    """Return what a band's checksum is taken of: the numbers as they are stored, their place and datum."""
+    stored = np.where(np.isfinite(values), values, NODATA).astype("<f4")
+    return (
+        stored,
+        np.array(values.shape, dtype="<i8"),
+        np.array(transform.to_gdal(), dtype="<f8"),
+        vertical_datum,
+    )
 
 
 def read_window(source: Any, band: int, window: Any) -> FloatArray:
@@ -236,6 +252,12 @@ def write_raster(
     )
 
 
+def _tags(bands: Mapping[str, FloatArray], transform: Affine, vertical_datum: str) -> dict[str, str]:
+    """Return what a GeoTIFF says of itself: the vertical datum and a checksum for each band."""
+    crcs = " ".join(checksum(_summed(values, transform, vertical_datum)) for values in bands.values())
+    return {_CRC_TAG: crcs, **({_VERTICAL_TAG: vertical_datum} if vertical_datum else {})}
+
+
 def _write_gdal(
     path: Path, bands: Mapping[str, FloatArray], options: Mapping[str, Any], vertical_datum: str
 ) -> None:
@@ -246,8 +268,8 @@ def _write_gdal(
     with replacing(path) as draft:
         try:
             with warnings_logged(), rasterio.open(draft, "w", **profile, **options) as target:
-                if vertical_datum and options["driver"] == "COG":
-                    target.update_tags(**{_VERTICAL_TAG: vertical_datum})
+                if options["driver"] == "COG":
+                    target.update_tags(**_tags(bands, options["transform"], vertical_datum))
                 for index, (name, values) in enumerate(bands.items(), start=1):
                     target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
                     if options["driver"] == "COG":

@@ -12,6 +12,7 @@ from pyproj import CRS
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.geodesy import transformed
+from survey.io.checksum import checksum, refuse_altered
 from survey.io.files import existing_file, replacing
 from survey.io.vector import read_features, write_features
 
@@ -21,15 +22,18 @@ KITTI_COLUMNS = tuple(
 )
 # Times count from here where a format wants a date and the track has none.
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
-# TUM readers skip lines like this; it tells a file that was cut off at the end of a line.
-_COUNT = "# poses: "
+# TUM readers skip lines like these; they tell a file that was cut off at the end of a line, or altered.
+_COUNT, _CRC = "# poses: ", "# crc32: "
 _WGS84 = CRS.from_epsg(4326)
 _TIME, _HEIGHT = "time_s", "elevation_m"
 
 
 def write_tum(path: str | Path, rows: FloatArray) -> None:
     """Write poses (N, 8) as TUM text; numbers read back exactly as they were."""
-    _write_rows(path, rows, f"# {' '.join(TUM_COLUMNS)}\n{_COUNT}{len(rows)}\n")
+    lines = _lines(rows)
+    _write_lines(
+        path, [f"# {' '.join(TUM_COLUMNS)}", f"{_COUNT}{len(rows)}", f"{_CRC}{checksum(lines)}", *lines]
+    )
 
 
 def read_tum(path: str | Path) -> FloatArray:
@@ -48,7 +52,7 @@ def write_kitti(path: str | Path, poses: FloatArray) -> None:
 
     Numbers read back exactly as they were.
     """
-    _write_rows(path, poses.reshape(-1, 12), "")
+    _write_lines(path, _lines(poses.reshape(-1, 12)))
 
 
 def read_kitti(path: str | Path) -> FloatArray:
@@ -139,10 +143,13 @@ def _numbers(column: Any, path: str | Path, what: str) -> FloatArray:
     return values
 
 
-def _write_rows(path: str | Path, rows: FloatArray, header: str) -> None:
+def _lines(rows: FloatArray) -> list[str]:
+    return [" ".join(map(repr, row)) for row in rows.tolist()]
+
+
+def _write_lines(path: str | Path, lines: Sequence[str]) -> None:
     with replacing(path) as draft, draft.open("w", encoding="utf-8") as file:
-        file.write(header)
-        file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
+        file.writelines(f"{line}\n" for line in lines)
 
 
 def _read_rows(path: str | Path, columns: Sequence[str], kind: str) -> FloatArray:
@@ -157,22 +164,35 @@ def _read_rows(path: str | Path, columns: Sequence[str], kind: str) -> FloatArra
         raise InputError(
             f"the trajectory {file} ends in the middle of a line; it may be cut off, make it again or end it with a line break."
         )
-    rows = [
-        _row(line, columns, f"the trajectory {file}, line {number}")
+    numbered = [
+        (number, line)
         for number, line in enumerate(content.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
-    counts = [line.removeprefix(_COUNT) for line in content.splitlines() if line.startswith(_COUNT)]
-    if counts and counts[0] != str(len(rows)):
-        raise InputError(
-            f"the trajectory {file} holds {len(rows)} of {counts[0]} poses; it was cut off or joined, make it again."
-        )
+    rows = [_row(line, columns, f"the trajectory {file}, line {number}") for number, line in numbered]
+    _refuse_incomplete(file, content, [line for _, line in numbered])
     if not rows:
         raise InputError(
             f"the trajectory {file} holds no poses; {len(columns)} numbers a line were expected."
         )
     array: FloatArray = np.array(rows)
     return array
+
+
+def _refuse_incomplete(file: Path, content: str, lines: Sequence[str]) -> None:
+    """Hold the poses against the count and the checksum that the file's comments state, where they do."""
+    stated = {
+        mark: line.removeprefix(mark)
+        for line in content.splitlines()
+        for mark in (_COUNT, _CRC)
+        if line.startswith(mark)
+    }
+    if stated.get(_COUNT, str(len(lines))) != str(len(lines)):
+        raise InputError(
+            f"the trajectory {file} holds {len(lines)} of {stated[_COUNT][:16]} poses; it was cut off or joined, make it again."
+        )
+    if _CRC in stated:
+        refuse_altered(file, stated[_CRC], lines, f"its line {_CRC.strip()!r}")
 
 
 def _row(line: str, columns: Sequence[str], where: str) -> list[float]:
