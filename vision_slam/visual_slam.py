@@ -18,6 +18,7 @@ from vision_slam.health import FrameHealth, image_health
 from vision_slam.motion import Motion, MotionSensors
 from vision_slam.resection import resected
 from vision_slam.sequence import Sensed
+from vision_slam.slip import SlipWatch
 from vision_slam.tracks import Track, followed
 from vision_slam.triangulation import sighted
 from vision_slam.visual_config import VisualOdometryConfig
@@ -63,6 +64,7 @@ class VisualSlam:
         self.finished: list[Track] = []
         self._tracks: list[Track] = []
         self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
+        self._slip = SlipWatch(camera.T_body_camera[2, 3])
         self._image: Image | None = None
         self._pose = np.eye(4) if start is None else start
         self._step = np.eye(4)
@@ -223,7 +225,10 @@ class VisualSlam:
         )
 
     def _add_keyframe(self, enhanced: Image, health: FrameHealth) -> None:
-        self.window.add(self._pose, self._since)
+        assert self._since is not None
+        rolled = self._since.travel_m
+        corrected = None if rolled is None else rolled * self._slip.factor
+        self.window.add(self._pose, replace(self._since, travel_m=corrected))
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
         for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
@@ -231,7 +236,16 @@ class VisualSlam:
         if self._tracks:
             self._keep(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
             self._pose = self.window.poses[-1]
+        self._watch_slip(rolled)
         self._replenish(enhanced, health)
+
+    def _watch_slip(self, rolled_m: float | None) -> None:
+        if rolled_m is None:
+            return
+        known = [track.point for track in self._tracks if track.point is not None and not track.is_far]
+        points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
+        travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
+        self._slip.observe(points, float(travel), rolled_m)
 
     def _replenish(self, enhanced: Image, health: FrameHealth) -> None:
         n_missing = self.config.n_features - len(self._tracks)

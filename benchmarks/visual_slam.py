@@ -1,0 +1,209 @@
+"""Visual SLAM on drives whose world is known, on a real camera, and a particle filter that is carried off.
+
+Run with ``python -m benchmarks.visual_slam``. Drives are those of ``examples/glacier_drive.toml`` with other seeds
+than the settings were chosen on; their images are rendered once and kept in the system's folder for temporary
+files. Positions are judged without any alignment but the pose at the start, which is given, unless Sim(3) is said.
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from benchmarks.report import Row, main
+from survey.arrays import FloatArray
+from survey.dem import Dem
+from survey.recording import Recording
+from survey.trajectory import Trajectory
+from vision_slam.attitude import upright_start
+from vision_slam.config import LocalizationConfig
+from vision_slam.evaluation import absolute_errors_m
+from vision_slam.motion import MotionSensors
+from vision_slam.particle_filter import ParticleFilter
+from vision_slam.readers import read_sequence
+from vision_slam.sequence import scaled_by_first
+from vision_slam.visual_config import VisualOdometryConfig
+from vision_slam.visual_slam import VisualSlam, visual_odometry
+
+# The settings were chosen on seed 11.
+SEEDS = (21, 22, 23, 24, 25)
+DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
+MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
+KITTI = Path(__file__).parents[2] / "shared" / "data" / "seq_kitti_mini" / "KITTI_sequence_1"
+FAINT = ("appearance.contrast=0.5", "scenery.ridges_deg=0.0")
+
+
+def measure(quick: bool) -> Iterator[Row]:
+    """Yield the rows."""
+    yield from _carried_off(20 if quick else 100)
+    if KITTI.is_dir():
+        yield _real_camera()
+    if quick:
+        return
+    done = [_driven(seed) for seed in SEEDS]
+    yield from _drives("", done)
+    for clip, limit in ((4.0, 2.5), (0.0, None)):
+        faint = [_driven(seed, FAINT, VisualOdometryConfig(clahe_clip=clip)) for seed in SEEDS[:2]]
+        shown = f"faint snow, no mountains, {'with' if clip else 'without'} CLAHE: end drift, worst"
+        worst = max(drive["drift"] for drive in faint)
+        yield Row(shown, worst, "%") if limit is None else Row.of(shown, worst, "%", "<=", limit)
+        yield Row(
+            shown.replace("end drift, worst", "frames without vision"), max(d["blind"] for d in faint), "1"
+        )
+
+
+def _drives(name: str, done: list[dict[str, float]]) -> Iterator[Row]:
+    def all_of(key: str) -> FloatArray:
+        return np.array([drive[key] for drive in done])
+
+    yield Row.of(f"{name}frames per CPU second, slowest drive", all_of("speed").min(), "1/s", ">=", 20.0)
+    yield Row.of(
+        f"{name}image to pose, 95th percentile, worst drive", all_of("latency").max(), "ms", "<=", 100.0
+    )
+    yield Row.of(f"{name}end drift, worst", all_of("drift").max(), "%", "<=", 1.5)
+    yield Row(f"{name}end drift, median", float(np.median(all_of("drift"))), "%")
+    yield Row(f"{name}drift of the wheels' travel alone, worst", all_of("wheels").max(), "%")
+    yield Row.of(f"{name}Sim(3) ATE per path, worst", all_of("shape").max(), "%", "<=", 0.2)
+    yield Row(f"{name}Sim(3) ATE per path, median", float(np.median(all_of("shape"))), "%")
+    yield Row.of(f"{name}landmarks per metre, least", all_of("landmarks").min(), "1/m", ">=", 40.0)
+    yield Row.of(f"{name}landmarks first seen > 5 m, least", all_of("distant").min(), "1/m", ">=", 5.0)
+    yield Row.of(f"{name}local elevation RMSE, worst", all_of("elevation").max(), "m", "<=", 0.10)
+    normalized = all_of("normalized")
+    held = bool((normalized >= 0.8).all() and (normalized <= 1.3).all())
+    yield Row(f"{name}normalized local elevation error, least", normalized.min(), "1", "0.8 to 1.3", held)
+    yield Row(f"{name}normalized local elevation error, most", normalized.max(), "1", "0.8 to 1.3", held)
+
+
+def _folder(seed: int, settings: tuple[str, ...]) -> Path:
+    runs = DRIVES / "-".join([str(seed), *(text.replace("=", "_") for text in settings)])
+    made = runs / "glacier-drive" / "latest" / "2-simulate"
+    if not (made / "recording" / "recording.json").exists():
+        chosen = [word for text in (f"seed={seed}", *settings) for word in ("--set", text)]
+        command = [
+            sys.executable,
+            "-m",
+            "sim.cli.main",
+            "simulate",
+            str(MISSION),
+            "--runs",
+            str(runs),
+            *chosen,
+        ]
+        subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL)
+    return made
+
+
+def _driven(
+    seed: int, settings: tuple[str, ...] = (), config: VisualOdometryConfig | None = None
+) -> dict[str, float]:
+    """Run visual SLAM over one drive, image by image, and judge it by the world."""
+    folder = _folder(seed, settings)
+    recording = Recording.read(folder / "recording")
+    seconds = _timed(recording, config)
+    found = visual_odometry(recording, config)
+    times = found.odometry.time_s
+    place, turn = _reference(folder / "truth" / "trajectory.tum", times, recording)
+    own = Rotation.from_euler("xyz", found.odometry.attitude_rad).as_matrix()
+    steps = np.einsum("nij,nj->ni", turn[0] @ own[0].T @ own[:-1], found.odometry.step)
+    path = place[0] + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    length = float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
+    assert recording.wheels is not None
+    rolled = 0.5 * (recording.wheels.left_m + recording.wheels.right_m)[-1]
+    seen = found.sightings
+    landmark = place[seen.pose] + np.einsum("nij,nj->ni", turn[seen.pose], seen.offset)
+    ground = Dem.read(folder / "truth" / "dem.tif").interpolate(landmark[:, :2])
+    upward = turn[seen.pose, 2]
+    sigma = np.sqrt(np.einsum("ni,nij,nj->n", upward, seen.covariance, upward))
+    near = np.isfinite(ground) & (sigma < 0.5)
+    off = (landmark[:, 2] - ground)[near]
+    return {
+        "speed": 1.0 / float(seconds.mean()),
+        "latency": 1e3 * float(np.percentile(seconds, 95.0)),
+        "drift": 100.0 * float(np.linalg.norm(path[-1] - place[-1])) / length,
+        "wheels": 100.0 * abs(rolled / length - 1.0),
+        "shape": 100.0 * float(np.sqrt(np.mean(absolute_errors_m(path, place, "sim3") ** 2))) / length,
+        "landmarks": len(seen.pose) / length,
+        "distant": float((seen.range_m > 5.0).sum()) / length,
+        "elevation": float(np.sqrt(np.mean(off**2))),
+        "normalized": float(np.sqrt(np.mean((off / sigma[near]) ** 2))),
+        "blind": float(sum(not frame.is_visual for frame in found.health[1:])),
+    }
+
+
+def _timed(recording: Recording, config: VisualOdometryConfig | None) -> FloatArray:
+    """CPU time of each frame of the first 400, its reading left out [s]."""
+    assert recording.frames is not None
+    assert recording.camera is not None
+    times = recording.frames.time_s[:400]
+    slam = VisualSlam(recording.camera, config, upright_start(recording, times[0]))
+    sensors, seconds = MotionSensors(recording), []
+    for index, time_s in enumerate(times.tolist()):
+        image = recording.frames[index]
+        start = time.process_time()
+        slam.step(image, time_s, sensors.between(times[index - 1], time_s) if index else None)
+        seconds.append(time.process_time() - start)
+    return np.array(seconds[1:])
+
+
+def _reference(file: Path, times: FloatArray, recording: Recording) -> tuple[FloatArray, FloatArray]:
+    real = Trajectory.read(file, recording.crs)
+    place = np.column_stack([np.interp(times, real.time_s, axis) for axis in real.position.T])
+    turns = Slerp(real.time_s, Rotation.from_quat(real.quaternion))
+    return place, turns(times.clip(*real.time_s[[0, -1]])).as_matrix()
+
+
+def _real_camera() -> Row:
+    """End error on the streets of Karlsruhe, scale from the first 10 m."""
+    sequence = read_sequence(KITTI)
+    assert sequence.reference is not None
+    found = visual_odometry(scaled_by_first(sequence, 10.0))
+    turns = Rotation.from_euler("xyz", found.odometry.attitude_rad[:-1]).as_matrix()
+    end = np.einsum("nij,nj->i", turns, found.odometry.step)
+    reference = sequence.reference[:, :3, 3]
+    length = np.linalg.norm(np.diff(reference, axis=0), axis=1).sum()
+    error = 100.0 * np.linalg.norm(end - (reference[-1] - reference[0])) / length
+    return Row.of("KITTI, 60 m, scale of the first 10 m: end error", error, "%", "<=", 1.5)
+
+
+def _carried_off(n: int) -> Iterator[Row]:
+    """Share of runs that, a minute after they were set down elsewhere or began anywhere, know where they are."""
+    for shown, kidnapped in (("carried off by 30 m and 90 deg", True), ("started anywhere", False)):
+        good, silent = 0, 0
+        for run in range(n):
+            error, is_lost = _minute_after(run, kidnapped)
+            good += error < 3.0 and not is_lost
+            silent += error >= 5.0 and not is_lost
+        yield Row.of(f"particle filter {shown}: within 3 m after 60 s", good / n, "1", ">=", 0.95)
+        yield Row(f"particle filter {shown}: wrong by 5 m and not declared lost", silent / n, "1")
+
+
+def _minute_after(run: int, kidnapped: bool) -> tuple[float, bool]:
+    config, rng = LocalizationConfig(), np.random.default_rng(7000 + run)
+    level = np.array([1.0, 1.0, config.gps_vertical_factor])
+    memory = np.exp(-1.0 / config.gps_correlation_time_s)
+    bias = config.gps_bias_sigma_m * level * rng.standard_normal(3)
+    filtered = ParticleFilter(config, rng, start=np.zeros(3) if kidnapped else None)
+    place, heading = np.zeros(3), rng.uniform(-np.pi, np.pi) if not kidnapped else 0.0
+    for second in range(120 if kidnapped else 60):
+        if kidnapped and second == 60:
+            place, heading = place + [30.0, 0.0, 0.0], heading + np.pi / 2
+        step = np.array([1.0, 0.0, 0.0])
+        place = place + [np.cos(heading), np.sin(heading), 0.0]
+        noise = config.step_sigma_m * rng.standard_normal(3)
+        renewed = config.gps_bias_sigma_m * level * np.sqrt(1.0 - memory**2)
+        bias = memory * bias + renewed * rng.standard_normal(3)
+        filtered.move(step + noise, 1.0)
+        filtered.correct(place + bias + config.gps_white_sigma_m * level * rng.standard_normal(3))
+    now = filtered.estimate()
+    return float(np.linalg.norm((now.position - place)[:2])), now.is_lost
+
+
+if __name__ == "__main__":
+    cv2.setNumThreads(1)
+    main("Visual SLAM", measure, packages=("numpy", "scipy", "gtsam", "opencv-python-headless"))
