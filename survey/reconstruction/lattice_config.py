@@ -68,7 +68,7 @@ class SpringLatticeConfig(Section):
     """Side of the lattice that follows the sensor [m], twice its range; left out, the lattice grows with the points."""
     k_surface: float = Field(default=1.0, gt=0)
     """Constant of the springs between nodes."""
-    k_data: float = Field(default=0.3, gt=0)
+    k_data: float = Field(default=0.5, gt=0)
     """Constant of the springs to the points."""
     tolerance: float = Field(default=1e-2, gt=0)
     """Largest error of the solver, in standard deviations of a node whose points err by `sigma` / √k_data."""

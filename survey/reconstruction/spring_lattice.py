@@ -23,7 +23,7 @@ from survey.reconstruction.lattice_solver import Operator, solve
 from survey.surface_points import SurfacePoints
 
 _FORMAT = "firnline spring lattice 1"
-_NOTE = "springs state none; the band holds the root mean square distance of a node's points from the surface"
+_NOTE = "springs state none; the band holds the root mean square distance of a node's points from the surface, or of all points where it has none"
 _SPARE_NODES = 16
 _BYTES = 120.0
 # A range's noise throws a few points over the edge.
@@ -197,7 +197,8 @@ class SpringLattice(LatticeModel):
 
     def _node_std(self) -> FloatArray:
         spread = np.sqrt(self.squared_ / np.maximum(self.seen_, 1))
-        return np.where(self.seen_ > 0, spread, np.nan)
+        overall = np.sqrt(self.squared_.sum() / max(self.seen_.sum(), 1))
+        return np.where(self.seen_ > 0, spread, overall)
 
     def _weights(self) -> FloatArray:
         return self.seen_.astype(np.float64)
