@@ -5,6 +5,7 @@ believes it to be from what was recorded so far. How the drive ends is named: se
 """
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -76,6 +77,19 @@ class Navigator(Protocol):
 
 
 @dataclass(frozen=True)
+class Start:
+    """What a navigator knows before the drive: the calibration, and where it is said to begin.
+
+    ``position`` (3,) [m] and ``heading_rad`` from east are those of the recording: a
+    kidnapped rover is told wrong ones.
+    """
+
+    camera: Camera
+    position: FloatArray
+    heading_rad: float
+
+
+@dataclass(frozen=True)
 class Drive:
     """What came of a drive.
 
@@ -130,7 +144,11 @@ class Drive:
 
 
 def simulate_vision(
-    terrain: Dem, route: Route, mission: MissionConfig, folder: Path, navigator: Navigator | None = None
+    terrain: Dem,
+    route: Route,
+    mission: MissionConfig,
+    folder: Path,
+    navigate: Callable[[Start], Navigator] | None = None,
 ) -> Drive:
     """Drive a route over fine ground and record what instruments and camera sense.
 
@@ -144,8 +162,9 @@ def simulate_vision(
         Everything else.
     folder : pathlib.Path
         Where the recording is to be; its images are written while the rover drives.
-    navigator : Navigator, optional
-        Steers by estimate; without one the rover keeps to its route as it really is.
+    navigate : callable, optional
+        Gives, for the start, the navigator that steers by estimate; without one the rover
+        keeps to its route by where it really is.
 
     Raises
     ------
@@ -160,6 +179,7 @@ def simulate_vision(
     path = route.path()
     _check(ground, path, mission)
     run = _Run(ground, path, mission)
+    navigator = None if navigate is None else navigate(run.start)
     with FrameWriter(folder / "frames") as writer:
         ending = run.until_the_end(writer, navigator)
     return run.result(ending, folder)
@@ -198,6 +218,7 @@ class _Run:
         self._recent = [self._physics.state]
         antenna = np.array([0.0, 0.0, mission.rover.antenna_height_m])
         self._start = np.array(self._physics.state.position)
+        self._believed_xy = self._start[:2]
         stakes = _stakes(ground, self._pursuit, mission)
         self._instruments = Instruments(
             mission.instruments, mission.rover.antenna_height_m, self._start + antenna, stakes, mission.seed
@@ -206,6 +227,12 @@ class _Run:
         self._camera = rover_camera(mission.imaging)
         self._eye = _eye(ground, self._faults.appearance(mission.appearance), self._camera, mission)
         self._n_frames, self._frame_times = 0, list[float]()
+
+    @property
+    def start(self) -> Start:
+        """What is said of the start."""
+        camera = self._faults.calibration(self._camera)
+        return Start(camera, self._faults.start(self._start), _heading(self._states[0]))
 
     def until_the_end(self, writer: FrameWriter, navigator: Navigator | None) -> Ending:
         """Drive until something ends the drive."""
@@ -228,6 +255,7 @@ class _Run:
         """Drive for a tick of the steering; stand still for a second first, and while nothing is believed."""
         time_s = self._states[-1].time_s
         waits = belief is None or time_s < _STAND_S
+        self._believed_xy = self._start[:2] if belief is None else belief.xy
         left, right = (0.0, 0.0) if belief is None or waits else self._pursuit.track_speeds(*belief)
         self._faults.drive(self._physics, time_s)
         for _ in range(LOGGED_HZ // STEERED_HZ):
@@ -277,7 +305,7 @@ class _Run:
             Ending.TIPPED_OVER: _upright(state) < _TIPPED_COS,
             Ending.FELL: a_second_ago.position[2] - z > _FELL_M,
             Ending.BATTERY_EMPTY: battery_j is not None and state.energy_j > battery_j,
-            Ending.ARRIVED: self._pursuit.is_done(np.array([x, y])),
+            Ending.ARRIVED: self._pursuit.is_done(self._believed_xy),
             Ending.STALLED: self._is_stuck(),
             Ending.OUT_OF_TIME: state.time_s > limit_s,
         }

@@ -28,5 +28,7 @@ class PhysicsConfig(Section):
     """Distance to the point of the route that is steered at [m]."""
     max_turn_rate_rad_s: PositiveFloat = 0.8
     """Fastest turn that is asked for [rad/s]."""
+    steer_by: Literal["position", "estimate"] = "position"
+    """Where the rover really is (open loop), or what its camera, wheels, gyro and fixes tell it while it drives."""
     goal_radius_m: Annotated[float, Field(gt=0.0)] = 0.5
     """The route is done within this distance of its end [m]."""

@@ -18,13 +18,13 @@ import planners
 import survey
 from sim.aids import with_way_home
 from sim.config import MissionConfig
-from sim.drive import simulate_vision
+from sim.drive import Start, simulate_vision
 from sim.ideal import simulate_ideal
+from sim.navigator import VisualNavigator
 from sim.report import write_mission_report
 from sim.statistical import simulate_statistical
 from sim.world import World, build_world
 from survey.io.documents import write_json
-from survey.reconstruction.joint_map import JointTerrain
 from survey.recording import Recording
 from survey.store import STAGES, RunFolder
 from survey.streams import stream
@@ -89,12 +89,19 @@ def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
     route.write(folder / "driven_route.geojson")
     if mission.fidelity == "vision":
-        simulate_vision(world.terrain, route, mission, folder / "recording").write(folder)
+        navigate = _navigator(mission) if mission.physics.steer_by == "estimate" else None
+        simulate_vision(world.terrain, route, mission, folder / "recording", navigate).write(folder)
         return
     drive = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
     recording, truth = drive(world.terrain, route, mission)
     recording.write(folder / "recording")
     truth.write(folder / "truth")
+
+
+def _navigator(mission: MissionConfig) -> Callable[[Start], VisualNavigator]:
+    """Return what makes the navigator of a mission that steers by estimate."""
+    antenna_m, rng = mission.rover.antenna_height_m, stream(mission.seed, "navigator")
+    return lambda start: VisualNavigator(start, mission.assumed, antenna_m, rng)
 
 
 def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
@@ -125,6 +132,9 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     path = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", area.crs)
     if path.error is not None and config.landmark_errors == "joint" and config.method == "gp":
+        # Here, because compiling support costs half a second that other commands need not pay.
+        from survey.reconstruction.joint_map import JointTerrain
+
         found = JointTerrain(path.error, prior, config.gp, config.joint).map(points, grid)
         found.reconstruction.write(folder)
         found.correction.applied(path).write(folder / "corrected_trajectory.csv")

@@ -227,13 +227,13 @@ def test_a_rover_steers_by_what_its_navigator_believes(tmp_path):
         },
     }
     navigator = GpsNavigator()
-    done = simulate_vision(ground(), SHORT, mission(**settings), tmp_path / "recording", navigator)
+    done = simulate_vision(ground(), SHORT, mission(**settings), tmp_path / "recording", lambda _: navigator)
     assert done.ending is Ending.ARRIVED
     assert all(readings.frame is not None for readings in navigator.seen)
     shifted = GpsNavigator()
     step = shifted.step
     shifted.step = lambda readings: Belief(step(readings).xy + [0.0, 2.0], shifted._belief.heading_rad)
-    away = simulate_vision(ground(), SHORT, mission(**settings), tmp_path / "shifted", shifted)
+    away = simulate_vision(ground(), SHORT, mission(**settings), tmp_path / "shifted", lambda _: shifted)
     assert away.truth.trajectory.position[-1, 1] < 12.6  # it believes itself 2 m north of where it is
 
 
