@@ -184,6 +184,68 @@ def survey_adaptively(
     return AdaptiveSurvey(route, state.samples, state.belief, state.assured, lines is not None)
 
 
+def first_swaths(area: SurveyArea, belief: Belief, config: AdaptiveConfig) -> Route:
+    """Return the swaths that are driven before anything is learned from them.
+
+    Raises
+    ------
+    InputError
+        No survey of the swaths allowed would keep the promise on what the prior tells of.
+    """
+    state = _State(area, belief, config)
+    for _ in range(config.n_first):
+        lines = state.further(config.first_probability)
+        if lines is None:
+            raise InputError(
+                f"no survey of up to {_MOST_SWATHS} swaths would keep {config.limit_m:g} m here; its densest would err "
+                f"{state.assured.rmse_m:.2f} m, ask for less."
+            )
+        state.drive(_nearest(lines, state), _unmeasured)
+    return Route(tuple(state.legs), area.crs, "adaptive")
+
+
+def next_swath(
+    area: SurveyArea, driven: Route, xy: FloatArray, heights: FloatArray, config: AdaptiveConfig
+) -> AdaptiveSurvey:
+    """Return the swath to drive next, after what was driven and measured.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        What is to be mapped.
+    driven : Route
+        Everything driven so far, by one rover.
+    xy, heights : (N, 2) and (N,) ndarray
+        Places and measured heights of all samples [m].
+    config : AdaptiveConfig
+        What is promised, and what the samples err.
+
+    Returns
+    -------
+    AdaptiveSurvey
+        ``route`` is the way to the next swath and along it, None when no more is needed (``holds``) or none would
+        do. ``assured`` is the promise of all swaths that are planned to follow.
+    """
+    belief = belief_from_survey(xy, heights, noise_m=config.noise_m, localization_m=config.localization_m)
+    state = _State(area, belief, config)
+    state.legs, state.samples, state.heights = list(driven.legs), xy, heights
+    left, edge = state.lines.left, float(state.lines.v.min())
+    state.offsets = [float(leg.axis.mean(axis=0) @ left) - edge for leg in driven.swaths]
+    state.assured = state.assurance.of(xy, belief)
+    if state.assured.probability >= config.probability:
+        return AdaptiveSurvey(None, xy, belief, state.assured, True)
+    lines = state.further(config.probability)
+    if lines is None:
+        return AdaptiveSurvey(None, xy, belief, state.assured, False)
+    state.drive(_nearest(lines, state), _unmeasured)
+    route = Route(tuple(state.legs[len(driven.legs) :]), area.crs, "adaptive")
+    return AdaptiveSurvey(route, xy, belief, state._assured(lines), True)
+
+
+def _unmeasured(xy: FloatArray) -> FloatArray:
+    return np.full(len(xy), np.nan)
+
+
 def _nearest(lines: Sequence[tuple[float, float]], state: "_State") -> tuple[float, float]:
     """Return the line nearest to the rover; the first one is nearest to the edge where it starts."""
     here = state.offset_here

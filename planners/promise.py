@@ -157,7 +157,8 @@ def promise(area: SurveyArea, prior: Dem, wanted: Wanted) -> Promise:
     (`planners.adaptive`) learns it from the first swaths instead. Errors that samples share are not in it.
     """
     with threadpool_limits(1):
-        belief, proving_ground = _known(area, prior, wanted)
+        belief = belief_of(area, prior, wanted)
+        proving_ground = _ProvingGround(area, _cells(area, prior, wanted), belief, wanted)
         assurance = Assurance(area, wanted.limit_m, wanted.sample_step_m)
         best: Promise | None = None
         for shape in _patterns(belief):
@@ -179,15 +180,19 @@ def reachable_class(rmse_m: float) -> str | None:
     )
 
 
-def _known(area: SurveyArea, prior: Dem, wanted: Wanted) -> tuple[Belief, "_ProvingGround"]:
+def belief_of(area: SurveyArea, prior: Dem, wanted: Wanted) -> Belief:
+    """Return what the cells of a prior tell of the terrain of an area."""
+    cells = _cells(area, prior, wanted)
+    return belief_from_prior(cells, noise_m=wanted.noise_m, localization_m=wanted.localization_m)
+
+
+def _cells(area: SurveyArea, prior: Dem, wanted: Wanted) -> CoarseCells:
     area.require_crs(prior.crs, "the prior")
     half = 0.5 * prior.step_m
     xmin, ymin, xmax, ymax = area.bounds
-    cells = CoarseCells(
+    return CoarseCells(
         prior.window((xmin - half, ymin - half, xmax + half, ymax + half)), wanted.prior_sigma_m
     )
-    belief = belief_from_prior(cells, noise_m=wanted.noise_m, localization_m=wanted.localization_m)
-    return belief, _ProvingGround(area, cells, belief, wanted)
 
 
 def _is_better(one: Promise, other: Promise) -> bool:

@@ -149,7 +149,7 @@ def dask_done(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Itera
     running = {_submitted(client, work, piece): piece for piece in islice(rest, ahead)}
     deaths = 0
     completed: Any = distributed.as_completed  # carries no types
-    finished = completed(running)
+    finished = completed(running, loop=client.loop)
     for future in finished:
         piece = running.pop(future)
         if _died_with_its_worker(future):

@@ -56,6 +56,32 @@ def plan(
         float | None,
         typer.Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
     ] = None,
+    require: Annotated[
+        str | None,
+        typer.Option(
+            "--require", help="Promise this: class-1, class-2, class-3 or an RMSE [m]; needs --prior."
+        ),
+    ] = None,
+    probability: Annotated[float, typer.Option("--probability", help="How sure the promise is to be.")] = 0.9,
+    noise: Annotated[
+        float, typer.Option("--noise", help="Error of a sample's height, for the promise [m].")
+    ] = 0.1,
+    localization: Annotated[
+        float,
+        typer.Option(
+            "--localization", help="Error of the rover's place east and north, for the promise [m]."
+        ),
+    ] = 0.0,
+    prior_sigma: Annotated[
+        float, typer.Option("--prior-sigma", help="Error of a cell of the prior, for the promise [m].")
+    ] = 1.0,
+    adaptive: Annotated[
+        bool, typer.Option("--adaptive", help="Plan swath by swath: the first two, or the next one.")
+    ] = False,
+    driven: Annotated[Path | None, typer.Option("--driven", help="Route driven so far (adaptive).")] = None,
+    measured: Annotated[
+        Path | None, typer.Option("--measured", help="Points measured so far (adaptive).")
+    ] = None,
     out: Annotated[
         Path,
         typer.Option("--out", "-o", help="Route to write (.geojson, .gpkg); its picture is put beside it."),
@@ -79,6 +105,8 @@ def plan(
 
       firnline plan site.gpkg --spacing 20 --rovers 3 --set rover.turn_radius_m=2 --set rover.battery_j=4e6
 
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --probability 0.9
+
       firnline plan mine.toml
     """
     asked = {"swaths": swaths, "spacing_m": spacing, "budget_m": budget, "rmse_m": rmse}
@@ -93,6 +121,12 @@ def plan(
             )
         _, run = run_until(source, "plan", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         tell(run, as_json=as_json)
+        return
+    if require is not None:
+        from sim.cli.plan_promise import Asked, plan_promised
+
+        asked_for = Asked(require, probability, noise, localization, prior_sigma, driven, measured)
+        plan_promised(*_read(source, prior, crs), asked_for, out, adaptive=adaptive, as_json=as_json)
         return
     wanted: dict[str, Any] = {"planner": {"pattern": pattern, **(given or {"swaths": 4})}}
     if rovers is not None:

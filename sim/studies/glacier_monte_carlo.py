@@ -112,7 +112,7 @@ def misleading_routes(area: SurveyArea) -> dict[str, Route]:
     return {
         "lawnmower": lawnmower,
         "about its swaths": wandered,
-        "in one corner": _squeezed(lawnmower, 0.5),
+        "in one corner": _squeezed(planners.plan(area, None, planners.LawnmowerConfig(swaths=8)), 0.5),
         "along one edge": _squeezed(lawnmower, 1.0, 0.25),
     }
 

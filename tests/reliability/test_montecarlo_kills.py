@@ -1,0 +1,165 @@
+"""A Monte Carlo that is killed again and again ends with the same bytes."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from sim.executors import dask_done
+from sim.montecarlo import run_study
+from sim.montecarlo_config import read_study
+from sim.trials import blocks_of, survey_block
+from survey.streams import stream
+
+STUDY = """
+schema_version = 1
+name = "killed"
+seed = 5
+trials = {trials}
+swaths = [2, 3]
+map_step_m = 25.0
+[[terrains]]
+source = "random"
+name = "smooth"
+family = "squared_exponential"
+size_m = 200.0
+length_scale_m = 80.0
+[[planners]]
+pattern = "lawnmower"
+[[planners]]
+pattern = "piecewise-continuous"
+"""
+TABLES = ("trials.parquet", "trials.csv", "summary.csv", "minimum_swaths.csv", "index.html")
+
+
+def started(folder: Path) -> subprocess.Popen[bytes]:
+    """Start the study in two processes."""
+    command = [
+        sys.executable,
+        "-m",
+        "sim.cli.main",
+        "montecarlo",
+        "s.toml",
+        "--runs",
+        "runs",
+        "-q",
+        "--workers",
+        "2",
+    ]
+    return subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+def workers_of(pid: int) -> list[int]:
+    """Return the processes that do the work of a study, as far as they live."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(status.read_text().rsplit(")", 1)[1].split()[1])
+            line = (status.parent / "cmdline").read_bytes()
+        except (OSError, IndexError):
+            continue
+        if parent == pid and b"spawn_main" in line:
+            found.append(int(status.parent.name))
+    return found
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in TABLES}
+
+
+def killed_again_and_again(folder: Path, n_kills: int) -> tuple[int, int]:
+    """Kill parent or a worker at random moments until so many died, then let the study end; count both kinds."""
+    rng = stream(1, "kills")
+    n_parents, n_workers = 0, 0
+    study = started(folder)
+    while n_parents + n_workers < n_kills:
+        time.sleep(float(rng.uniform(0.2, 4.0)))
+        assert study.poll() is None, "the study ended before it was killed; give it more trials"
+        workers = workers_of(study.pid)
+        if rng.random() < 0.5 or not workers:
+            study.kill()
+            study.communicate()
+            n_parents += 1
+            study = started(folder)
+        else:
+            os.kill(workers[int(rng.integers(len(workers)))], signal.SIGKILL)
+            n_workers += 1
+    _, words = study.communicate()
+    assert study.returncode == 0, words.decode()
+    return n_parents, n_workers
+
+
+def undisturbed(folder: Path) -> dict[str, bytes]:
+    run_study(read_study(folder / "s.toml"), folder / "quiet", engine="serial")
+    return bytes_of(folder / "quiet")
+
+
+@pytest.mark.reliability
+def test_killed_parents_and_workers_change_no_byte(tmp_path):
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=600))
+    killed_again_and_again(tmp_path, 3)
+    assert bytes_of(tmp_path / "runs" / "killed") == undisturbed(tmp_path)
+
+
+@pytest.mark.reliability
+@pytest.mark.skipif(
+    "FIRNLINE_KILLS" not in os.environ, reason="set FIRNLINE_KILLS to a number of kills, e.g. 20"
+)
+def test_many_kills_change_no_byte(tmp_path):
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=6000))
+    killed_again_and_again(tmp_path, int(os.environ["FIRNLINE_KILLS"]))
+    assert bytes_of(tmp_path / "runs" / "killed") == undisturbed(tmp_path)
+
+
+@pytest.mark.reliability
+@pytest.mark.filterwarnings("ignore")  # dask and tornado warn while their workers are being killed
+def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=300))
+    study = read_study(tmp_path / "s.toml")
+    blocks = blocks_of(study)
+    expected = {block: survey_block(study, block) for block in blocks}
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        results = {}
+        for block, trials in dask_done(client, partial(survey_block, study), blocks):
+            results[block] = trials
+            if len(results) in (1, 3):
+                (victim, *_) = client.run(os.getpid).values()
+                os.kill(victim, signal.SIGKILL)
+    assert results == expected
+
+
+@pytest.mark.reliability
+def test_a_full_disk_is_told_and_the_study_goes_on_afterwards(tmp_path):
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=50))
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+
+    command = [
+        sys.executable,
+        "-m",
+        "sim.cli.main",
+        "montecarlo",
+        "s.toml",
+        "--runs",
+        "runs",
+        "-q",
+        "--engine",
+        "serial",
+    ]
+    result = subprocess.run(
+        command, cwd=tmp_path, preexec_fn=limit, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 3, result.stderr
+    assert "free space" in result.stderr
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode == 0

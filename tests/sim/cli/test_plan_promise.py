@@ -1,0 +1,75 @@
+"""``firnline plan --require``: promises, refusals, and a survey planned swath by swath."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sim.cli.main import app
+from survey import Dem, Grid, Route, SurfacePoints, SurveyArea
+from survey.streams import stream
+from survey.terrain import random_dem, satellite_copy
+
+CRS = "EPSG:32608"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A smooth site of 300 m with a prior of 50 m cells."""
+    folder = tmp_path_factory.mktemp("site")
+    terrain = random_dem(
+        "squared_exponential", Grid((0.0, 0.0, 300.0, 300.0), 5.0, CRS), stream(3), 12.0, length_scale_m=80.0
+    )
+    satellite_copy(terrain, rng=stream(4), cell_m=50.0, sigma_m=0.5).write(folder / "prior.tif")
+    SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), CRS).write(folder / "site.gpkg")
+    return folder, terrain
+
+
+def firnline(folder, *options: str, code: int = 0):
+    common = ["plan", str(folder / "site.gpkg"), "--prior", str(folder / "prior.tif"), "--prior-sigma", "0.5"]
+    result = CliRunner().invoke(app, [*common, *options, "--json"])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_a_class_is_promised_and_what_was_assumed_is_told(site):
+    folder, _ = site
+    out = folder / "promised.geojson"
+    told = json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
+    assert min(told["probability"], told["simulated_share"]) >= 0.9
+    assert "learned from the prior" in told["assumed"]
+    assert Route.read(out).length_m == pytest.approx(told["length_m"])
+
+
+def test_what_cannot_be_promised_is_refused_in_one_sentence_and_nothing_is_written(site):
+    folder, _ = site
+    out = folder / "refused.geojson"
+    result = firnline(folder, "--require", "0.02", "--noise", "1.0", "-o", str(out), code=5)
+    (sentence,) = result.stderr.strip().splitlines()
+    assert "cannot be promised" in sentence
+    assert "they reach" in sentence
+    assert not out.exists()
+    assert "no map class" in firnline(folder, "--require", "class-9", code=4).stderr
+
+
+def test_a_survey_is_planned_swath_by_swath_until_the_promise_holds(site):
+    folder, terrain = site
+    part, files = folder / "next.geojson", (folder / "driven.geojson", folder / "samples.csv")
+    options = ["--require", "0.3", "--adaptive", "-o", str(part)]
+    firnline(folder, *options)
+    driven = Route.read(part)
+    for _ in range(8):
+        xy = driven.sample(10.0).xy
+        heights = terrain.at(xy) + 0.1 * stream(7, len(xy)).standard_normal(len(xy))
+        driven.write(files[0])
+        SurfacePoints(np.column_stack([xy, heights]), sigma_m=np.full(len(xy), 0.1), crs=CRS).write(files[1])
+        told = json.loads(
+            firnline(folder, *options, "--driven", str(files[0]), "--measured", str(files[1])).stdout
+        )
+        if "done" in told:
+            break
+        driven = Route((*driven.legs, *Route.read(part).legs), CRS, "adaptive")
+    assert told["probability"] >= 0.9
+    assert 2 <= len(driven.swaths) <= 9
+    assert isinstance(terrain, Dem)
