@@ -11,8 +11,9 @@ from survey.dem import Dem
 from survey.errors import InputError
 from survey.geodesy import same_crs
 from survey.grid import Grid
+from survey.path_error import PathError
 from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
-from survey.reconstruction.config import GaussianProcessConfig
+from survey.reconstruction.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.mean import Mean
 from survey.reconstruction.triangulation import triangulate
@@ -30,6 +31,8 @@ def reconstruct(
     config: GaussianProcessConfig | None = None,
     value: str = ELEVATION,
     area: SurveyArea | None = None,
+    path: PathError | None = None,
+    joint: JointConfig | None = None,
 ) -> Reconstruction:
     """Map the terrain, or another sampled quantity, from points.
 
@@ -51,6 +54,12 @@ def reconstruct(
         ``elevation_m``, or the name of a value that the points carry.
     area : SurveyArea, optional
         Nodes outside it get NaN.
+    path : PathError, optional
+        What the poses share from which the points were seen (``trajectory.error``): then
+        terrain and path are one estimate, and a prior's cells are measurements of means
+        (`JointTerrain`, which gives the corrected path too). For ``gp`` and elevations.
+    joint : JointConfig, optional
+        Settings of that estimate.
 
     Returns
     -------
@@ -66,7 +75,9 @@ def reconstruct(
     same_crs(points.crs, grid.crs, "the points and the grid")
     if method not in get_args(Method):
         raise InputError(f"the method {method!r} is not known; take one of {', '.join(get_args(Method))}.")
-    if method == "tin":
+    if path is not None:
+        result = _joint(points, grid, prior, path, method=method, value=value, config=config, joint=joint)
+    elif method == "tin":
         result = triangulate(points, grid, quantity=value)
     else:
         model = GaussianProcessTerrain(config or GaussianProcessConfig(), prior, method, value, grid.bounds)
@@ -74,6 +85,30 @@ def reconstruct(
         with threadpool_limits(limits=1, user_api="blas"):
             result = model.fit(points).grid(grid)
     return result if area is None else within(result, area)
+
+
+def _joint(
+    points: SurfacePoints,
+    grid: Grid,
+    prior: Dem | Mean | None,
+    path: PathError,
+    *,
+    method: Method,
+    value: str,
+    config: GaussianProcessConfig | None,
+    joint: JointConfig | None,
+) -> Reconstruction:
+    if method != "gp" or value != ELEVATION or isinstance(prior, Mean):
+        raise InputError(
+            f"map and path as one estimate need method = gp, elevations and a prior in cells; {method}, {value} and "
+            f"{type(prior).__name__} were given, leave the path out."
+        )
+    # Here, because compiling support costs half a second that other methods need not pay.
+    from survey.reconstruction.joint_map import JointTerrain
+
+    model = JointTerrain(path, prior, config or GaussianProcessConfig(), joint or JointConfig())
+    with threadpool_limits(limits=1, user_api="blas"):
+        return model.map(points, grid).reconstruction
 
 
 def within(result: Reconstruction, area: SurveyArea) -> Reconstruction:

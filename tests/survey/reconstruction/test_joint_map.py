@@ -1,5 +1,6 @@
 """Map and path as one estimate, on small worlds with known answers."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +39,7 @@ def path_error(sigma_m: float, drift: float = 0.0, angle_rad: float | None = Non
         at = np.arange(n) * 6 + axis
         sigma = sigma_m if axis < 3 else (angle_rad or 0.005 * sigma_m)
         information[at[0], at[0]] += sigma**-2
-        for a, b in zip(at[:-1], at[1:], strict=True):
+        for a, b in itertools.pairwise(at):
             step = (max(drift, 1e-3) * sigma) ** -2
             information[np.ix_([a, b], [a, b])] += step * np.array([[1.0, -1.0], [-1.0, 1.0]])
     return PathError(np.arange(n) * 20.0, sparse.csr_array(information), 6)
@@ -238,6 +239,16 @@ def test_the_error_of_the_cells_is_found_when_it_is_not_stated():
     found = mapped(path_error(0.01), seen_points(), noisy, JointConfig()).reconstruction
     # Some ten of the sixteen cells lie on landmarks: a standard deviation to 22 %, taken twice.
     assert 0.45 < found.diagnostics["satellite_sigma_m"] < 1.25
+
+
+def test_one_call_gives_the_same_map():
+    points, path = seen_points(), path_error(0.5, 0.2)
+    called = reconstruct(points, GRID, cells_of(hill), config=KNOWN, path=path, joint=TWO_M)
+    np.testing.assert_array_equal(
+        called.mean.elevation, mapped(path, points, cells_of(hill)).reconstruction.mean.elevation
+    )
+    with pytest.raises(InputError, match="leave the path out"):
+        reconstruct(points, GRID, method="tin", path=path)
 
 
 def test_points_without_keyframes_are_refused():
