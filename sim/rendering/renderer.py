@@ -103,9 +103,7 @@ class Renderer:
         self._edges = _edge_rays(self._lens)
         self.scene = _scene(terrain, self._datum, appearance, wind_from_deg, seed)
         self._sensor = Sensor(imaging or ImagingConfig(), camera, seed)
-        self._table = np.zeros(
-            (max(256, int(1.4 * camera.width)), max(200, int(1.34 * camera.height))), np.float32
-        )
+        self._table = np.zeros((max(256, camera.width), max(256, int(2.4 * camera.height))), np.float32)
         self._ranges = sample_ranges(float(np.hypot(*terrain.height.shape)) * terrain.step_m)
 
     def render(
@@ -141,7 +139,7 @@ class Renderer:
             The camera is below ground or outside the terrain, or a pose is none.
         """
         del time_s
-        radiance, depth = self._trace(T_world_camera, T_world_camera_last_row, rover_box, shaded=True)
+        radiance, depth = self.trace(T_world_camera, T_world_camera_last_row, rover_box, shaded=True)
         if T_world_camera_exposed is not None:
             moved = self._flow(depth, T_world_camera, T_world_camera_exposed)
             radiance = _smeared(radiance, moved)
@@ -149,7 +147,7 @@ class Renderer:
 
     def depth(self, T_world_camera: FloatArray, T_world_camera_last_row: FloatArray | None = None) -> Floats:
         """Return the distance along each pixel's ray (H, W) [m]; infinite for sky and mountains."""
-        _, depth = self._trace(T_world_camera, T_world_camera_last_row, None, shaded=False)
+        _, depth = self.trace(T_world_camera, T_world_camera_last_row, None, shaded=False)
         return np.where(depth < 0.0, np.float32(np.inf), depth)
 
     def flow(self, T_world_camera: FloatArray, T_world_camera_next: FloatArray) -> FloatArray:
@@ -192,10 +190,10 @@ class Renderer:
         moved: FloatArray = self.camera.project(seen).reshape(*depth.shape, 2) - np.stack([u, v], axis=-1)
         return moved
 
-    def _trace(
+    def trace(
         self, first: FloatArray, last: FloatArray | None, box: RoverBox | None, *, shaded: bool
     ) -> tuple[Floats, Floats]:
-        """Radiance and depth (-1 for the backdrop) of every pixel."""
+        """Return radiance before the sensor, and depth (-1 for the backdrop), of every pixel."""
         poses = [self._local(pose) for pose in ([first] if last is None else [first, last])]
         rotations, origins = _row_poses(poses, self.camera.height)
         middle = self.camera.height // 2

@@ -71,60 +71,52 @@ def render_rows(
 ) -> None:
     """Fill radiance and depth (along the ray, -1 for sky), (H, W); each row has its own pose."""
     n_rows, width = lens.x.shape
-    floats, ints = np.empty((27, width), np.float32), np.empty((9, width), np.int32)
+    f, n = np.empty((27, width), np.float32), np.empty((9, width), np.int32)
+    rays = RowRays(f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8], n[0])
+    at = Footprints(
+        f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17], f[18], f[19], f[20], f[21], f[22], f[23],
+        f[24], f[25], f[26], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8],
+    )  # fmt: skip
+    height, flat_table = scene.surface.height, table.ravel()
+    flat_height = height.ravel()
     for block in range(worker, (n_rows + _ROWS_AT_ONCE - 1) // _ROWS_AT_ONCE, n_workers):
         for row in range(block * _ROWS_AT_ONCE, min((block + 1) * _ROWS_AT_ONCE, n_rows)):
-            _render_row(
-                row,
-                lens,
-                rotations[row],
+            meet_ground(
+                lens.x[row], lens.y[row], lens.z[row], rotations[row], origins[row], view, flat_table,
+                table.shape[1], flat_height, height.shape[1], height.shape[0], scene.surface.step_m, rays,
+            )  # fmt: skip
+            _paint_row(
+                rays,
+                at,
                 origins[row],
-                view,
-                table,
                 scene,
                 light,
+                lens.pixel_rad,
                 most_taps,
                 shaded,
-                floats,
-                ints,
                 radiance[row],
                 depth[row],
             )
 
 
 @scalar
-def _render_row(
-    row: int,
-    lens: Lens,
-    rotation: Doubles,
+def _paint_row(
+    rays: RowRays,
+    at: Footprints,
     origin: Doubles,
-    view: View,
-    table: Floats,
     scene: Scene,
     light: Light,
+    pixel_rad: float,
     most_taps: int,
     shaded: bool,
-    floats: Floats,
-    ints: Ints,
     radiance: Floats,
     depth: Floats,
 ) -> None:
-    height, step = scene.surface.height, scene.surface.step_m
-    f, n = floats, ints
-    rays = RowRays(f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8], n[0])
-    at = Footprints(
-        f[9], f[10], f[11], f[12], f[13], f[14], f[15], f[16], f[17], f[18], f[19], f[20], f[21], f[22], f[23],
-        f[24], f[25], f[26], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8],
-    )  # fmt: skip
-    meet_ground(
-        lens.x[row], lens.y[row], lens.z[row], rotation, origin, view, table.ravel(), table.shape[1],
-        height.ravel(), height.shape[1], height.shape[0], step, rays,
-    )  # fmt: skip
     walk_edges(rays, scene.surface, origin)
     n_ground = _paint_sky(rays, scene.backdrop, origin, shaded, radiance, depth, at.pixel)
     if n_ground == 0:
         return
-    measure(n_ground, rays, origin[0], origin[1], lens.pixel_rad, most_taps, step, at)
+    measure(n_ground, rays, origin[0], origin[1], pixel_rad, most_taps, scene.surface.step_m, at)
     if shaded:
         read_surface(n_ground, at, scene, origin)
         shade(n_ground, at, light.in_shade, light.haze_m)
@@ -193,22 +185,26 @@ def read_surface(n: int, at: Footprints, scene: Scene, origin: Doubles) -> None:
             tap, n, at, origin[0], origin[1], ground.words, ground.starts, ground.widths, ground.heights,
             scene.surface.step_m,
         )  # fmt: skip
-    copies = (at.weight0, at.weight1)
-    fine = (at.grain0, at.grain1)
-    jumps = (at.jump0, at.jump1)
     for tap in range(most):
-        for k in range(2):
-            read_tile(
-                tap, n, at, copies[k], jumps[k], at.taps, at.level, snow.words, snow.starts, snow.mask, snow.per_m,
-                snow.gain,
-            )  # fmt: skip
-    if narrowest < GRAIN_FROM_M:
-        for tap in range(min(most, 2)):
-            for k in range(2):
-                read_tile(
-                    tap, n, at, fine[k], jumps[k], at.grain_taps, at.grain_level, grain.words, grain.starts,
-                    grain.mask, grain.per_m, grain.gain,
-                )  # fmt: skip
+        read_tile(
+            tap, n, at, at.weight0, at.jump0, at.taps, at.level, snow.words, snow.starts, snow.mask, snow.per_m,
+            snow.gain,
+        )  # fmt: skip
+        read_tile(
+            tap, n, at, at.weight1, at.jump1, at.taps, at.level, snow.words, snow.starts, snow.mask, snow.per_m,
+            snow.gain,
+        )  # fmt: skip
+    if narrowest >= GRAIN_FROM_M:
+        return
+    for tap in range(min(most, 2)):
+        read_tile(
+            tap, n, at, at.grain0, at.jump0, at.grain_taps, at.grain_level, grain.words, grain.starts, grain.mask,
+            grain.per_m, grain.gain,
+        )  # fmt: skip
+        read_tile(
+            tap, n, at, at.grain1, at.jump1, at.grain_taps, at.grain_level, grain.words, grain.starts, grain.mask,
+            grain.per_m, grain.gain,
+        )  # fmt: skip
 
 
 @row_loop

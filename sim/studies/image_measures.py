@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from survey.arrays import FloatArray
 Image = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
+_opencv: Any = cv2  # its stubs do not know what these functions take and give
 LOCAL_SIGMA_PX = 12.0
 CORNER_STRENGTH = 2e-4
 """Least eigenvalue of a corner, as the visual odometry asks for it: 1.8 grey levels per pixel in the weakest direction."""
@@ -56,12 +58,12 @@ def entropy_bits(image: Image, mask: Mask) -> float:
 
 def corners(image: Image, mask: Mask) -> FloatArray:
     """Shi and Tomasi's corners above an absolute threshold, at most one in 7 × 7 pixels, (N, 2)."""
-    return _peaks(cv2.cornerMinEigenVal(image, _WINDOW_PX), CORNER_STRENGTH, mask)
+    return _peaks(_opencv.cornerMinEigenVal(image, _WINDOW_PX), CORNER_STRENGTH, mask)
 
 
 def harris_corners(image: Image, mask: Mask) -> FloatArray:
     """Harris's corners (k = 0.04) above the same threshold, squared as his measure is."""
-    return _peaks(cv2.cornerHarris(image, _WINDOW_PX, 3, 0.04), CORNER_STRENGTH**2, mask)
+    return _peaks(_opencv.cornerHarris(image, _WINDOW_PX, 3, 0.04), CORNER_STRENGTH**2, mask)
 
 
 def relative_corners(image: Image, mask: Mask) -> FloatArray:
@@ -69,7 +71,8 @@ def relative_corners(image: Image, mask: Mask) -> FloatArray:
     found = cv2.goodFeaturesToTrack(image, 3000, 0.01, _SPACING_PX, blockSize=_WINDOW_PX)
     places: FloatArray = np.zeros((0, 2)) if found is None else found[:, 0].astype(np.float64)
     u, v = np.rint(places).astype(int).T
-    return places[mask[v, u]]
+    inside: FloatArray = places[mask[v, u]]
+    return inside
 
 
 def _peaks(strength: npt.NDArray[np.float32], threshold: float, mask: Mask) -> FloatArray:
@@ -108,8 +111,8 @@ def tracked(pair: Pair, start: FloatArray) -> tuple[FloatArray, FloatArray]:
         return start, start
     points = start.astype(np.float32)[:, None]
     window = {"winSize": (21, 21), "maxLevel": 4}
-    end, ahead, _ = cv2.calcOpticalFlowPyrLK(pair.first, pair.second, points, None, **window)
-    back, again, _ = cv2.calcOpticalFlowPyrLK(pair.second, pair.first, end, None, **window)
+    end, ahead, _ = _opencv.calcOpticalFlowPyrLK(pair.first, pair.second, points, None, **window)
+    back, again, _ = _opencv.calcOpticalFlowPyrLK(pair.second, pair.first, end, None, **window)
     kept = (ahead.ravel() == 1) & (again.ravel() == 1)
     kept &= np.linalg.norm((back - points)[:, 0], axis=1) < 1.0
     return start[kept], end[kept, 0].astype(np.float64)
@@ -156,13 +159,13 @@ def by_tracking(detect: Callable[[Image, Mask], FloatArray]) -> Callable[[Pair],
 
 def by_orb(pair: Pair) -> Yield:
     """ORB with its default, absolute threshold of 20 grey levels."""
-    found, start, end = described(pair, cv2.ORB_create(3000), cv2.NORM_HAMMING, 0.9)
+    found, start, end = described(pair, cv2.ORB.create(3000), cv2.NORM_HAMMING, 0.9)
     return Yield(found, len(start), pair.correct(start, end))
 
 
 def by_sift(pair: Pair) -> Yield:
     """SIFT with its default, absolute threshold on contrast."""
-    found, start, end = described(pair, cv2.SIFT_create(), cv2.NORM_L2, 0.8)
+    found, start, end = described(pair, cv2.SIFT.create(), cv2.NORM_L2, 0.8)
     return Yield(found, len(start), pair.correct(start, end))
 
 
@@ -194,6 +197,6 @@ def statistics(image: Image, mask: Mask) -> dict[str, float]:
         values["GFTT" + suffix] = len(corners(picture, mask)) / megapixels
         values["Harris" + suffix] = len(harris_corners(picture, mask)) / megapixels
         byte_mask = mask.astype(np.uint8) * 255
-        values["ORB" + suffix] = len(cv2.ORB_create(20000).detect(picture, byte_mask)) / megapixels
-        values["SIFT" + suffix] = len(cv2.SIFT_create().detect(picture, byte_mask)) / megapixels
+        values["ORB" + suffix] = len(cv2.ORB.create(20000).detect(picture, byte_mask)) / megapixels
+        values["SIFT" + suffix] = len(cv2.SIFT.create().detect(picture, byte_mask)) / megapixels
     return values
