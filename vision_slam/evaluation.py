@@ -181,7 +181,7 @@ def relative_errors(
         )
     i, j = np.array(ends[:-1]), np.array(ends[1:])
     error = _inverse(_inverse(reference[i]) @ reference[j]) @ _inverse(estimate[i]) @ estimate[j]
-    turn = Rotation.from_matrix(error[:, :3, :3]).magnitude()
+    turn = np.asarray(Rotation.from_matrix(error[:, :3, :3]).magnitude())
     return np.linalg.norm(error[:, :3, 3], axis=1), turn
 
 

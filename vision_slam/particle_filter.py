@@ -87,9 +87,12 @@ class ParticleFilter:
         self._log_weight = np.zeros(n_particles)
         self._n_jumps = 0
         self._position: FloatArray | None = None
+        self._heading: FloatArray = np.zeros(n_particles)
+        self._scale: FloatArray = np.ones(n_particles)
+        self._bias: FloatArray = np.zeros((n_particles, 3))
+        self._bias_variance: FloatArray = (config.gps_bias_sigma_m * self._level) ** 2
         if start is not None:
             self._draw(start, np.full(3, config.start_sigma_m), np.radians(config.yaw_sigma_deg))
-            self._bias_variance = (config.gps_bias_sigma_m * self._level) ** 2
 
     def move(self, step: FloatArray, seconds: float) -> None:
         """Move by a step (3,) [m] of the odometry, in its own frame, which took so long."""

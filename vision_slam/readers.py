@@ -49,7 +49,7 @@ def read_any_image(path: Path) -> Image:
     if image is None:
         raise InputError(f"{path} is no whole image; it may be cut off, get it again.")
     if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
+        image = np.asarray(image // 256, dtype=np.uint8)
     if image.dtype != np.uint8:
         raise InputError(f"{path} has {image.dtype} pixels; 8- or 16-bit images were expected, convert it.")
     return np.asarray(image[:, :, :3] if image.ndim == 3 else image, dtype=np.uint8)
