@@ -53,7 +53,7 @@ def followed(
     )  # fmt: skip
     height, width = now.shape
     margin = 5.0
-    inside = ((landed > margin) & (landed < np.array([width, height]) - 1 - margin)).all(axis=1)
     landed: Pixels = np.asarray(forth, dtype=np.float32)
+    inside = ((landed > margin) & (landed < np.array([width, height]) - 1 - margin)).all(axis=1)
     came_back = np.linalg.norm(back - pixels, axis=1) < config.round_trip_px
     return landed, (found.ravel() > 0) & (found_back.ravel() > 0) & came_back & inside
