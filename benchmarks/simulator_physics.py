@@ -40,8 +40,8 @@ def rows(quick: bool) -> Iterator[Row]:
     yield from _drive_rows(100.0 if quick else 600.0)
     yield from _slip_rows()
     yield from _turn_rows()
-    yield from _energy_rows(5.0 if quick else 60.0)
-    n = 100_000 if quick else 400_000
+    yield from _energy_rows(5.0 if quick else 20.0)
+    n = 100_000 if quick else 200_000
     for name in GPS_PROFILES:
         yield from _gps_rows(name, n)
     yield from _allan_rows(n)
@@ -82,7 +82,7 @@ def _drive_rows(length_m: float) -> Iterator[Row]:
 
 def _followed(rover: ContactRover, pursuit: PurePursuit) -> tuple[FloatArray, list[int]]:
     """Drive to the end of a route; the place at every step, and the steps after which the patch changed."""
-    places, changes, patch = [], [], rover.patch
+    places, changes, patch = [], [], rover.patch_centre
     left = right = 0.0
     state = rover.state
     while not pursuit.is_done(np.array(state.position[:2])):
@@ -93,8 +93,8 @@ def _followed(rover: ContactRover, pursuit: PurePursuit) -> tuple[FloatArray, li
         rover.step(left, right)
         state = rover.state
         places.append(state.position)
-        if rover.patch != patch:
-            patch = rover.patch
+        if rover.patch_centre != patch:
+            patch = rover.patch_centre
             changes.append(len(places))
     return np.array(places), changes
 

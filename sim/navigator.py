@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from sim.drive import Belief, Start
 from sim.instruments import Readings
 from survey.arrays import FloatArray
+from survey.camera import Image
 from survey.sensors import Inertial, Wheels
 from vision_slam import LocalizationConfig
 from vision_slam.motion import Motion
@@ -42,6 +43,7 @@ class VisualNavigator:
         self._start, self._antenna_m = start, antenna_height_m
         self._filter = ParticleFilter(config, rng, start=start.position)
         self._slam: VisualSlam | None = None
+        self._pose = np.eye(4)
         self._at_rest: list[Inertial] = []
         self._bias = np.zeros(3)
         self._turn, self._rolled_m, self._travelled_m = Rotation.identity(), 0.0, 0.0
@@ -77,7 +79,7 @@ class VisualNavigator:
             self._turn = self._turn * part
         self._gyro_at_s = float(inertial.time_s[-1])
 
-    def _look(self, time_s: float, image: FloatArray) -> None:
+    def _look(self, time_s: float, image: Image) -> None:
         """Let the image correct the motion since the last one, and move the particles by it."""
         if self._slam is None:
             if time_s < _GATHERED_S:

@@ -29,6 +29,7 @@ _SINKAGE_M = 0.002
 _DAMPED = 0.5
 _PATCH_M = 40.0
 _MOVED_M = 10.0
+_HALF_RELIEF_M = 50.0
 _RESISTED_FROM_M_S = 0.05
 _ITERATIONS = 20
 _SETTLED_S = 2.0
@@ -88,8 +89,9 @@ class ContactRover:
             enableConeFriction=0,
             deterministicOverlappingPairs=1,
         )
-        self.patch: int | None = None
-        self._patch_centre = 0.0, 0.0
+        self._patch: int | None = None
+        self._shape = -1
+        self.patch_centre = 0.0, 0.0
         self._lay_patch(0.0, 0.0)
         self.wheels = list(range(2 * _N_WHEELS))
         self.body = self._built(heading_rad)
@@ -165,22 +167,33 @@ class ContactRover:
         # Beyond the map the last heights go on; the mission ends when the rover gets there.
         nodes = np.stack(np.meshgrid(np.clip(east, xmin, xmax), np.clip(north, ymin, ymax)), axis=-1)
         height = self._ground.elevation(nodes.reshape(-1, 2)) - self._origin[2]
-        shape = call.createCollisionShape(
-            call.GEOM_HEIGHTFIELD,
-            meshScale=[step, step, 1.0],
-            heightfieldData=height.tolist(),
-            numHeightfieldRows=n,
-            numHeightfieldColumns=n,
-        )
+        # Whole metres, so that the engine's single precision gives a place the same height on every patch.
+        middle = float(np.round(0.5 * (height.min() + height.max())))
+        self._shape_ground(np.clip(height - middle, -_HALF_RELIEF_M, _HALF_RELIEF_M), n)
         centre = [
             0.5 * (side[0] + side[-1]) - at for side, at in zip((east, north), self._origin, strict=False)
         ]
-        middle = 0.5 * float(height.min() + height.max())
-        patch = call.createMultiBody(0, shape, basePosition=[*centre, middle])
-        call.changeDynamics(patch, -1, lateralFriction=1.0, restitution=0.0)
-        if self.patch is not None:
-            call.removeBody(self.patch)
-        self.patch, self._patch_centre = patch, (float(centre[0]), float(centre[1]))
+        call.resetBasePositionAndOrientation(self._patch, [*centre, middle], [0.0, 0.0, 0.0, 1.0])
+        self.patch_centre = float(centre[0]), float(centre[1])
+
+    def _shape_ground(self, height: FloatArray, n: int) -> None:
+        """Give the patch new heights; what bounds it is fixed when it is made, and made wide enough."""
+        call, step = self.bullet, self._ground.step_m
+        field = {
+            "shapeType": call.GEOM_HEIGHTFIELD,
+            "meshScale": [step, step, 1.0],
+            "numHeightfieldRows": n,
+            "numHeightfieldColumns": n,
+        }
+        if self._patch is None:
+            widest = np.zeros(n * n)
+            widest[:2] = -_HALF_RELIEF_M, _HALF_RELIEF_M
+            self._shape = call.createCollisionShape(**field, heightfieldData=widest.tolist())
+            self._patch = call.createMultiBody(0, self._shape)
+            call.changeDynamics(self._patch, -1, lateralFriction=1.0, restitution=0.0)
+        call.createCollisionShape(
+            **field, heightfieldData=height.tolist(), replaceHeightfieldIndex=self._shape
+        )
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Move by one step with these speeds asked of the tracks [m/s]."""
@@ -191,7 +204,7 @@ class ContactRover:
         self._n_steps += 1
         self._read()
         self._account(resistance, turning, velocity)
-        (x, y, _), (at_x, at_y) = self._place, self._patch_centre
+        (x, y, _), (at_x, at_y) = self._place, self.patch_centre
         if max(abs(x - at_x), abs(y - at_y)) > _MOVED_M:
             self._lay_patch(x, y)
 
