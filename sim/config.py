@@ -246,6 +246,7 @@ class MissionConfig(Section):
     physics: PhysicsConfig = PhysicsConfig()
     instruments: InstrumentsConfig = InstrumentsConfig()
     faults: tuple[FaultConfig, ...] = ()
+    """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength."""
     localization: LocalizationConfig = LocalizationConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()
     score: ScoreConfig = ScoreConfig()

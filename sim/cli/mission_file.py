@@ -38,6 +38,8 @@ def summary(run: RunFolder) -> dict[str, Any]:
     """Return where the run stands: folder, stage times, and the score when there is one."""
     stages = {name: entry["wall_s"] for name, entry in run.manifest["stages"].items()}
     content: dict[str, Any] = {"run": str(run.path), "stage_wall_s": stages}
+    if run.has("simulate") and (run.folder("simulate") / "drive.json").exists():
+        content["drive"] = read_json(run.folder("simulate") / "drive.json", "the account of the drive")
     if run.has("score"):
         content["score"] = read_json(run.folder("score") / "score.json", "the score")
     if run.has("report"):
@@ -54,6 +56,9 @@ def tell(run: RunFolder, *, as_json: bool) -> None:
     total = sum(seconds or 0.0 for seconds in content["stage_wall_s"].values())
     times = ", ".join(f"{name} {seconds or 0.0:.1f} s" for name, seconds in content["stage_wall_s"].items())
     typer.echo(f"stages  {times} (together {total:.1f} s)")
+    if "drive" in content:
+        drive = content["drive"]
+        typer.echo(f"drive   {drive['ending']} after {drive['progress_m']:.0f} of {drive['route_m']:.0f} m")
     if "score" in content:
         typer.echo(f"RMSE    {content['score']['elevation']['rmse_m']:.3f} m")
         typer.echo(f"class   {best_class(content['score']['verdicts'])}")
