@@ -62,7 +62,7 @@ def error_curves(families: dict[str, Sequence[Row]], limit_m: float, *, top_m: f
         by_swaths.set(title=name, xlabel="Swaths", ylabel="Mean RMSE [m]")
         by_metres.set(xlabel="Distance driven [m]")
     handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
     return figure
 
 

@@ -129,10 +129,10 @@ def _study(name: str, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: b
         schema_version=1,
         name=name,
         seed=SEED,
-        trials=10 if quick else 100,
+        trials=20 if quick else 100,
         terrains=tuple(kinds),
         planners=PATTERNS,
-        swaths=(1, 2, 3, 4, 6) if quick else tuple(range(1, 11)),
+        swaths=(1, 2, 3, 4, 6, 8, 10) if quick else tuple(range(1, 11)),
         maps=tuple(maps),
     )
 
