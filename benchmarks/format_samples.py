@@ -143,3 +143,9 @@ def mutated(whole: bytes, rng: np.random.Generator) -> bytes:
         else:
             del data[place:]
     return bytes(data)
+
+
+def put(path: Path, content: bytes) -> None:
+    """Write a new file: libraries may still know what the one of that name held."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(content)

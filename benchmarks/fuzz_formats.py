@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.format_samples import SAMPLES, mutated
+from benchmarks.format_samples import SAMPLES, mutated, put
 from survey.errors import FirnlineError
 
 SLOWEST_S = 10.0
@@ -28,7 +28,7 @@ _ADDRESS_SPACE_BYTES = 8 * 10**9
 def outcome(name: str, whole: bytes, seed: int, folder: Path) -> str:
     """Read one damaged file; return ``answer``, ``refused``, or what went wrong."""
     path = folder / name
-    path.write_bytes(mutated(whole, np.random.default_rng(seed)))
+    put(path, mutated(whole, np.random.default_rng(seed)))
     start = time.process_time()
     try:
         SAMPLES[name].read(path)

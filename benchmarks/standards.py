@@ -15,7 +15,7 @@ from rasterio.windows import Window
 
 from benchmarks.accuracy_examples import Example, examples, paper_tables, stored_examples
 from benchmarks.change_worlds import Judged, World, landlab_pair, model_pair, raster_pair
-from benchmarks.format_samples import SAMPLES, flipped, truncated
+from benchmarks.format_samples import SAMPLES, flipped, put, truncated
 from benchmarks.report import Row, main
 from survey.errors import FirnlineError
 
@@ -109,7 +109,7 @@ def _damage(quick: bool) -> Iterator[Row]:
             whole, good = path.read_bytes(), sample.read(path)
             for damage, files in (("cut off", truncated(whole)), ("one bit flipped", flipped(whole, n))):
                 for content in files:
-                    path.write_bytes(content)
+                    put(path, content)
                     counts[damage, _outcome(name, path, good)] += 1
     for damage in ("cut off", "one bit flipped"):
         total = sum(count for (kind, _), count in counts.items() if kind == damage)

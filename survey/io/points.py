@@ -41,7 +41,7 @@ _LAS_FAULTS = (
     struct.error,
     OSError,
     MemoryError,
-    OverflowError,
+    ArithmeticError,
     KeyError,
     IndexError,
     TypeError,
