@@ -52,7 +52,7 @@ class GaussMarkov:
 
     def __init__(self, sigma: float, correlation_s: float, rng: np.random.Generator, n_columns: int) -> None:
         self._sigma, self._correlation_s, self._rng = sigma, correlation_s, rng
-        self._at_s: float | None = None
+        self._at_s = np.nan  # nothing drawn yet
         self._value = np.zeros(n_columns)
 
     def at(self, time_s: FloatArray) -> FloatArray:
@@ -60,7 +60,7 @@ class GaussMarkov:
         noise = self._sigma * self._rng.standard_normal((len(time_s), len(self._value)))
         if not len(time_s):
             return noise
-        if self._at_s is None:
+        if np.isnan(self._at_s):
             self._at_s, self._value = float(time_s[0]), noise[0]
             return np.vstack([self._value, self._continued(time_s[1:], noise[1:])])
         return self._continued(time_s, noise)
