@@ -167,9 +167,10 @@ def heights_transformed(
     group = _operations(crs, source_datum, target_datum, where)
     missing = missing_grids(group)
     if not group.best_available or not group.transformers:
+        place = datadir.get_user_data_dir()  # type: ignore[attr-defined]  # public, but not listed
         raise MissingGridError(
             f"{where}: heights cannot be taken from {source_datum!r} to {target_datum!r}, for PROJ lacks "
-            f"{', '.join(missing) or 'an operation between them'}; install it into {datadir.get_user_data_dir()}."
+            f"{', '.join(missing) or 'an operation between them'}; install it into {place}."
         )
     east, north, up = xyz.T
     heights: FloatArray = frozen(group.transformers[0].transform(east, north, up)[2])

@@ -270,8 +270,5 @@ def _table(rows: list[Any]) -> dict[str, FloatArray]:
 
 def _gpkg_point(srs: int, xyz: tuple[float, ...]) -> bytes:
     """Return a point in GeoPackage's binary form: magic, version, flags (little-endian, no envelope), CRS, WKB."""
-    return (
-        b"GP"
-        + struct.pack("<BBi", 0, 1, srs)
-        + shapely.to_wkb(shapely.Point(xyz), byte_order=1, flavor="iso")
-    )
+    wkb: bytes = shapely.to_wkb(shapely.Point(xyz), byte_order=1, flavor="iso")
+    return b"GP" + struct.pack("<BBi", 0, 1, srs) + wkb
