@@ -117,7 +117,7 @@ def _driven(
     rolled = 0.5 * (recording.wheels.left_m + recording.wheels.right_m)[-1]
     seen = found.sightings
     landmark = place[seen.pose] + np.einsum("nij,nj->ni", turn[seen.pose], seen.offset)
-    ground = Dem.read(folder / "truth" / "dem.tif").interpolate(landmark[:, :2])
+    ground = Dem.read(folder / "truth" / "dem.tif").at(landmark[:, :2])
     upward = turn[seen.pose, 2]
     sigma = np.sqrt(np.einsum("ni,nij,nj->n", upward, seen.covariance, upward))
     near = np.isfinite(ground) & (sigma < 0.5)

@@ -55,6 +55,7 @@ def localize(
     settings = config or LocalizationConfig()
     if recording.odometry is None and recording.frames is not None:
         recording, _ = with_visual_odometry(recording)
+        settings = _for_images(settings)
     if recording.odometry is None:
         return _kinematic_survey(recording, settings)
     if recording.sightings is None:
@@ -85,6 +86,12 @@ def with_visual_odometry(
     headed = Odometry(odometry.time_s, odometry.step, odometry.attitude_rad + [0.0, 0.0, turn])
     found = replace(found, odometry=headed)
     return replace(recording, odometry=headed, sightings=found.sightings), found
+
+
+def _for_images(config: LocalizationConfig) -> LocalizationConfig:
+    """Loosen what is assumed of the odometry to what wheels that slip leave of it, and fixes of its heading."""
+    least = {"scale_sigma": 0.02, "step_sigma_m": 0.05, "heading_sigma_deg": 1.0}
+    return config.model_copy(update={name: max(getattr(config, name), least[name]) for name in least})
 
 
 def dead_reckoning(odometry: Odometry, start: FloatArray) -> FloatArray:

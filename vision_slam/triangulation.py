@@ -26,9 +26,9 @@ def sighted(
     window are themselves estimates: with Λ = Σ JᵀJ the information of the rays, h(φ) the
     turn of the arm o by the attitude error between the poses and s the window's scale,
 
-        C = (k σ)² Λ⁻¹ + φ² (|o|² I − o oᵀ) + s² o oᵀ
+        C = (k σ)² Λ⁻¹ + φ² (|o|² I − o oᵀ) + s² o oᵀ + f² I
 
-    where k, φ and s were calibrated on drives whose places are known (`VisualOdometryConfig`).
+    where k, φ, s and the floor f were calibrated on drives whose places are known (`VisualOdometryConfig`).
     """
     focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
     angle_sigma = config.pixel_sigma / focal_px
@@ -64,7 +64,7 @@ def _of_poses(arm: FloatArray, config: VisualOdometryConfig) -> FloatArray:
     spread: FloatArray = (
         np.radians(config.landmark_attitude_deg) ** 2 * across + config.landmark_scale_sigma**2 * along
     )
-    return spread
+    return spread + config.landmark_floor_m**2 * np.eye(3)
 
 
 def _intersected(

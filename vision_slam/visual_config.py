@@ -57,9 +57,11 @@ class VisualOdometryConfig(Section):
     """Images with less are blank."""
     accelerometer_time_s: PositiveFloat = 30.0
     """Time over which gravity corrects roll and pitch [s]."""
-    landmark_attitude_deg: PositiveFloat = 0.10
-    """Error of attitude between the poses that saw a landmark [deg]; calibrated, see `landmark_pixel_factor`."""
-    landmark_scale_sigma: PositiveFloat = 0.02
+    landmark_attitude_deg: PositiveFloat = 0.6
+    """Error of attitude between the poses that saw a landmark [deg]; this and the next three are calibrated."""
+    landmark_scale_sigma: PositiveFloat = 0.03
     """Relative error of scale within the window."""
     landmark_pixel_factor: PositiveFloat = 2.0
     """By how much correlated pixel errors exceed independent ones when a point is triangulated."""
+    landmark_floor_m: PositiveFloat = 0.037
+    """What remains at the nearest points: corners creep while they are followed [m]."""
