@@ -16,6 +16,22 @@ if TYPE_CHECKING:
 _LARGE = 20_000_000
 
 
+Standards = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--standard", help="Judge checkpoints by: asprs-edition-2 (default), asprs-2014, nssda-1998, …"
+    ),
+]
+Class = Annotated[
+    float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
+]
+Interval = Annotated[
+    float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
+]
+Sigma = Annotated[float | None, typer.Option("--sigma", help="Deviation of checkpoints that state none [m].")]
+Datum = Annotated[str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")]
+
+
 @refusals_told
 def score(
     source: Annotated[
@@ -33,24 +49,11 @@ def score(
             "--checkpoints", help="Independent points (CSV, GeoPackage, GPX …), better than the map."
         ),
     ] = None,
-    standard: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--standard", help="Judge checkpoints by: asprs-edition-2 (default), asprs-2014, nssda-1998, …"
-        ),
-    ] = None,
-    class_m: Annotated[
-        float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
-    ] = None,
-    interval: Annotated[
-        float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
-    ] = None,
-    sigma: Annotated[
-        float | None, typer.Option("--sigma", help="Deviation of checkpoints that state none [m].")
-    ] = None,
-    datum: Annotated[
-        str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")
-    ] = None,
+    standard: Standards = None,
+    class_m: Class = None,
+    interval: Interval = None,
+    sigma: Sigma = None,
+    datum: Datum = None,
     control: Annotated[
         Path | None,
         typer.Option("--control", help="Points that the map was made from; no checkpoint may be one."),

@@ -54,7 +54,7 @@ class DamagedError(ValueError):
 
 
 # What GDAL warns of and goes on with a value that the file does not hold.
-_DAMAGE = ("parsed incompletely", "corrupt", "truncat", "unexpected end")
+_DAMAGE = ("parsed incompletely", "corrupt", "truncated", "unexpected end")
 
 
 @contextmanager
