@@ -29,7 +29,7 @@ from vision_slam import localize
 _NODES_ALONG = 20
 _BEYOND_M = 60.0
 _STEP_M = 5.0
-_UNSTATED_SIGMA_M = 1.0
+_UNSTATED_SIGMA_M, _UNSTATED_NUGGET_M = 1.0, 0.15
 _N_LEAST = 9
 
 
@@ -48,7 +48,7 @@ class Foreseen(NamedTuple):
         return f"{self.swaths} swaths{stakes}: {self.rmse_m:.2f} m, {100 * self.chance:.0f} %, {self.length_m:.0f} m to drive"
 
 
-def foresee(mission: MissionConfig, world: World, *, limit_m: float, nugget_m: float = 0.15) -> Foreseen:
+def foresee(mission: MissionConfig, world: World, *, limit_m: float) -> Foreseen:
     r"""Predict the error of the map of a mission, with all that its landmarks share.
 
     With the joint covariance C of M nodes the mean squared error has the mean tr C / M and
@@ -63,8 +63,6 @@ def foresee(mission: MissionConfig, world: World, *, limit_m: float, nugget_m: f
         Its area and prior are used, and nothing else.
     limit_m : float
         RMSE that is wanted [m].
-    nugget_m : float
-        Relief finer than the prior can tell [m].
 
     Raises
     ------
@@ -75,13 +73,14 @@ def foresee(mission: MissionConfig, world: World, *, limit_m: float, nugget_m: f
 
     Notes
     -----
-    As good as the covariance that is read from the prior, and the stated sensors.
+    As good as the covariance that is read from the prior, and the stated sensors. Relief
+    finer than the prior can tell is taken for 0.15 m, or ``reconstruction.gp.nugget_m``.
     """
     if mission.fidelity == "ideal":
         raise ConfigError(
             "the ideal fidelity has no errors of place to foresee; set fidelity = 'statistical'."
         )
-    solution, route = _rehearsed(mission, world, nugget_m)
+    solution, route = _rehearsed(mission, world)
     xmin, ymin, xmax, ymax = world.area.bounds
     step = max(xmax - xmin, ymax - ymin) / _NODES_ALONG
     nodes = Grid(
@@ -97,6 +96,10 @@ def ways_to_meet(
     mission: MissionConfig, world: World, *, limit_m: float, chance: float = 0.9, most_swaths: int = 8
 ) -> Iterator[Foreseen]:
     """Yield, for 0, 2 and 4 stakes, the fewest swaths that meet the limit with the wanted chance, if any do."""
+    if not isinstance(mission.planner, planners.LawnmowerConfig | planners.WavyConfig):
+        raise ConfigError(
+            f"stakes and swaths are weighed for the patterns lawnmower and wavy, not {mission.planner.pattern}; take one of them."
+        )
     for stakes in (0, 2, 4):
         for swaths in range(2, most_swaths + 1):
             sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
@@ -113,7 +116,7 @@ def cheapest(ways: Iterable[Foreseen]) -> Foreseen | None:
     return min(ways, key=lambda way: (round(way.length_m), way.stakes), default=None)
 
 
-def _rehearsed(mission: MissionConfig, world: World, nugget_m: float) -> tuple[JointSolution, Route]:
+def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Route]:
     """Drive the mission over the prior, localize, and solve for what would be known."""
     ground = _read_beyond(world.prior, world.area.bounds)
     route = planners.plan(world.area, world.prior, mission.planner)
@@ -125,6 +128,8 @@ def _rehearsed(mission: MissionConfig, world: World, nugget_m: float) -> tuple[J
         raise ConfigError("the mission has no odometry, so that nothing is known of shared errors; add it.")
     joint = mission.reconstruction.joint
     sigma_m = joint.satellite.sigma_m or _UNSTATED_SIGMA_M
+    nugget_m = mission.reconstruction.gp.nugget_m
+    nugget_m = _UNSTATED_NUGGET_M if nugget_m is None else nugget_m
     config = _covariance_of(world.prior, world.area.bounds, sigma_m, nugget_m)
     stated = joint.satellite.model_copy(update={"sigma_m": sigma_m})
     prior = world.prior if mission.reconstruction.use_prior else None

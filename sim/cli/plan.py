@@ -108,6 +108,8 @@ def plan(
       firnline plan site.gpkg --prior srtm.tif --require class-3 --probability 0.9
 
       firnline plan mine.toml
+
+      firnline plan mine.toml --require class-3
     """
     asked = {"swaths": swaths, "spacing_m": spacing, "budget_m": budget, "rmse_m": rmse}
     given = {name: value for name, value in asked.items() if value is not None}
@@ -119,6 +121,12 @@ def plan(
             raise ConfigError(
                 f"{source} is a mission, which says all that itself; change it with --set, as in --set planner.swaths=6."
             )
+        if require is not None:
+            from sim.cli.plan_foresight import tell_ways
+            from sim.runs import read_mission
+
+            tell_ways(read_mission(source, settings or []), require, probability, as_json=as_json)
+            return
         _, run = run_until(source, "plan", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         tell(run, as_json=as_json)
         return

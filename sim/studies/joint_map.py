@@ -279,7 +279,7 @@ def _figure(path: Path, rows: list[dict[str, Any]], taus_s: tuple[float, ...]) -
     left.set(xscale="log", xlabel="RMSE of the map [m]", yticks=range(len(names)), yticklabels=names)
     left.axvline(0.4572, color="grey", lw=0.8, ls="--")
     left.invert_yaxis()
-    left.legend(loc="lower left", fontsize=7)
+    left.legend(loc="upper left", fontsize=7)
     right.axvline(0.95, color="grey", lw=0.8, ls="--")
     right.set(xlabel="share within the claimed 95 %", xlim=(0.0, 1.0))
     figure.savefig(path, dpi=110)

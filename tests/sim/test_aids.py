@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import typer
 
 from planners import LawnmowerConfig
 from sim.aids import with_way_home
-from sim.config import AidsConfig, MissionConfig, RandomTerrain
+from sim.cli.plan_foresight import tell_ways
+from sim.config import AidsConfig, MissionConfig, RandomTerrain, SatelliteConfig
 from sim.foresight import cheapest, foresee, ways_to_meet
 from sim.statistical import simulate_statistical
 from sim.world import World
@@ -136,3 +138,14 @@ def test_foresight_knows_stakes_and_swaths():
     found = list(ways_to_meet(mission(), world, limit_m=10.0, chance=0.5, most_swaths=2))
     assert [(way.swaths, way.stakes) for way in found] == [(2, 0), (2, 2), (2, 4)]
     assert str(found[1]).startswith("2 swaths with 2 stakes: ")
+
+
+def test_the_command_says_how_many_swaths_and_stakes(capsys, monkeypatch):
+    site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
+    asked = mission().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
+    tell_ways(asked, "10", 0.5, as_json=False)
+    assert capsys.readouterr().out.startswith("least to drive: 2 swaths: ")
+    monkeypatch.setattr("sim.foresight.ways_to_meet", lambda *_, **__: iter(()))  # none of 24 that would be tried
+    with pytest.raises(typer.Exit):
+        tell_ways(asked, "0.001", 0.5, as_json=False)
+    assert "is not foreseen" in capsys.readouterr().err
