@@ -58,10 +58,11 @@ def sun_direction(config: AppearanceConfig) -> FloatArray:
 def snow_patches(shape: tuple[int, int], step_m: float, config: AppearanceConfig, seed: int) -> FloatGrid:
     """Return the reflectance of a site as a share of clean snow's: old snow and dust lie in patches."""
     rng = stream(seed, "appearance", "patches")
-    grey = np.clip(wavy(shape, step_m, (4.0, 120.0), 1.0, rng), 0.0, 2.0)
-    reflectance = np.float32(0.05 * config.patches) * grey
-    share: FloatGrid = np.clip(1.0 - reflectance, 0.3, 1.0) * np.float32(1.0 - 0.55 * config.stones)
-    return share
+    coarse = [int(np.ceil((n - 1) * step_m)) + 1 for n in shape]  # nodes a metre apart hold the patches
+    grey = np.clip(wavy((coarse[0], coarse[1]), 1.0, (4.0, 120.0), 1.0, rng), 0.0, 2.0)
+    share = np.clip(1.0 - 0.05 * config.patches * grey, 0.3, 1.0) * (1.0 - 0.55 * config.stones)
+    fine = cv2.resize(share.astype(np.float32), shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(fine, dtype=np.float32)
 
 
 @lru_cache(maxsize=2)
@@ -70,13 +71,13 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
     shape = SURFACE_TEXELS, SURFACE_TEXELS
     rng = stream(seed, "appearance", "surface")
     snow = _sunlit_relief(rng, wind_from_deg, config)
-    snow += 0.02 * wavy(shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.6, rng, periodic=True)
-    snow += 0.02 * wavy(shape, SURFACE_TEXEL_M, (0.2, 5.0), 1.2, rng, periodic=True)
+    snow += np.float32(0.02) * wavy(shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.6, rng, periodic=True)
+    snow += np.float32(0.02) * wavy(shape, SURFACE_TEXEL_M, (0.2, 5.0), 1.2, rng, periodic=True)
     snow -= np.float32(0.35) * _specks(rng, config.debris)
-    texture = (1.0 - config.stones) * snow
+    texture = np.float32(1.0 - config.stones) * snow
     if config.stones > 0.0:
-        texture += config.stones * _stones(stream(seed, "appearance", "stones"), config)
-    return packed((config.contrast * texture).astype(np.float32), 1.0 / SURFACE_TEXEL_M)
+        texture += np.float32(config.stones) * _stones(stream(seed, "appearance", "stones"), config)
+    return packed(np.float32(config.contrast) * texture, 1.0 / SURFACE_TEXEL_M)
 
 
 @lru_cache(maxsize=2)
@@ -95,7 +96,9 @@ def packed(texture: FloatGrid, texels_per_m: float) -> Tile:
     words, starts, start = [], [], 0
     level = texture
     while len(level) >= 8:
-        corner = np.clip(np.rint(level / amplitude * 127.0 + 128.0), 0, 255).astype(np.uint32)
+        corner = np.clip(np.rint(level * np.float32(127.0 / amplitude) + np.float32(128.0)), 0, 255).astype(
+            np.uint32
+        )
         pair = corner | np.roll(corner, -1, axis=1) << np.uint32(8)
         words.append((pair | np.roll(pair, -1, axis=0) << np.uint32(16)).ravel())
         starts.append(start)
@@ -117,10 +120,9 @@ def _sunlit_relief(rng: np.random.Generator, wind_from_deg: float, config: Appea
         lengths_m = shortest_m, longest_m
         return wavy(shape, SURFACE_TEXEL_M, lengths_m, 2.0, rng, stretch=stretch, angle=wind, periodic=True)
 
-    drifts, edges, ripples = form(0.15, 3.0, 3.0), -np.abs(form(0.25, 4.0, 4.0)), form(0.03, 0.4, 1.6)
-    shading = (
-        0.055 * _shading(drifts, config) + 0.035 * _shading(edges, config) + 0.035 * _shading(ripples, config)
-    )
+    shading = np.float32(0.055) * _shading(form(0.15, 3.0, 3.0), config)  # drifts
+    shading += np.float32(0.035) * _shading(-np.abs(form(0.25, 4.0, 4.0)), config)  # creased edges
+    shading += np.float32(0.035) * _shading(form(0.03, 0.4, 1.6), config)  # ripples
     low_sun = np.tan(np.radians(25.0)) / np.tan(np.radians(config.sun_elevation_deg))
     sunlit: FloatGrid = np.clip(min(low_sun, 2.0) * shading, -0.9, 1.0).astype(np.float32)
     return sunlit
@@ -130,7 +132,7 @@ def _shading(relief: FloatGrid, config: AppearanceConfig) -> FloatGrid:
     """Return the slope towards the sun, with standard deviation 1."""
     to_east, to_north = (np.roll(relief, -1, axis) - np.roll(relief, 1, axis) for axis in (1, 0))
     sun = sun_direction(config)
-    slope = -(to_east * sun[0] + to_north * sun[1])
+    slope = -(to_east * np.float32(sun[0]) + to_north * np.float32(sun[1]))
     return np.asarray(slope / max(float(slope.std()), 1e-9), dtype=np.float32)
 
 

@@ -34,8 +34,8 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
     rng = stream(seed, "appearance", "backdrop")
     tangent = (np.arange(_COLUMNS) + 0.5) / _COLUMNS * 2.0 - 1.0
     azimuth = np.concatenate([0.5 * np.pi * face + np.arctan(tangent) for face in range(4)])
-    elevation = np.degrees(np.arctan(np.linspace(*_SLOPES, _ROWS)))[:, None]
-    crest = _crest(azimuth, config.ridges_deg, rng)
+    elevation = np.degrees(np.arctan(np.linspace(*_SLOPES, _ROWS))).astype(np.float32)[:, None]
+    crest = _crest(azimuth, config.ridges_deg, rng).astype(np.float32)
     rock = _mountainside(azimuth, elevation, crest, rng)
     clear = math.exp(-config.ridges_distance_m / (6.0 * config.haze_m))
     sky = np.broadcast_to(0.62 + 0.30 * np.exp(-np.maximum(elevation, 0.0) / 18.0), rock.shape)

@@ -57,17 +57,20 @@ def add_shadow_and_water(
 ) -> None:
     """Correct the few pixels that lie in the rover's shadow or on water."""
     has_box = light.box_half_m[0] > 0.0
+    around = (light.box_half_m**2).sum() + 0.1
     for k in range(n):
-        shadowed = has_box and at.range_m[k] < OWN_SHADOW_REACH_M
-        if not shadowed and at.water[k] < 0.001:
+        c, shadow = at.pixel[k], 0.0
+        if has_box and at.range_m[k] < OWN_SHADOW_REACH_M:
+            # Only what lies near the line from the sun through the box can be in its shadow.
+            x = origin[0] + rays.ux[c] * at.range_m[k] - light.box_centre[0]
+            y = origin[1] + rays.uy[c] * at.range_m[k] - light.box_centre[1]
+            z = rays.z[c] - light.box_centre[2]
+            along = x * light.sun[0] + y * light.sun[1] + z * light.sun[2]
+            if x * x + y * y + z * z - along * along < around:
+                shadow = _box_shadow(x, y, z, light)
+        if shadow <= 0.0 and at.water[k] < 0.001:
             continue
-        c = at.pixel[k]
-        direct = float(at.direct[k])
-        if shadowed:
-            x, y = origin[0] + rays.ux[c] * at.range_m[k], origin[1] + rays.uy[c] * at.range_m[k]
-            direct *= 1.0 - _box_shadow(x, y, float(rays.z[c]), light)
-            if direct == at.direct[k] and at.water[k] < 0.001:
-                continue
+        direct = at.direct[k] * (1.0 - shadow)
         texture = float(at.texture[k])
         shaded = max(at.ambient[k] + light.in_shade * at.ambient[k] * texture, 0.0)
         radiance = direct * max(0.0, 1.0 + texture) + shaded
@@ -81,10 +84,9 @@ def add_shadow_and_water(
 
 
 @scalar
-def _box_shadow(x: float, y: float, z: float, light: Light) -> float:
-    """Share of the sun that the box hides from a place: the length of the sun's ray inside it, made soft."""
+def _box_shadow(px: float, py: float, pz: float, light: Light) -> float:
+    """Share of the sun that the box hides from a place, counted from its middle: the length of the sun's ray inside it, made soft."""
     rotation, sun = light.box_rotation, light.sun
-    px, py, pz = x - light.box_centre[0], y - light.box_centre[1], z - light.box_centre[2]
     enters, leaves = -1e9, 1e9
     for axis in range(3):
         speed = rotation[0, axis] * sun[0] + rotation[1, axis] * sun[1] + rotation[2, axis] * sun[2]

@@ -104,6 +104,7 @@ class Renderer:
         self.scene = _scene(terrain, self._datum, appearance, wind_from_deg, seed)
         self._sensor = Sensor(imaging or ImagingConfig(), camera, seed)
         self._table = np.zeros((max(256, camera.width), max(256, int(2.4 * camera.height))), np.float32)
+        self._radiance, self._depth = (np.zeros(self._lens.x.shape, np.float32) for _ in range(2))
         self._ranges = sample_ranges(float(np.hypot(*terrain.height.shape)) * terrain.step_m)
 
     def render(
@@ -193,7 +194,7 @@ class Renderer:
     def trace(
         self, first: FloatArray, last: FloatArray | None, box: RoverBox | None, *, shaded: bool
     ) -> tuple[Floats, Floats]:
-        """Return radiance before the sensor, and depth (-1 for the backdrop), of every pixel."""
+        """Return radiance before the sensor, and depth (-1 for the backdrop), of every pixel: valid until the next call."""
         poses = [self._local(pose) for pose in ([first] if last is None else [first, last])]
         rotations, origins = _row_poses(poses, self.camera.height)
         middle = self.camera.height // 2
@@ -201,8 +202,7 @@ class Renderer:
         view = view_of(directions, rotations[middle][:, 2], *self._table.shape)
         slopes = row_slopes(view, self._table.shape[1])
         share_out(sweep, self.scene.surface, origins[middle], view, self._ranges, slopes, self._table)
-        radiance = np.empty(self._lens.x.shape, np.float32)
-        depth = np.empty_like(radiance)
+        radiance, depth = self._radiance, self._depth  # fresh pages would cost a millisecond
         share_out(
             render_rows,
             self._lens,
@@ -265,17 +265,14 @@ def _lens(camera: Camera) -> Lens:
 def _scene(
     terrain: FineTerrain, datum: float, look: AppearanceConfig, wind_from_deg: float, seed: int
 ) -> Scene:
-    surface = surface_of(terrain, datum)
-    patches = snow_patches(terrain.height.shape, terrain.step_m, look, seed)
     rows, columns = terrain.height.shape
     centre = 0.5 * terrain.step_m * np.array([columns - 1, rows - 1])
-    return Scene(
-        surface,
-        ground_map(terrain, surface.height, patches, look),
-        _texture(surface_tile(look, wind_from_deg, seed)),
-        _texture(grain_tile(look, seed)),
-        backdrop(look, centre, seed),
-    )
+    # What needs much memory while it is made comes first.
+    scenery = backdrop(look, centre, seed)
+    snow, grain = _texture(surface_tile(look, wind_from_deg, seed)), _texture(grain_tile(look, seed))
+    surface = surface_of(terrain, datum)
+    patches = snow_patches((rows, columns), terrain.step_m, look, seed)
+    return Scene(surface, ground_map(terrain, surface.height, patches, look), snow, grain, scenery)
 
 
 def _texture(tile: Tile) -> Texture:

@@ -53,9 +53,9 @@ def glacier_fig4(folder: Path, *, quick: bool, progress: Progress) -> None:
     for number, (name, sky) in enumerate(skies.items()):
         progress("snow of 3 % contrast under several skies", number, len(skies))
         scenes[name] = at_contrast(sky, _FIRST_SEED + number)
-    rows = list(_clahe_rows(scenes, 2 if quick else 6, progress))
+    rows = list(_clahe_rows(scenes, 2 if quick else 4, progress))
     _write_csv(folder / "clahe.csv", rows)
-    lengths = list(_baseline_rows(scenes, 1 if quick else 3, progress))
+    lengths = list(_baseline_rows(scenes, 1 if quick else 2, progress))
     _write_csv(folder / "match_length.csv", lengths)
     _write_figure(folder / "clahe.png", clahe_figure(rows, lengths))
     _write_picture(folder / "snow.png", _side_by_side([scene.frame(0)[0] for scene in scenes.values()]))
