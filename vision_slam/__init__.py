@@ -2,6 +2,18 @@
 
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import TrajectoryError, trajectory_error
+from vision_slam.particle_filter import ParticleFilter
 from vision_slam.pipeline import localize
+from vision_slam.visual_config import VisualOdometryConfig
+from vision_slam.visual_slam import VisualSlam, visual_odometry
 
-__all__ = ["LocalizationConfig", "TrajectoryError", "localize", "trajectory_error"]
+__all__ = [
+    "LocalizationConfig",
+    "ParticleFilter",
+    "TrajectoryError",
+    "VisualOdometryConfig",
+    "VisualSlam",
+    "localize",
+    "trajectory_error",
+    "visual_odometry",
+]

@@ -233,7 +233,7 @@ class Consistency:
 
 
 def consistency(errors: FloatArray, covariances: FloatArray, probability: float = 0.95) -> Consistency:
-    """Judge errors (N, D) by the covariances (N, D, D) that were claimed for them (NEES; NIS of innovations).
+    """Judge errors (N, D) by the covariances (N, D, D) that were claimed for them.
 
     The errors must be of independent runs: poses of one drive share their drift, and the
     band would be far too narrow for them.

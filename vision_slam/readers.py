@@ -151,8 +151,8 @@ def _tum(place: Path) -> ImageSequence:
         raise InputError(f"{place / 'rgb.txt'} names no images; get the whole sequence.")
     _all_there(files)
     reference_time_s = reference = None
-    if (place / "groundtruth.txt").is_file():
-        rows = _numbers(place / "groundtruth.txt", 8)
+    for file in sorted(place.glob("ground*.txt"))[:1]:  # the layout's reference poses
+        rows = _numbers(file, 8)
         camera_poses = _posed(rows[:, 1:4], rows[:, 4:8])
         reference_time_s = rows[:, 0]
         reference = camera_poses @ np.linalg.inv(_calibrated(place).T_body_camera)
@@ -175,8 +175,7 @@ def _euroc(place: Path) -> ImageSequence:
             [[float(word) for word in row[:7]] for row in _euroc_rows(place / "imu0" / "data.csv")]
         )
         inertial = Inertial(sensed[:, 0] * 1e-9, sensed[:, 1:4], sensed[:, 4:7])
-    estimate = place / "state_groundtruth_estimate0" / "data.csv"
-    if estimate.is_file():
+    for estimate in sorted(place.glob("state_*_estimate0/data.csv"))[:1]:
         posed = np.array([[float(word) for word in row[:8]] for row in _euroc_rows(estimate)])
         reference_time_s = posed[:, 0] * 1e-9
         reference = _posed(posed[:, 1:4], posed[:, [5, 6, 7, 4]])

@@ -23,12 +23,14 @@ def sighted(
     """Triangulate every track that was seen often and near enough, relative to its last keyframe's body.
 
     Its covariance is that of pixels and of poses together, since the poses within the
-    window are themselves estimates: with Λ = Σ JᵀJ the information of the rays, h(φ) the
-    turn of the arm o by the attitude error between the poses and s the window's scale,
+    window are themselves estimates: with Λ = Σ JᵀJ the information of the rays about the
+    place, σ the pixel's angle, o the arm from the body, φ the attitude error between the
+    poses and s that of the window's scale,
 
         C = (k σ)² Λ⁻¹ + φ² (|o|² I − o oᵀ) + s² o oᵀ + f² I
 
-    where k, φ, s and the floor f were calibrated on drives whose places are known (`VisualOdometryConfig`).
+    where k, φ, s and the floor f are those of `VisualOdometryConfig`, calibrated on a drive
+    over ground that is known. A landmark's error is not independent of its neighbours'.
     """
     focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
     angle_sigma = config.pixel_sigma / focal_px

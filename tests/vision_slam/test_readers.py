@@ -164,3 +164,14 @@ def test_tables_of_fixes_in_degrees_and_in_metres(tmp_path: Path) -> None:
     )
     assert read_gps(tmp_path / "m.csv", UTM).position[1].tolist() == [500001.0, 6470000.0, 5.0]
     assert read_gps(tmp_path / "d.csv", UTM).position[0, 0] == pytest.approx(500000.0, abs=1e-3)
+
+
+def test_tum_layout_brings_its_reference_poses(tmp_path: Path) -> None:
+    (tmp_path / "rgb").mkdir()
+    cv2.imwrite(str(tmp_path / "rgb" / "0.png"), np.zeros((4, 6, 3), np.uint8))
+    (tmp_path / "rgb.txt").write_text("1.0 rgb/0.png\n")
+    (tmp_path / "groundtruth.txt").write_text("# header\n1.0 1 2 3 0 0 0 1\n2.0 2 2 3 0 0 0 1\n")
+    _camera(tmp_path)
+    sequence = read_sequence(tmp_path)
+    assert sequence.reference is not None
+    assert sequence.reference[1, :3, 3].tolist() == [2.0, 2.0, 3.0]

@@ -1,0 +1,53 @@
+"""``firnline localize`` on someone else's images, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sim.cli.main import app
+
+
+@pytest.fixture
+def street(tmp_path: Path) -> Path:
+    """Five images in KITTI's layout, of a speckled wall 12 m ahead that comes nearer by 0.5 m each time."""
+    folder = tmp_path / "street"
+    (folder / "image_0").mkdir(parents=True)
+    speckle = cv2.GaussianBlur(
+        np.random.default_rng(1).normal(size=(400, 600)).astype(np.float32), (0, 0), 2.0
+    )
+    wall = (128 + 40 * speckle / speckle.std()).clip(0, 255).astype(np.uint8)
+    for k in range(5):
+        zoom = 12.0 / (12.0 - 0.5 * k)
+        grown = np.array([[zoom, 0.0, 160 - 300 * zoom], [0.0, zoom, 120 - 200 * zoom]])
+        cv2.imwrite(str(folder / "image_0" / f"{k:06d}.png"), cv2.warpAffine(wall, grown, (320, 240)))
+    (folder / "calib.txt").write_text("P0: 240 0 160 0 0 240 120 0 0 0 1 0")
+    (folder / "poses.txt").write_text("\n".join(f"1 0 0 0 0 1 0 0 0 0 1 {0.5 * k}" for k in range(5)))
+    return folder
+
+
+def test_writes_path_and_health_of_a_foreign_sequence(street: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["localize", str(street), "--scale-from", "1", "-o", str(out), "-q", "--json"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["poses"] == 5
+    # A wall tells little of sideways motion from turning: a tenth of the 2 m.
+    assert told["end_error_m"] < 0.2
+    assert (out / "trajectory.tum").is_file()
+    assert len((out / "health.csv").read_text().splitlines()) == 6
+    again = CliRunner().invoke(app, words)
+    assert again.exit_code == 3
+    assert "--force" in again.stderr
+
+
+def test_fixes_without_a_crs_are_a_wrong_configuration(street: Path, tmp_path: Path) -> None:
+    result = CliRunner().invoke(
+        app, ["localize", str(street), "--gps", "a.csv", "-o", str(tmp_path / "o"), "-q"]
+    )
+    assert result.exit_code == 4
+    assert "--crs" in result.stderr
