@@ -198,7 +198,7 @@ def _built(
     return data, factors, inverse_bound, cholesky(matrix)
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, inline="always")
 def _relax(step: float, inverse: FloatArray, rhs: FloatArray, applied: FloatArray, z: FloatArray) -> None:
     for j in range(z.shape[0]):
         for i in range(z.shape[1]):
@@ -222,9 +222,9 @@ def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None
     shapes = levels.shapes
     rhs, z, work = _grid(room[0], shapes, k), _grid(room[1], shapes, k), _grid(room[2], shapes, k)
     inverse = _grid(levels.inverse_bound, shapes, k)
-    z[:] = 0.0
-    work[:] = 0.0
-    _relax(_STEPS[0], inverse, rhs, work, z)
+    for j in range(z.shape[0]):
+        for i in range(z.shape[1]):
+            z[j, i] = _STEPS[0] * inverse[j, i] * rhs[j, i]
     _apply_at(k, operator, levels, z, work)
     _relax(_STEPS[1], inverse, rhs, work, z)
     _apply_at(k, operator, levels, z, work)
@@ -268,7 +268,7 @@ def cycle(
     clear(result, levels.rim)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _advance(
     step: float, direction: FloatArray, applied: FloatArray, z: FloatArray, residual: FloatArray
 ) -> None:

@@ -2,7 +2,8 @@
 
 Arrays are (rows, columns) with the row counting northwards and the column eastwards. The data
 stencil holds, for every node, its own weight and the couplings to its neighbours in the
-east, north, north-east and north-west; the others follow by symmetry.
+east, north, north-east and north-west; the others follow by symmetry. Sums are not reordered
+(no fast math): the same map has the same bytes whatever was compiled before it.
 """
 
 import numpy as np
@@ -122,7 +123,7 @@ def add_moments_of_sums(stencil: FloatArray, rhs: FloatArray, moments: FloatArra
     moments[1, 0], moments[2, 0], moments[2, 1] = moments[0, 1], moments[0, 2], moments[1, 2]
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, inline="always")
 def _add_data_row(stencil: FloatArray, z: FloatArray, j: int, out: FloatArray) -> None:
     """Add the data's couplings of row j with itself and its neighbours."""
     rows, columns = z.shape
@@ -148,7 +149,7 @@ def _add_data_row(stencil: FloatArray, z: FloatArray, j: int, out: FloatArray) -
         )
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _add_membrane_row(membrane: float, z: FloatArray, j: int, out: FloatArray) -> None:
     """Add what springs between neighbours pull on row j."""
     rows, columns = z.shape
@@ -165,7 +166,7 @@ def _add_membrane_row(membrane: float, z: FloatArray, j: int, out: FloatArray) -
             row[i] += membrane * (z[j, i] - z[j - 1, i])
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _bend_along(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArray) -> None:
     """Fill into[2:-2] with the moments of the east-west curvature along row j; none at the ends."""
     columns = z.shape[1]
@@ -176,7 +177,7 @@ def _bend_along(plate: float, soft: FloatArray, z: FloatArray, j: int, into: Flo
             into[i + 1] *= soft[0, j, i]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _bend_across(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArray) -> None:
     """Fill a row with the moments of the north-south curvature at row j; none on the first and last row."""
     rows, columns = z.shape
@@ -191,7 +192,7 @@ def _bend_across(plate: float, soft: FloatArray, z: FloatArray, j: int, into: Fl
             into[i] *= soft[1, j, i]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _twist(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArray) -> None:
     """Fill into[1:] with the moments of the twist of the cells between rows j and j + 1; none beyond the ends."""
     rows, columns = z.shape
@@ -206,7 +207,7 @@ def _twist(plate: float, soft: FloatArray, z: FloatArray, j: int, into: FloatArr
             into[i + 1] *= soft[2, j, i]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def apply(stencil: FloatArray, weights: Weights, soft: FloatArray, z: FloatArray, out: FloatArray) -> None:
     """Set ``out = (data + plate · thin plate + membrane · springs + mass) z``, boundaries free.
 
@@ -232,7 +233,7 @@ def apply(stencil: FloatArray, weights: Weights, soft: FloatArray, z: FloatArray
             _add_data_row(stencil, z, j, out)
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, inline="always")
 def _prior_of_inner_row(weights: Weights, z: FloatArray, j: int, out: FloatArray) -> None:
     """Set the prior's part of a row that is two nodes or more from the edge, between columns 2 and -3."""
     plate, membrane, mass = weights
@@ -249,7 +250,7 @@ def _prior_of_inner_row(weights: Weights, z: FloatArray, j: int, out: FloatArray
         )
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, inline="always")
 def _outermost(weights: Weights, a: Line, before: Line, after: Line, ends: float) -> float:
     """Return the prior's part at a node on an edge.
 
@@ -264,7 +265,7 @@ def _outermost(weights: Weights, a: Line, before: Line, after: Line, ends: float
     return plate * (inwards + ends - 4.0 * along + 6.0 * a[0] + twist) + membrane * springs + mass * a[0]
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, inline="always")
 def _next_to_edge(weights: Weights, a: Line, before: Line, after: Line, ends: float) -> float:
     """Return the prior's part at a node one step from an edge; the heights as for `_outermost`."""
     plate, membrane, mass = weights
@@ -276,7 +277,7 @@ def _next_to_edge(weights: Weights, a: Line, before: Line, after: Line, ends: fl
     return plate * (inwards + ends - 4.0 * along + 6.0 * a[1] + twist) + membrane * springs + mass * a[1]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _prior_of_edge_rows(weights: Weights, z: FloatArray, out: FloatArray) -> None:
     """Set the prior's part of the two rows at either edge, corners apart."""
     rows, columns = z.shape
@@ -291,7 +292,7 @@ def _prior_of_edge_rows(weights: Weights, z: FloatArray, out: FloatArray) -> Non
             inner[i] = _next_to_edge(weights, a, west, east, q[i - 2] + q[i + 2])
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, inline="always")
 def _prior_of_row_ends(weights: Weights, z: FloatArray, j: int, out: FloatArray) -> None:
     """Set the prior's part of the two nodes at either end of a row that is not at an edge itself."""
     columns = z.shape[1]
@@ -331,7 +332,7 @@ def _prior_at_node(weights: Weights, z: FloatArray, j: int, i: int) -> float:
     return float(total)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def _apply_by_bends(
     stencil: FloatArray, weights: Weights, soft: FloatArray, z: FloatArray, out: FloatArray
 ) -> None:
