@@ -102,7 +102,7 @@ def undisturbed(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.reliability
 def test_killed_parents_and_workers_change_no_byte(tmp_path):
-    (tmp_path / "s.toml").write_text(STUDY.format(trials=600))
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=400))
     killed_again_and_again(tmp_path, 3)
     assert bytes_of(tmp_path / "runs" / "killed") == undisturbed(tmp_path)
 
@@ -112,7 +112,7 @@ def test_killed_parents_and_workers_change_no_byte(tmp_path):
     "FIRNLINE_KILLS" not in os.environ, reason="set FIRNLINE_KILLS to a number of kills, e.g. 20"
 )
 def test_many_kills_change_no_byte(tmp_path):
-    (tmp_path / "s.toml").write_text(STUDY.format(trials=6000))
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=1500))
     killed_again_and_again(tmp_path, int(os.environ["FIRNLINE_KILLS"]))
     assert bytes_of(tmp_path / "runs" / "killed") == undisturbed(tmp_path)
 
