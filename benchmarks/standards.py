@@ -64,7 +64,7 @@ def _judge() -> Iterator[Row]:
 
 
 def _volume(quick: bool) -> Iterator[Row]:
-    n = 30 if quick else 200
+    n = 100 if quick else 200
     seeds = range(_FIRST_SEED, _FIRST_SEED + n)
     yield from _interval("rasters, variogram", [raster_pair(seed, World()) for seed in seeds])
     yield from _interval("terrain models, joint posterior", [model_pair(seed) for seed in seeds])
