@@ -35,7 +35,7 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
     tangent = (np.arange(_COLUMNS) + 0.5) / _COLUMNS * 2.0 - 1.0
     azimuth = np.concatenate([0.5 * np.pi * face + np.arctan(tangent) for face in range(4)])
     elevation = np.degrees(np.arctan(np.linspace(*_SLOPES, _ROWS))).astype(np.float32)[:, None]
-    crest = _crest(azimuth, config.ridges_deg, rng).astype(np.float32)
+    crest = _crest(azimuth, config.ridges_deg, rng)
     rock = _mountainside(azimuth, elevation, crest, rng)
     clear = math.exp(-config.ridges_distance_m / (6.0 * config.haze_m))
     sky = np.broadcast_to(0.62 + 0.30 * np.exp(-np.maximum(elevation, 0.0) / 18.0), rock.shape)
@@ -47,14 +47,13 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
     return Backdrop(faces, config.ridges_distance_m, float(centre[0]), float(centre[1]))
 
 
-def _crest(azimuth: Doubles, mean_deg: float, rng: np.random.Generator) -> Doubles:
+def _crest(azimuth: Doubles, mean_deg: float, rng: np.random.Generator) -> Floats:
     """Elevation of the ridge line at each azimuth [deg]: peaks with concave sides."""
     waves = sum(a * np.abs(np.sin(0.5 * k * azimuth + rng.uniform(0.0, np.pi))) for k, a in _WAVES)
-    crest: Doubles = np.maximum(mean_deg * (1.75 - waves), 0.15 * mean_deg)
-    return crest
+    return np.asarray(np.maximum(mean_deg * (1.75 - waves), 0.15 * mean_deg), dtype=np.float32)
 
 
-def _mountainside(azimuth: Doubles, elevation: Doubles, crest: Doubles, rng: np.random.Generator) -> Doubles:
+def _mountainside(azimuth: Doubles, elevation: Floats, crest: Floats, rng: np.random.Generator) -> Floats:
     """Radiance of sunlit rock and of the snow on it, of which there is more higher up."""
     texel_deg = 0.1
     relief = wavy((512, 3600), texel_deg, (0.3, 25.0), 2.0, rng, stretch=0.6, periodic=True)
@@ -69,7 +68,7 @@ def _mountainside(azimuth: Doubles, elevation: Doubles, crest: Doubles, rng: np.
     below = np.clip((crest - elevation) / np.maximum(crest, 0.1), -2.0, 2.0)
     cover = 1.0 / (1.0 + np.exp(-6.0 * (snow + 0.6 * shade + 0.8 - 1.6 * below)))
     rock, white = np.clip(0.40 + 0.09 * shade, 0.15, 0.7), np.clip(0.80 + 0.07 * shade, 0.5, 1.0)
-    side: Doubles = rock * (1.0 - cover) + white * cover
+    side: Floats = rock * (1.0 - cover) + white * cover
     return side
 
 

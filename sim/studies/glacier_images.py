@@ -280,14 +280,14 @@ def _verdicts(
 def _comparison(photographs: Sequence[Image], rendered: Sequence[Image]) -> Image:
     pairs = [(p[-320:, :], r[-320:, :]) for p, r in zip(photographs, rendered, strict=False)][:3]
     return np.vstack(
-        [cv2.resize(np.hstack(pair), (800, 200), interpolation=cv2.INTER_AREA) for pair in pairs]
+        [cv2.resize(np.hstack(pair), (720, 180), interpolation=cv2.INTER_AREA) for pair in pairs]
     )
 
 
 def _side_by_side(images: Sequence[Image]) -> Image:
     """Return images as taken (left) and after CLAHE (right), one below the other."""
     pairs = [np.hstack([image, clahe(image)])[80:] for image in images[:3]]
-    return np.vstack([cv2.resize(pair, (800, 250), interpolation=cv2.INTER_AREA) for pair in pairs])
+    return np.vstack([cv2.resize(pair, (720, 225), interpolation=cv2.INTER_AREA) for pair in pairs])
 
 
 def _write_picture(path: Path, picture: Image) -> None:
