@@ -54,8 +54,8 @@ def localize(
     """
     settings = config or LocalizationConfig()
     if recording.odometry is None and recording.frames is not None:
-        recording, _ = with_visual_odometry(recording)
-        settings = _for_images(settings)
+        trajectory, points, _ = localize_by_images(recording, settings)
+        return trajectory, points
     if recording.odometry is None:
         return _kinematic_survey(recording, settings)
     if recording.sightings is None:
@@ -65,6 +65,26 @@ def localize(
     reckoned = dead_reckoning(recording.odometry, recording.start)
     path = smooth(recording, reckoned, settings)
     return _trajectory(recording, path), placed_landmarks(recording, path, settings)
+
+
+def localize_by_images(
+    recording: Recording,
+    config: LocalizationConfig | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> tuple[Trajectory, SurfacePoints, VisualOdometry]:
+    """Localize a recording whose images have not been processed yet; tell also how they were.
+
+    Where the images were blind for too long the trajectory's health is 0.
+
+    Raises
+    ------
+    InputError
+        No images, fewer than two, images that do not fit their calibration, or no landmark
+        passes the gates.
+    """
+    seen, found = with_visual_odometry(recording, progress=progress)
+    trajectory, points = localize(seen, _for_images(config or LocalizationConfig()))
+    return replace(trajectory, health=1.0 - found.is_lost), points, found
 
 
 def with_visual_odometry(

@@ -68,12 +68,13 @@ def _of_recording(recording: "Recording", out: Path, progress: Any) -> dict[str,
     """Localize in the world and write trajectory, track, landmarks and, of images, their health."""
     from survey.io.tracks import write_track
     from vision_slam.pipeline import localize as estimate
-    from vision_slam.pipeline import with_visual_odometry
+    from vision_slam.pipeline import localize_by_images
 
-    health = None
+    found = None
     if recording.odometry is None and recording.frames is not None:
-        recording, health = with_visual_odometry(recording, progress=progress)
-    trajectory, points = estimate(recording)
+        trajectory, points, found = localize_by_images(recording, progress=progress)
+    else:
+        trajectory, points = estimate(recording)
     out.mkdir(parents=True, exist_ok=True)
     trajectory.write(out / "trajectory.tum")
     trajectory.write(out / "trajectory.csv")
@@ -84,8 +85,8 @@ def _of_recording(recording: "Recording", out: Path, progress: Any) -> dict[str,
         "length_m": trajectory.length_m,
         "landmarks": len(points.xyz),
     }
-    if health is not None:
-        told |= _health_written(health, out)
+    if found is not None:
+        told |= _health_written(found, out)
     return told
 
 

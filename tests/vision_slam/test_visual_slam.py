@@ -227,6 +227,7 @@ def test_localize_turns_images_into_a_path_and_landmarks(plane_world: object, ca
     )  # fmt: skip
     config = LocalizationConfig(gps_bias_sigma_m=0.01, gps_white_sigma_m=0.01, landmark_min_range_m=0.5)
     trajectory, points = localize(recording, config)
+    assert trajectory.health.all()
     assert np.linalg.norm(trajectory.position - place, axis=1).max() < 0.03
     assert abs(np.median(points.xyz[:, 2]) - 100.0) < 0.03
     assert len(points.xyz) > 100
