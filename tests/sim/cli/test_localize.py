@@ -6,9 +6,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pyproj import CRS
 from typer.testing import CliRunner
 
 from sim.cli.main import app
+from survey.recording import Recording
+from survey.sensors import GpsFixes, Odometry, Sightings
 
 
 @pytest.fixture
@@ -51,3 +54,28 @@ def test_fixes_without_a_crs_are_a_wrong_configuration(street: Path, tmp_path: P
     )
     assert result.exit_code == 4
     assert "--crs" in result.stderr
+
+
+def test_localizes_an_own_recording(tmp_path: Path) -> None:
+    n = 30
+    times = np.arange(float(n))
+    place = np.column_stack([times, np.zeros(n), np.zeros(n)]) + [5e5, 6e6, 100.0]
+    odometry = Odometry(times, np.tile([1.0, 0.0, 0.0], (n - 1, 1)), np.zeros((n, 3)))
+    ahead = np.tile([3.0, 1.0, -0.1], (n, 1))
+    sightings = Sightings(np.arange(n), ahead, np.tile(1e-4 * np.eye(3), (n, 1, 1)), np.full(n, 8.0))
+    recording = Recording(
+        crs=CRS.from_epsg(32608),
+        start=place[0],
+        gps=GpsFixes(times, place),
+        odometry=odometry,
+        sightings=sightings,
+    )
+    recording.write(tmp_path / "recording")
+    out = tmp_path / "out"
+    result = CliRunner().invoke(
+        app, ["localize", str(tmp_path / "recording"), "-o", str(out), "-q", "--json"]
+    )
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["landmarks"] == n
+    names = {file.name for file in out.iterdir()}
+    assert {"trajectory.tum", "trajectory.csv", "track.gpkg", "landmarks.csv"} <= names
