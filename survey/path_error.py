@@ -166,7 +166,7 @@ class PathError:
 
     def write(self, path: str | Path) -> None:
         """Write one compressed ``.npz`` file; equal errors give equal bytes."""
-        upper = sparse.triu(self.information, format="coo")
+        upper = sparse.coo_array(sparse.triu(self.information))
         with replacing(path) as draft, draft.open("wb") as file:
             np.savez_compressed(
                 file,
