@@ -15,7 +15,7 @@ from sim.studies.emap_world import (
     utilities,
     weighted_mse_cm2,
 )
-from survey.arrays import BoolArray, FloatArray
+from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.reconstruction.field_lattice import FieldLattice
 from survey.reconstruction.lattice import NodeWindow
 from survey.reconstruction.lattice_config import FieldLatticeConfig, SpringLatticeConfig
@@ -138,9 +138,9 @@ class _HitNodes:
         return found
 
 
-def _keys(xy: FloatArray) -> FloatArray:
+def _keys(xy: FloatArray) -> IntArray:
     cells = np.round(xy / STEP_M).astype(np.int64)
-    keys: FloatArray = cells[:, 0] * (1 << 32) + cells[:, 1]
+    keys: IntArray = cells[:, 0] * (1 << 32) + cells[:, 1]
     return keys
 
 

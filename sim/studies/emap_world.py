@@ -12,6 +12,7 @@ from scipy.special import erf
 
 from survey.arrays import BoolArray, FloatArray
 from survey.errors import InputError
+from survey.geodesy import projected_crs
 from survey.streams import stream
 from survey.surface_points import SurfacePoints
 
@@ -23,7 +24,7 @@ NOISE_M = 0.05
 SENSOR_HEIGHT_M = 2.0
 N_SCANS, SCAN_STEP_M = 40, 0.5
 N_RUNS = 10
-CRS = "EPSG:32608"
+CRS = projected_crs("EPSG:32608", "the study")
 
 MIDDLE_M, THRESHOLD_M = 6.0, 4.0
 NEAREST_M = 0.25

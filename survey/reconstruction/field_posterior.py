@@ -202,5 +202,6 @@ def _exact_deviations(operator: Operator, n: int, rng: np.random.Generator) -> I
     upper = np.zeros_like(factor)
     for d in range(width + 1):
         upper[width - d, d:] = factor[d, : n_nodes - d]
-    for _ in range(n):
-        yield solve_banded((0, width), upper, rng.standard_normal(n_nodes)).reshape(operator.shape)
+    for normals in rng.standard_normal((n, n_nodes)):
+        deviation: FloatArray = solve_banded((0, int(width)), upper, normals)
+        yield deviation.reshape(operator.shape)

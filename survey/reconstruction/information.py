@@ -100,7 +100,8 @@ def _inverse_of_spread(spread: FloatArray) -> FloatArray:
     if trace < 1e-4:
         return np.zeros((2, 2))
     if determinant < 1e-6 * trace**2:
-        return spread / trace**2
+        along: FloatArray = spread / trace**2
+        return along
     turned = np.array([[spread[1, 1], -spread[0, 1]], [-spread[0, 1], spread[0, 0]]])
     inverse: FloatArray = turned / determinant
     return inverse

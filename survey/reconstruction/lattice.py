@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -126,7 +126,7 @@ class Here(NamedTuple):
 class LatticeModel(TerrainModel):
     """Heights on nodes, bilinear between them, and NaN beyond them."""
 
-    method: str
+    method: ClassVar[str]
     here: Here | None = None
 
     @abstractmethod

@@ -43,7 +43,7 @@ class Preconditioner:
 
     def __init__(self, operator: Operator, rim: Rim = FREE) -> None:
         self.operator = operator
-        self.levels = multigrid.hierarchy(operator, tuple(rim))
+        self.levels = multigrid.hierarchy(operator, (rim.south, rim.north, rim.west, rim.east))
 
     def __call__(self, residual: FloatArray) -> FloatArray:
         """Return roughly A⁻¹ times a residual."""

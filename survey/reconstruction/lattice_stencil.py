@@ -437,7 +437,7 @@ def prior_noise(weights: Weights, soft: FloatArray, normals: FloatArray, out: Fl
 def lumped(stencil: FloatArray) -> FloatArray:
     """Return the sum of each node's row of the data stencil (all its couplings are positive)."""
     rows, columns = stencil.shape[1:]
-    total = stencil[0].copy()
+    total: FloatArray = stencil[0].copy()
     if stencil.shape[0] == 1:
         return total
     for j in range(rows):

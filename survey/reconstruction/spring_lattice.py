@@ -161,7 +161,10 @@ class SpringLattice(LatticeModel):
                 self.config.k_data * count[None].astype(float), (0.0, self.config.k_surface, 0.0)
             )
             displacement, self.n_iterations_ = solve(
-                springs, pull, np.zeros(window.shape), tolerance=self.config.tolerance
+                springs,
+                np.asarray(pull, dtype=np.float64),
+                np.zeros(window.shape),
+                tolerance=self.config.tolerance,
             )
             self.z_ = self.z_ + displacement
             left = residual - displacement.ravel()[node]
@@ -224,8 +227,7 @@ def nearest_nodes(window: NodeWindow, xy: FloatArray) -> tuple[IntArray, npt.NDA
 
 def nearest_nodes_by_tree(window: NodeWindow, xy: FloatArray) -> IntArray:
     """Return the number of each point's nearest node by the paper's k-d tree."""
-    found: IntArray = cKDTree(window.xy).query(xy)[1]
-    return found
+    return np.asarray(cKDTree(window.xy).query(xy)[1], dtype=np.int64)
 
 
 def _edges_continued(z: FloatArray) -> FloatArray:

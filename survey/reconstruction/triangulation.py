@@ -115,7 +115,7 @@ class TriangulatedTerrain(TerrainModel):
 
     def update(self, points: SurfacePoints) -> Self:
         """Take in more points, and triangulate all anew."""
-        if self._surface is None:
+        if self._surface is None or self.crs_ is None:
             return self.fit(points)
         same_crs(self.crs_, points.crs, "the map and the points")
         old, new = self._surface.data, Observations.of(points, self.quantity)
