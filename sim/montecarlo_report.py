@@ -66,7 +66,7 @@ def error_curves(families: dict[str, Sequence[Row]], limit_m: float, *, top_m: f
     return figure
 
 
-def draw_curves(axes: Axes, rows: Sequence[Row], x: str, limit_m: float) -> None:
+def draw_curves(axes: Axes, rows: Sequence[Row], x: str, limit_m: float, *, name_limits: bool = True) -> None:
     """Draw the curves of one terrain on logarithmic errors, with the classes' limits."""
     found = curves(rows)
     looks = {planner: ROVERS[i % len(ROVERS)] for i, planner in enumerate(dict.fromkeys(k[1] for k in found))}
@@ -81,19 +81,21 @@ def draw_curves(axes: Axes, rows: Sequence[Row], x: str, limit_m: float) -> None
             at, mean, color=looks[planner], linestyle=dashes[map_name], marker="o", markersize=3, label=label
         )
         axes.fill_between(at, low, high, color=looks[planner], alpha=0.18, linewidth=0)
-    draw_limits(axes, limit_m)
+    draw_limits(axes, limit_m, named=name_limits)
     axes.set_yscale("log")
     axes.grid(visible=True, axis="y")
 
 
-def draw_limits(axes: Axes, limit_m: float) -> None:
-    """Draw the widest limit of every class as a line with its name."""
+def draw_limits(axes: Axes, limit_m: float, *, named: bool = True) -> None:
+    """Draw the widest limit of every class as a line, with its name where there is room."""
     widest = {row.map_class: row.limit_m for row in reversed(map_classes())}
     for name, limit in widest.items():
         chief = abs(limit - limit_m) < 1e-9
         axes.axhline(
             limit, color=INK if chief else MUTED, linewidth=1.2 if chief else 0.6, linestyle=(0, (2, 2))
         )
+        if not named:
+            continue
         axes.annotate(
             f"{name}, {limit:.4f} m",
             (1.0, limit),

@@ -156,17 +156,19 @@ def all_families(rows: Sequence[Row]) -> Figure:
     by_kind: dict[str, list[Row]] = {}
     for row in rows:
         by_kind.setdefault(row["terrain"], []).append(row)
-    figure = Figure(figsize=(FULL_IN, 10.0), layout="constrained")
+    figure = Figure(figsize=(FULL_IN, 7.6), layout="constrained")
     panels = figure.subplots(4, 3, sharex=True, sharey=True).ravel()
     for axes, (name, mine) in zip(panels, by_kind.items(), strict=False):
-        draw_curves(axes, mine, "swaths", LIMIT_M)
+        draw_curves(axes, mine, "swaths", LIMIT_M, name_limits=axes is panels[0])
         axes.set_title(f"{name}\n{_fewest(mine)}", fontsize=8)
     for axes in panels[len(by_kind) :]:
         axes.set_visible(False)
+    for axes in panels[len(by_kind) - 3 : len(by_kind)]:
+        axes.set_xlabel("Swaths")
+        axes.tick_params(labelbottom=True)
     for axes in panels[::3]:
         axes.set_ylabel("Mean RMSE [m]")
     panels[0].set_ylim(0.01, 8.0)
-    figure.supxlabel("Swaths", fontsize=9)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
