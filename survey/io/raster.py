@@ -55,6 +55,11 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
     ------
     InputError
         The file is missing, empty, damaged, of another kind, or has no such band.
+
+    Notes
+    -----
+    A NetCDF file is an HDF5 file, whose library can loop for ever over rare damage to its records: read
+    files of doubtful origin in a process of their own, with a time limit.
     """
     import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
 
