@@ -45,7 +45,7 @@ class StageProgress:
         number = f"{STAGES.index(stage) + 1}/{len(STAGES)}"
         began = time.perf_counter()
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-        with Progress(*columns, console=self._console, transient=True) as bar:
+        with Progress(*columns, console=self._console, transient=True, disable=not self._console.is_terminal) as bar:
             bar.add_task(f"{number} {_DOING[stage]} …", total=None)
             yield
         self.seconds[stage] = time.perf_counter() - began
@@ -64,7 +64,7 @@ def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]
         TimeRemainingColumn(),
     )
     console = Console(stderr=True, quiet=quiet, highlight=False)
-    with Progress(*columns, console=console, transient=True) as bars:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         tasks: dict[str, TaskID] = {}
 
         def tell(what: str, done: int, total: int) -> None:
