@@ -11,9 +11,9 @@ from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.grid import Grid
 from survey.reconstruction.config import GaussianProcessConfig
-from survey.reconstruction.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.kernels import SquaredExponential
-from survey.reconstruction.volume import quadrature
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.kernels import SquaredExponential
+from survey.reconstruction.gp.volume import quadrature
 from survey.scoring.change import VolumeChange, change, change_of_models
 from survey.streams import stream
 from survey.surface_points import SurfacePoints

@@ -15,8 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 import planners
 from survey import Dem, Grid, Route, SurveyArea
 from survey.arrays import FloatArray
-from survey.reconstruction.kernels import Kernel, Matern32, Matern52, SquaredExponential
-from survey.reconstruction.stationary import Stationary
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.stationary import Stationary
 from survey.streams import stream
 from survey.terrain import random_dem
 

@@ -18,8 +18,8 @@ from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
-from survey.reconstruction.kernels import SquaredExponential, Sum
-from survey.reconstruction.process import conditioned
+from survey.reconstruction.gp.kernels import SquaredExponential, Sum
+from survey.reconstruction.gp.process import conditioned
 from survey.streams import stream
 from survey.surface_points import SurfacePoints
 from survey.terrain import ice_micro_relief, random_dem, squared_exponential_field

@@ -31,7 +31,7 @@ from sim.studies.joint_map import (
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.config import JointConfig, SatelliteErrors
-from survey.reconstruction.joint_map import JointTerrain
+from survey.reconstruction.joint.joint_map import JointTerrain
 from vision_slam import localize
 from vision_slam.pipeline import dead_reckoning
 from vision_slam.smoother import smooth

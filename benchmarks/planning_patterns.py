@@ -18,7 +18,7 @@ from benchmarks.equal_error import AREA, FAMILIES, Curve, Family, RouteMaker, cu
 from benchmarks.report import Row, cpu_seconds, main
 from planners.choose import INSET_SHARE
 from survey import Dem, Route
-from survey.reconstruction.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.streams import stream
 from survey.terrain import satellite_copy
 

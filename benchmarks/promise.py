@@ -28,7 +28,7 @@ from planners.promise import Wanted, promise
 from sim.executors import done
 from survey import Dem, Grid, Route, SurveyArea
 from survey.arrays import FloatArray
-from survey.reconstruction.kernel_search import KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import KernelSearch, mapped
 from survey.streams import stream
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells

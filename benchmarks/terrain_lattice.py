@@ -21,11 +21,11 @@ from sim.studies.emap_octomap import OctoMapSurface
 from sim.studies.emap_runs import EMAP, FIELD, OCTOMAP, OCTOMAP_COARSE, SCENARIOS, RunScore, below, run
 from sim.studies.emap_world import N_RUNS, N_SCANS, Drive
 from survey.arrays import FloatArray
-from survey.reconstruction.field_lattice import FieldLattice
-from survey.reconstruction.lattice_config import FieldLatticeConfig
-from survey.reconstruction.lattice_solver import Operator, solve
-from survey.reconstruction.spring_lattice import nearest_nodes
-from survey.reconstruction.stiffness import Stiffness
+from survey.reconstruction.lattice.config import FieldLatticeConfig
+from survey.reconstruction.lattice.field_lattice import FieldLattice
+from survey.reconstruction.lattice.solver import Operator, solve
+from survey.reconstruction.lattice.spring_lattice import nearest_nodes
+from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.surface_points import SurfacePoints
 
 PACKAGES = ("numpy", "scipy", "numba", "octomap-python")
@@ -154,7 +154,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from benchmarks.terrain_lattice import FIXED
-from survey.reconstruction.field_lattice import FieldLattice
+from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.surface_points import SurfacePoints
 n, rng = int(sys.argv[1]), np.random.default_rng(0)
 def fitted(side, n_points):

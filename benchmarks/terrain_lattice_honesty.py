@@ -12,8 +12,8 @@ from sim.studies.emap_world import Drive, sine_hills
 from survey.arrays import BoolArray, FloatArray
 from survey.dem import Dem
 from survey.grid import Grid
-from survey.reconstruction.field_lattice import FieldLattice
-from survey.reconstruction.lattice_calibration import left_out_blocks
+from survey.reconstruction.lattice.calibration import left_out_blocks
+from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.streams import stream
 from survey.surface_points import SurfacePoints
 from survey.terrain.random_fields import fractional_brownian, matern_field, squared_exponential_field

@@ -23,9 +23,9 @@ from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.errors import InputError
-from survey.reconstruction.kernel_search import ALL, Cell, KernelSearch
-from survey.reconstruction.kernels import Kernel
-from survey.reconstruction.stationary import Stationary
+from survey.reconstruction.gp.kernel_search import ALL, Cell, KernelSearch
+from survey.reconstruction.gp.kernels import Kernel
+from survey.reconstruction.gp.stationary import Stationary
 from survey.terrain.conditional import CoarseCells
 
 _NODES_ALONG = 12
@@ -49,7 +49,7 @@ def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> 
 
     Examples
     --------
-    >>> from survey.reconstruction.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> round(localized_noise_m(0.1, 1.0, SquaredExponential(25.0, 100.0)), 3)
     0.122
     """

@@ -12,7 +12,7 @@ from planners.swaths import towards
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.errors import InputError
-from survey.reconstruction.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.dense_gp import DenseGaussianProcess
 from survey.route import Leg
 
 _MOST_TRIED = 6

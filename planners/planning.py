@@ -21,7 +21,7 @@ from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.dem import Dem
 from survey.errors import ConfigError, InputError
-from survey.reconstruction.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 from survey.route import Route
 
 logger = logging.getLogger(__name__)
@@ -57,7 +57,7 @@ def plan(
         route lies on ground of the prior that is too steep or too rough for it.
     fleet : Fleet, optional
         How many rovers, and where they finish.
-    kernel : survey.reconstruction.kernels.Kernel, optional
+    kernel : survey.reconstruction.gp.kernels.Kernel, optional
         Covariance of what is not yet known of the terrain. Patterns that need one fit it
         to the prior (`terrain_kernel`) when it is left out.
     noise_m, sample_step_m : float

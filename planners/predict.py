@@ -11,9 +11,9 @@ from survey.errors import ConfigError, InputError
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.config import Family
-from survey.reconstruction.dense_gp import DenseGaussianProcess
-from survey.reconstruction.families import likeliest
-from survey.reconstruction.kernels import Kernel
+from survey.reconstruction.gp.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.families import likeliest
+from survey.reconstruction.gp.kernels import Kernel
 from survey.route import Route
 
 _FAMILIES: tuple[Family, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
@@ -142,7 +142,7 @@ def predict_error(
         What is driven; samples are taken along swaths and transits.
     area : SurveyArea
         Where the map is wanted.
-    kernel : survey.reconstruction.kernels.Kernel
+    kernel : survey.reconstruction.gp.kernels.Kernel
         Covariance of what is not yet known of the terrain [m²].
     noise_m : float
         Standard deviation of a sample [m].
@@ -172,7 +172,7 @@ def predict_error(
     Examples
     --------
     >>> import planners
-    >>> from survey.reconstruction.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.kernels import SquaredExponential
     >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     >>> route = planners.plan(area, None, planners.LawnmowerConfig(swaths=6))
     >>> error = predict_error(route, area, SquaredExponential(30.0, 150.0), noise_m=0.1)

@@ -22,7 +22,7 @@ from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import ConfigError, InputError
 from survey.grid import Grid
-from survey.reconstruction.kernel_search import ALL, KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
 from survey.route import Route
 from survey.scoring.standards import map_classes
 from survey.streams import stream

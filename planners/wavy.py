@@ -7,7 +7,7 @@ from planners.config import WavyConfig
 from planners.swaths import Swath
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
-from survey.reconstruction.kernels import Kernel
+from survey.reconstruction.gp.kernels import Kernel
 
 _POINTS_PER_WAVE = 16
 _MOST_HALVINGS = 5

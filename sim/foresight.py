@@ -21,8 +21,8 @@ from survey.dem import Dem
 from survey.errors import ConfigError, InputError
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.families import likeliest
-from survey.reconstruction.joint_map import JointSolution, JointTerrain
+from survey.reconstruction.gp.families import likeliest
+from survey.reconstruction.joint.joint_map import JointSolution, JointTerrain
 from survey.route import Route
 from vision_slam import localize
 

@@ -133,7 +133,7 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     path = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", area.crs)
     if path.error is not None and config.landmark_errors == "joint" and config.method == "gp":
         # Here, because compiling support costs half a second that other commands need not pay.
-        from survey.reconstruction.joint_map import JointTerrain
+        from survey.reconstruction.joint.joint_map import JointTerrain
 
         found = JointTerrain(path.error, prior, config.gp, config.joint).map(points, grid)
         found.reconstruction.write(folder)

@@ -21,7 +21,7 @@ from sim.config import Family, RoverConfig, SatelliteConfig, SensorConfig
 from survey.config import Section, read_toml, validated, with_overrides
 from survey.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.kernel_search import Family as SearchedKernel
+from survey.reconstruction.gp.kernel_search import Family as SearchedKernel
 from survey.scoring.standards import map_classes
 from vision_slam import LocalizationConfig
 

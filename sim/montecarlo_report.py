@@ -1,6 +1,6 @@
 """The page of a Monte Carlo: curves of error against swaths and distance, with the limits of the classes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +41,7 @@ def write_study_report(folder: Path, study: StudyConfig, rows: Sequence[Row]) ->
 
 
 @styled
-def error_curves(families: dict[str, Sequence[Row]], limit_m: float, *, top_m: float = 5.0) -> Figure:
+def error_curves(families: Mapping[str, Sequence[Row]], limit_m: float, *, top_m: float = 5.0) -> Figure:
     """Draw mean error against swaths and against distance, one row of panels for each terrain.
 
     Parameters

@@ -31,7 +31,7 @@ from sim.statistical import simulate_statistical
 from survey import Dem, Grid, Route, SurveyArea
 from survey.arrays import FloatArray
 from survey.errors import InputError
-from survey.reconstruction.kernel_search import Cell, FoundKernel, KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped
 from survey.streams import stream
 from survey.terrain import ice_micro_relief, random_dem, satellite_copy
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain

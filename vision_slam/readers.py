@@ -185,20 +185,27 @@ def _euroc(place: Path) -> ImageSequence:
 
 
 def _euroc_camera(path: Path) -> Camera:
-    """Pinhole with radial-tangential distortion, on the frame of the inertial unit."""
+    """Pinhole (radial-tangential) or fisheye (equidistant), on the frame of the inertial unit."""
     file = existing_file(path, "the calibration")
     try:
         given = yaml.safe_load(file.read_text(encoding="utf-8").replace("%YAML:1.0", ""))
         fu, fv, cu, cv = (float(value) for value in given["intrinsics"])
         width, height = (int(value) for value in given["resolution"])
-        distortion = np.r_[[float(value) for value in given["distortion_coefficients"]], 0.0]
+        distortion = np.array([float(value) for value in given["distortion_coefficients"]])
+        lens = str(given.get("distortion_model", "radial-tangential"))
         mounted = np.array(given["T_BS"]["data"], dtype=np.float64).reshape(4, 4)
     except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{file} is no EuRoC calibration ({error}); intrinsics, resolution, distortion_coefficients and T_BS were expected."
         ) from error
     matrix = [[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]]
-    return Camera("pinhole", width, height, np.array(matrix), distortion, mounted)
+    if lens == "equidistant":
+        return Camera("fisheye", width, height, np.array(matrix), distortion, mounted)
+    if lens not in {"radial-tangential", "radtan", "plumb_bob"}:
+        raise InputError(
+            f"{file} has the distortion model {lens!r}; radial-tangential or equidistant was expected."
+        )
+    return Camera("pinhole", width, height, np.array(matrix), np.r_[distortion, 0.0][:5], mounted)
 
 
 def _euroc_rows(path: Path) -> list[list[str]]:

@@ -104,7 +104,7 @@ def _models_compared(
 
     from survey import Grid
     from survey.errors import InputError
-    from survey.reconstruction.gp_terrain import GaussianProcessTerrain
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
     from survey.scoring.change import change_of_models
     from survey.scoring.outlines import read_outlines
 

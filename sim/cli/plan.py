@@ -12,7 +12,7 @@ from sim.cli.outcome import refusals_told
 if TYPE_CHECKING:
     import planners
     import survey
-    from survey.reconstruction.kernels import Kernel
+    from survey.reconstruction.gp.kernels import Kernel
 
 
 @refusals_told

@@ -45,7 +45,9 @@ class StageProgress:
         number = f"{STAGES.index(stage) + 1}/{len(STAGES)}"
         began = time.perf_counter()
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-        with Progress(*columns, console=self._console, transient=True, disable=not self._console.is_terminal) as bar:
+        with Progress(
+            *columns, console=self._console, transient=True, disable=not self._console.is_terminal
+        ) as bar:
             bar.add_task(f"{number} {_DOING[stage]} …", total=None)
             yield
         self.seconds[stage] = time.perf_counter() - began

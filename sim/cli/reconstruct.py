@@ -94,7 +94,9 @@ def reconstruct(
             as_json=as_json,
         )
     else:
-        _reconstruct_points(source, prior, 1.0 if grid is None else grid, method, value, crs, sigma, out, as_json=as_json)
+        _reconstruct_points(
+            source, prior, 1.0 if grid is None else grid, method, value, crs, sigma, out, as_json=as_json
+        )
 
 
 def _reconstruct_points(

@@ -23,9 +23,9 @@ def reconstruct_scans(
     """Stream scans into a lattice and write mean, standard deviation, bounds and support."""
     from sim.cli.progress import counted
     from survey.io.scans import Track, read_scans, scan_files
-    from survey.reconstruction.field_lattice import FieldLattice
-    from survey.reconstruction.lattice_config import FieldLatticeConfig, SpringLatticeConfig
-    from survey.reconstruction.spring_lattice import SpringLattice
+    from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
+    from survey.reconstruction.lattice.field_lattice import FieldLattice
+    from survey.reconstruction.lattice.spring_lattice import SpringLattice
 
     files = scan_files(sources)
     track = None if trajectory is None else Track.read(trajectory)

@@ -29,10 +29,10 @@ from sim.studies.emap_world import N_RUNS, N_SCANS, RANGE_M, SCAN_STEP_M, Drive,
 from survey.arrays import FloatArray
 from survey.figures.style import DENSITY, ELEVATION, ERROR, FULL_IN, INK, ROVERS, png_bytes, styled
 from survey.io.files import replacing
-from survey.reconstruction.field_lattice import FieldLattice
-from survey.reconstruction.lattice import NodeWindow
-from survey.reconstruction.lattice_config import FieldLatticeConfig, SpringLatticeConfig
-from survey.reconstruction.spring_lattice import SpringLattice
+from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
+from survey.reconstruction.lattice.field_lattice import FieldLattice
+from survey.reconstruction.lattice.nodes import NodeWindow
+from survey.reconstruction.lattice.spring_lattice import SpringLattice
 
 PAPER = {
     "Raw": (74.6, 45.8),

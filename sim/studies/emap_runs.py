@@ -16,10 +16,10 @@ from sim.studies.emap_world import (
     weighted_mse_cm2,
 )
 from survey.arrays import BoolArray, FloatArray, IntArray
-from survey.reconstruction.field_lattice import FieldLattice
-from survey.reconstruction.lattice import NodeWindow
-from survey.reconstruction.lattice_config import FieldLatticeConfig, SpringLatticeConfig
-from survey.reconstruction.spring_lattice import SpringLattice
+from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
+from survey.reconstruction.lattice.field_lattice import FieldLattice
+from survey.reconstruction.lattice.nodes import NodeWindow
+from survey.reconstruction.lattice.spring_lattice import SpringLattice
 from survey.surface_points import SurfacePoints
 
 STEP_M = 0.25

@@ -28,8 +28,8 @@ from survey.geodesy import projected_crs
 from survey.grid import Grid
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.reconstruction.config import JointConfig, SatelliteErrors
-from survey.reconstruction.joint_map import JointMap, JointTerrain
-from survey.reconstruction.kernels import SquaredExponential
+from survey.reconstruction.gp.kernels import SquaredExponential
+from survey.reconstruction.joint.joint_map import JointMap, JointTerrain
 from survey.sensors import Sightings
 from survey.streams import stream
 from survey.terrain import satellite_copy

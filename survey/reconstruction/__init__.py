@@ -9,8 +9,8 @@ from survey.reconstruction.base import (
     TerrainModel,
 )
 from survey.reconstruction.config import GaussianProcessConfig
-from survey.reconstruction.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.mean import ConstantMean, DemMean, FunctionMean, Mean
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.mean import ConstantMean, DemMean, FunctionMean, Mean
 from survey.reconstruction.reconstruct import reconstruct
 
 __all__ = [

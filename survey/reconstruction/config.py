@@ -5,7 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from survey.config import Section
-from survey.reconstruction.kernels import (
+from survey.reconstruction.gp.kernels import (
     Kernel,
     Matern32,
     Matern52,

@@ -14,8 +14,8 @@ from survey.grid import Grid
 from survey.path_error import PathError
 from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
 from survey.reconstruction.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.mean import Mean
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.triangulation import triangulate
 from survey.surface_points import SurfacePoints
 
@@ -104,7 +104,7 @@ def _joint(
             f"{type(prior).__name__} were given, leave the path out."
         )
     # Here, because compiling support costs half a second that other methods need not pay.
-    from survey.reconstruction.joint_map import JointTerrain
+    from survey.reconstruction.joint.joint_map import JointTerrain
 
     model = JointTerrain(path, prior, config or GaussianProcessConfig(), joint or JointConfig())
     with threadpool_limits(limits=1, user_api="blas"):

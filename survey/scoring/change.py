@@ -14,7 +14,7 @@ from survey.errors import InputError
 from survey.geodesy import same_crs, same_vertical_datum
 from survey.grid import Grid
 from survey.reconstruction.base import ELEVATION, Reconstruction
-from survey.reconstruction.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.scoring.coregistration import Shift, coregister
 from survey.scoring.variogram import LARGEST_CELLS, Variogram, error_of_sum
 

@@ -24,7 +24,7 @@ from scipy.integrate import quad
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.grid import Grid
-from survey.reconstruction.kernels import Matern32
+from survey.reconstruction.gp.kernels import Matern32
 from survey.terrain.random_fields import require_resolved, spectral_field
 
 LONGEST_WAVE_M = 35.0

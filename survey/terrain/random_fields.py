@@ -10,7 +10,7 @@ from survey.arrays import BoolArray, FloatArray
 from survey.dem import Dem
 from survey.errors import InputError
 from survey.grid import Grid
-from survey.reconstruction.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
 
 SpectralDensity = Callable[[FloatArray], FloatArray]
 

@@ -7,7 +7,7 @@ from planners import BestConfig, ErrorModel, LawnmowerConfig, choose, plan
 from planners.choose import inset_lawnmower
 from survey import ConfigError, InputError, SurveyArea
 from survey.config import validated
-from survey.reconstruction.kernels import Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, Matern52, SquaredExponential
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

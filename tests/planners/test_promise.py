@@ -17,8 +17,8 @@ from planners.assurance import (
 from planners.promise import Wanted, promise, reachable_class
 from survey import Dem, Grid, SurveyArea
 from survey.errors import ConfigError, InputError
-from survey.reconstruction.kernel_search import Cell, FoundKernel, mapped
-from survey.reconstruction.kernels import SquaredExponential
+from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, mapped
+from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.streams import stream
 from survey.terrain import random_dem, satellite_copy
 from survey.terrain.conditional import CoarseCells

@@ -6,7 +6,7 @@ from planners import BestConfig, LawnmowerConfig, VarianceDrivenConfig, WavyConf
 from planners.wavy import slope_length_m
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
 from survey.config import validated
-from survey.reconstruction.kernels import Matern32, SquaredExponential
+from survey.reconstruction.gp.kernels import Matern32, SquaredExponential
 
 CRS = "EPSG:32608"
 SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)

@@ -145,7 +145,9 @@ def test_the_command_says_how_many_swaths_and_stakes(capsys, monkeypatch):
     asked = mission().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
     tell_ways(asked, "10", 0.5, as_json=False)
     assert capsys.readouterr().out.startswith("least to drive: 2 swaths: ")
-    monkeypatch.setattr("sim.foresight.ways_to_meet", lambda *_, **__: iter(()))  # none of 24 that would be tried
+    monkeypatch.setattr(
+        "sim.foresight.ways_to_meet", lambda *_, **__: iter(())
+    )  # none of 24 that would be tried
     with pytest.raises(typer.Exit):
         tell_ways(asked, "0.001", 0.5, as_json=False)
     assert "is not foreseen" in capsys.readouterr().err

@@ -128,7 +128,9 @@ def test_others_read_the_recording(drive, tmp_path):
         assert sequence.frames.time_s == pytest.approx(done.recording.frames.time_s, abs=1e-6)
         assert (sequence.frames[2] == done.recording.frames[2]).all()
     assert euroc.inertial.gyro_rad_s == pytest.approx(done.recording.inertial.gyro_rad_s)
+    assert euroc.camera.model == done.recording.camera.model
     assert euroc.camera.matrix == pytest.approx(done.recording.camera.matrix)
+    assert euroc.camera.distortion == pytest.approx(done.recording.camera.distortion)
     assert euroc.reference[-1, :3, 3] == pytest.approx(done.truth.trajectory.position[-1])
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from survey.errors import ConfigError, InputError
 from survey.grid import Grid
-from survey.reconstruction.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
 from survey.terrain import (
     fractional_brownian,
     matern_field,

@@ -10,10 +10,10 @@ from survey.errors import InputError
 from survey.grid import Grid
 from survey.reconstruction.base import TerrainModel
 from survey.reconstruction.config import GaussianProcessConfig
-from survey.reconstruction.field_lattice import FieldLattice
-from survey.reconstruction.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.lattice_config import FieldLatticeConfig, SpringLatticeConfig
-from survey.reconstruction.spring_lattice import SpringLattice
+from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
+from survey.reconstruction.lattice.field_lattice import FieldLattice
+from survey.reconstruction.lattice.spring_lattice import SpringLattice
 from survey.reconstruction.triangulation import TriangulatedTerrain
 from survey.surface_points import SurfacePoints
 

@@ -1,0 +1,339 @@
+"""Terrain as a Gaussian process about a mean: from points to a map that states its own uncertainty."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+from shapely import MultiPolygon, Polygon
+
+from survey.arrays import BoolArray, FloatArray, checked
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.geodesy import UNSTATED, same_crs, same_vertical_datum
+from survey.grid import Grid
+from survey.reconstruction.base import ELEVATION, Capabilities, Reconstruction, TerrainModel, not_fitted
+from survey.reconstruction.config import GaussianProcessConfig
+from survey.reconstruction.gp.calibration import Calibration
+from survey.reconstruction.gp.errors_in_variables import variance_through_slope
+from survey.reconstruction.gp.families import Hyperparameters, likeliest
+from survey.reconstruction.gp.learned import Learned, surface_variance
+from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
+from survey.reconstruction.gp.process import Bounds, Process, conditioned, leave_one_out
+from survey.reconstruction.gp.satellite import with_prior_error
+from survey.reconstruction.gp.volume import Volume, quadrature
+from survey.reconstruction.observations import Observations
+from survey.reconstruction.outliers import Outliers, distrusted
+from survey.surface_points import SurfacePoints
+
+_N_LEAST = 3
+# Places on the site from which the widths of its gaps are taken.
+_N_GAPS = 41
+
+
+@dataclass(frozen=True)
+class GaussianProcessTerrain(TerrainModel):
+    """A terrain model: a mean surface, and a Gaussian process for what differs from it.
+
+    Parameters
+    ----------
+    config : GaussianProcessConfig
+        What to assume and what to fit.
+    prior : Dem or Mean, optional
+        The expected surface; without it a constant or a plane by generalised least squares.
+    engine : {"gp", "dense"}
+        The fast engine or the dense one.
+    quantity : str
+        What is mapped, with its unit.
+    bounds : (xmin, ymin, xmax, ymax), optional
+        Where the model will be asked [m]; the points' extent by default. Points farther
+        from it than its diagonal are not used, and their number is reported.
+
+    Notes
+    -----
+    The terrain is taken to be equally rough everywhere. Errors that points share, such
+    as the drift of a trajectory, are not seen.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> xy = rng.uniform(0.0, 100.0, (60, 2))
+    >>> xyz = np.column_stack([xy, 3.0 * np.sin(xy[:, 0] / 20.0)])
+    >>> config = GaussianProcessConfig(fit=False, variance_m2=9.0, length_scale_m=25.0)
+    >>> model = GaussianProcessTerrain(config).fit(SurfacePoints(xyz, sigma_m=0.05, crs="EPSG:32608"))
+    >>> bool(abs(model.predict([[50.0, 50.0]])[0] - 3.0 * np.sin(2.5)) < 0.2)
+    True
+    """
+
+    capabilities: ClassVar = Capabilities(online=False)
+
+    config: GaussianProcessConfig = field(default_factory=GaussianProcessConfig)
+    prior: Dem | Mean | None = None
+    engine: Literal["gp", "dense"] = "gp"
+    quantity: str = ELEVATION
+    bounds: Bounds | None = None
+    learned_: Learned | None = field(default=None, repr=False)
+    vertical_datum_: str = UNSTATED
+
+    def fit(self, points: SurfacePoints) -> Self:
+        """Learn from points: hyperparameters, the surface, what errs, and an honest scale.
+
+        Raises
+        ------
+        InputError
+            Fewer than three points, none near the site, a prior that does not cover them
+            or is in another system.
+        """
+        near = self._near(points)
+        used = points if near.all() else points.select(near)
+        data = Observations.of(used, self.quantity)
+        mean = self._mean(used)
+        process, found = self._learn(data, mean, data.variance)
+        variance = self._through_slope(used, process, mean, data.variance)
+        if variance is not data.variance:
+            process, found = self._learn(data, mean, variance)
+        z_scores = _z_scores(process)
+        treatment = "kept"
+        if self.config.robust:
+            variance, treatment = distrusted(variance, z_scores), "kept with less weight"
+            process, found = self._learn(data, mean, variance)
+        outliers = Outliers.among(z_scores, np.flatnonzero(near), treatment)
+        calibration = self._calibration(data, mean, variance, found)
+        learned = Learned(process, mean, found, calibration, outliers, int((~near).sum()))
+        return replace(self, learned_=learned, vertical_datum_=used.vertical_datum)
+
+    def update(self, points: SurfacePoints) -> Self:
+        """Return a model that also knows these points, at the same hyperparameters and calibration."""
+        known = self._known
+        data = Observations.of(points, self.quantity)
+        variance = self._through_slope(points, known.process, known.mean, data.variance)
+        return replace(self, learned_=known.updated(data.xy, data.z, variance))
+
+    def _height(self, xy: FloatArray) -> FloatArray:
+        return self._known.height(xy)
+
+    def _std(self, xy: FloatArray) -> FloatArray:
+        return self._known.std(xy)
+
+    def _support(self, xy: FloatArray) -> npt.NDArray[np.uint8]:
+        known = self._known
+        return known.support(known.std(xy), known.nearest_m(xy))
+
+    def grid(self, grid: Grid) -> Reconstruction:
+        """Return the map on the nodes of a grid."""
+        known = self._known
+        mean, std, support = known.on(grid)
+        return Reconstruction(
+            Dem.on(grid, mean, self.vertical_datum_),
+            Dem.on(grid, std, self.vertical_datum_),
+            support,
+            self.engine,
+            known.hyperparameters(),
+            quantity=self.quantity,
+            diagnostics=known.diagnostics(),
+        )
+
+    def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
+        """Draw n surfaces (n, H, W) [m] that agree with the points.
+
+        Notes
+        -----
+        Relief finer than the map (the nugget) and the calibration are not in them.
+        """
+        from survey.reconstruction.gp.map_samples import samples_on_axes
+
+        surfaces = samples_on_axes(self._known.process, grid.x, grid.y, n, rng)
+        return surfaces + self._known.mean.at(grid.xy).reshape(grid.shape)
+
+    def slope(self, grid: Grid) -> tuple[Dem, Dem]:
+        """Return the steepness of the map and its standard deviation on a grid [deg].
+
+        Notes
+        -----
+        To first order, for the scales of the map: relief finer than it is steeper.
+        """
+        from survey.reconstruction.gp.map_samples import steepness_on_axes
+
+        known = self._known
+        slope, std = steepness_on_axes(known.process, grid.x, grid.y, known.mean.gradient(grid.xy))
+        degrees = np.degrees(std / (1.0 + slope**2))
+        return Dem.on(grid, np.degrees(np.arctan(slope))), Dem.on(grid, degrees)
+
+    def volume(self, polygon: Polygon | MultiPolygon, *, base_m: float = 0.0, step_m: float = 2.0) -> Volume:
+        """Return the volume between the surface and a level, over a polygon.
+
+        The errors of neighbouring places are correlated, and that is in the standard
+        deviation, enlarged by the largest calibration factor within the polygon.
+
+        Parameters
+        ----------
+        polygon : shapely.Polygon or shapely.MultiPolygon
+            Within the site.
+        base_m : float
+            Height of the level [m].
+        step_m : float
+            Spacing of the quadrature [m]; a fraction of the shortest length scale.
+        """
+        from survey.reconstruction.gp.map_samples import weighted_sum_of
+
+        known = self._known
+        nodes, weights = quadrature(polygon, step_m)
+        mean, std = weighted_sum_of(known.process, nodes, weights)
+        mean += float(weights @ (known.mean.at(nodes) - base_m))
+        factor = float(known.calibration.at(known.nearest_m(nodes)).max())
+        return Volume(mean, factor * std, float(weights.sum()))
+
+    def forecast(self, xy: npt.ArrayLike, sigma_m: npt.ArrayLike, grid: Grid) -> FloatArray:
+        """Return the standard deviation (H, W) [m] once points at places not yet visited are known.
+
+        No heights are needed. Parameters are the places (N, 2) [m], the standard
+        deviations (N,) expected there [m], and where to forecast.
+        """
+        places = checked(xy, (None, 2), "the places to visit")
+        sigma = np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (len(places),))
+        planned = SurfacePoints(
+            np.column_stack([places, self._known.height(places)]), sigma_m=sigma, crs=grid.crs
+        )
+        return replace(self, quantity=ELEVATION).update(planned)._known.on(grid)[1]
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to one ``.npz`` file; a mean that is a function cannot be written."""
+        from survey.reconstruction.gp.model_file import write_model
+
+        write_model(path, self)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what `save` wrote; the factorization is done again, to the same numbers."""
+        from survey.reconstruction.gp.model_file import read_model
+
+        return read_model(path, cls)
+
+    @property
+    def _known(self) -> Learned:
+        if self.learned_ is None:
+            raise not_fitted()
+        return self.learned_
+
+    def _near(self, points: SurfacePoints) -> BoolArray:
+        """Points that can matter to the site."""
+        if self.bounds is None:
+            near = np.ones(len(points), dtype=bool)
+        else:
+            xmin, ymin, xmax, ymax = self.bounds
+            reach = float(np.hypot(xmax - xmin, ymax - ymin))
+            x, y = points.xy.T
+            near = (x >= xmin - reach) & (x <= xmax + reach) & (y >= ymin - reach) & (y <= ymax + reach)
+        if near.sum() < _N_LEAST:
+            raise InputError(
+                f"{int(near.sum())} of {len(points)} points lie on or near the site; a map needs at least {_N_LEAST}, "
+                "check that points and grid are in the same place and CRS."
+            )
+        return near
+
+    def _mean(self, points: SurfacePoints) -> Mean:
+        if isinstance(self.prior, Dem):
+            same_crs(self.prior.crs, points.crs, "the prior and the points")
+            same_vertical_datum(self.prior.vertical_datum, points.vertical_datum, "the prior and the points")
+            return DemMean(self.prior, self.config.prior_interpolation)
+        return self.prior or ConstantMean(0.0)
+
+    def _learn(self, data: Observations, mean: Mean, variance: FloatArray) -> tuple[Process, Hyperparameters]:
+        """Find the hyperparameters, then the surface."""
+        residual = data.z - mean.at(data.xy)
+        found = self._hyperparameters(data, residual, variance)
+        return self._conditioned(data.xy, residual, variance, found), found
+
+    def _hyperparameters(
+        self, data: Observations, residual: FloatArray, variance: FloatArray
+    ) -> Hyperparameters:
+        if self.config.fit:
+            found = likeliest(data.xy, self._detrended(data.xy, residual), variance, self.config)
+        else:
+            family = "squared-exponential" if self.config.family == "auto" else self.config.family
+            found = Hyperparameters(family, self.config.kernel(), self.config.nugget_m or 0.0, 0.0)
+        if isinstance(self.prior, Dem) and self.config.prior_sigma_m:
+            return with_prior_error(found, self.prior.step_m, self.config.prior_sigma_m)
+        return found
+
+    def _detrended(self, xy: FloatArray, residual: FloatArray) -> FloatArray:
+        """Take a plane out, where one is part of the mean, so that it does not pass for a length scale."""
+        if self.prior is not None or self.config.mean == "constant":
+            return residual
+        columns = np.column_stack([np.ones(len(xy)), xy - xy.mean(axis=0)])
+        detrended: FloatArray = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+        return detrended
+
+    def _conditioned(
+        self,
+        xy: FloatArray,
+        residual: FloatArray,
+        variance: FloatArray,
+        found: Hyperparameters,
+        bounds: Bounds | None = None,
+    ) -> Process:
+        if (
+            self.prior is None
+            and self.config.mean == "plane"
+            and Observations(xy, residual, variance).on_one_line()
+        ):
+            raise InputError("the points lie on one line and determine no plane; take mean = constant.")
+        return conditioned(
+            self.engine,
+            found.kernel,
+            xy,
+            residual,
+            np.sqrt(variance + found.nugget_m**2),
+            bounds=bounds or self.bounds,
+            trend="none" if self.prior is not None else self.config.mean,
+            config=self.config,
+        )
+
+    def _through_slope(
+        self, points: SurfacePoints, process: Process, mean: Mean, variance: FloatArray
+    ) -> FloatArray:
+        """Carry x-y uncertainty to the height, unless it is not known or not wanted."""
+        wanted = self.config.horizontal_errors == "slope" and self.quantity == ELEVATION
+        if points.covariance is None or not wanted:
+            return variance
+        slope = process.gradient(points.xy) + mean.gradient(points.xy)
+        return variance_through_slope(points.covariance, slope)
+
+    def _calibration(
+        self, data: Observations, mean: Mean, variance: FloatArray, found: Hyperparameters
+    ) -> Calibration:
+        wanted = self.config.fit if self.config.calibrate is None else self.config.calibrate
+        if not wanted:
+            return Calibration.none()
+        residual = data.z - mean.at(data.xy)
+        # Points beyond the grid are held out too.
+        west_south, east_north = data.xy.min(axis=0), data.xy.max(axis=0)
+        if self.bounds is not None:
+            west_south = np.minimum(west_south, self.bounds[:2])
+            east_north = np.maximum(east_north, self.bounds[2:])
+        (xmin, ymin), (xmax, ymax) = west_south.tolist(), east_north.tolist()
+
+        def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+            process = self._conditioned(
+                data.xy[kept], residual[kept], variance[kept], found, bounds=(xmin, ymin, xmax, ymax)
+            )
+            height, spread = process.predict(xy)
+            return height, surface_variance(process, spread, xy) + found.nugget_m**2
+
+        return Calibration.cross_validated(data.xy, residual, variance, predict, self._gaps_m(data.xy))
+
+    def _gaps_m(self, xy: FloatArray) -> FloatArray:
+        """Distances from places all over the site to the nearest point [m]."""
+        from scipy.spatial import cKDTree
+
+        low, high = (self.bounds[:2], self.bounds[2:]) if self.bounds else (xy.min(axis=0), xy.max(axis=0))
+        axes = [np.linspace(a, b, _N_GAPS) for a, b in zip(low, high, strict=True)]
+        nodes = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+        return np.asarray(cKDTree(xy).query(nodes)[0])
+
+
+def _z_scores(process: Process) -> FloatArray:
+    mean, variance = leave_one_out(process)
+    scores: FloatArray = (process.data.values - mean) / np.sqrt(variance)
+    return scores

@@ -1,0 +1,119 @@
+"""What a Gaussian-process terrain has learned: a mean, a conditioned process, and how far to trust it."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from survey.arrays import FloatArray
+from survey.grid import Grid
+from survey.reconstruction.gp.calibration import Calibration
+from survey.reconstruction.gp.families import Hyperparameters
+from survey.reconstruction.gp.mean import Mean
+from survey.reconstruction.gp.near_points import variance_from_nearest
+from survey.reconstruction.gp.process import Process
+from survey.reconstruction.outliers import Outliers
+from survey.reconstruction.support import support_codes
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A mean surface, the process of what differs from it, and the calibration of its standard deviation."""
+
+    process: Process
+    mean: Mean
+    found: Hyperparameters
+    calibration: Calibration
+    outliers: Outliers
+    n_beyond_reach: int = 0
+
+    def height(self, xy: FloatArray) -> FloatArray:
+        """Return the most likely height (M,) [m]."""
+        return self.process.predict(xy)[0] + self.mean.at(xy)
+
+    def std(self, xy: FloatArray) -> FloatArray:
+        """Return the standard deviation (M,) [m], fine relief and calibration included."""
+        return self._whole(self.process.predict(xy)[1], xy, self.nearest_m(xy))
+
+    def nearest_m(self, xy: FloatArray) -> FloatArray:
+        """Return the distance (M,) to the nearest point [m]."""
+        return np.asarray(cKDTree(self.process.data.xy).query(xy)[0], dtype=np.float64)
+
+    def support(self, std: FloatArray, nearest_m: FloatArray, step_m: float = 0.0) -> npt.NDArray[np.uint8]:
+        """Return the support codes of places with this standard deviation and distance to the nearest point."""
+        prior = self.process.kernel.variance_m2 + self.found.nugget_m**2
+        return support_codes(
+            nearest_m,
+            (std / self.calibration.at(nearest_m)) ** 2 / prior,
+            shortest_length_m=self.process.kernel.length_scales_m[0],
+            step_m=step_m,
+        )
+
+    def on(self, grid: Grid) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
+        """Return height [m], standard deviation [m] and support code (H, W) on the nodes of a grid."""
+        nodes = grid.xy
+        mean, std = self.process.predict_on_axes(grid.x, grid.y)
+        nearest = self.nearest_m(nodes).reshape(grid.shape)
+        std = self._whole(std.ravel() ** 2, nodes, nearest.ravel()).reshape(grid.shape)
+        return mean + self.mean.at(nodes).reshape(grid.shape), std, self.support(std, nearest, grid.step_m)
+
+    def slope(self, xy: FloatArray) -> FloatArray:
+        """Return the slope (M, 2) of the most likely surface [m/m]."""
+        return self.process.gradient(xy) + self.mean.gradient(xy)
+
+    def updated(self, xy: FloatArray, z: FloatArray, variance: FloatArray) -> Self:
+        """Return what is known with more points, at the same hyperparameters and calibration."""
+        noise = np.sqrt(variance + self.found.nugget_m**2)
+        return replace(self, process=self.process.update(xy, z - self.mean.at(xy), noise))
+
+    def hyperparameters(self) -> dict[str, Any]:
+        """Return family, parameters and likelihood, for the record."""
+        kernel = self.process.kernel
+        values = {
+            name.removeprefix("log ").replace(" ", "_"): float(np.exp(value))
+            if name.startswith("log ")
+            else float(value)
+            for name, value in zip(kernel.parameter_names, kernel.log_parameters, strict=True)
+        }
+        return {
+            "family": self.found.family,
+            **values,
+            "nugget_m": self.found.nugget_m,
+            "log_marginal_likelihood": self.process.log_marginal_likelihood,
+        }
+
+    def diagnostics(self) -> dict[str, Any]:
+        """Return what was found out about the points and the engine, for the record."""
+        resolution = getattr(self.process, "resolution", None)
+        waves = (
+            {}
+            if resolution is None
+            else {
+                "n_modes": resolution.n_modes,
+                "tail_m": float(np.sqrt(resolution.tail_m2)),
+                "tolerance_m": resolution.tolerance_m,
+                "tolerance_is_met": bool(resolution.is_met),
+            }
+        )
+        return {
+            "n_points": len(self.process.data),
+            "n_points_beyond_reach": self.n_beyond_reach,
+            "outliers": self.outliers.facts(),
+            "calibration": self.calibration.facts(),
+            "engine": {"name": type(self.process).__name__, **waves},
+        }
+
+    def _whole(self, variance: FloatArray, xy: FloatArray, nearest_m: FloatArray) -> FloatArray:
+        """Return the standard deviation of the ground itself: as the points know it, and the nugget."""
+        whole = surface_variance(self.process, variance, xy) + self.found.nugget_m**2
+        return np.sqrt(whole) * self.calibration.at(nearest_m)
+
+
+def surface_variance(process: Process, variance: FloatArray, xy: FloatArray) -> FloatArray:
+    """Return the variance (M,) [m²] of a process; where it leaves waves out, no more than the nearest points leave."""
+    resolution = getattr(process, "resolution", None)
+    if resolution is None or resolution.is_met:
+        return variance
+    return np.minimum(variance, variance_from_nearest(process.kernel, process.data, xy))

@@ -1,0 +1,168 @@
+"""A fitted terrain model in one file: its points, mean, hyperparameters and calibration."""
+
+import io
+import json
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from affine import Affine
+
+from survey.config import validated
+from survey.dem import Dem
+from survey.errors import InputError
+from survey.io.files import existing_file, replacing
+from survey.reconstruction.config import GaussianProcessConfig, kernel_of
+from survey.reconstruction.gp.calibration import Calibration
+from survey.reconstruction.gp.families import Hyperparameters
+from survey.reconstruction.gp.kernels import Sum
+from survey.reconstruction.gp.learned import Learned
+from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
+from survey.reconstruction.gp.process import conditioned
+from survey.reconstruction.gp.satellite import prior_error_kernel
+from survey.reconstruction.outliers import Outliers
+
+if TYPE_CHECKING:
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+
+_FORMAT = "firnline terrain model 1"
+Model = TypeVar("Model", bound="GaussianProcessTerrain")
+
+
+def write_model(path: str | Path, model: "GaussianProcessTerrain") -> None:
+    """Write a fitted model; equal models give equal bytes.
+
+    Raises
+    ------
+    InputError
+        Before the model is fitted, for a mean that is a function, or when the file cannot be written.
+    """
+    known = model.learned_
+    if known is None:
+        raise InputError("the terrain model knows no points yet; call fit first.")
+    arrays: dict[str, Any] = {
+        "xy": known.process.data.xy,
+        "values": known.process.data.values,
+        "noise_m2": known.process.data.noise_m2,
+        "log_parameters": known.process.kernel.log_parameters,
+        "calibration": np.stack([known.calibration.distance_m, known.calibration.scale]),
+        "outlier_rows": known.outliers.index,
+        "outlier_z": known.outliers.z,
+    }
+    facts = {
+        "format": _FORMAT,
+        "config": model.config.model_dump(),
+        "engine": model.engine,
+        "quantity": model.quantity,
+        "bounds": model.bounds,
+        "vertical_datum": model.vertical_datum_,
+        "family": known.found.family,
+        "nugget_m": known.found.nugget_m,
+        "log_likelihood": known.found.log_likelihood,
+        "held_out": known.calibration.held_out,
+        "treatment": known.outliers.treatment,
+        "n_beyond_reach": known.n_beyond_reach,
+        **_prior_facts(model.prior, arrays),
+    }
+    arrays["facts"] = np.frombuffer(json.dumps(facts, sort_keys=True).encode("utf-8"), dtype=np.uint8)
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    with replacing(path) as draft:
+        draft.write_bytes(buffer.getvalue())
+
+
+def _prior_facts(prior: Dem | Mean | None, arrays: dict[str, Any]) -> dict[str, Any]:
+    if prior is None:
+        return {"prior": "none"}
+    if isinstance(prior, ConstantMean):
+        return {"prior": "constant", "value_m": prior.value_m}
+    if not isinstance(prior, Dem):
+        raise InputError("a model whose mean is a function cannot be written; give the prior as a Dem.")
+    arrays["prior"] = prior.elevation
+    return {
+        "prior": "dem",
+        "transform": list(prior.transform)[:6],
+        "crs": prior.crs.to_wkt(),
+        "datum": prior.vertical_datum,
+    }
+
+
+def read_model(path: str | Path, kind: type[Model]) -> Model:
+    """Read what `write_model` wrote, and condition on its points again.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged or no terrain model.
+    """
+    file = existing_file(path, "the terrain model")
+    try:
+        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
+        if facts["format"] != _FORMAT:
+            raise InputError(f"{file} has the format {facts['format']!r}; {_FORMAT!r} was expected.")
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{file} is damaged or no terrain model ({error}); save it again.") from error
+    return _rebuilt(arrays, facts, kind)
+
+
+def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any], kind: type[Model]) -> Model:
+    config = validated(GaussianProcessConfig, facts["config"], "the terrain model's settings")
+    prior = _prior_of(facts, arrays)
+    found = _found(arrays, facts, config, prior)
+    process = conditioned(
+        facts["engine"],
+        found.kernel,
+        arrays["xy"],
+        arrays["values"],
+        np.sqrt(arrays["noise_m2"]),
+        bounds=tuple(facts["bounds"]) if facts["bounds"] else None,
+        trend="none" if prior is not None else config.mean,
+        config=config,
+    )
+    mean = (
+        DemMean(prior, config.prior_interpolation) if isinstance(prior, Dem) else prior or ConstantMean(0.0)
+    )
+    distance, scale = arrays["calibration"]
+    calibration = Calibration(distance, scale, facts["held_out"])
+    outliers = Outliers(arrays["outlier_rows"], arrays["outlier_z"], facts["treatment"])
+    return replace(
+        kind(
+            config,
+            prior,
+            facts["engine"],
+            facts["quantity"],
+            tuple(facts["bounds"]) if facts["bounds"] else None,
+        ),
+        learned_=Learned(process, mean, found, calibration, outliers, facts["n_beyond_reach"]),
+        vertical_datum_=facts["vertical_datum"],
+    )
+
+
+def _found(
+    arrays: dict[str, Any], facts: dict[str, Any], config: GaussianProcessConfig, prior: Dem | Mean | None
+) -> Hyperparameters:
+    shape = kernel_of(
+        facts["family"],
+        1.0,
+        1.0,
+        anisotropy=config.anisotropy,
+        angle_deg=config.angle_deg,
+        shape=config.shape,
+    )
+    if isinstance(prior, Dem) and config.prior_sigma_m:
+        parts = shape.parts if isinstance(shape, Sum) else (shape,)
+        shape = Sum(*parts, prior_error_kernel(prior.step_m, config.prior_sigma_m))
+    kernel = shape.with_log_parameters(arrays["log_parameters"])
+    return Hyperparameters(facts["family"], kernel, facts["nugget_m"], facts["log_likelihood"])
+
+
+def _prior_of(facts: dict[str, Any], arrays: dict[str, Any]) -> Dem | ConstantMean | None:
+    if facts["prior"] == "dem":
+        return Dem(arrays["prior"], Affine(*facts["transform"]), facts["crs"], facts["datum"])
+    return ConstantMean(facts["value_m"]) if facts["prior"] == "constant" else None

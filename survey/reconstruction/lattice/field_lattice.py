@@ -1,0 +1,300 @@
+"""Terrain as a Gaussian field on a lattice, kept up to date scan by scan."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from survey.arrays import FloatArray
+from survey.geodesy import same_crs
+from survey.grid import Grid
+from survey.reconstruction.base import Capabilities, local_datum_m, not_fitted
+from survey.reconstruction.lattice.calibration import LatticeCalibration
+from survey.reconstruction.lattice.config import FieldLatticeConfig
+from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, is_small
+from survey.reconstruction.lattice.ghost_returns import ghosts
+from survey.reconstruction.lattice.nodes import (
+    Here,
+    LatticeModel,
+    NodeWindow,
+    bilinear,
+    require_room,
+    sensor_place,
+)
+from survey.reconstruction.lattice.recent_points import RecentPoints
+from survey.reconstruction.lattice.stiffness import Stiffness, likeliest
+from survey.surface_points import SurfacePoints
+
+Bounds = tuple[float, float, float, float]
+
+_METHOD = "field"
+# A growing map takes on so many nodes more than the points need, so that it seldom grows.
+_SPARE_NODES = 16
+# Stencil, right-hand side, heights and the solver's work; a draw is a 32-bit number.
+_BYTES, _BYTES_PER_DRAW = 230.0, 4.0
+_UNTOLD = Stiffness(100.0, 100.0)
+
+
+@dataclass(eq=False)
+class FieldLattice(LatticeModel):
+    r"""A thin plate on an elastic bed, pulled to the points by their weights, solved by multigrid.
+
+    .. math::  (\kappa Q_0(\rho) + S / s^2) \, z = b / s^2 + \kappa Q_0(\rho) \, p
+
+    with the stencil S and right-hand side b of all points so far (`Information`), the prior's
+    matrix Q₀ (`Stiffness`), the best plane p and the factor s on the points' errors. Stiffness κ,
+    range ρ and s are found by their likelihood at the 1st, 2nd, 4th, 8th … scan.
+
+    Parameters
+    ----------
+    config : FieldLatticeConfig
+        The lattice, what to learn, and how the map moves.
+    bounds : (xmin, ymin, xmax, ymax), optional
+        The map's extent [m], where it is to be fixed; points beyond it are left out.
+
+    Notes
+    -----
+    A point's own x-y error is not carried into the height; state it in the point's standard
+    deviation where the ground is steep. The prior is equally stiff everywhere, unless
+    ``edge_preserving`` softens it at sharp bends; then the order of the scans matters a
+    little. The standard deviation does not know errors that all points of a scan share.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> xy = rng.uniform(0.0, 8.0, (900, 2))
+    >>> xyz = np.column_stack([xy, 0.2 * xy[:, 0] + 0.02 * rng.standard_normal(900)])
+    >>> model = FieldLattice().fit(SurfacePoints(xyz, sigma_m=0.02, crs="EPSG:32608"))
+    >>> bool(abs(model.predict([[4.0, 4.0]])[0] - 0.8) < 0.02)
+    True
+    """
+
+    capabilities: ClassVar = Capabilities(rays=True)
+    method: ClassVar = _METHOD
+
+    config: FieldLatticeConfig = field(default_factory=FieldLatticeConfig)
+    bounds: Bounds | None = None
+    here: Here | None = field(default=None, init=False, repr=False)
+    stiffness_: Stiffness = field(default=_UNTOLD, init=False)
+    n_scans_: int = field(default=0, init=False)
+    n_ghosts_: int = field(default=0, init=False)
+    n_iterations_: int = field(default=0, init=False)
+    """Iterations of the latest solution."""
+    _posterior: FieldPosterior | None = field(default=None, init=False, repr=False)
+    recent: RecentPoints = field(default_factory=RecentPoints, init=False, repr=False)
+    _calibration: LatticeCalibration | None = field(default=None, init=False, repr=False)
+
+    def fit(self, points: SurfacePoints) -> Self:
+        """Forget everything and learn from points.
+
+        Raises
+        ------
+        InputError
+            No origins though the map is to follow the sensor, or more nodes than memory.
+        """
+        window = self._window(points, None)
+        self.here = Here(window, local_datum_m(points.z), points.crs, points.vertical_datum)
+        self.stiffness_ = self._given() or _UNTOLD
+        self.n_scans_ = self.n_ghosts_ = 0
+        self.recent = RecentPoints()
+        self._posterior = FieldPosterior.empty(window.shape, self._n_draws(window))
+        return self._told(points)
+
+    def update(self, points: SurfacePoints) -> Self:
+        """Take in one more scan, in place, and solve again, starting from the last solution.
+
+        Raises
+        ------
+        InputError
+            Another CRS, no origins though the map is to follow the sensor, or more nodes than memory.
+        """
+        if self.here is None:
+            return self.fit(points)
+        same_crs(self.here.crs, points.crs, "the map and the scan")
+        self._move(self._window(points, self.here.window))
+        return self._told(points)
+
+    def settle(self) -> Self:
+        """Solve the whole map, where updates solved a window about the sensor only."""
+        rows, columns = self.where.window.shape
+        self._solve(Part(slice(0, rows), slice(0, columns)))
+        return self
+
+    def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
+        """Draw n surfaces (n, H, W) [m] that agree with the points; NaN beyond the lattice.
+
+        Notes
+        -----
+        Their spread is the posterior's before calibration. On large maps the measurement
+        errors are mixtures of the map's ``n_draws`` draws.
+        """
+        here, places = self.where, self.where.window.coordinates(grid.xy)
+        drawn = self.posterior.samples(self.where.window, self.stiffness_, n, rng)
+        return np.stack([bilinear(z, places).reshape(grid.shape) for z in drawn]) + here.datum_m
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to one ``.npz`` file."""
+        from survey.reconstruction.lattice.field_file import write_field
+
+        write_field(path, self)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what `save` wrote; further scans give the same map as without the break."""
+        from survey.reconstruction.lattice.field_file import read_field
+
+        return read_field(path, cls)
+
+    def resume(
+        self,
+        where: Here,
+        posterior: FieldPosterior,
+        stiffness: Stiffness,
+        recent: RecentPoints,
+        counts: tuple[int, int],
+    ) -> None:
+        """Take up where another model stood: place, posterior, stiffness, recent points, numbers of scans and ghosts."""
+        self.here, self._posterior, self.stiffness_, self.recent = where, posterior, stiffness, recent
+        self.n_scans_, self.n_ghosts_ = counts
+        self._calibration = None
+
+    def _told(self, points: SurfacePoints) -> Self:
+        """Take in the points of one scan."""
+        scan = self._believed(points)
+        self.posterior.information.add(self._on_lattice(scan))
+        self.recent.add(scan)
+        self.n_scans_ += 1
+        self._calibration = None
+        if self.config.learns and _is_power_of_two(self.n_scans_):
+            self.stiffness_ = (
+                likeliest(self.recent.xyzw, self.config.step_m, self._learned) or self.stiffness_
+            )
+        self._solve(self._part_about(points))
+        return self
+
+    def _believed(self, points: SurfacePoints) -> FloatArray:
+        """Return easting, northing, height above the datum and weight (N, 4) of points that are no ghosts."""
+        scan = np.empty((len(points), 4))
+        scan[:, :2], scan[:, 2] = points.xy, points.z - self.where.datum_m
+        scan[:, 3] = 1.0 / (points.sigma_z * points.sigma_z)
+        if self.config.gate:
+            ghost = ghosts(scan[:, :3])
+            self.n_ghosts_ += int(ghost.sum())
+            scan = scan[~ghost] if ghost.any() else scan
+        return scan
+
+    def _on_lattice(self, scan: FloatArray) -> FloatArray:
+        window, points = self.where.window, scan.copy()
+        points[:, :2] /= window.step_m
+        points[:, 0] -= window.west
+        points[:, 1] -= window.south
+        return points
+
+    def _solve(self, part: Part) -> None:
+        self.n_iterations_ = self.posterior.solve(
+            part, self.where.window.step_m, self.stiffness_, self.config
+        )
+
+    def _part_about(self, points: SurfacePoints) -> Part:
+        """Return the part of the map to solve: all, or the window about the sensor."""
+        rows, columns = self.where.window.shape
+        n = self.config.window_nodes
+        if n is None:
+            return Part(slice(0, rows), slice(0, columns))
+        centre = points.xy.mean(axis=0) if points.origins is None else sensor_place(points.origins)
+        u, v = self.where.window.coordinates(centre)
+        return Part.about(round(float(v)), round(float(u)), n, (rows, columns))
+
+    def _window(self, points: SurfacePoints, old: NodeWindow | None) -> NodeWindow:
+        """Return the nodes that the map is to have once it knows these points."""
+        step_m = self.config.step_m
+        if self.bounds is not None:
+            window = NodeWindow.over(self.bounds, step_m)
+        elif self.config.side_m is not None:
+            window = NodeWindow.around(sensor_place(points.origins), self.config.side_m, step_m)
+        else:
+            (xmin, ymin), (xmax, ymax) = points.xy.min(axis=0), points.xy.max(axis=0)
+            if old is not None and old.covers((xmin, ymin, xmax, ymax)):
+                return old
+            spare = _SPARE_NODES * step_m
+            window = NodeWindow.over((xmin - spare, ymin - spare, xmax + spare, ymax + spare), step_m)
+            window = window if old is None else old.joined(window)
+        require_room(window, _BYTES + _BYTES_PER_DRAW * self.config.n_draws, self.config.memory_mb)
+        return window
+
+    def _move(self, window: NodeWindow) -> None:
+        old = self.where.window
+        if window != old:
+            self._posterior = self.posterior.carried(window, old)
+            self.here = self.where._replace(window=window)
+
+    def _n_draws(self, window: NodeWindow) -> int:
+        """Return how many draws to keep: none for a map that stays small enough to do without."""
+        stays = self.bounds is not None or self.config.side_m is not None
+        return 0 if stays and is_small(window.shape) else self.config.n_draws
+
+    def _given(self) -> Stiffness | None:
+        if self.config.stiffness is None:
+            return None
+        endless_m = 1e3 * self.config.step_m
+        return Stiffness(self.config.stiffness, self.config.range_m or endless_m)
+
+    @property
+    def _learned(self) -> Stiffness | None:
+        return None if self.stiffness_ is _UNTOLD else self.stiffness_
+
+    @property
+    def posterior(self) -> FieldPosterior:
+        """What is known of the nodes."""
+        if self._posterior is None:
+            raise not_fitted()
+        return self._posterior
+
+    def _nodes(self) -> FloatArray:
+        return self.posterior.heights()
+
+    def _weights(self) -> FloatArray:
+        weights: FloatArray = self.posterior.information.stencil[0]
+        return weights
+
+    def _reach_m(self) -> float:
+        return self.stiffness_.range_m
+
+    def _node_std(self) -> FloatArray:
+        if self.config.window_nodes is not None:
+            self.settle()
+        return self.calibration.surface * self.posterior.std(self.where.window, self.stiffness_)
+
+    @property
+    def calibration(self) -> LatticeCalibration:
+        """The factors on the standard deviations of surface and points, from blocks that were left out."""
+        if self._calibration is None:
+            wanted = self.config.calibrate
+            self._calibration = (
+                self.recent.calibration(self.config, self.stiffness_) if wanted else LatticeCalibration()
+            )
+        return self._calibration
+
+    def _record(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        learned = {
+            "stiffness": self.stiffness_.stiffness,
+            "range_m": self.stiffness_.range_m,
+            "noise_factor": self.stiffness_.noise_factor,
+        }
+        facts = {
+            "step_m": self.where.window.step_m,
+            "n_scans": self.n_scans_,
+            "n_points": self.posterior.information.n_points,
+            "n_ghosts": self.n_ghosts_,
+            "prior_std_m": self.stiffness_.prior_std_m(),
+            "calibration": self.calibration.facts(),
+        }
+        return learned, facts
+
+
+def _is_power_of_two(n: int) -> bool:
+    return n & (n - 1) == 0
+
+
+__all__ = ["FieldLattice"]
