@@ -22,6 +22,9 @@ class PhysicsConfig(Section):
     """Radius of the wheels that stand for a track [m]."""
     friction: PositiveFloat = 0.5
     """Friction between track and ground; 0.15 on ice, 0.5 on firm snow."""
+    lateral_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.7
+    """Friction across the tracks as a share of that along them; the engine bounds the two apart, so with 1 a
+    spinning track would hold sideways as firmly as a standing one, and the rover could not turn uphill."""
     thrust_share: PositiveFloat = 0.6
     """Greatest thrust of both tracks together as a share of the weight."""
     look_ahead_m: PositiveFloat = 1.0

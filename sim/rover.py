@@ -130,6 +130,7 @@ class ContactRover:
                 body,
                 link,
                 lateralFriction=config.friction,
+                anisotropicFriction=[1.0, config.lateral_share, 1.0],
                 restitution=0.0,
                 linearDamping=0.0,
                 angularDamping=0.0,
