@@ -2,7 +2,8 @@
 
 Reading may give an answer or a refusal of one sentence; any other exception, a crash of the process, a read
 of more than ten seconds or memory beyond 2 GB is a finding.  Cases are numbered, and come again by number.
-A library that never comes back is seen by the case that stays in the file ``at``: HDF5 does so for dem.nc 3069.
+A library that never comes back is seen by the case that stays in the file ``at``; over dem.nc 3069 HDF5 would,
+were NetCDF files not read by a process with a time limit first.
 """
 
 import argparse

@@ -17,6 +17,7 @@ from survey.errors import CapacityError, InputError
 from survey.geodesy import UNSTATED, VERTICAL_CRS, projected_crs, vertical_datum_of
 from survey.io.checksum import checksum, refuse_altered
 from survey.io.files import DamagedError, existing_file, first_line, replacing, unwritable, warnings_logged
+from survey.io.hdf5 import refuse_endless
 
 NODATA = -9999.0
 LARGEST_CELLS = 160_000_000
@@ -58,12 +59,13 @@ def read_raster(path: str | Path, *, band: int = 1) -> Raster:
 
     Notes
     -----
-    A NetCDF file is an HDF5 file, whose library can loop for ever over rare damage to its records: read
-    files of doubtful origin in a process of their own, with a time limit.
+    NetCDF files are read twice, first by a process that may be stopped: see `survey.io.hdf5`.
     """
     import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
 
     file = existing_file(path, "the raster")
+    if file.suffix.lower() == ".nc":
+        refuse_endless(file)
     try:
         with warnings_logged(), rasterio.open(_dataset(file, band)) as source:
             in_source = _checked_band(source, file, band)
@@ -94,6 +96,8 @@ def opened_raster(file: Path) -> Iterator[Any]:
     """
     import rasterio
 
+    if file.suffix.lower() == ".nc":
+        refuse_endless(file)
     try:
         with (
             warnings_logged(),
