@@ -60,18 +60,11 @@ def measure(quick: bool) -> Iterator[Row]:
 
 def _full_figure() -> Iterator[Row]:
     place = Path(tempfile.mkdtemp())
-    before = _children_cpu_s()
     start = time.perf_counter()
     run_study(study(100), place / "fig10", engine="processes", workers=2)
     wall = time.perf_counter() - start
     yield Row.of("Fig. 10, 2 workers: wall, start of workers and page included", wall, "s", "<=", 10.0)
-    yield Row("Fig. 10, 2 workers: CPU of both workers", _children_cpu_s() - before, "s")
     shutil.rmtree(place)
-
-
-def _children_cpu_s() -> float:
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
 
 
 def _against_sklearn(n_dems: int) -> Iterator[Row]:
