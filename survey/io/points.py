@@ -146,6 +146,11 @@ def _read_las(path: Path) -> PointTable:
         crs = las.header.parse_crs()
     except _LAS_FAULTS as error:
         raise _damaged(file, "LAS", error) from error
+    except BaseException as error:
+        # The decompressor's Rust panics derive from no Exception and have no name to import.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise _damaged(file, "LAS", error) from error
     if len(las.points) == 0:
         raise InputError(f"the point file {file} holds no points; get it again.")
     if len(las.points) != las.header.point_count:
@@ -248,7 +253,7 @@ def _check_ply_claim(file: Path) -> None:
             check_claim(file, int(words[2]), 1)
 
 
-def _damaged(file: Path, kind: str, error: Exception) -> InputError:
+def _damaged(file: Path, kind: str, error: BaseException) -> InputError:
     return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")
 
 

@@ -183,9 +183,11 @@ def test_random_damage_finds_no_other_exception(tmp_path: Path) -> None:
 
 @unlogged
 @pytest.mark.reliability
-@pytest.mark.parametrize(("name", "seed"), [("dem.tif", 1537), ("points.las", 1592), ("points.laz", 1)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("dem.tif", 1537), ("points.las", 1592), ("points.laz", 1), ("points.laz", 50053)]
+)
 def test_cases_that_random_damage_once_found(name: str, seed: int, tmp_path: Path) -> None:
-    """22 GB for 21,761 bands, a division by 0 in a header."""
+    """22 GB for 21,761 bands, a division by 0 in a header, a panic of the decompressor."""
     path = tmp_path / name
     SAMPLES[name].write(path)
     put(path, mutated(path.read_bytes(), np.random.default_rng(seed)))
