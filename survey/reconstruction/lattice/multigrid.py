@@ -10,20 +10,17 @@ import numpy as np
 from numba import njit
 
 from survey.arrays import FloatArray, IntArray
-from survey.reconstruction.lattice.stencil import (
-    Weights,
+from survey.reconstruction.lattice.coarsening import (
     add_prolonged,
-    apply,
     cholesky,
     coarsen_stencil,
     coarsened_factors,
     dense,
     dot,
-    lumped,
-    prior_diagonal,
     restrict,
     solve_triangles,
 )
+from survey.reconstruction.lattice.stencil import Weights, apply, lumped, prior_diagonal
 
 _N_COARSEST = 64
 # Largest eigenvalue of a plate or membrane beside its diagonal: 64 / 20, and 4 with factors on the curvatures.
