@@ -1,0 +1,86 @@
+"""Which lines of sight are fit to bound the ground, and what is refused at the door."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from survey.arrays import BoolArray, FloatArray
+from survey.errors import InputError
+from survey.surface_points import SurfacePoints
+
+_SHORTEST_M = 1e-3
+# The ground beside a sensor is what these many points nearest to it say, within so many metres.
+_N_BESIDE, _BESIDE_M = 16, 6.0
+_N_ASKED = 20_000
+_UNDER_SHARE = 0.9
+
+
+def checked_origins(points: SurfacePoints) -> FloatArray:
+    """Return where the sensor stood for every point (N, 3) [m], once the lines of sight make sense.
+
+    Single points above their sensor are hills and stay; that most of them are says that the
+    heights count downwards or that origins and points are in different frames.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        With their sensors' origins.
+
+    Raises
+    ------
+    InputError
+        No origins; a point less than a millimetre from its sensor; most points above
+        their sensor; a sensor under nine tenths of the points next to it, within 6 m.
+
+    Examples
+    --------
+    >>> hit = SurfacePoints([[4.0, 0.0, 0.0]], sigma_m=0.1, origins=[[0.0, 0.0, 2.0]], crs="EPSG:32608")
+    >>> checked_origins(hit)
+    array([[0., 0., 2.]])
+    """
+    origins = points.origins
+    if origins is None:
+        raise InputError(
+            "the points do not say where their sensor stood; lines of sight need origins, give them or leave the rays out."
+        )
+    length_m = np.linalg.norm(points.xyz - origins, axis=1)
+    n_short = int((length_m < _SHORTEST_M).sum())
+    if n_short:
+        k = int(np.argmin(length_m))
+        raise InputError(
+            f"{n_short} points lie where their sensor stood (the first is number {k}), which is no line of sight; "
+            "give the sensor's own place as origin, or leave these points out."
+        )
+    n_above = int((points.z > origins[:, 2]).sum())
+    if 2 * n_above > len(points):
+        raise InputError(
+            f"{n_above} of {len(points)} points lie above their sensor; heights that count upwards, and origins in the "
+            "points' frame, were expected."
+        )
+    _refuse_buried(points.xyz, origins)
+    return origins
+
+
+def _refuse_buried(xyz: FloatArray, origins: FloatArray) -> None:
+    """Refuse sensors that stood under the points beside them."""
+    places = _distinct(origins)
+    some = xyz[:: -(-len(xyz) // _N_ASKED)]
+    n = min(_N_BESIDE, len(some))
+    away, index = cKDTree(some[:, :2]).query(places[:, :2], k=n, distance_upper_bound=_BESIDE_M)
+    away, index = away.reshape(len(places), n), index.reshape(len(places), n)
+    beside = np.isfinite(away)
+    over = beside & (some[np.where(beside, index, 0), 2] > places[:, 2:])
+    # Fewer points than half of those asked for do not tell where the ground is.
+    buried = (over.sum(axis=1) > _UNDER_SHARE * beside.sum(axis=1)) & (beside.sum(axis=1) >= _N_BESIDE // 2)
+    if buried.any():
+        x, y, z = places[np.argmax(buried)]
+        raise InputError(
+            f"{int(buried.sum())} of {len(places)} sensor places are under the ground, the first at ({x:.2f}, {y:.2f}, "
+            f"{z:.2f}) m below the points beside it; give origins and points in one frame and one vertical datum."
+        )
+
+
+def _distinct(origins: FloatArray) -> FloatArray:
+    """Return the places of a sensor, each once, where it moved between one point and the next."""
+    moved: BoolArray = np.ones(len(origins), dtype=bool)
+    moved[1:] = (origins[1:] != origins[:-1]).any(axis=1)
+    return np.unique(origins[moved], axis=0)
