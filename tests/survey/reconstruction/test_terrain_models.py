@@ -9,6 +9,8 @@ import pytest
 from survey.errors import InputError
 from survey.grid import Grid
 from survey.reconstruction.base import TerrainModel
+from survey.reconstruction.carving.config import SpaceCarvingConfig
+from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 from survey.reconstruction.config import GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
@@ -29,6 +31,7 @@ MODELS: dict[str, Callable[[], TerrainModel]] = {
     "field": lambda: FieldLattice(
         FieldLatticeConfig(step_m=0.5, stiffness=200.0, range_m=10.0, tolerance=1e-6)
     ),
+    "carving": lambda: SpaceCarvingKernel(SpaceCarvingConfig(carve=False)),
 }
 
 

@@ -1,0 +1,65 @@
+"""The points that a model of carved surfaces has been given, in the coordinates of its frame."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from pyproj import CRS
+from scipy.ndimage import binary_dilation
+
+from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.surface_points import SurfacePoints
+
+
+class Place(NamedTuple):
+    """Where a frame is: its south-west corner in nodes of its raster, the level of heights, CRS and vertical datum."""
+
+    west: int
+    south: int
+    step_m: float
+    datum_m: float
+    crs: CRS
+    vertical_datum: str
+
+    @property
+    def corner(self) -> FloatArray:
+        """Easting, northing and height [m] of the frame's origin."""
+        return np.array([self.west * self.step_m, self.south * self.step_m, self.datum_m])
+
+
+@dataclass
+class Cloud:
+    """Hits and sensors (N, 3) in the frame's coordinates [m], and which points are held back for validation."""
+
+    xyz: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    origins: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    held: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    def add(self, points: SurfacePoints, place: Place, held: BoolArray) -> None:
+        """Take in points; those without sensors stand for their own."""
+        origins = points.xyz if points.origins is None else points.origins
+        self.xyz = np.concatenate([self.xyz, points.xyz - place.corner])
+        self.origins = np.concatenate([self.origins, origins - place.corner])
+        self.held = np.concatenate([self.held, held])
+
+    def move(self, by: FloatArray) -> None:
+        """Shift everything eastwards and northwards."""
+        self.xyz[:, :2] += by
+        self.origins[:, :2] += by
+
+    def learned_from(self, first: int = 0) -> IntArray:
+        """Return the numbers of the points from one on that are not held back."""
+        return first + np.flatnonzero(~self.held[first:])
+
+    def within_reach(self, first_new: int, reach_m: float) -> IntArray:
+        """Return the numbers of the older points that lie in a square of this side with a new one, or in one beside it."""
+        square = np.floor(self.xyz[:, :2] / reach_m).astype(np.int64)
+        low = square.min(axis=0)
+        square -= low
+        touched = np.zeros(square.max(axis=0) + 1, dtype=bool)
+        touched[tuple(square[first_new:].T)] = True
+        near = binary_dilation(touched, np.ones((3, 3), dtype=bool))[tuple(square[:first_new].T)]
+        return np.flatnonzero(near & ~self.held[:first_new])

@@ -1,0 +1,196 @@
+"""One pass of functional stochastic subgradient descent over points and lines of sight (Algorithm 1), compiled."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from survey.arrays import FloatArray, IntArray
+from survey.reconstruction.carving.bases import (
+    BY_POINT,
+    BY_RAY,
+    FAST,
+    Bases,
+    Fresh,
+    add_fresh,
+    fresh_height,
+    height_at,
+)
+from survey.reconstruction.carving.wu_kernel import wu
+
+
+class Step(NamedTuple):
+    """What a pass goes by: prior and dead-band [m], η₀, the steps after which η has fallen by √2, λ, whether rays count."""
+
+    prior_m: float
+    dead_band_m: float
+    rate: float
+    slow_after: float
+    decay: float
+    carve: bool
+
+
+class Rasters(NamedTuple):
+    """The surface above its prior on nodes, on which lines of sight are searched for their worst violation.
+
+    ``fine`` (H, W) holds all passes before this one from (0, 0), ``coarse`` what this pass has
+    added from (``west_m``, ``south_m``), both with their own steps [m]; ``highest`` (2,) the
+    greatest height of each.
+    """
+
+    fine: FloatArray
+    fine_step_m: float
+    coarse: FloatArray
+    coarse_step_m: float
+    west_m: float
+    south_m: float
+    highest: FloatArray
+
+
+class Visited(NamedTuple):
+    """What a pass goes over: hits and sensors (N, 3), heights (N,) above the prior that earlier runs and this one gave.
+
+    `settled` holds the bases of earlier runs, `latest` those of this run's passes before.
+    """
+
+    xyz: FloatArray
+    origins: FloatArray
+    before: FloatArray
+    known: FloatArray
+    settled: Bases
+    latest: Bases
+
+
+class Violation(NamedTuple):
+    """Where a line of sight is deepest under the surface, and how deep [m]; 0 where it is nowhere."""
+
+    x: float
+    y: float
+    depth_m: float
+
+
+class Tally(NamedTuple):
+    """What a pass met: bases made by points and by rays, steps, and sums of |violation| [m] and ½ violation² [m²]."""
+
+    n_points: int
+    n_rays: int
+    n_steps: int
+    gradient_m: float
+    loss_m2: float
+    decayed: float
+
+
+@njit(cache=True, fastmath=FAST)
+def descend(  # noqa: PLR0917 - compiled functions take no keywords
+    visited: Visited, order: IntArray, first_step: int, fresh: Fresh, rasters: Rasters, step: Step
+) -> Tally:
+    r"""Visit the points in the given order, and add the bases that their violations ask for.
+
+    For the point i and its line of sight g_i, with the height f of the surface,
+
+    .. math::  \alpha = -\eta_t (f(x_i) - z_i),  \qquad
+               \alpha = -\eta_t \max_x (f(x) - g_i(x)),  \qquad
+               \alpha_j \leftarrow (1 - \eta_t \lambda) \alpha_j
+
+    (Eqs. 12 and 13). Weights are kept relative to what all of this run's have decayed to, so
+    that a step need not touch the old ones; the tally's ``decayed`` is the factor that all are
+    owed afterwards. Bases of earlier runs have decayed in theirs.
+    """
+    decayed, gradient, loss = 1.0, 0.0, 0.0
+    n_points, n_rays = 0, 0
+    xyz = visited.xyz
+    for t in range(len(order)):
+        i = order[t]
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        rate = step.rate / np.sqrt(1.0 + (first_step + t) / step.slow_after)
+        residual = (
+            step.prior_m + visited.before[i] + decayed * (visited.known[i] + fresh_height(fresh, x, y)) - z
+        )
+        if abs(residual) > step.dead_band_m:
+            _add(fresh, rasters, x, y, -rate * residual / decayed, BY_POINT, step.carve)
+            gradient += abs(residual)
+            n_points += 1
+        loss += 0.5 * residual * residual
+        if step.carve:
+            worst = worst_violation(visited, i, fresh, rasters, step, decayed)
+            if worst.depth_m > step.dead_band_m:
+                _add(fresh, rasters, worst.x, worst.y, -rate * worst.depth_m / decayed, BY_RAY, True)
+                gradient += worst.depth_m
+                n_rays += 1
+            loss += 0.5 * worst.depth_m * worst.depth_m
+        decayed *= 1.0 - rate * step.decay
+    return Tally(n_points, n_rays, len(order), gradient, loss, decayed)
+
+
+@njit(cache=True, fastmath=FAST)
+def worst_violation(  # noqa: PLR0917
+    visited: Visited, i: int, fresh: Fresh, rasters: Rasters, step: Step, decayed: float
+) -> Violation:
+    """Search a line of sight on the rasters, node distance by node distance, and weigh the worst place exactly."""
+    hit, origin = visited.xyz[i], visited.origins[i]
+    dx, dy, dz = origin[0] - hit[0], origin[1] - hit[1], origin[2] - hit[2]
+    n = int(np.sqrt(dx * dx + dy * dy) / rasters.fine_step_m)
+    highest = step.prior_m + rasters.highest[0] + rasters.highest[1]
+    worst, at = step.dead_band_m, -1.0
+    for k in range(1, n + 1):
+        u = k / n
+        g = hit[2] + u * dz
+        if g > highest and dz >= 0.0:
+            break
+        x, y = hit[0] + u * dx, hit[1] + u * dy
+        east, north = x - rasters.west_m, y - rasters.south_m
+        if not (_covers(rasters.coarse, rasters.coarse_step_m, east, north)):
+            break
+        above = _on(rasters.fine, rasters.fine_step_m, x, y)
+        above += decayed * _on(rasters.coarse, rasters.coarse_step_m, east, north)
+        depth = step.prior_m + above - g
+        if depth > worst:
+            worst, at = depth, u
+    if at < 0.0:
+        return Violation(hit[0], hit[1], 0.0)
+    x, y = hit[0] + at * dx, hit[1] + at * dy
+    learned = height_at(visited.latest, x, y) + fresh_height(fresh, x, y)
+    exact = step.prior_m + height_at(visited.settled, x, y) + decayed * learned
+    return Violation(x, y, max(exact - hit[2] - at * dz, 0.0))
+
+
+@njit(cache=True, fastmath=FAST)
+def _add(  # noqa: PLR0917
+    fresh: Fresh, rasters: Rasters, x: float, y: float, weight: float, made_by: int, on_raster: bool
+) -> None:
+    add_fresh(fresh, x, y, weight, made_by)
+    if on_raster:
+        _splat(rasters, x, y, weight, fresh.length_m)
+
+
+@njit(cache=True, fastmath=FAST)
+def _splat(rasters: Rasters, x: float, y: float, weight: float, length_m: float) -> None:
+    """Add one kernel to the pass's raster."""
+    raster, scale = rasters.coarse, 1.0 / rasters.coarse_step_m
+    rows, columns = raster.shape
+    u, v, reach = (x - rasters.west_m) * scale, (y - rasters.south_m) * scale, length_m * scale
+    i0, i1 = max(int(np.ceil(u - reach)), 0), min(int(u + reach), columns - 1)
+    j0, j1 = max(int(np.ceil(v - reach)), 0), min(int(v + reach), rows - 1)
+    highest = rasters.highest[1]
+    for j in range(j0, j1 + 1):
+        for i in range(i0, i1 + 1):
+            raster[j, i] += weight * wu(np.sqrt((i - u) ** 2 + (j - v) ** 2) / reach)
+            highest = max(highest, raster[j, i])
+    rasters.highest[1] = highest
+
+
+@njit(cache=True, inline="always")
+def _covers(raster: FloatArray, step_m: float, x: float, y: float) -> bool:
+    rows, columns = raster.shape
+    return x >= 0.0 and y >= 0.0 and x < (columns - 1) * step_m and y < (rows - 1) * step_m
+
+
+@njit(cache=True, fastmath=FAST, inline="always")
+def _on(raster: FloatArray, step_m: float, x: float, y: float) -> float:
+    """Height of a raster at a place that it covers, bilinear."""
+    u, v = x / step_m, y / step_m
+    i, j = int(u), int(v)
+    s, t = u - i, v - j
+    south = raster[j, i] + s * (raster[j, i + 1] - raster[j, i])
+    north = raster[j + 1, i] + s * (raster[j + 1, i + 1] - raster[j + 1, i])
+    return float(south + t * (north - south))
