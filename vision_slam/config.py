@@ -7,6 +7,32 @@ from pydantic import NonNegativeFloat, PositiveFloat
 from survey.config import Section
 
 
+class ImageOdometryErrors(Section):
+    """Errors of the odometry that images give; each stands in for that of the same name in `LocalizationConfig`.
+
+    As `python -m benchmarks.odometry_errors` measures them, on drives that nothing is judged on.
+    """
+
+    yaw_sigma_deg: PositiveFloat = 0.4
+    """Heading error that changes along the way, in turns mostly [deg]."""
+    heading_sigma_deg: NonNegativeFloat = 5.0
+    """Constant part of the heading error: what a compass beside motors is wrong by [deg]."""
+    tilt_sigma_deg: PositiveFloat = 0.15
+    """Changing part of the roll and pitch error [deg]."""
+    tilt_bias_sigma_deg: NonNegativeFloat = 0.2
+    """Constant part of it, that of the accelerometer which levels the images [deg]."""
+    attitude_correlation_m: PositiveFloat = 60.0
+    """Travel over which attitude errors stay correlated [m]."""
+    scale_sigma: PositiveFloat = 0.02
+    """Relative error of the scale over a whole drive."""
+    scale_wander_sigma: NonNegativeFloat = 0.03
+    """Changing part of that error: one camera hands its scale on from point to point."""
+    scale_wander_m: PositiveFloat = 6.0
+    """Travel over which it stays correlated [m]."""
+    step_sigma_m: PositiveFloat = 0.013
+    """Random error, sideways and upwards too, per square root of a metre [m]."""
+
+
 class LocalizationConfig(Section):
     """Datasheet values that the smoother works with, and the landmark gates of the paper.
 
@@ -29,6 +55,16 @@ class LocalizationConfig(Section):
     """Travel over which attitude errors stay correlated [m]."""
     scale_sigma: PositiveFloat = 0.004
     """Relative error of the odometry's scale."""
+    scale_wander_sigma: NonNegativeFloat = 0.0
+    """Changing part of that error."""
+    scale_wander_m: PositiveFloat = 6.0
+    """Travel over which it stays correlated [m]."""
+    wheel_scale_sigma: PositiveFloat = 0.03
+    """Relative error of the wheels' travel that stays: worn tracks, steady slip."""
+    wheel_step_sigma_m: PositiveFloat = 0.012
+    """Random error of the wheels' travel per square root of a metre [m]."""
+    wheel_skid_m: PositiveFloat = 0.2
+    """What skidding tracks count too much per radian of turning [m]."""
     step_sigma_m: PositiveFloat = 0.006
     """Random error of the odometry per square root of a metre [m]."""
     start: Literal["surveyed", "unknown"] = "surveyed"
@@ -55,6 +91,8 @@ class LocalizationConfig(Section):
     """Share of the barometer's drift that is left after a base station's is subtracted."""
     tie_gate: PositiveFloat = 16.27
     """Squared misfit beyond which a stake or a closure is refused; 99.9 % of the right ones stay."""
+    images: ImageOdometryErrors = ImageOdometryErrors()
+    """What is assumed of the odometry instead, where it comes from images."""
     node_spacing_m: PositiveFloat = 10.0
     """Travel between the places at which errors are estimated [m]."""
     landmark_max_sigma_m: PositiveFloat = 0.5

@@ -16,24 +16,32 @@ from vision_slam.normal_equations import (
     FORCE_PITCH,
     FORCE_ROLL,
     HEADING,
+    MEAN_SCALE,
     PITCH,
     PITCH_BIAS,
     ROLL,
     ROLL_BIAS,
     SCALE,
+    SKID,
+    WHEEL_SCALE,
     YAW,
     E,
     NormalEquations,
     Term,
     unknown,
 )
-from vision_slam.rotation import turned
+from vision_slam.rotation import rotations, turned
 
 _DATUM_SIGMA_M = 1e4  # a barometer's datum is unknown by kilometres before the first reading
 _UNKNOWN_START_M = 100.0
 _UNKNOWN_HEADING_DEG = 5.0
 # What counts as known exactly: a larger number would swamp the others in rounding.
 _EXACT_RAD = 1e-6
+_EXACT_SCALE = 1e-5
+# Wheels and odometry that differ by more standard deviations than this are both doubted there.
+_DOUBTED = 3.0
+# What varies from turn to turn of the skidding.
+_SKID_VARIES = 0.5
 
 
 def add_terms(
@@ -47,7 +55,8 @@ def add_terms(
     assert recording.odometry is not None
     along = _Nodes(recording.odometry, reckoned, nodes)
     _add_start(system, config)
-    _add_odometry(system, along, config)
+    doubt_m = _add_wheels(system, recording, along, config)
+    _add_odometry(system, along, config, doubt_m)
     _add_gps(system, recording, along, config)
     _add_barometer(system, recording, along, config)
     _add_gravity(system, recording, along)
@@ -69,6 +78,12 @@ class _Nodes:
     def travel(self) -> FloatArray:
         steps = np.linalg.norm(np.diff(self.reckoned, axis=0), axis=1)
         return np.diff(np.r_[0.0, np.cumsum(steps)][self.index])
+
+    @property
+    def turned_rad(self) -> FloatArray:
+        """Sum of the turns of heading, to either side, from node to node."""
+        turns = np.abs(np.diff(np.unwrap(self.odometry.attitude_rad[:, 2])))
+        return np.diff(np.r_[0.0, np.cumsum(turns)][self.index])
 
     def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,)."""
@@ -93,11 +108,49 @@ def _add_start(system: NormalEquations, config: LocalizationConfig) -> None:
         (FORCE_ROLL, config.accelerometer_bias_sigma_deg),
     ):
         system.add_prior(which, max(float(np.radians(sigma_deg)), _EXACT_RAD))
-    system.add_prior(SCALE, config.scale_sigma)
+    system.add_prior(MEAN_SCALE, config.scale_sigma)
+    system.add_prior(WHEEL_SCALE, config.wheel_scale_sigma)
+    system.add_prior(SKID, config.wheel_skid_m)
     system.add_prior(DATUM, _DATUM_SIGMA_M)
 
 
-def _add_odometry(system: NormalEquations, along: _Nodes, config: LocalizationConfig) -> None:
+def _add_wheels(
+    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
+) -> FloatArray:
+    """Compare the odometry's lengths with the wheels'; return by how much they contradict each other (K - 1,) [m].
+
+    Images tell shapes, and lengths by what their scale happens to be; wheels count too much by a
+    share that stays, and skid in turns. Where the two differ by more than that, wheels spin or
+    the images were followed wrongly, and nothing says which.
+    """
+    contradiction = np.zeros(len(along.index) - 1)
+    wheels, times = recording.wheels, along.time_s
+    if wheels is None:
+        return contradiction
+    before = np.flatnonzero((times[:-1] >= wheels.time_s[0] - 1.0) & (times[1:] <= wheels.time_s[-1] + 1.0))
+    rolled = np.diff(np.interp(times, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m)))[before]
+    length, turned_rad = along.travel[before], along.turned_rad[before]
+    sigma = np.hypot(
+        config.wheel_step_sigma_m * np.sqrt(length), _SKID_VARIES * config.wheel_skid_m * turned_rad
+    )
+    scale = np.hypot(config.scale_wander_sigma, np.hypot(config.scale_sigma, config.wheel_scale_sigma))
+    expected = np.hypot(np.hypot(sigma, config.wheel_skid_m * turned_rad), scale * length)
+    off = rolled - length
+    contradiction[before] = np.where(np.abs(off) > _DOUBTED * expected, np.abs(off), 0.0)
+    half = -0.5 * length
+    terms = [
+        (np.array(WHEEL_SCALE), length),
+        (np.array(SKID), turned_rad),
+        (unknown(before, SCALE), half),
+        (unknown(before + 1, SCALE), half),
+    ]
+    system.add(terms, off, np.hypot(sigma, contradiction[before]))
+    return contradiction
+
+
+def _add_odometry(
+    system: NormalEquations, along: _Nodes, config: LocalizationConfig, doubt_m: FloatArray
+) -> None:
     before = np.arange(len(along.index) - 1)
     step, length = np.diff(along.reckoned[along.index], axis=0), along.travel
     by_yaw, by_pitch = _leverage(along)
@@ -107,8 +160,10 @@ def _add_odometry(system: NormalEquations, along: _Nodes, config: LocalizationCo
         for k in (before, before + 1):
             terms.append((unknown(k, YAW), -0.5 * by_yaw[:, axis]))
             terms.append((unknown(k, PITCH), -0.5 * by_pitch[:, axis]))
-        terms.append((np.array(SCALE), -step[:, axis]))
-        system.add(terms, 0.0 * one, config.step_sigma_m * np.sqrt(length))
+            terms.append((unknown(k, SCALE), -0.5 * step[:, axis]))
+        system.add(terms, 0.0 * one, np.hypot(config.step_sigma_m * np.sqrt(length), doubt_m))
+    memory = np.exp(-length / config.scale_wander_m)
+    system.add_gauss_markov(SCALE, memory, max(config.scale_wander_sigma, _EXACT_SCALE), MEAN_SCALE)
     memory = np.exp(-length / config.attitude_correlation_m)
     for which, sigma_deg, mean in (
         (YAW, config.yaw_sigma_deg, HEADING),
@@ -135,11 +190,11 @@ def _add_gps(
         common = base.position - recording.start
         position = position - np.column_stack([np.interp(fixes.time_s, base.time_s, c) for c in common.T])
         bias, white = bias * config.base_residual, white * float(np.sqrt(2.0))
+    mast = rotations(along.odometry.attitude_rad)[:, :, 2] * recording.antenna_height_m
     at_fix = np.column_stack(
-        [np.interp(fixes.time_s, along.odometry.time_s, column) for column in along.reckoned.T]
+        [np.interp(fixes.time_s, along.odometry.time_s, column) for column in (along.reckoned + mast).T]
     )
-    ground = position - [0.0, 0.0, recording.antenna_height_m]
-    node, mean, count = along.averaged(fixes.time_s, at_fix - ground)
+    node, mean, count = along.averaged(fixes.time_s, at_fix - position)
     memory = np.exp(-np.diff(along.time_s) / config.gps_correlation_time_s)
     one = np.ones(len(node))
     for axis in range(3):

@@ -8,12 +8,12 @@ from scipy import sparse
 
 from survey.arrays import FloatArray, IntArray
 
-PER_NODE = 10
-"""Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), drift of the barometer."""
-E, YAW, PITCH, ROLL, BIAS, DRIFT = 0, 3, 4, 5, 6, 9
-SCALE, DATUM, HEADING, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-7, 0)
+PER_NODE = 11
+"""Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), drift of the barometer, scale of the odometry."""
+E, YAW, PITCH, ROLL, BIAS, DRIFT, SCALE = 0, 3, 4, 5, 6, 9, 10
+MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, HEADING, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-9, 0)
 """Unknowns that all nodes share, counted from the end."""
-N_GLOBALS = 7
+N_GLOBALS = 9
 
 Term = tuple[IntArray, FloatArray]
 

@@ -83,7 +83,7 @@ def localize_by_images(
         passes the gates.
     """
     seen, found = with_visual_odometry(recording, progress=progress)
-    trajectory, points = localize(seen, _for_images(config or LocalizationConfig()))
+    trajectory, points = localize(seen, for_images(config or LocalizationConfig()))
     return replace(trajectory, health=1.0 - found.is_lost), points, found
 
 
@@ -108,10 +108,9 @@ def with_visual_odometry(
     return replace(recording, odometry=headed, sightings=found.sightings), found
 
 
-def _for_images(config: LocalizationConfig) -> LocalizationConfig:
-    """Loosen what is assumed of the odometry to what wheels that slip leave of it, and fixes of its heading."""
-    least = {"scale_sigma": 0.02, "step_sigma_m": 0.05, "heading_sigma_deg": 1.0}
-    return config.model_copy(update={name: max(getattr(config, name), least[name]) for name in least})
+def for_images(config: LocalizationConfig) -> LocalizationConfig:
+    """Assume of the odometry what is assumed of images."""
+    return config.model_copy(update=config.images.model_dump())
 
 
 def dead_reckoning(odometry: Odometry, start: FloatArray) -> FloatArray:
