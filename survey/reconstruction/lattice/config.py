@@ -26,6 +26,8 @@ class FieldLatticeConfig(Section):
     """Whether sharp bends cost less than a plate's would: for steps, walls and piles."""
     gate: bool = True
     """Whether points far from all their neighbours in the scan are left out."""
+    rays: bool = False
+    """Whether lines of sight hold the surface down and bound it; the points then need origins."""
     side_m: float | None = Field(default=None, gt=0)
     """Side of a map that follows the sensor [m]; left out, the map grows with the points and forgets nothing."""
     window_nodes: int | None = Field(default=None, ge=16)

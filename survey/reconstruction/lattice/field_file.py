@@ -14,11 +14,13 @@ from survey.reconstruction.lattice.information import Information
 from survey.reconstruction.lattice.nodes import Here, NodeWindow
 from survey.reconstruction.lattice.recent_points import RecentPoints
 from survey.reconstruction.lattice.stiffness import Stiffness
+from survey.reconstruction.visibility.ceiling import LowestRays
 
 if TYPE_CHECKING:
     from survey.reconstruction.lattice.field_lattice import FieldLattice
 
-_FORMAT = "firnline field lattice 1"
+_FORMAT = "firnline field lattice 2"
+_NOTHING = np.zeros((0, 0, 0))
 Model = TypeVar("Model", bound="FieldLattice")
 
 
@@ -45,8 +47,9 @@ def write_field(path: str | Path, model: "FieldLattice") -> None:
         "draws": information.draws,
         "moments": information.moments,
         "z": known.z,
-        "soft": np.zeros((0, 0, 0)) if known.soft is None else known.soft,
+        "soft": _NOTHING if known.soft is None else known.soft,
         "recent": np.concatenate(model.recent.scans),
+        "rays": _NOTHING if model.rays is None else np.stack([model.rays.height, model.rays.offset]),
     }
     write_arrays(path, _FORMAT, facts, arrays)
 
@@ -73,5 +76,6 @@ def read_field(path: str | Path, kind: type[Model]) -> Model:
         Stiffness(*facts["stiffness"]),
         RecentPoints(np.split(arrays["recent"], ends)),
         (facts["n_scans"], facts["n_ghosts"]),
+        rays=LowestRays(*arrays["rays"]) if arrays["rays"].size else None,
     )
     return model

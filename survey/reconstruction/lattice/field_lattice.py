@@ -2,18 +2,21 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from survey.arrays import FloatArray
+from survey.arrays import BoolArray, FloatArray
+from survey.errors import InputError
 from survey.geodesy import same_crs
 from survey.grid import Grid
-from survey.reconstruction.base import Capabilities, local_datum_m, not_fitted
+from survey.reconstruction.base import MEASURED, RAY_BOUNDED, Capabilities, local_datum_m, not_fitted
 from survey.reconstruction.lattice.calibration import LatticeCalibration
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, is_small
 from survey.reconstruction.lattice.ghost_returns import ghosts
+from survey.reconstruction.lattice.hidden_ground import BoundFactors
 from survey.reconstruction.lattice.nodes import (
     Here,
     LatticeModel,
@@ -24,6 +27,8 @@ from survey.reconstruction.lattice.nodes import (
 )
 from survey.reconstruction.lattice.recent_points import RecentPoints
 from survey.reconstruction.lattice.stiffness import Stiffness, likeliest
+from survey.reconstruction.visibility.ceiling import LowestRays, steepness
+from survey.reconstruction.visibility.sight_lines import checked_origins
 from survey.surface_points import SurfacePoints
 
 Bounds = tuple[float, float, float, float]
@@ -34,6 +39,8 @@ _SPARE_NODES = 16
 # Stencil, right-hand side, heights and the solver's work; a draw is a 32-bit number.
 _BYTES, _BYTES_PER_DRAW = 230.0, 4.0
 _UNTOLD = Stiffness(100.0, 100.0)
+# A ray that ends so many standard deviations below the surface went somewhere else.
+_OUTLYING_SIGMAS, _MEDIAN_TO_SIGMA = 4.0, 0.6745
 
 
 @dataclass(eq=False)
@@ -83,7 +90,11 @@ class FieldLattice(LatticeModel):
     """Iterations of the latest solution."""
     _posterior: FieldPosterior | None = field(default=None, init=False, repr=False)
     recent: RecentPoints = field(default_factory=RecentPoints, init=False, repr=False)
+    rays: LowestRays | None = field(default=None, init=False, repr=False)
+    """The lowest lines of sight over every node, where they count."""
     _calibration: LatticeCalibration | None = field(default=None, init=False, repr=False)
+    _factors: BoundFactors | None = field(default=None, init=False, repr=False)
+    _bounds: tuple[FloatArray, FloatArray] | None = field(default=None, init=False, repr=False)
 
     def fit(self, points: SurfacePoints) -> Self:
         """Forget everything and learn from points.
@@ -99,6 +110,7 @@ class FieldLattice(LatticeModel):
         self.n_scans_ = self.n_ghosts_ = 0
         self.recent = RecentPoints()
         self._posterior = FieldPosterior.empty(window.shape, self._n_draws(window))
+        self.rays = LowestRays.empty(window.shape) if self.config.rays else None
         return self._told(points)
 
     def update(self, points: SurfacePoints) -> Self:
@@ -117,8 +129,7 @@ class FieldLattice(LatticeModel):
 
     def settle(self) -> Self:
         """Solve the whole map, where updates solved a window about the sensor only."""
-        rows, columns = self.where.window.shape
-        self._solve(Part(slice(0, rows), slice(0, columns)))
+        self._solve(self._whole())
         return self
 
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
@@ -153,36 +164,61 @@ class FieldLattice(LatticeModel):
         stiffness: Stiffness,
         recent: RecentPoints,
         counts: tuple[int, int],
+        *,
+        rays: LowestRays | None = None,
     ) -> None:
         """Take up where another model stood: place, posterior, stiffness, recent points, numbers of scans and ghosts."""
         self.here, self._posterior, self.stiffness_, self.recent = where, posterior, stiffness, recent
         self.n_scans_, self.n_ghosts_ = counts
-        self._calibration = None
+        self.rays = rays
+        self._calibration = self._factors = self._bounds = None
 
     def _told(self, points: SurfacePoints) -> Self:
-        """Take in the points of one scan."""
+        """Take in the points of one scan, and its lines of sight."""
         scan = self._believed(points)
-        self.posterior.information.add(self._on_lattice(scan))
+        self.posterior.information.add(self._on_lattice(scan[:, :4]))
         self.recent.add(scan)
         self.n_scans_ += 1
-        self._calibration = None
+        self._calibration = self._bounds = self._factors = None
         if self.config.learns and _is_power_of_two(self.n_scans_):
             self.stiffness_ = (
                 likeliest(self.recent.xyzw, self.config.step_m, self._learned) or self.stiffness_
             )
-        self._solve(self._part_about(points))
+        part = self._part_about(points)
+        if self.rays is None:
+            self._solve(part)
+        else:
+            self._solve_freely(part)
+            carving = scan[~self._ends_low(scan)]
+            self.rays.add(self.where.window, carving[:, 4:], carving[:, :3], 1.0 / np.sqrt(carving[:, 3]))
+            self._solve(part)
         return self
 
     def _believed(self, points: SurfacePoints) -> FloatArray:
-        """Return easting, northing, height above the datum and weight (N, 4) of points that are no ghosts."""
-        scan = np.empty((len(points), 4))
-        scan[:, :2], scan[:, 2] = points.xy, points.z - self.where.datum_m
+        """Return easting, northing, height above the datum and weight (N, 4) of points that are no ghosts.
+
+        Where lines of sight count, the sensor's places follow (N, 7).
+        """
+        datum_m = self.where.datum_m
+        scan = np.empty((len(points), 4 if self.rays is None else 7))
+        scan[:, :2], scan[:, 2] = points.xy, points.z - datum_m
         scan[:, 3] = 1.0 / (points.sigma_z * points.sigma_z)
+        if self.rays is not None:
+            scan[:, 4:] = checked_origins(points) - [0.0, 0.0, datum_m]
         if self.config.gate:
             ghost = ghosts(scan[:, :3])
             self.n_ghosts_ += int(ghost.sum())
             scan = scan[~ghost] if ghost.any() else scan
         return scan
+
+    def _ends_low(self, scan: FloatArray) -> BoolArray:
+        """Tell which points of a scan lie so far below the surface that their lines of sight are not believed."""
+        height = bilinear(self._nodes(), self.where.window.coordinates(scan[:, :2]))
+        low = height - scan[:, 2]
+        spread = np.nanmedian(np.abs(low)) / _MEDIAN_TO_SIGMA
+        # Beyond the map nothing tells.
+        ends_well: BoolArray = low <= _OUTLYING_SIGMAS * np.hypot(spread, 1.0 / np.sqrt(scan[:, 3]))
+        return ~ends_well
 
     def _on_lattice(self, scan: FloatArray) -> FloatArray:
         window, points = self.where.window, scan.copy()
@@ -192,16 +228,32 @@ class FieldLattice(LatticeModel):
         return points
 
     def _solve(self, part: Part) -> None:
+        """Solve a part of the map, below its ceiling if lines of sight count."""
+        ceiling = None if self.rays is None else self._ceiling(part)
         self.n_iterations_ = self.posterior.solve(
-            part, self.where.window.step_m, self.stiffness_, self.config
+            part, self.where.window.step_m, self.stiffness_, self.config, ceiling
         )
+
+    def _solve_freely(self, part: Part) -> None:
+        self.posterior.solve(part, self.where.window.step_m, self.stiffness_, self.config)
+
+    def _ceiling(self, part: Part) -> FloatArray:
+        """Return the greatest heights above the datum (h, w) that lines of sight allow in a part of the map [m]."""
+        if self.rays is None:
+            raise InputError("the field lattice was not told to mind lines of sight; set rays.")
+        slope = steepness(self._nodes()[part], self.where.window.step_m)
+        return self.rays.within(*part).ceiling(slope)
+
+    def _whole(self) -> Part:
+        rows, columns = self.where.window.shape
+        return Part(slice(0, rows), slice(0, columns))
 
     def _part_about(self, points: SurfacePoints) -> Part:
         """Return the part of the map to solve: all, or the window about the sensor."""
         rows, columns = self.where.window.shape
         n = self.config.window_nodes
         if n is None:
-            return Part(slice(0, rows), slice(0, columns))
+            return self._whole()
         centre = points.xy.mean(axis=0) if points.origins is None else sensor_place(points.origins)
         u, v = self.where.window.coordinates(centre)
         return Part.about(round(float(v)), round(float(u)), n, (rows, columns))
@@ -227,6 +279,7 @@ class FieldLattice(LatticeModel):
         old = self.where.window
         if window != old:
             self._posterior = self.posterior.carried(window, old)
+            self.rays = None if self.rays is None else self.rays.carried(window, old)
             self.here = self.where._replace(window=window)
 
     def _n_draws(self, window: NodeWindow) -> int:
@@ -266,6 +319,44 @@ class FieldLattice(LatticeModel):
             self.settle()
         return self.calibration.surface * self.posterior.std(self.where.window, self.stiffness_)
 
+    def _bound(self, xy: FloatArray, what: Literal["lower", "upper"]) -> FloatArray:
+        if self.rays is None:
+            return super()._bound(xy, what)
+        here = self.where
+        return bilinear(self._node_bounds()[what == "upper"], here.window.coordinates(xy)) + here.datum_m
+
+    def _node_bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and the greatest height above the datum (H, W) that the ground may have [m].
+
+        Both are as far from the map as ground hidden from imagined sensors was; lines of sight cut the upper one.
+        """
+        if self._bounds is None:
+            if self.config.window_nodes is not None:
+                self.settle()
+            std = self.posterior.std(self.where.window, self.stiffness_)
+            spread = np.sqrt(std**2 + self.recent.noise_m2(self.stiffness_))
+            below, above = self.bound_factors.at(self._away_m() / self.where.window.step_m)
+            z = self._nodes()
+            ceiling = np.maximum(self._ceiling(self._whole()), z)
+            self._bounds = z - below * spread, np.minimum(z + above * spread, ceiling)
+        return self._bounds
+
+    @property
+    def bound_factors(self) -> BoundFactors:
+        """How many spreads the ground may lie below and above the map."""
+        if self._factors is None:
+            wanted = self.config.calibrate
+            self._factors = (
+                self.recent.bound_factors(self.config, self.stiffness_) if wanted else BoundFactors.normal()
+            )
+        return self._factors
+
+    def _node_support(self) -> npt.NDArray[np.uint8]:
+        support = super()._node_support()
+        if self.rays is None:
+            return support
+        return np.where(self.rays.covered() & (support != MEASURED), RAY_BOUNDED, support).astype(np.uint8)
+
     @property
     def calibration(self) -> LatticeCalibration:
         """The factors on the standard deviations of surface and points, from blocks that were left out."""
@@ -290,6 +381,9 @@ class FieldLattice(LatticeModel):
             "prior_std_m": self.stiffness_.prior_std_m(),
             "calibration": self.calibration.facts(),
         }
+        if self.rays is not None:
+            facts["ray_covered_share"] = float(self.rays.covered().mean())
+            facts["bound_factors"] = self.bound_factors.facts()
         return learned, facts
 
 

@@ -14,6 +14,7 @@ from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.exact import band_cholesky, band_of, exact_variance
 from survey.reconstruction.lattice.information import Information, plane_heights
 from survey.reconstruction.lattice.nodes import NodeWindow
+from survey.reconstruction.lattice.obstacle import Ceiling, solve_below
 from survey.reconstruction.lattice.solver import FREE, Operator, Preconditioner, Rim, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.streams import stream
@@ -26,6 +27,8 @@ _REACH = 2
 _N_SOFTENINGS = 3
 # Degrees of freedom of Student's distribution of the bends.
 _FREEDOM = 4.0
+# How exactly a ceiling is known, and how far beyond that a surface may be held above it by its points.
+_CEILING_SIGMA_M, _YIELD_SIGMAS = 0.02, 3.0
 
 
 class Part(NamedTuple):
@@ -86,8 +89,18 @@ class FieldPosterior:
         unknown = np.isnan(self.z)
         return np.where(unknown, self._plane(self._whole()), self.z) if unknown.any() else self.z
 
-    def solve(self, part: Part, step_m: float, stiffness: Stiffness, config: FieldLatticeConfig) -> int:
-        """Solve a part of the map, its rim held fixed; return the number of iterations."""
+    def solve(
+        self,
+        part: Part,
+        step_m: float,
+        stiffness: Stiffness,
+        config: FieldLatticeConfig,
+        ceiling: FloatArray | None = None,
+    ) -> int:
+        """Solve a part of the map, its rim held fixed, and below a ceiling (H, W) of that part [m] if there is one.
+
+        Return the number of iterations.
+        """
         stencil, rhs = self.information.part(*part)
         plane = self._plane(part)
         data = Operator(stencil, (0.0, 0.0, 0.0))
@@ -98,8 +111,13 @@ class FieldPosterior:
         n_iterations = 0
         for _ in range(_N_SOFTENINGS if config.edge_preserving else 1):
             operator = self._operator(part, stencil, step_m, stiffness)
-            by = Preconditioner(operator, rim)
-            above, n = solve(operator, rhs, above, tolerance=config.tolerance, preconditioner=by)
+            if ceiling is None:
+                by = Preconditioner(operator, rim)
+                above, n = solve(operator, rhs, above, tolerance=config.tolerance, preconditioner=by)
+            else:
+                spring = stiffness.noise_factor**2 / _CEILING_SIGMA_M**2
+                low = Ceiling(ceiling - plane, spring, _YIELD_SIGMAS * _CEILING_SIGMA_M)
+                above, n = solve_below(operator, rhs, above, low, tolerance=config.tolerance, rim=rim)
             n_iterations += n
             if config.edge_preserving:
                 self._soften(part, above, stiffness.weights(step_m)[0])

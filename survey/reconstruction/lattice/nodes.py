@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pyproj import CRS
 from scipy.ndimage import distance_transform_edt
 
-from survey.arrays import FloatArray
+from survey.arrays import BoolArray, FloatArray
 from survey.dem import Dem
 from survey.errors import CapacityError, InputError
 from survey.grid import Grid
@@ -208,11 +208,15 @@ class LatticeModel(TerrainModel):
 
     def _away_m(self) -> FloatArray:
         """Return the distance of every node (H, W) from the nearest one that a point hangs on [m]."""
-        measured = self._weights() > 0.0
-        if not measured.any():
-            return np.full(measured.shape, np.inf)
-        away: FloatArray = self.where.window.step_m * distance_transform_edt(~measured)
-        return away
+        return self.where.window.step_m * away_from(self._weights() > 0.0)
+
+
+def away_from(measured: BoolArray) -> FloatArray:
+    """Return the distance of every node (H, W) from the nearest measured one, in steps."""
+    if not measured.any():
+        return np.full(measured.shape, np.inf)
+    away: FloatArray = distance_transform_edt(~measured)
+    return away
 
 
 def bilinear(values: FloatArray, uv: FloatArray) -> FloatArray:

@@ -8,7 +8,8 @@ from survey.arrays import BoolArray, FloatArray
 from survey.reconstruction.lattice.calibration import LatticeCalibration, calibrated
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, is_small
-from survey.reconstruction.lattice.nodes import NodeWindow, bilinear
+from survey.reconstruction.lattice.hidden_ground import BoundFactors, Predicted, Scenes, bound_factors
+from survey.reconstruction.lattice.nodes import NodeWindow, away_from, bilinear
 from survey.reconstruction.lattice.stiffness import Stiffness
 
 _N_PER_SCAN, _N_KEPT = 10_000, 20_000
@@ -17,7 +18,10 @@ _N_DRAWS = 32
 
 @dataclass(eq=False)
 class RecentPoints:
-    """Points (N, 4) of the latest scans: easting, northing, height above the datum [m], weight [1/m²]."""
+    """Points of the latest scans: easting, northing, height above the datum [m], weight [1/m²].
+
+    Where lines of sight count, the sensor's place follows [m]: (N, 7) in place of (N, 4).
+    """
 
     scans: list[FloatArray] = field(default_factory=list)
 
@@ -29,26 +33,58 @@ class RecentPoints:
 
     @property
     def xyzw(self) -> FloatArray:
-        """All of them, the latest ones first when there are too many."""
+        """All of them (N, 4), the latest ones first when there are too many."""
+        return self._all[:, :4]
+
+    @property
+    def _all(self) -> FloatArray:
         return np.concatenate(self.scans)[-_N_KEPT:]
 
     def calibration(self, config: FieldLatticeConfig, stiffness: Stiffness) -> LatticeCalibration:
         """Return the factors on the standard deviations that blocks of left-out points ask for."""
-        points = self.xyzw
-        (xmin, ymin), (xmax, ymax) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-        window = NodeWindow.over((xmin, ymin, xmax, ymax), config.step_m)
-        uv = window.coordinates(points[:, :2])
-        whole = Part(slice(0, window.rows), slice(0, window.columns))
-        n_draws = 0 if is_small(window.shape) else _N_DRAWS
+        points, window = self.xyzw, self._window(config)
 
         def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-            posterior = FieldPosterior.empty(window.shape, n_draws)
-            posterior.information.add(np.column_stack([uv[kept], points[kept, 2:]]))
-            posterior.solve(whole, config.step_m, stiffness, config)
+            posterior = _without(window, points[kept], config, stiffness)
             places = window.coordinates(xy)
-            return bilinear(posterior.heights(), places), bilinear(
-                posterior.std(window, stiffness), places
-            ) ** 2
+            std = bilinear(posterior.std(window, stiffness), places)
+            return bilinear(posterior.heights(), places), std**2
 
         noise_m2 = stiffness.noise_factor**2 / points[:, 3]
         return calibrated(points, noise_m2, config.step_m, predict)
+
+    def bound_factors(self, config: FieldLatticeConfig, stiffness: Stiffness) -> BoundFactors:
+        """Return how many spreads the ground may lie below and above the map, as left-out points ask for."""
+        points, window = self._all, self._window(config)
+        known = _without(window, points[:, :4], config, stiffness)
+        measured = known.information.stencil[0] > 0.0
+        noise_m2 = self.noise_m2(stiffness)
+
+        def predict(kept: BoolArray, xy: FloatArray) -> Predicted:
+            posterior = _without(window, points[kept, :4], config, stiffness)
+            places = window.coordinates(xy)
+            std = bilinear(posterior.std(window, stiffness), places)
+            away = bilinear(away_from(posterior.information.stencil[0] > 0.0), places)
+            return Predicted(bilinear(posterior.heights(), places), np.sqrt(std**2 + noise_m2), away)
+
+        return bound_factors(Scenes(points, window, known.heights(), measured), predict)
+
+    def noise_m2(self, stiffness: Stiffness) -> float:
+        """Return the variance of a single measurement about the surface, as it usually is [m²]."""
+        return float(stiffness.noise_factor**2 * np.median(1.0 / self.xyzw[:, 3]))
+
+    def _window(self, config: FieldLatticeConfig) -> NodeWindow:
+        points = self.xyzw
+        (xmin, ymin), (xmax, ymax) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        return NodeWindow.over((xmin, ymin, xmax, ymax), config.step_m)
+
+
+def _without(
+    window: NodeWindow, points: FloatArray, config: FieldLatticeConfig, stiffness: Stiffness
+) -> FieldPosterior:
+    """Return the map of some points (N, 4) alone."""
+    posterior = FieldPosterior.empty(window.shape, 0 if is_small(window.shape) else _N_DRAWS)
+    posterior.information.add(np.column_stack([window.coordinates(points[:, :2]), points[:, 2:]]))
+    whole = Part(slice(0, window.rows), slice(0, window.columns))
+    posterior.solve(whole, config.step_m, stiffness, config)
+    return posterior

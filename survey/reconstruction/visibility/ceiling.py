@@ -99,9 +99,14 @@ class LowestRays:
         ceiling: FloatArray = self.height[-1] + (slope + _MORE_SLOPE) * reach
         return ceiling
 
+    def within(self, rows: slice, columns: slice) -> "LowestRays":
+        """Return those over a part of the window."""
+        return LowestRays(self.height[:, rows, columns], self.offset[:, rows, columns])
+
     def covered(self) -> BoolArray:
         """Tell over which nodes (H, W) enough rays passed."""
-        return np.isfinite(self.height[-1])
+        covered: BoolArray = np.isfinite(self.height[-1])
+        return covered
 
     def carried(self, new: NodeWindow, old: NodeWindow) -> "LowestRays":
         """Return the same on another window."""
@@ -117,7 +122,8 @@ def steepness(z: FloatArray, step_m: float) -> FloatArray:
     array([0.5, 0.5, 0.5])
     """
     north, east = np.gradient(z, step_m)
-    return np.hypot(north, east)
+    slope: FloatArray = np.hypot(north, east)
+    return slope
 
 
 @njit(cache=True)

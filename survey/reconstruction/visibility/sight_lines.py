@@ -66,7 +66,7 @@ def _refuse_buried(xyz: FloatArray, origins: FloatArray) -> None:
     some = xyz[:: -(-len(xyz) // _N_ASKED)]
     n = min(_N_BESIDE, len(some))
     away, index = cKDTree(some[:, :2]).query(places[:, :2], k=n, distance_upper_bound=_BESIDE_M)
-    away, index = away.reshape(len(places), n), index.reshape(len(places), n)
+    away, index = np.reshape(away, (len(places), n)), np.reshape(index, (len(places), n))
     beside = np.isfinite(away)
     over = beside & (some[np.where(beside, index, 0), 2] > places[:, 2:])
     # Fewer points than half of those asked for do not tell where the ground is.
