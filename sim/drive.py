@@ -46,7 +46,9 @@ _STAND_S = 1.0
 _KEPT_S = 0.5
 _TIPPED_COS = np.cos(np.radians(65.0))
 _FELL_M = 0.8
+_EDGE_M = 3.0  # a rover that turns at the end of a swath swings out by so much
 _STALLED_S, _STALLED_M = 20.0, 0.5
+_SILENT_WHEN_CARRIED = ("inertial", "barometer", "compass", "weather", "stake_sightings")
 
 
 class Ending(Enum):
@@ -188,12 +190,14 @@ def simulate_vision(
 def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
     """Refuse what cannot be driven before anything is written."""
     xmin, ymin, xmax, ymax = ground.bounds
-    outside = ((path < [xmin, ymin]) | (path > [xmax, ymax])).any(axis=1)
+    outside = ((path < [xmin + _EDGE_M, ymin + _EDGE_M]) | (path > [xmax - _EDGE_M, ymax - _EDGE_M])).any(
+        axis=1
+    )
     if outside.any():
         east, north = path[outside][0]
         raise InputError(
-            f"the route leaves the terrain at ({east:.1f}, {north:.1f}), whose bounds are {ground.bounds}; "
-            "cut the area to the terrain or take a larger one."
+            f"the route comes at ({east:.1f}, {north:.1f}) within {_EDGE_M:g} m of where the terrain ends, whose bounds are "
+            f"{ground.bounds}; a rover needs ground to turn on, so set area.bounds_m further inside, or take a larger terrain."
         )
     rate = mission.physics.rate_hz
     if rate % LOGGED_HZ:
@@ -291,7 +295,10 @@ class _Run:
         readings = self._instruments.read(Motion.of(self._recent))
         kept_from = min(self._next_frame_s, self._recent[-1].time_s) - _KEPT_S
         self._recent = [state for state in self._recent if state.time_s >= kept_from]
-        return replace(readings, gps=self._faults.fixes(readings.gps))
+        faults = self._faults
+        awake = {name: faults.awake(getattr(readings, name)) for name in _SILENT_WHEN_CARRIED}
+        gps, wheels = faults.fixes(readings.gps), faults.counts(readings.wheels)
+        return replace(readings, gps=gps, wheels=wheels, **awake)
 
     def _ending(self) -> Ending | None:
         """Return how the drive has ended, if it has."""
