@@ -1,16 +1,18 @@
 """Readers of other people's recordings: KITTI, TUM and EuRoC layouts, and folders of images with times."""
 
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 from survey.arrays import FloatArray
-from survey.camera import Camera, Frames, Image
+from survey.camera import Camera, Frames, ImageFiles
 from survey.errors import InputError
 from survey.io.files import existing_file
-from survey.sensors import Inertial
+from survey.sensors import Inertial, Wheels
+from vision_slam.images import PICTURES, images_of, read_pixels, refuse_other_sizes
 from vision_slam.sequence import ImageSequence
 
 # Where x right, y down, z forward lie on a body with x forward, y left, z up.
@@ -19,84 +21,133 @@ _FORWARD = np.array(
 )
 _KITTI_HEIGHT_M = 1.65
 _KITTI_PERIOD_S = 0.1
-_PICTURES = (".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff")
+_LISTS_OF_TIMES = ("times.txt", "timestamps.txt")
+_UNIX_NS = 1e15  # a file name that counts more than this counts nanoseconds
 
 
-class GreyFiles:
-    """Image files read when asked for: grey or colour, of 8 or 16 bits; the latter lose their lower byte."""
-
-    def __init__(self, files: list[Path]) -> None:
-        self._files = files
-
-    def __getitem__(self, index: int) -> Image:
-        return read_any_image(self._files[index])
-
-
-def read_any_image(path: Path) -> Image:
-    """Read an 8- or 16-bit image, grey or colour, as 8 bits.
-
-    Raises
-    ------
-    InputError
-        Missing, truncated, or no image.
-    """
-    content = existing_file(path, "the image").read_bytes()
-    ends = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}
-    cut = any(content.startswith(head) and tail not in content[-32:] for head, tail in ends.items())
-    image = (
-        None if cut or not content else cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    )
-    if image is None:
-        raise InputError(f"{path} is no whole image; it may be cut off, get it again.")
-    if image.dtype == np.uint16:
-        image = np.asarray(image // 256, dtype=np.uint8)
-    if image.dtype != np.uint8:
-        raise InputError(f"{path} has {image.dtype} pixels; 8- or 16-bit images were expected, convert it.")
-    return np.asarray(image[:, :, :3] if image.ndim == 3 else image, dtype=np.uint8)
-
-
-def read_sequence(folder: str | Path) -> ImageSequence:
+def read_sequence(folder: str | Path, camera: Camera | None = None) -> ImageSequence:
     """Read a folder in the layout that it turns out to have.
 
     KITTI odometry: ``calib.txt`` beside ``image_0`` or ``image_l``. TUM: ``rgb.txt``.
-    EuRoC: ``mav0/cam0`` or ``cam0``. Otherwise ``camera.toml`` and a table ``frames.csv``
-    (time_s,file) in the folder or in its ``frames``.
+    EuRoC: ``mav0/cam0`` or ``cam0``. Otherwise images with times: a table ``frames.csv``
+    (time_s,file) in the folder or in its ``frames``; or images in the folder or in its
+    ``images``, whose times stand in ``times.txt`` or ``timestamps.txt`` (seconds, one a line,
+    in the order of the file names) or are the file names themselves (seconds, or whole
+    nanoseconds). TUM and folders of images are calibrated by ``camera.toml``;
+    beside plain images, ``wheels.csv`` and ``inertial.csv`` as in a recording are read too.
+
+    All images are opened, and looked at for their ends and sizes, before any is used.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The recording.
+    camera : Camera, optional
+        Calibration to use instead of the layout's.
 
     Raises
     ------
     InputError
-        The layout is none of these, calibration or times lack, or do not fit the images.
+        The layout is none of these, calibration or times lack, or do not fit the images, or
+        an image is cut off.
     """
     place = Path(folder)
     if not place.is_dir():
         raise InputError(f"{place} is no folder; name the folder of a recording.")
     if (place / "calib.txt").is_file():
-        return _kitti(place)
+        return _kitti(place, camera)
     if (place / "rgb.txt").is_file():
-        return _tum(place)
+        return _tum(place, camera)
     for inner in (place / "mav0", place):
         if (inner / "cam0" / "data.csv").is_file():
-            return _euroc(inner)
+            return _euroc(inner, camera)
     for inner in (place, place / "frames"):
         if (inner / "frames.csv").is_file():
-            return ImageSequence(_calibrated(place), Frames.read(inner))
+            frames = Frames.read(inner)
+            assert isinstance(frames.images, ImageFiles)
+            return _with_motion(
+                _sequence(camera or _calibrated(place), frames.time_s, list(frames.images.files)), place
+            )
+    for inner in (place, place / "images"):
+        files = _pictures(inner)
+        if files:
+            times = _times(place, inner, files)
+            return _with_motion(_sequence(camera or _calibrated(place), times, files), place)
     raise InputError(
         f"{place} has no layout that is known (KITTI calib.txt, TUM rgb.txt, EuRoC cam0/data.csv, "
-        "or camera.toml with frames.csv); add frames.csv with the columns time_s,file."
+        "or images with times and camera.toml); add frames.csv with the columns time_s,file."
+    )
+
+
+def _sequence(
+    camera: Camera,
+    times: FloatArray,
+    files: list[Path],
+    inertial: Inertial | None = None,
+    reference: tuple[FloatArray, FloatArray] | None = None,
+) -> ImageSequence:
+    """Put together what a layout gave, with images that are whole and of the calibration's size."""
+    images = images_of(files)
+    refuse_other_sizes(files, camera)
+    time_s, poses = reference or (None, None)
+    return ImageSequence(
+        camera,
+        Frames(times, images),
+        inertial=inertial,
+        reference_time_s=time_s,
+        reference=poses,
+        notes=images.notes,
+    )
+
+
+def _with_motion(sequence: ImageSequence, place: Path) -> ImageSequence:
+    """Add wheels and inertial readings to images, where the folder has tables of them."""
+    wheels, inertial = place / "wheels.csv", place / "inertial.csv"
+    return replace(
+        sequence,
+        wheels=Wheels.read(wheels) if wheels.exists() else None,
+        inertial=Inertial.read(inertial) if inertial.exists() else None,
     )
 
 
 def _calibrated(place: Path) -> Camera:
     if not (place / "camera.toml").is_file():
-        raise InputError(f"{place} holds images and no camera.toml; calibrate the camera and put it there.")
+        raise InputError(
+            f"{place} holds images and no camera.toml; calibrate the camera and put it there, or name it with --camera."
+        )
     return Camera.read(place / "camera.toml")
 
 
-def _kitti(place: Path) -> ImageSequence:
+def _pictures(folder: Path) -> list[Path]:
+    files = folder.iterdir() if folder.is_dir() else ()
+    return sorted(file for file in files if file.suffix.lower() in PICTURES)
+
+
+def _times(place: Path, inner: Path, files: list[Path]) -> FloatArray:
+    """Return the times of the images of a plain folder: from their list, else from their names."""
+    for listed in (folder / name for folder in (inner, place) for name in _LISTS_OF_TIMES):
+        if listed.is_file():
+            times = _numbers(listed, 1)[:, 0]
+            _as_many(times, files, listed)
+            return times
+    try:
+        told = np.array([float(file.stem) for file in files])
+    except ValueError as error:
+        raise InputError(
+            f"{inner} has images and no times ({error}); add frames.csv with the columns time_s,file."
+        ) from error
+    if len(told) > 1 and np.array_equal(told, np.arange(told[0], told[0] + len(told))):
+        raise InputError(
+            f"the images in {inner} are numbered and have no times; add times.txt with one time [s] a line."
+        )
+    return told * 1e-9 if told[0] > _UNIX_NS else told
+
+
+def _kitti(place: Path, camera: Camera | None) -> ImageSequence:
     names = next((name for name in ("image_0", "image_l", "image_2") if (place / name).is_dir()), None)
     if names is None:
         raise InputError(f"{place} has calib.txt and no image_0, image_l or image_2; get the images.")
-    files = sorted(file for file in (place / names).iterdir() if file.suffix.lower() in _PICTURES)
+    files = _pictures(place / names)
     if not files:
         raise InputError(f"{place / names} holds no images; get the whole sequence.")
     if (place / "times.txt").is_file():
@@ -104,21 +155,19 @@ def _kitti(place: Path) -> ImageSequence:
     else:
         times = _KITTI_PERIOD_S * np.arange(float(len(files)))
     _as_many(times, files, place)
-    mounted = _FORWARD.copy()
-    mounted[2, 3] = _KITTI_HEIGHT_M
-    height, width = read_any_image(files[0]).shape[:2]
-    camera = Camera("pinhole", width, height, _kitti_matrix(place / "calib.txt"), np.zeros(5), mounted)
+    if camera is None:
+        mounted = _FORWARD.copy()
+        mounted[2, 3] = _KITTI_HEIGHT_M
+        height, width = read_pixels(files[0]).shape[:2]
+        camera = Camera("pinhole", width, height, _kitti_matrix(place / "calib.txt"), np.zeros(5), mounted)
     reference = None
     if (place / "poses.txt").is_file():
-        reference = np.tile(np.eye(4), (len(files), 1, 1))
+        poses = np.tile(np.eye(4), (len(files), 1, 1))
         rows = _numbers(place / "poses.txt", 12)
         _as_many(rows, files, place / "poses.txt")
-        reference[:, :3] = rows.reshape(-1, 3, 4)
-        reference = mounted @ reference @ np.linalg.inv(mounted)
-    frames = Frames(times, GreyFiles(files))
-    return ImageSequence(
-        camera, frames, reference_time_s=None if reference is None else times, reference=reference
-    )
+        poses[:, :3] = rows.reshape(-1, 3, 4)
+        reference = (times, camera.T_body_camera @ poses @ np.linalg.inv(camera.T_body_camera))
+    return _sequence(camera, times, files, reference=reference)
 
 
 def _kitti_matrix(file: Path) -> FloatArray:
@@ -134,7 +183,7 @@ def _kitti_matrix(file: Path) -> FloatArray:
     return matrix
 
 
-def _tum(place: Path) -> ImageSequence:
+def _tum(place: Path, camera: Camera | None) -> ImageSequence:
     times, files = [], []
     for number, line in enumerate((place / "rgb.txt").read_text(encoding="utf-8").splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
@@ -150,38 +199,32 @@ def _tum(place: Path) -> ImageSequence:
     if not files:
         raise InputError(f"{place / 'rgb.txt'} names no images; get the whole sequence.")
     _all_there(files)
-    reference_time_s = reference = None
+    camera = camera or _calibrated(place)
+    reference = None
     for file in sorted(place.glob("ground*.txt"))[:1]:  # the layout's reference poses
         rows = _numbers(file, 8)
-        camera_poses = _posed(rows[:, 1:4], rows[:, 4:8])
-        reference_time_s = rows[:, 0]
-        reference = camera_poses @ np.linalg.inv(_calibrated(place).T_body_camera)
-    return ImageSequence(
-        _calibrated(place),
-        Frames(np.array(times), GreyFiles(files)),
-        reference_time_s=reference_time_s,
-        reference=reference,
-    )
+        reference = (
+            rows[:, 0],
+            _posed(rows[:, 1:4], rows[:, 4:8], file) @ np.linalg.inv(camera.T_body_camera),
+        )
+    return _sequence(camera, np.array(times), files, reference=reference)
 
 
-def _euroc(place: Path) -> ImageSequence:
+def _euroc(place: Path, camera: Camera | None) -> ImageSequence:
     rows = _euroc_rows(place / "cam0" / "data.csv")
     files = [place / "cam0" / "data" / row[1] for row in rows]
     _all_there(files)
-    times = np.array([float(row[0]) for row in rows]) * 1e-9
-    inertial = reference_time_s = reference = None
+    times = _euroc_numbers(place / "cam0" / "data.csv", 1)[:, 0] * 1e-9
+    inertial = reference = None
     if (place / "imu0" / "data.csv").is_file():
-        sensed = np.array(
-            [[float(word) for word in row[:7]] for row in _euroc_rows(place / "imu0" / "data.csv")]
-        )
+        sensed = _euroc_numbers(place / "imu0" / "data.csv", 7)
         inertial = Inertial(sensed[:, 0] * 1e-9, sensed[:, 1:4], sensed[:, 4:7])
     for estimate in sorted(place.glob("state_*_estimate0/data.csv"))[:1]:
-        posed = np.array([[float(word) for word in row[:8]] for row in _euroc_rows(estimate)])
-        reference_time_s = posed[:, 0] * 1e-9
-        reference = _posed(posed[:, 1:4], posed[:, [5, 6, 7, 4]])
-    camera = _euroc_camera(place / "cam0" / "sensor.yaml")
-    frames = Frames(times, GreyFiles(files))
-    return ImageSequence(camera, frames, None, inertial, None, reference_time_s, reference)
+        posed = _euroc_numbers(estimate, 8)
+        reference = (posed[:, 0] * 1e-9, _posed(posed[:, 1:4], posed[:, [5, 6, 7, 4]], estimate))
+    return _sequence(
+        camera or _euroc_camera(place / "cam0" / "sensor.yaml"), times, files, inertial, reference
+    )
 
 
 def _euroc_camera(path: Path) -> Camera:
@@ -218,9 +261,22 @@ def _euroc_rows(path: Path) -> list[list[str]]:
     return rows
 
 
-def _posed(place: FloatArray, quaternion: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
+def _euroc_numbers(path: Path, n_columns: int) -> FloatArray:
+    """Return the first columns of an EuRoC table."""
+    numbers: list[list[float]] = []
+    for number, row in enumerate(_euroc_rows(path), start=1):
+        try:
+            numbers.append([float(word) for word in row[:n_columns]])
+        except ValueError as error:
+            raise InputError(f"{path}, row {number}: {error}; correct it.") from error
+    if len(numbers[0]) < n_columns:
+        raise InputError(f"{path} has {len(numbers[0])} columns; {n_columns} were expected.")
+    return np.array(numbers)
 
+
+def _posed(place: FloatArray, quaternion: FloatArray, where: Path) -> FloatArray:
+    if (np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 1e-3).any():
+        raise InputError(f"{where} holds orientations that are no unit quaternions; correct them.")
     poses = np.tile(np.eye(4), (len(place), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(quaternion).as_matrix()
     poses[:, :3, 3] = place
@@ -229,7 +285,7 @@ def _posed(place: FloatArray, quaternion: FloatArray) -> FloatArray:
 
 def _numbers(path: Path, n_columns: int) -> FloatArray:
     try:
-        rows: FloatArray = np.loadtxt(path, ndmin=2)
+        rows: FloatArray = np.loadtxt(existing_file(path, "the table"), ndmin=2)
     except ValueError as error:
         raise InputError(f"{path} holds something that is no number ({error}); correct it.") from error
     if rows.shape[1] != n_columns:

@@ -1,14 +1,19 @@
 """A drive recorded by someone else's robot: images and whatever else came with them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from pyproj import CRS
 
 from survey.arrays import FloatArray, checked
 from survey.camera import Camera, Frames
 from survey.errors import InputError
-from survey.sensors import Compass, Inertial, Wheels
+from survey.recording import Recording
+from survey.sensors import Compass, GpsFixes, Inertial, Wheels
+from vision_slam.gps_files import GpsLog
+
+_DATED_S = 1e8  # times of images beyond this count from 1970
 
 
 class Sensed(Protocol):
@@ -37,9 +42,10 @@ class Sensed(Protocol):
 
 @dataclass(frozen=True)
 class ImageSequence:
-    """Images with their calibration, without any place in the world.
+    """Images with their calibration, and what else was recorded with them.
 
-    ``reference_time_s`` (R,) and ``reference`` (R, 4, 4), body to the reference's own frame,
+    ``gps`` are fixes that came in the same recording. ``notes`` say in words what its reader
+    did or supposed, for the user to judge. ``reference_time_s`` (R,) and ``reference`` (R, 4, 4), body to the reference's own frame,
     are poses to judge by; localization does not look at them, except where `scaled_by_first`
     is asked to.
     """
@@ -51,6 +57,8 @@ class ImageSequence:
     compass: Compass | None = None
     reference_time_s: FloatArray | None = None
     reference: FloatArray | None = None
+    gps: GpsLog | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.reference is None) != (self.reference_time_s is None):
@@ -84,12 +92,59 @@ def scaled_by_first(sequence: ImageSequence, distance_m: float) -> ImageSequence
             f"the reference is {travel[-1]:.1f} m long; its first {distance_m:g} m cannot give the scale."
         )
     odometer = Wheels(sequence.reference_time_s[:n], travel[:n], travel[:n])
-    return ImageSequence(
-        sequence.camera,
-        sequence.frames,
-        odometer,
-        sequence.inertial,
-        sequence.compass,
-        sequence.reference_time_s,
-        sequence.reference,
+    return replace(sequence, wheels=odometer)
+
+
+def placed(
+    sequence: ImageSequence, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
+) -> Recording:
+    """Put a sequence into the world by the fixes that were recorded beside it.
+
+    Parameters
+    ----------
+    sequence : ImageSequence
+        Images and what came with them.
+    log : GpsLog
+        The fixes.
+    crs : str or pyproj.CRS, optional
+        Projected CRS to work in; the UTM zone of the first fix unless given.
+    shift_s : float
+        Added to the times of the fixes, so that they count as those of the images [s].
+
+    Raises
+    ------
+    InputError
+        Fewer than two fixes fall into the time of the images.
+    """
+    fixes, working = log.fixes(crs)
+    fixes = GpsFixes(fixes.time_s + shift_s, fixes.position)
+    times = sequence.frames.time_s
+    inside = (fixes.time_s >= times[0]) & (fixes.time_s <= times[-1])
+    if inside.sum() < 2:
+        raise InputError(
+            f"{inside.sum()} of {len(fixes)} fixes ({_span(fixes.time_s)}) fall into the time of the images ({_span(times)}); "
+            f"name with --gps-shift the seconds to add to the times of the fixes{_guess(log, times)}."
+        )
+    start = [np.interp(times[0], fixes.time_s, axis) for axis in fixes.position.T]
+    return Recording(
+        crs=working,
+        start=np.array(start),
+        gps=fixes,
+        camera=sequence.camera,
+        frames=sequence.frames,
+        wheels=sequence.wheels,
+        inertial=sequence.inertial,
+        compass=sequence.compass,
+        vertical_datum=log.vertical_datum,
     )
+
+
+def _span(time_s: FloatArray) -> str:
+    return f"{time_s[0]:.1f} to {time_s[-1]:.1f} s"
+
+
+def _guess(log: GpsLog, times: FloatArray) -> str:
+    """Midnight before the first image, where the images are dated and the fixes tell the time of day."""
+    if log.is_dated or times[0] < _DATED_S:
+        return ""
+    return f", such as {times[0] - times[0] % 86400.0:.0f} for times of day"

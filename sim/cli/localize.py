@@ -1,6 +1,7 @@
 """``firnline localize``: path and landmarks from a recording."""
 
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -9,53 +10,106 @@ from sim.cli.options import Json, Quiet
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
-    from survey.recording import Recording
-    from vision_slam.sequence import ImageSequence
+    from vision_slam.drives import Drive
+    from vision_slam.outputs import Compared, Localized
 
 
 @refusals_told
 def localize(
-    source: Annotated[Path, typer.Argument(help="Recording, or folder in KITTI, TUM or EuRoC layout.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Recording, ROS bag, or folder in KITTI, TUM, EuRoC layout or of images with times."
+        ),
+    ],
+    camera: Annotated[
+        Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
+    ] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option("--topic", help="Topic of a bag to take, where several would do.")
+    ] = None,
     gps: Annotated[
-        Path | None, typer.Option("--gps", help="Fixes of a foreign recording (NMEA, GPX, CSV).")
+        Path | None, typer.Option("--gps", help="Fixes recorded beside the images: NMEA, .gpx or .csv.")
     ] = None,
     crs: Annotated[
-        str | None, typer.Option("--crs", help="CRS to work in, with --gps, e.g. EPSG:32608.")
+        str | None,
+        typer.Option(
+            "--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."
+        ),
     ] = None,
+    gps_shift: Annotated[
+        float,
+        typer.Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
+    ] = 0.0,
     scale_from: Annotated[
         float | None,
-        typer.Option("--scale-from", help="Take the scale from the reference's first metres [m]."),
+        typer.Option(
+            "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
+        ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for path, landmarks and health.")] = Path(
-        "localization"
-    ),
+    reference: Annotated[
+        Path | None,
+        typer.Option("--reference", help="Path to judge by (.tum or .csv), not shown to the estimator."),
+    ] = None,
+    viewer: Annotated[
+        Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")
+    ] = Path("localization"),
     force: Annotated[bool, typer.Option("--force", help="Replace a localization that is there.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Estimate where a rover was, and where its landmarks are.
+    """Estimate where a rover was, and where its landmarks are, from what it recorded.
 
     For example:
 
-      firnline localize results/runs/mine/simulate/recording
+      firnline localize results/runs/mine/latest/2-simulate/recording
 
       firnline localize KITTI_sequence_1 --scale-from 10
 
-      firnline localize my-images --gps log.nmea --crs EPSG:32608
+      firnline localize my-images --camera camera.toml --gps log.nmea
+
+      firnline localize drive.bag --topic /left/image_raw --viewer drive.rrd
+
+    Written are trajectory.tum and health.csv, landmarks.csv, the pictures map.png and tracks.png,
+    with fixes also trajectory.csv (covariances), track.gpkg and landmarks.gpkg in their CRS, and
+    with a reference errors.png. Without fixes the path counts from the first image. A folder of
+    images takes its times from frames.csv (time_s,file), times.txt or the names of the files, its
+    calibration from camera.toml, and wheels.csv and inertial.csv where they are there.
     """
     import json
 
     from sim.cli.progress import counted
-    from survey.errors import InputError
-    from survey.recording import Recording
+    from vision_slam.drives import open_drive
+    from vision_slam.outputs import pictures_of, refuse_existing, write_localization, write_pictures
 
-    if (out / "trajectory.tum").exists() and not force:
-        raise InputError(f"{out} holds a localization; choose another folder with --out or add --force.")
+    refuse_existing(out, force=force)
+    if viewer is not None:
+        from vision_slam.viewer import refuse_without_rerun, write_rrd
+
+        refuse_without_rerun()
+    drive = open_drive(
+        source,
+        camera=camera,
+        topics=topic or [],
+        gps=gps,
+        crs=crs,
+        gps_shift_s=gps_shift,
+        scale_from_m=scale_from,
+    )
+    judge = None if reference is None else drive.read_reference(reference)
+    began = perf_counter()
     with counted(quiet=quiet) as progress:
-        if (source / "recording.json").is_file():
-            told = _of_recording(Recording.read(source), out, progress)
-        else:
-            told = _of_sequence(source, gps, crs, scale_from, out, progress)
+        localized = drive.localized(progress=progress)
+    seconds = perf_counter() - began
+    compared = drive.compared(localized, judge)
+    write_localization(out, localized)
+    write_pictures(out, pictures_of(localized, drive.sensed, drive.gps, compared))
+    if viewer is not None:
+        write_rrd(viewer, localized, drive.sensed)
+    told = _told(drive, localized, compared, seconds)
     if as_json:
         typer.echo(json.dumps(told, indent=2))
         return
@@ -64,101 +118,21 @@ def localize(
         typer.echo(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
 
 
-def _of_recording(recording: "Recording", out: Path, progress: Any) -> dict[str, Any]:
-    """Localize in the world and write trajectory, track, landmarks and, of images, their health."""
-    from survey.io.tracks import write_track
-    from vision_slam.pipeline import localize as estimate
-    from vision_slam.pipeline import localize_by_images
-
-    found = None
-    if recording.odometry is None and recording.frames is not None:
-        trajectory, points, found = localize_by_images(recording, progress=progress)
-    else:
-        trajectory, points = estimate(recording)
-    out.mkdir(parents=True, exist_ok=True)
-    trajectory.write(out / "trajectory.tum")
-    trajectory.write(out / "trajectory.csv")
-    write_track(out / "track.gpkg", trajectory.time_s, trajectory.position, trajectory.crs)
-    points.write(out / "landmarks.csv")
-    told: dict[str, Any] = {
-        "poses": len(trajectory),
-        "length_m": trajectory.length_m,
-        "landmarks": len(points.xyz),
-    }
-    if found is not None:
-        told |= _health_written(found, out)
-    return told
-
-
-def _of_sequence(
-    source: Path, gps: Path | None, crs: str | None, scale_from: float | None, out: Path, progress: Any
+def _told(
+    drive: "Drive", localized: "Localized", compared: "Compared | None", seconds: float
 ) -> dict[str, Any]:
-    """Localize someone else's images: in the world with fixes, else relative to the first image."""
-    from survey.errors import ConfigError
-    from survey.geodesy import projected_crs
-    from survey.recording import Recording
-    from vision_slam.gps_files import read_gps
-    from vision_slam.readers import read_sequence
-    from vision_slam.sequence import scaled_by_first
-
-    sequence = read_sequence(source)
-    if scale_from is not None:
-        sequence = scaled_by_first(sequence, scale_from)
-    if gps is None:
-        return _relative(sequence, out, progress)
-    if crs is None:
-        raise ConfigError("--gps needs --crs, the projected CRS to work in, e.g. EPSG:32608.")
-    fixes = read_gps(gps, crs)
-    recording = Recording(
-        crs=projected_crs(crs, "--crs"),
-        start=fixes.position[0],
-        gps=fixes,
-        camera=sequence.camera,
-        frames=sequence.frames,
-        wheels=sequence.wheels,
-        inertial=sequence.inertial,
-    )
-    return _of_recording(recording, out, progress)
-
-
-def _relative(sequence: "ImageSequence", out: Path, progress: Any) -> dict[str, Any]:
-    import numpy as np
-
-    from survey.io.tracks import write_tum
-    from vision_slam.evaluation import absolute_errors_m, matched_times
-    from vision_slam.pipeline import dead_reckoning
-    from vision_slam.rotation import quaternions
-    from vision_slam.visual_slam import visual_odometry
-
-    found = visual_odometry(sequence, progress=progress)
-    attitude, times = found.odometry.attitude_rad, found.odometry.time_s
-    path = dead_reckoning(found.odometry, np.zeros(3))
-    out.mkdir(parents=True, exist_ok=True)
-    write_tum(out / "trajectory.tum", np.column_stack([times, path, quaternions(attitude)]))
-    length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    told: dict[str, Any] = {"poses": len(times), "length_m": length_m}
-    told |= _health_written(found, out)
-    if sequence.reference is not None and sequence.reference_time_s is not None:
-        estimated, real = matched_times(times, sequence.reference_time_s)
-        reference = sequence.reference[real, :3, 3]
-        in_first = (reference - sequence.reference[real[0], :3, 3]) @ sequence.reference[real[0], :3, :3]
-        error = absolute_errors_m(path[estimated] - path[estimated[0]], in_first)
-        told |= {"end_error_m": float(error[-1]), "worst_error_m": float(error.max())}
-        travelled = np.linalg.norm(np.diff(in_first, axis=0), axis=1).sum()
-        told["end_error_per_cent"] = float(100.0 * error[-1] / travelled)
-    return told
-
-
-def _health_written(found: Any, out: Path) -> dict[str, Any]:
-    import numpy as np
-
-    from survey.io.tables import write_table
-
-    names = ("entropy_bits", "saturated", "sharpness", "n_followed", "n_inliers", "is_visual")
-    columns = {
-        name: np.array([getattr(frame, name) for frame in found.health], dtype=float) for name in names
+    """Return what the command prints."""
+    told: dict[str, Any] = {
+        "poses": len(localized.time_s),
+        "length_m": localized.length_m,
+        "landmarks": len(localized.landmarks),
     }
-    columns = {"time_s": found.odometry.time_s} | columns | {"is_lost": found.is_lost.astype(float)}
-    write_table(out / "health.csv", columns)
-    n_blind = int((columns["is_visual"][1:] == 0).sum())
-    return {"frames_without_vision": n_blind, "frames_lost": int(found.is_lost.sum())}
+    if localized.found is not None:
+        n_blind = sum(not frame.is_visual for frame in localized.found.health[1:])
+        told |= {"frames_without_vision": n_blind, "frames_lost": int(localized.found.is_lost.sum())}
+        told["frames_per_s"] = len(localized.found.health) / max(seconds, 1e-9)
+    if compared is not None:
+        told |= compared.figures
+    if drive.notes:
+        told["notes"] = "; ".join(drive.notes)
+    return told

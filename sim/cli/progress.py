@@ -13,12 +13,15 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
+    Task,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
 from survey.store import STAGES
 
@@ -54,6 +57,15 @@ class StageProgress:
         self._console.print(f"{number} {stage:<12} {self.seconds[stage]:6.1f} s")
 
 
+class RateColumn(ProgressColumn):
+    """How many are done in a second, of late."""
+
+    def render(self, task: Task) -> Text:
+        """Return it as words."""
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{speed:.3g}/s")
+
+
 @contextmanager
 def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
     """Show a bar for each kind of work; the yielded function is told what is done, how much, and of how much."""
@@ -62,6 +74,7 @@ def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
+        RateColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )

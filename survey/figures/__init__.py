@@ -12,6 +12,7 @@ from survey.figures.errors import (
     height_error,
 )
 from survey.figures.maps import deviation_map, landmark_map, route_map, support_map, terrain_comparison
+from survey.figures.paths import error_over_distance, path_map
 from survey.figures.plans import plan_map
 from survey.figures.style import png_bytes
 
@@ -21,8 +22,10 @@ __all__ = [
     "error_against_distance",
     "error_histogram",
     "error_map",
+    "error_over_distance",
     "height_error",
     "landmark_map",
+    "path_map",
     "plan_map",
     "png_bytes",
     "route_map",

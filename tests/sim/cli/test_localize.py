@@ -41,19 +41,48 @@ def test_writes_path_and_health_of_a_foreign_sequence(street: Path, tmp_path: Pa
     assert told["poses"] == 5
     # A wall tells little of sideways motion from turning: a tenth of the 2 m.
     assert told["end_error_m"] < 0.2
-    assert (out / "trajectory.tum").is_file()
+    assert {file.name for file in out.iterdir()} == {
+        *("trajectory.tum", "landmarks.csv", "health.csv", "map.png", "tracks.png", "errors.png")
+    }
     assert len((out / "health.csv").read_text().splitlines()) == 6
     again = CliRunner().invoke(app, words)
     assert again.exit_code == 3
     assert "--force" in again.stderr
 
 
-def test_fixes_without_a_crs_are_a_wrong_configuration(street: Path, tmp_path: Path) -> None:
+def test_fixes_in_metres_without_a_crs_are_a_wrong_configuration(street: Path, tmp_path: Path) -> None:
+    fixes = tmp_path / "a.csv"
+    fixes.write_text("time_s,easting_m,northing_m,height_m\n0.0,5e5,6e6,1.0\n0.2,5e5,6e6,1.0\n")
     result = CliRunner().invoke(
-        app, ["localize", str(street), "--gps", "a.csv", "-o", str(tmp_path / "o"), "-q"]
+        app, ["localize", str(street), "--gps", str(fixes), "-o", str(tmp_path / "o"), "-q"]
     )
     assert result.exit_code == 4
     assert "--crs" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        (["--camera", "nowhere.toml"], 3, "nowhere.toml does not exist"),
+        (["--gps", "nowhere.nmea"], 3, "nowhere.nmea does not exist"),
+        (["--reference", "nowhere.tum"], 3, "nowhere.tum does not exist"),
+        (["--scale-from", "99"], 3, "cannot give the scale"),
+    ],
+)
+def test_what_is_wrong_is_told_before_any_image_is_looked_at(
+    street: Path, tmp_path: Path, words: list[str], code: int, sentence: str
+) -> None:
+    result = CliRunner().invoke(app, ["localize", str(street), *words, "-o", str(tmp_path / "o")])
+    assert result.exit_code == code
+    assert sentence in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+
+
+def test_the_help_has_examples_of_every_kind_of_recording() -> None:
+    words = CliRunner().invoke(app, ["localize", "--help"]).stdout
+    for word in ("recording", "KITTI", "--gps", "--camera", "--topic", ".bag", "--viewer"):
+        assert word in words
 
 
 def test_localizes_an_own_recording(tmp_path: Path) -> None:
@@ -78,4 +107,9 @@ def test_localizes_an_own_recording(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["landmarks"] == n
     names = {file.name for file in out.iterdir()}
-    assert {"trajectory.tum", "trajectory.csv", "track.gpkg", "landmarks.csv"} <= names
+    assert {"trajectory.tum", "trajectory.csv", "track.gpkg", "landmarks.csv", "map.png"} <= names
+    wrong = CliRunner().invoke(
+        app, ["localize", str(tmp_path / "recording"), "--crs", "EPSG:32608", "-o", str(tmp_path / "o")]
+    )
+    assert wrong.exit_code == 4
+    assert "of its own" in wrong.stderr

@@ -1,0 +1,105 @@
+"""A localization for rerun's viewer: images, path, landmarks and health along one time line."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from survey.camera import Camera, Frames
+from survey.errors import ConfigError
+from survey.io.files import replacing
+from vision_slam.enhance import grey_of
+from vision_slam.outputs import Localized, health_columns
+from vision_slam.sequence import Sensed
+
+_LINE = "drive"
+
+
+def refuse_without_rerun() -> None:
+    """Refuse before any work starts when there is nothing to write the file with."""
+    try:
+        import rerun  # noqa: F401
+    except ImportError as error:
+        raise ConfigError(
+            "--viewer needs rerun-sdk, which is not installed; install firnline[viewer]."
+        ) from error
+
+
+def write_rrd(path: Path, localized: Localized, drive: Sensed) -> None:
+    """Write an ``.rrd`` file, which ``rerun FILE`` opens.
+
+    Places count from the first pose: rerun computes in single precision, which cuts
+    eastings and northings to half a metre.
+
+    Raises
+    ------
+    ConfigError
+        rerun-sdk is not installed.
+    InputError
+        The file cannot be written.
+    """
+    refuse_without_rerun()
+    import rerun as rr
+
+    with replacing(path) as draft:
+        stream = rr.RecordingStream("firnline")
+        stream.save(str(draft))
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        _log_path(rr, stream, localized)
+        if drive.frames is not None and drive.camera is not None:
+            _log_camera(rr, stream, drive.camera)
+            _log_images(rr, stream, localized, drive.frames, drive.camera)
+        _log_health(rr, stream, localized)
+        stream.flush()
+        stream.disconnect()
+
+
+def _log_path(rr: Any, stream: Any, localized: Localized) -> None:
+    """Log the whole path and the landmarks, and the body's pose over time."""
+    origin = localized.position[0]
+    stream.log("world/path", rr.LineStrips3D([localized.position - origin]), static=True)
+    if len(localized.landmarks):
+        stream.log("world/landmarks", rr.Points3D(localized.landmarks - origin, radii=0.03), static=True)
+    stream.send_columns(
+        "world/body",
+        indexes=[rr.TimeColumn(_LINE, duration=localized.time_s - localized.time_s[0])],
+        columns=rr.Transform3D.columns(
+            translation=localized.position - origin, quaternion=localized.quaternion
+        ),
+    )
+
+
+def _log_camera(rr: Any, stream: Any, camera: Camera) -> None:
+    """Log mounting and lens; rerun knows pinholes alone, so that a fisheye's image is a little out of place."""
+    eye = camera.T_body_camera
+    stream.log("world/body/camera", rr.Transform3D(translation=eye[:3, 3], mat3x3=eye[:3, :3]), static=True)
+    lens = rr.Pinhole(
+        image_from_camera=camera.matrix,
+        width=camera.width,
+        height=camera.height,
+        image_plane_distance=1.0,
+    )
+    stream.log("world/body/camera", lens, static=True)
+
+
+def _log_images(rr: Any, stream: Any, localized: Localized, frames: Frames, camera: Camera) -> None:
+    for index, time_s in enumerate(frames.time_s.tolist()):
+        stream.set_time(_LINE, duration=time_s - localized.time_s[0])
+        grey = grey_of(frames[index], camera.width, camera.height)
+        _, content = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 85])
+        image = rr.EncodedImage(contents=content.tobytes(), media_type="image/jpeg")
+        stream.log("world/body/camera", image)
+
+
+def _log_health(rr: Any, stream: Any, localized: Localized) -> None:
+    if localized.found is None:
+        return
+    columns = health_columns(localized.found)
+    time_s = columns.pop("time_s")
+    for name, values in columns.items():
+        stream.send_columns(
+            f"health/{name}",
+            indexes=[rr.TimeColumn(_LINE, duration=time_s - localized.time_s[0])],
+            columns=rr.Scalars.columns(scalars=np.asarray(values)),
+        )
