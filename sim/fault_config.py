@@ -7,7 +7,7 @@ from pydantic import NonNegativeFloat, PositiveFloat, model_validator
 
 from survey.config import Section
 
-Component = Literal["camera", "gps", "tracks", "start", "calibration", "scenery"]
+Component = Literal["camera", "gps", "tracks", "rover", "start", "calibration", "scenery"]
 
 FAILURES = MappingProxyType(
     {
@@ -25,15 +25,20 @@ FAILURES = MappingProxyType(
         ("tracks", "stuck-left"): 0.0,
         ("tracks", "stuck-right"): 0.0,
         ("tracks", "slippery"): 0.3,
+        ("rover", "carried"): 0.0,
         ("start", "kidnapped"): 30.0,
         ("calibration", "focal-length"): 0.005,
+        ("calibration", "pitch"): 0.5,
+        ("calibration", "wheels"): 0.03,
         ("scenery", "mountains-hidden"): 0.0,
     }
 )
 """Usual strengths: grey level of a white-out, share of the image's width that glares, share of
 the light left in the dark, standard deviation of a blur [px], radius of a drop as a share of
 the width, a jump and a kidnapping [m], a delay [s], the share of speed left to a stuck track and
-of friction left on slippery ground, the relative error of the focal length; 0 where none is needed."""
+of friction left on slippery ground, the relative error of the focal length, the camera's stated
+angle below what it is [deg], what the wheels count too much; 0 where none is needed. A share of
+light above 1 is an exposure that is too long. A rover that is carried has all its instruments off."""
 
 
 class FaultConfig(Section):

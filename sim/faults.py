@@ -1,18 +1,22 @@
 """Puts a mission's faults into what the rover is, drives on, and senses."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim.fault_config import Component, FaultConfig
 from sim.physics import Physics
 from sim.scene_config import AppearanceConfig
 from survey.arrays import FloatArray
 from survey.camera import Camera, Image
-from survey.sensors import GpsFixes
+from survey.sensors import GpsFixes, SensorRecords, Wheels
 from survey.streams import stream
+
+Records = TypeVar("Records", bound=SensorRecords)
 
 _NOISE_LEVELS = 1.3
 """Standard deviation of what a blank image still shows [grey levels]."""
@@ -41,6 +45,8 @@ class Faults:
         self._last_image: Image | None = None
         self._last_fix: FloatArray | None = None
         self._waiting: list[tuple[float, FloatArray]] = []
+        self._counted = np.zeros(2)
+        self._uncounted = np.zeros(2)
 
     def _of(self, component: Component, time_s: float = 0.0, *, always: bool = False) -> list[FaultConfig]:
         return [f for f in self._faults if f.component == component and (always or f.is_on(time_s))]
@@ -51,11 +57,16 @@ class Faults:
         return look.model_copy(update={"ridges_deg": 0.0}) if hidden else look
 
     def calibration(self, camera: Camera) -> Camera:
-        """Return the calibration that the recording states, wrong by the faults' share of the focal length."""
+        """Return the calibration that the recording states, wrong in focal length or in pitch."""
         for fault in self._of("calibration", always=True):
-            matrix = camera.matrix.copy()
-            matrix[[0, 1], [0, 1]] *= 1.0 + fault.size
-            camera = replace(camera, matrix=matrix)
+            if fault.failure == "focal-length":
+                matrix = camera.matrix.copy()
+                matrix[[0, 1], [0, 1]] *= 1.0 + fault.size
+                camera = replace(camera, matrix=matrix)
+            elif fault.failure == "pitch":
+                pose = camera.T_body_camera.copy()
+                pose[:3, :3] = Rotation.from_euler("y", fault.size, degrees=True).as_matrix() @ pose[:3, :3]
+                camera = replace(camera, T_body_camera=pose)
         return camera
 
     def start(self, start: FloatArray) -> FloatArray:
@@ -78,8 +89,34 @@ class Faults:
                     friction = fault.size
         physics.drive_share, physics.friction_share = (left, right), friction
 
+    def awake(self, records: Records | None) -> Records | None:
+        """Return the records of an instrument but for the time that the rover is carried; None of none."""
+        if records is None or not self._of("rover", always=True):
+            return records
+        kept = np.array([not self._of("rover", time_s) for time_s in records.time_s], dtype=bool)
+        if not kept.any():
+            return None
+        return type(records)(*(getattr(records, field.name)[kept] for field in fields(records)))
+
+    def counts(self, wheels: Wheels | None) -> Wheels | None:
+        """Return what the encoders say they counted; carried wheels do not turn."""
+        if wheels is None:
+            return None
+        share = 1.0 + sum(f.size for f in self._of("calibration", always=True) if f.failure == "wheels")
+        if share == 1.0 and not self._of("rover", always=True):
+            return wheels
+        told = []
+        for time_s, *count in np.column_stack([wheels.time_s, wheels.left_m, wheels.right_m]):
+            if self._of("rover", time_s):
+                self._uncounted = self._uncounted + count - self._counted
+            self._counted = np.array(count)
+            told.append(share * (self._counted - self._uncounted))
+        left, right = np.array(told).T
+        return self.awake(replace(wheels, left_m=left, right_m=right))
+
     def fixes(self, fixes: GpsFixes | None) -> GpsFixes | None:
         """Return what the receiver says of some fixes; None of nothing."""
+        fixes = self.awake(fixes)
         if fixes is None or not any(fault.component == "gps" for fault in self._faults):
             return fixes
         kept = [self._fix(time, place) for time, place in zip(fixes.time_s, fixes.position, strict=True)]
@@ -111,7 +148,7 @@ class Faults:
 
     def image(self, time_s: float, index: int, image: Image) -> Image | None:
         """Return the image that arrives, or None when none does."""
-        arrived: Image | None = image
+        arrived: Image | None = None if self._of("rover", time_s) else image
         for fault in self._of("camera", time_s):
             if arrived is not None:
                 arrived = self._spoiled(arrived, fault, index)
