@@ -12,8 +12,10 @@ from survey.sensors import Odometry
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 from vision_slam.attitude import heading_correction
+from vision_slam.closures import closures_by_images
 from vision_slam.config import LocalizationConfig
 from vision_slam.landmarks import placed_landmarks
+from vision_slam.online import believing, follow
 from vision_slam.rotation import quaternions, rotations
 from vision_slam.smoother import SmoothedPath, smooth
 from vision_slam.visual_config import VisualOdometryConfig
@@ -63,7 +65,8 @@ def localize(
             "the recording has odometry and no sightings; without landmarks there is no surface to map."
         )
     reckoned = dead_reckoning(recording.odometry, recording.start)
-    path = smooth(recording, reckoned, settings)
+    online = follow(recording, reckoned, settings)
+    path = smooth(believing(recording, online), reckoned, settings)
     return _trajectory(recording, path), placed_landmarks(recording, path, settings)
 
 
@@ -82,9 +85,34 @@ def localize_by_images(
         No images, fewer than two, images that do not fit their calibration, or no landmark
         passes the gates.
     """
-    seen, found = with_visual_odometry(recording, progress=progress)
-    trajectory, points = localize(seen, for_images(config or LocalizationConfig()))
+    found = visual_odometry(recording, progress=progress)
+    return localize_seen(recording, found, config)
+
+
+def localize_seen(
+    recording: Recording, found: VisualOdometry, config: LocalizationConfig | None = None
+) -> tuple[Trajectory, SurfacePoints, VisualOdometry]:
+    """Localize a recording with what its images gave; places that they recognise tie the path.
+
+    Raises
+    ------
+    InputError
+        No landmark passes the gates.
+    """
+    settings = for_images(config or LocalizationConfig())
+    seen, found = headed(recording, found)
+    trajectory, points = localize(recognised(seen, settings), settings)
     return replace(trajectory, health=1.0 - found.is_lost), points, found
+
+
+def recognised(recording: Recording, config: LocalizationConfig) -> Recording:
+    """Return the recording with the closures that its images tell, unless it has some already."""
+    assert recording.odometry is not None
+    if recording.frames is None or recording.closures is not None:
+        return recording
+    path = smooth(recording, dead_reckoning(recording.odometry, recording.start), config)
+    sigma_m = np.sqrt(np.linalg.eigvalsh(path.covariance[:, :2, :2])[:, -1])
+    return replace(recording, closures=closures_by_images(recording, path.position, sigma_m))
 
 
 def with_visual_odometry(
@@ -99,7 +127,11 @@ def with_visual_odometry(
     InputError
         No images, fewer than two, or images that do not fit their calibration.
     """
-    found = visual_odometry(recording, config, progress)
+    return headed(recording, visual_odometry(recording, config, progress))
+
+
+def headed(recording: Recording, found: VisualOdometry) -> tuple[Recording, VisualOdometry]:
+    """Turn what images gave to the heading that the fixes tell; return it also as part of the recording."""
     odometry = found.odometry
     path = dead_reckoning(odometry, recording.start)
     turn = heading_correction(path, odometry.time_s, recording.gps)
