@@ -3,11 +3,15 @@
 from importlib.metadata import version
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 import survey
 from survey.io.documents import read_json
+from survey.recording import Recording
 from survey.reporting import write_report
 from survey.store import RunFolder
 from survey.truth import Truth
+from vision_slam.pictures import tracks_on_frames
 
 
 def write_mission_report(folder: Path, run: RunFolder) -> Path:
@@ -30,10 +34,17 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         trajectory=survey.Trajectory.read(localized / "trajectory.csv", truth.dem.crs),
         reference_trajectory=truth.trajectory,
         points=survey.SurfacePoints.read(localized / "surface_points.gpkg"),
+        tracks=_tracks(run),
         localization=read_json(localization, "the localization error") if localization.exists() else None,
         config_text=(run.path / "config.toml").read_text(encoding="utf-8"),
         provenance=_provenance(run),
     )
+
+
+def _tracks(run: RunFolder) -> Figure | None:
+    """Draw what the camera followed, where the recording has images."""
+    recording = Recording.read(run.folder("simulate") / "recording")
+    return tracks_on_frames(recording) if recording.frames is not None else None
 
 
 def _provenance(run: RunFolder) -> dict[str, str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
@@ -67,6 +68,7 @@ def write_report(
     reference_trajectory: Trajectory | None = None,
     points: SurfacePoints | None = None,
     localization: Mapping[str, float | None] | None = None,
+    tracks: Figure | None = None,
     config_text: str = "",
     provenance: Mapping[str, str] | None = None,
 ) -> Path:
@@ -99,6 +101,8 @@ def write_report(
         What the map was made from.
     localization : mapping of str to float or None, optional
         Results of the localization, units in the names.
+    tracks : matplotlib.figure.Figure, optional
+        What the camera followed, where there was one.
     config_text : str
         The resolved configuration, shown as it is.
     provenance : mapping of str to str, optional
@@ -120,10 +124,12 @@ def write_report(
     survey = _Survey(area, prior, truth, route, reconstruction, score, points)
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if trajectory is not None and reference_trajectory is not None:
-        pictures["trajectory"] = Picture(
-            _png(figures.trajectory_error(trajectory, reference_trajectory)),
-            "Error of the estimated position over time with its claimed band",
-            "Error of the estimated position: east, north and up. The band is what the rover claims (± 2 σ).",
+        pictures |= _path_pictures(trajectory, reference_trajectory, points)
+    if tracks is not None:
+        pictures["tracks"] = Picture(
+            _png(tracks),
+            "Images of the drive with the corners that were followed, before and after CLAHE",
+            "What the camera followed: lines are the ways of corners, left in the images as they came, right after their contrast was raised.",
         )
     page = _render(
         title=title,
@@ -210,6 +216,42 @@ def _error_pictures(survey: _Survey) -> dict[str, Picture]:
             _png(figures.error_against_distance(reconstruction, truth, route, area=area)),
             "Error against distance to the route",
             "How error and claim grow away from the route.",
+        ),
+    }
+
+
+def _path_pictures(
+    trajectory: Trajectory, reference: Trajectory, points: SurfacePoints | None
+) -> dict[str, Picture]:
+    """Draw where the rover believed to be, and how far off it was."""
+    at_times = np.column_stack(
+        [np.interp(trajectory.time_s, reference.time_s, axis) for axis in reference.position.T]
+    )
+    is_lost = np.asarray(trajectory.health) < 0.5
+    return {
+        "path": Picture(
+            _png(
+                figures.path_map(
+                    trajectory.position,
+                    trajectory.covariance,
+                    landmarks=None if points is None else points.xyz,
+                    landmark_sigma_m=None if points is None else points.sigma_z,
+                    reference=reference.position,
+                    is_lost=is_lost,
+                )
+            ),
+            "Map of the estimated path with its 1σ ellipses, the reference and the landmarks",
+            "Where the rover believed to be, how surely, and what it saw from there.",
+        ),
+        "path_error": Picture(
+            _png(figures.error_over_distance(trajectory.position, at_times, trajectory.covariance, is_lost)),
+            "Horizontal and vertical error of the position over the distance driven, with the claimed band",
+            "How the error of the position grows with the distance, and what was claimed of it.",
+        ),
+        "trajectory": Picture(
+            _png(figures.trajectory_error(trajectory, reference)),
+            "Error of the estimated position over time with its claimed band",
+            "Error of the estimated position: east, north and up. The band is what the rover claims (± 2 σ).",
         ),
     }
 

@@ -10,7 +10,7 @@ from survey.reporting import write_report
 from survey.reporting.page import _write
 
 FIGURES = {
-    "map", "terrain", "std", "support", "landmarks", "error", "profile", "calibration", "histogram", "distance", "trajectory",
+    "map", "terrain", "std", "support", "landmarks", "error", "profile", "calibration", "histogram", "distance", "trajectory", "path", "path_error",
 }  # fmt: skip
 TITLE = "Ridge <script>alert(1)</script> & co"
 CONFIG = "[planner]\nswaths = 4  # a < b\n"
@@ -142,7 +142,7 @@ def test_the_same_survey_gives_the_same_bytes(report, tmp_path, site, scored):
 def test_what_was_not_given_is_left_out(tmp_path, site, scored):
     page = write_report(tmp_path / "report", **(arguments(site, scored) | {"prior": None}))
     figures = {path.stem for path in (page.parent / "figures").iterdir()}
-    assert figures == FIGURES - {"trajectory", "landmarks"}
+    assert figures == FIGURES - {"trajectory", "path", "path_error", "landmarks"}
     assert "Localization" not in page.read_text(encoding="utf-8")
 
 
