@@ -8,6 +8,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from survey.arrays import FloatArray, IntArray
 from survey.reconstruction.carving.bases import Bases, Cells, Fresh
+from survey.reconstruction.carving.cloud import Sights
 from survey.reconstruction.carving.descent import Rasters, Step, Tally, Visited, descend
 
 # Nodes per length scale: of a pass's own raster, and of the one that holds all passes.
@@ -112,12 +113,11 @@ class CarvedSurface:
             self.raster = raster
         self.frame = frame
 
-    def learn(
-        self, xyz: FloatArray, origins: FloatArray, order: IntArray, level: int, first_step: int
-    ) -> Tally:
+    def learn(self, sights: Sights, order: IntArray, level: int, first_step: int) -> Tally:
         """Make one pass over points with kernels of one level."""
+        xyz, origins, _ = sights
         self._meet(xyz[len(self.known) :])
-        visited = Visited(xyz, origins, self.before, self.known, self.settled, self.latest)
+        visited = Visited(*sights, self.before, self.known, self.settled, self.latest)
         fresh = Fresh.on(self.frame.cells, level, len(order) * (2 if self.step.carve else 1))
         block = self._block(xyz, origins, fresh.length_m)
         rasters = self._rasters(fresh.length_m, block)

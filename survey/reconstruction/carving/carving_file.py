@@ -35,7 +35,12 @@ def write_carving(path: str | Path, model: "SpaceCarvingKernel") -> None:
         "n_learned": model.n_learned_,
         "steps": {name: list(surface.step) for name, surface in model.surfaces_.items()},
     }
-    arrays: dict[str, Any] = {"hits": cloud.xyz, "origins": cloud.origins, "held": cloud.held}
+    arrays: dict[str, Any] = {
+        "hits": cloud.xyz,
+        "origins": cloud.origins,
+        "sigma_m": cloud.sigma_m,
+        "held": cloud.held,
+    }
     for name, surface in model.surfaces_.items():
         arrays |= {f"{name}_{column}": v for column, v in surface.bases().columns()._asdict().items()}
         arrays[f"{name}_raster"] = surface.raster
@@ -56,7 +61,7 @@ def read_carving(path: str | Path, kind: type[Model]) -> Model:
     model.place = Place(west, south, step_m, datum_m, CRS.from_wkt(facts["crs"]), facts["vertical_datum"])
     width_m, height_m = facts["size_m"]
     model.frame = Frame.over(width_m, height_m, model.config.lengths_m())
-    model.cloud = Cloud(arrays["hits"], arrays["origins"], arrays["held"])
+    model.cloud = Cloud(arrays["hits"], arrays["origins"], arrays["sigma_m"], arrays["held"])
     model.spread_m_, model.n_runs_ = facts["spread_m"], facts["n_runs"]
     model.n_ghosts_, model.n_learned_ = facts["n_ghosts"], facts["n_learned"]
     none = Bases.none(model.frame.cells)

@@ -8,6 +8,7 @@ from pyproj import CRS
 from scipy.ndimage import binary_dilation
 
 from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.surface_points import SurfacePoints
 
 
@@ -27,12 +28,21 @@ class Place(NamedTuple):
         return np.array([self.west * self.step_m, self.south * self.step_m, self.datum_m])
 
 
+class Sights(NamedTuple):
+    """Hits and sensors (N, 3) [m], and how deep under a surface each line of sight may run (N,) [m]."""
+
+    xyz: FloatArray
+    origins: FloatArray
+    slack_m: FloatArray
+
+
 @dataclass
 class Cloud:
-    """Hits and sensors (N, 3) in the frame's coordinates [m], and which points are held back for validation."""
+    """Hits and sensors (N, 3) in the frame's coordinates [m], errors of the heights (N,) [m], and who is held back for validation."""
 
     xyz: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     origins: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    sigma_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     held: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def __len__(self) -> int:
@@ -43,12 +53,18 @@ class Cloud:
         origins = points.xyz if points.origins is None else points.origins
         self.xyz = np.concatenate([self.xyz, points.xyz - place.corner])
         self.origins = np.concatenate([self.origins, origins - place.corner])
+        self.sigma_m = np.concatenate([self.sigma_m, points.sigma_z])
         self.held = np.concatenate([self.held, held])
 
     def move(self, by: FloatArray) -> None:
         """Shift everything eastwards and northwards."""
         self.xyz[:, :2] += by
         self.origins[:, :2] += by
+
+    def sights(self, visited: IntArray, config: SpaceCarvingConfig) -> "Sights":
+        """Return what a pass goes over."""
+        slack_m = np.maximum(config.ray_sigmas * self.sigma_m[visited], config.dead_band_m)
+        return Sights(self.xyz[visited], self.origins[visited], slack_m)
 
     def learned_from(self, first: int = 0) -> IntArray:
         """Return the numbers of the points from one on that are not held back."""

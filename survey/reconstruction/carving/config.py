@@ -34,6 +34,8 @@ class SpaceCarvingConfig(Section):
     """Weight decay λ."""
     dead_band_m: float = Field(default=0.03, ge=0)
     """Violations below this make no basis [m]; 0.1 gives about as few bases as the paper reports."""
+    ray_sigmas: float = Field(default=3.0, ge=0)
+    """A line of sight may run so many of its point's standard deviations under the surface, if that is more than the dead-band."""
     prior_m: float | None = None
     """Height of the surface before it knows a point [m]; left out, the points' median."""
     bound_offset_m: float = Field(default=5.0, gt=0)

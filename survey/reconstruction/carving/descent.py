@@ -20,7 +20,7 @@ from survey.reconstruction.carving.wu_kernel import wu
 
 
 class Step(NamedTuple):
-    """What a pass goes by: prior and dead-band [m], η₀, the steps after which η has fallen by √2, λ, whether rays count."""
+    """What a pass goes by: prior and dead-band of points [m], η₀, the steps after which η has fallen by √2, λ, whether rays count."""
 
     prior_m: float
     dead_band_m: float
@@ -48,13 +48,16 @@ class Rasters(NamedTuple):
 
 
 class Visited(NamedTuple):
-    """What a pass goes over: hits and sensors (N, 3), heights (N,) above the prior that earlier runs and this one gave.
+    """What a pass goes over: hits and sensors (N, 3), and what a surface makes of them.
 
+    `slack_m` (N,) is how deep under the surface a line of sight may run [m], `before` and `known`
+    (N,) are the heights above the prior that earlier runs and this one gave the points;
     `settled` holds the bases of earlier runs, `latest` those of this run's passes before.
     """
 
     xyz: FloatArray
     origins: FloatArray
+    slack_m: FloatArray
     before: FloatArray
     known: FloatArray
     settled: Bases
@@ -62,7 +65,7 @@ class Visited(NamedTuple):
 
 
 class Violation(NamedTuple):
-    """Where a line of sight is deepest under the surface, and how deep [m]; 0 where it is nowhere."""
+    """Where a line of sight is deepest under the surface, and how deep [m]; 0 where it is nowhere deeper than its slack."""
 
     x: float
     y: float
@@ -113,7 +116,7 @@ def descend(  # noqa: PLR0917 - compiled functions take no keywords
         loss += 0.5 * residual * residual
         if step.carve:
             worst = worst_violation(visited, i, fresh, rasters, step, decayed)
-            if worst.depth_m > step.dead_band_m:
+            if worst.depth_m > 0.0:
                 _add(fresh, rasters, worst.x, worst.y, -rate * worst.depth_m / decayed, BY_RAY, True)
                 gradient += worst.depth_m
                 n_rays += 1
@@ -131,7 +134,7 @@ def worst_violation(  # noqa: PLR0917
     dx, dy, dz = origin[0] - hit[0], origin[1] - hit[1], origin[2] - hit[2]
     n = int(np.sqrt(dx * dx + dy * dy) / rasters.fine_step_m)
     highest = step.prior_m + rasters.highest[0] + rasters.highest[1]
-    worst, at = step.dead_band_m, -1.0
+    worst, at = visited.slack_m[i], -1.0
     for k in range(1, n + 1):
         u = k / n
         g = hit[2] + u * dz
@@ -151,7 +154,8 @@ def worst_violation(  # noqa: PLR0917
     x, y = hit[0] + at * dx, hit[1] + at * dy
     learned = height_at(visited.latest, x, y) + fresh_height(fresh, x, y)
     exact = step.prior_m + height_at(visited.settled, x, y) + decayed * learned
-    return Violation(x, y, max(exact - hit[2] - at * dz, 0.0))
+    depth = exact - hit[2] - at * dz
+    return Violation(x, y, depth if depth > visited.slack_m[i] else 0.0)
 
 
 @njit(cache=True, fastmath=FAST)

@@ -192,13 +192,12 @@ class SpaceCarvingKernel(TerrainModel):
         for level, length_m in enumerate(self.config.lengths_m()):
             visited = np.concatenate([visited, self._newly_added()])
             order = rng.permutation(len(visited))
-            hits, origins = self.cloud.xyz[visited], self.cloud.origins[visited]
+            sights = self.cloud.sights(visited, self.config)
             tallies = {
-                name: surface.learn(hits, origins, order, level, n_steps)
-                for name, surface in self.surfaces_.items()
+                name: surface.learn(sights, order, level, n_steps) for name, surface in self.surfaces_.items()
             }
             n_steps += len(order)
-            self.spread_m_ = _rms(self.surfaces_[MEAN].latest_heights() - hits[:, 2])
+            self.spread_m_ = _rms(self.surfaces_[MEAN].latest_heights() - sights.xyz[:, 2])
             self.passes_.append(_pass_of(tallies[MEAN], float(length_m), self._validation_m()))
             yield self.passes_[-1]
             if self._has_converged():
