@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.arrays import FloatArray
-from survey.sensors import GpsFixes
+from survey.sensors import Compass, GpsFixes
 from vision_slam.sequence import Sensed
 
 _TIME_S = 30.0
@@ -20,7 +20,8 @@ def attitudes(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> F
     """
     upright = _upright(rotations, time_s, recording) @ rotations
     attitude: FloatArray = Rotation.from_matrix(upright).as_euler("xyz")
-    attitude[:, 2] += _first_heading(recording, time_s[0]) - attitude[0, 2]
+    compass = recording.compass
+    attitude[:, 2] += (0.0 if compass is None else first_heading(compass, time_s[0])) - attitude[0, 2]
     attitude[:, 2] = np.unwrap(attitude[:, 2])
     return attitude
 
@@ -81,10 +82,8 @@ def _averaged(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> Float
     return mean
 
 
-def _first_heading(recording: Sensed, time_s: float) -> float:
-    compass = recording.compass
-    if compass is None:
-        return 0.0
+def first_heading(compass: Compass, time_s: float) -> float:
+    """Mean of what a compass says within 2 s of a moment [rad]."""
     near = np.abs(compass.time_s - time_s) <= 2.0
     heading = compass.heading_rad[near] if near.any() else compass.heading_rad[:1]
     return float(np.arctan2(np.sin(heading).mean(), np.cos(heading).mean()))

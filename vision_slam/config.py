@@ -2,9 +2,13 @@
 
 from typing import Literal
 
+import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat
 
 from survey.config import Section
+
+_UNKNOWN_START_M = 100.0
+_UNKNOWN_HEADING_DEG = 5.0
 
 
 class ImageOdometryErrors(Section):
@@ -99,3 +103,10 @@ class LocalizationConfig(Section):
     """Largest half-axis of a landmark's own 1σ ellipsoid (section II.E of the glacier paper) [m]."""
     landmark_min_range_m: PositiveFloat = 5.0
     """Landmarks first seen from nearer than this are left out as redundant (section II.E) [m]."""
+
+    @property
+    def start_errors(self) -> tuple[float, float]:
+        """Standard deviations of each coordinate of the start [m] and of the heading there [rad]."""
+        known = self.start == "surveyed"
+        heading_deg = self.heading_sigma_deg if known else max(self.heading_sigma_deg, _UNKNOWN_HEADING_DEG)
+        return self.start_sigma_m if known else _UNKNOWN_START_M, float(np.radians(heading_deg))

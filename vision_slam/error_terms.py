@@ -6,7 +6,7 @@ import numpy as np
 
 from survey.arrays import FloatArray, IntArray
 from survey.recording import Recording
-from survey.sensors import Barometer, Odometry
+from survey.sensors import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.gravity import gravity_tilt, standing_bias
 from vision_slam.normal_equations import (
@@ -33,14 +33,12 @@ from vision_slam.normal_equations import (
 from vision_slam.rotation import rotations, turned
 
 _DATUM_SIGMA_M = 1e4  # a barometer's datum is unknown by kilometres before the first reading
-_UNKNOWN_START_M = 100.0
-_UNKNOWN_HEADING_DEG = 5.0
 # What counts as known exactly: a larger number would swamp the others in rounding.
 _EXACT_RAD = 1e-6
 _EXACT_SCALE = 1e-5
 # Wheels and odometry that differ by more standard deviations than this are both doubted there.
 _DOUBTED = 3.0
-# What varies from turn to turn of the skidding.
+# Share of the skidding that varies, per square root of a radian.
 _SKID_VARIES = 0.5
 
 
@@ -96,12 +94,11 @@ class _Nodes:
 
 
 def _add_start(system: NormalEquations, config: LocalizationConfig) -> None:
-    known = config.start == "surveyed"
+    start_m, heading_rad = config.start_errors
     for axis in range(3):
-        system.add_prior(E + axis, config.start_sigma_m if known else _UNKNOWN_START_M)
-    heading = config.heading_sigma_deg if known else _UNKNOWN_HEADING_DEG
+        system.add_prior(E + axis, start_m)
+    system.add_prior(HEADING, max(heading_rad, _EXACT_RAD))
     for which, sigma_deg in (
-        (HEADING, heading),
         (PITCH_BIAS, config.tilt_bias_sigma_deg),
         (ROLL_BIAS, config.tilt_bias_sigma_deg),
         (FORCE_PITCH, config.accelerometer_bias_sigma_deg),
@@ -130,9 +127,8 @@ def _add_wheels(
     before = np.flatnonzero((times[:-1] >= wheels.time_s[0] - 1.0) & (times[1:] <= wheels.time_s[-1] + 1.0))
     rolled = np.diff(np.interp(times, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m)))[before]
     length, turned_rad = along.travel[before], along.turned_rad[before]
-    sigma = np.hypot(
-        config.wheel_step_sigma_m * np.sqrt(length), _SKID_VARIES * config.wheel_skid_m * turned_rad
-    )
+    varies = _SKID_VARIES * config.wheel_skid_m * np.sqrt(turned_rad)
+    sigma = np.hypot(config.wheel_step_sigma_m * np.sqrt(length), varies)
     scale = np.hypot(config.scale_wander_sigma, np.hypot(config.scale_sigma, config.wheel_scale_sigma))
     expected = np.hypot(np.hypot(sigma, config.wheel_skid_m * turned_rad), scale * length)
     off = rolled - length
@@ -180,56 +176,81 @@ def _leverage(along: _Nodes) -> tuple[FloatArray, FloatArray]:
     return np.diff(total[0][along.index], axis=0), np.diff(total[1][along.index], axis=0)
 
 
+def differenced_fixes(
+    recording: Recording, config: LocalizationConfig
+) -> tuple[FloatArray, LocalizationConfig]:
+    """Return the fixes (N, 3), less what a base station at the start says of the errors that both receivers have.
+
+    The second is what is then to be assumed of them.
+    """
+    fixes, base = recording.gps, recording.base
+    if base is None:
+        return fixes.position, config
+    common = base.position - recording.start
+    position = fixes.position - np.column_stack(
+        [np.interp(fixes.time_s, base.time_s, error) for error in common.T]
+    )
+    left = {
+        "gps_bias_sigma_m": config.gps_bias_sigma_m * config.base_residual,
+        "gps_white_sigma_m": config.gps_white_sigma_m * float(np.sqrt(2.0)),
+    }
+    return position, config.model_copy(update=left)
+
+
+def differenced_heights(
+    recording: Recording, config: LocalizationConfig
+) -> tuple[FloatArray | None, LocalizationConfig]:
+    """Return the barometer's heights (N,), less the weather that one at the start felt, and what is to be assumed of them."""
+    readings, base = recording.barometer, recording.base_barometer
+    if readings is None:
+        return None, config
+    if base is None:
+        return readings.height_m, config
+    weather = np.interp(readings.time_s, base.time_s, base.height_m - base.height_m[0])
+    left = {
+        "barometer_drift_sigma_m": config.barometer_drift_sigma_m * config.base_barometer_residual,
+        "barometer_white_sigma_m": config.barometer_white_sigma_m * float(np.sqrt(2.0)),
+    }
+    return readings.height_m - weather, config.model_copy(update=left)
+
+
 def _add_gps(
     system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
 ) -> None:
-    """Add the fixes, less what a base station at the start says of the errors that both receivers have."""
-    fixes, base = recording.gps, recording.base
-    position, bias, white = fixes.position, config.gps_bias_sigma_m, config.gps_white_sigma_m
-    if base is not None:
-        common = base.position - recording.start
-        position = position - np.column_stack([np.interp(fixes.time_s, base.time_s, c) for c in common.T])
-        bias, white = bias * config.base_residual, white * float(np.sqrt(2.0))
+    position, left = differenced_fixes(recording, config)
+    time_s = recording.gps.time_s
     mast = rotations(along.odometry.attitude_rad)[:, :, 2] * recording.antenna_height_m
     at_fix = np.column_stack(
-        [np.interp(fixes.time_s, along.odometry.time_s, column) for column in (along.reckoned + mast).T]
+        [np.interp(time_s, along.odometry.time_s, column) for column in (along.reckoned + mast).T]
     )
-    node, mean, count = along.averaged(fixes.time_s, at_fix - position)
+    node, mean, count = along.averaged(time_s, at_fix - position)
     memory = np.exp(-np.diff(along.time_s) / config.gps_correlation_time_s)
     one = np.ones(len(node))
     for axis in range(3):
         factor = config.gps_vertical_factor if axis == 2 else 1.0
         terms = [(unknown(node, E + axis), one), (unknown(node, BIAS + axis), -one)]
-        system.add(terms, mean[:, axis], factor * white / np.sqrt(count))
-        system.add_gauss_markov(BIAS + axis, memory, factor * bias)
+        system.add(terms, mean[:, axis], factor * left.gps_white_sigma_m / np.sqrt(count))
+        system.add_gauss_markov(BIAS + axis, memory, factor * left.gps_bias_sigma_m)
 
 
 def _add_barometer(
     system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
 ) -> None:
-    drift, white = config.barometer_drift_sigma_m, config.barometer_white_sigma_m
-    readings = recording.barometer
-    if readings is not None and recording.base_barometer is not None:
-        readings = _differenced(readings, recording.base_barometer)
-        drift, white = drift * config.base_barometer_residual, white * float(np.sqrt(2.0))
+    readings, left = differenced_heights(recording, config)
     memory = np.exp(-np.diff(along.time_s) / config.barometer_correlation_time_s)
-    system.add_gauss_markov(DRIFT, memory, drift)
-    if readings is None:
+    system.add_gauss_markov(DRIFT, memory, left.barometer_drift_sigma_m)
+    if readings is None or recording.barometer is None:
         return
-    height = np.interp(readings.time_s, along.odometry.time_s, along.reckoned[:, 2])
-    node, mean, count = along.averaged(readings.time_s, (height - readings.height_m)[:, None])
+    time_s = recording.barometer.time_s
+    height = np.interp(time_s, along.odometry.time_s, along.reckoned[:, 2])
+    node, mean, count = along.averaged(time_s, (height - readings)[:, None])
     many = np.ones(len(node))
     terms: list[Term] = [
         (unknown(node, E + 2), many),
         (unknown(node, DRIFT), -many),
         (np.array(DATUM), -many),
     ]
-    system.add(terms, mean[:, 0], white / np.sqrt(count))
-
-
-def _differenced(readings: Barometer, base: Barometer) -> Barometer:
-    weather = np.interp(readings.time_s, base.time_s, base.height_m - base.height_m[0])
-    return Barometer(readings.time_s, readings.height_m - weather)
+    system.add(terms, mean[:, 0], left.barometer_white_sigma_m / np.sqrt(count))
 
 
 def _add_gravity(system: NormalEquations, recording: Recording, along: _Nodes) -> None:

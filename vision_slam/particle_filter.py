@@ -1,15 +1,20 @@
-r"""Online fusion of visual odometry with GPS by a Rao-Blackwellised particle filter.
+r"""Online fusion of odometry with fixes by a Rao-Blackwellised particle filter.
 
-A particle holds what is not linear: position, heading and the odometry's scale. The GPS
-bias, which wanders slowly (Gauss-Markov), is linear and Gaussian once the position is
-given: each particle carries its mean, and all share one variance, since that does not
-depend on the readings. With d the odometry's step in its own level frame,
+One thing makes localization non-linear: the heading h of the odometry's frame in the world.
+A particle is such a heading. Given it all else is linear and Gaussian, so that each particle
+carries the mean of a Kalman filter: position p, the odometry's errors of yaw ψ, pitch θ and
+scale s with their constant parts, GPS bias b, drift c and datum c₀ of the barometer. With d
+the odometry's step, (u, v) how it answers to yaw and pitch, L its length, Δt its time,
 
-    p ← p + s R(ψ) d + n,   ψ ← ψ + n,   s ← s + n
-    z = p + b + ν,          b ← exp(−Δt/T) b + n
+    p ← p + d − ψ u − θ v − s d + w,           w ~ N(0, q² L)
+    ψ ← η + e^(−L/Λ) (ψ − η) + n,              θ, s alike;  b ← e^(−Δt/T) b + n,  c alike
+    z = p + b + ν,    h = p_z + c + c₀ + ν     (fix; barometer)
 
-so the weight of a particle is N(z − p − b̂; 0, σ_b² + σ_ν²) and b̂ is then corrected as by a
-Kalman filter. The noise of the motion follows `LocalizationConfig`.
+in the frame of the particle, the world turned by −h about the vertical. In their own frames
+all particles move and see alike, and the receiver errs alike to all sides: one covariance
+serves all, and a particle weighs N(ν; 0, H P Hᵀ + R). From a known heading one particle is
+enough, and the filter is Kalman's. It is what the smoother knows of the last moment when
+nothing after it has been seen.
 """
 
 from dataclasses import dataclass
@@ -20,10 +25,13 @@ from scipy.stats import chi2
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from vision_slam.config import LocalizationConfig
+from vision_slam.hypotheses import Hypotheses
 
-_CONSISTENT = float(chi2.ppf(0.999, 3))
+_CONSISTENT = float(chi2.ppf(0.9999, 3))
 _N_JUMPS = 5
-_JITTER = 0.1
+# Seconds of contradiction after which a place that differs from ours by no turn is believed all the same.
+_PATIENCE_S = 120.0
+_TURNED_RAD = np.radians(20.0)
 
 
 @dataclass(frozen=True)
@@ -32,7 +40,7 @@ class FilterEstimate:
 
     ``position`` (3,) [m], ``heading_rad`` turn of the odometry's frame in the world,
     ``scale`` of its steps, ``covariance`` (3, 3) of the position [m²]; ``is_lost`` while
-    the particles do not yet agree, or fixes contradict them.
+    the particles do not agree, or fixes contradict them.
     """
 
     position: FloatArray
@@ -45,6 +53,13 @@ class FilterEstimate:
 class ParticleFilter:
     """Position of a rover from odometry steps and fixes, one after the other.
 
+    A fix that contradicts all particles is left out. When several in a row do, either the
+    receiver has jumped or the rover was carried off. New particles are then drawn around the
+    fixes, with every heading, and both stories are followed, while `estimate` says lost. If
+    the new ones agree on another heading, the rover was turned: they are believed. If the
+    heading is the same, the fixes are off by a constant, as a jump makes them: they are
+    believed only after two minutes. Fixes that agree with the old story end the new one.
+
     Parameters
     ----------
     config : LocalizationConfig
@@ -52,9 +67,9 @@ class ParticleFilter:
     rng : numpy.random.Generator
         Draws of the particles.
     n_particles : int
-        How many.
+        How many headings, where the heading is not known.
     start : (3,) ndarray, optional
-        Where the rover starts, known to `config.start_sigma_m`. None is an unknown start:
+        Where the rover starts, as exactly as `config` says. None is a start anywhere:
         particles come from the first fix, with every heading.
     lost_m : float
         Standard deviation of the horizontal position above which the filter says lost.
@@ -65,6 +80,7 @@ class ParticleFilter:
     >>> for _ in range(20):
     ...     known.move(np.array([0.5, 0.0, 0.0]), 0.5)
     >>> known.correct(np.array([10.2, 0.3, 0.1]))
+    True
     >>> bool(abs(known.estimate().position[0] - 10.0) < 0.3)
     True
     """
@@ -74,68 +90,51 @@ class ParticleFilter:
         config: LocalizationConfig,
         rng: np.random.Generator,
         *,
-        n_particles: int = 2000,
+        n_particles: int = 200,
         start: FloatArray | None = None,
         lost_m: float = 5.0,
     ) -> None:
         if n_particles < 10:
             raise InputError(f"{n_particles} particles are too few to tell anything; give at least 10.")
-        self._config, self._rng, self._n = config, rng, n_particles
-        self._lost_m = lost_m
-        self._level = np.array([1.0, 1.0, config.gps_vertical_factor])
-        self._white = (config.gps_white_sigma_m * self._level) ** 2
-        self._log_weight = np.zeros(n_particles)
-        self._n_jumps = 0
-        self._position: FloatArray | None = None
-        self._heading: FloatArray = np.zeros(n_particles)
-        self._scale: FloatArray = np.ones(n_particles)
-        self._bias: FloatArray = np.zeros((n_particles, 3))
-        self._bias_variance: FloatArray = (config.gps_bias_sigma_m * self._level) ** 2
-        if start is not None:
-            self._draw(start, np.full(3, config.start_sigma_m), np.radians(config.yaw_sigma_deg))
+        self._config, self._rng, self._n, self._lost_m = config, rng, n_particles, lost_m
+        self._here = None if start is None else Hypotheses.at(start, n_particles, config, rng)
+        self._elsewhere: Hypotheses | None = None
+        self._n_jumps, self._contradicted_s = 0, 0.0
 
-    def move(self, step: FloatArray, seconds: float) -> None:
-        """Move by a step (3,) [m] of the odometry, in its own frame, which took so long."""
-        if self._position is None:
-            return
-        config, rng, n = self._config, self._rng, self._n
-        length = float(np.linalg.norm(step))
-        cosine, sine = np.cos(self._heading), np.sin(self._heading)
-        turned = np.column_stack(
-            [cosine * step[0] - sine * step[1], sine * step[0] + cosine * step[1], np.full(n, step[2])]
-        )
-        random = config.step_sigma_m * np.sqrt(length) * rng.standard_normal((n, 3))
-        self._position = self._position + self._scale[:, None] * turned + random
-        # The same spread over the correlation length that the smoother gives the heading.
-        wander = np.radians(config.yaw_sigma_deg) * np.sqrt(2.0 * length / config.attitude_correlation_m)
-        self._heading = self._heading + wander * rng.standard_normal(n)
-        memory = float(np.exp(-seconds / config.gps_correlation_time_s))
-        bias = (config.gps_bias_sigma_m * self._level) ** 2
-        self._bias = memory * self._bias
-        self._bias_variance = memory**2 * self._bias_variance + (1.0 - memory**2) * bias
+    def move(
+        self, step: FloatArray, seconds: float, rolled_m: float | None = None, turned_rad: float = 0.0
+    ) -> None:
+        """Move by a step (3,) [m] of the odometry, in its own frame, which took so long.
 
-    def correct(self, fix: FloatArray) -> None:
-        """Weigh the particles by a fix (3,) [m].
-
-        One that contradicts all of them is left out; after several in a row it is the
-        particles that are wrong, and they are drawn anew around the fixes.
+        Where wheels rolled `rolled_m` meanwhile, in a turn by `turned_rad`, they tell of the scale.
         """
-        if self._position is None:
-            self._start_anywhere(fix)
-            return
-        innovation = fix - self._position - self._bias
-        variance = self._bias_variance + self._white
-        if self._contradicts(innovation, variance):
-            self._n_jumps += 1
-            if self._n_jumps >= _N_JUMPS:
-                self._start_anywhere(fix)
-            return
-        self._n_jumps = 0
-        self._log_weight = self._log_weight - 0.5 * (innovation**2 / variance).sum(axis=1)
-        gain = self._bias_variance / variance
-        self._bias = self._bias + gain * innovation
-        self._bias_variance = (1.0 - gain) * self._bias_variance
-        self._resample_when_few_count()
+        for story in (self._here, self._elsewhere):
+            if story is not None:
+                story.move(step, seconds)
+                if rolled_m is not None:
+                    story.roll(rolled_m, float(np.linalg.norm(step)), abs(turned_rad))
+        if self._n_jumps:
+            self._contradicted_s += seconds
+
+    def correct(self, fix: FloatArray) -> bool:
+        """Weigh the particles by a fix (3,) [m]; tell whether it was believed."""
+        if self._here is None:
+            self._here = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
+            return True
+        if self._here.misfit(fix) <= _CONSISTENT:
+            self._here.correct(fix, self._rng)
+            self._elsewhere, self._n_jumps, self._contradicted_s = None, 0, 0.0
+            return True
+        self._n_jumps += 1
+        if self._n_jumps >= _N_JUMPS:
+            self._look_elsewhere(fix)
+        return False
+
+    def correct_height(self, height_m: float) -> None:
+        """Weigh the particles by a reading of the barometer [m], whose datum is unknown."""
+        for story in (self._here, self._elsewhere):
+            if story is not None:
+                story.correct_height(height_m)
 
     def estimate(self) -> FilterEstimate:
         """Return the mean, and how far the particles spread.
@@ -145,70 +144,28 @@ class ParticleFilter:
         InputError
             No fix has come yet and no start was given.
         """
-        if self._position is None:
+        if self._here is None:
             raise InputError(
                 "the filter has neither a start nor a fix; give it one before asking where it is."
             )
-        weight = self._weight()
-        mean = weight @ self._position
-        off = self._position - mean
-        covariance = np.einsum("n,ni,nj->ij", weight, off, off)
-        spread = float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
-        heading = float(np.angle(weight @ np.exp(1j * self._heading)))
-        sure_of_heading = abs(weight @ np.exp(1j * self._heading)) > 0.9
+        position, covariance = self._here.place()
+        heading, sureness = self._here.heading()
+        unsure = self._here.is_spread(self._lost_m) or sureness < 0.9
         return FilterEstimate(
-            mean,
-            heading,
-            float(weight @ self._scale),
-            covariance,
-            bool(spread > self._lost_m or not sure_of_heading or self._n_jumps > 1),
+            position, heading, self._here.scale(), covariance, bool(unsure or self._n_jumps > 1)
         )
 
-    def _draw(self, place: FloatArray, sigma: FloatArray, heading_sigma: float | None) -> None:
-        rng, n = self._rng, self._n
-        self._position = place + sigma * rng.standard_normal((n, 3))
-        self._heading = (
-            rng.uniform(-np.pi, np.pi, n) if heading_sigma is None else heading_sigma * rng.standard_normal(n)
-        )
-        self._scale = 1.0 + self._config.scale_sigma * rng.standard_normal(n)
-        self._bias = np.zeros((n, 3))
-        self._log_weight = np.zeros(n)
-        self._n_jumps = 0
-
-    def _start_anywhere(self, fix: FloatArray) -> None:
-        """Draw particles around a fix with every heading; what is bias and what is place, nobody knows yet."""
-        bias = self._config.gps_bias_sigma_m * self._level
-        self._draw(fix, np.sqrt(bias**2 + self._white), None)
-        assert self._position is not None
-        # Given the place, the bias is what the fix adds to it, but for the white noise.
-        share = bias**2 / (bias**2 + self._white)
-        self._bias = share * (fix - self._position)
-        self._bias_variance = share * self._white
-
-    def _contradicts(self, innovation: FloatArray, variance: FloatArray) -> bool:
-        """Whether the fix is improbable even for the particles' own spread (innovation gate, 99.9 %)."""
-        weight = self._weight()
-        mean = weight @ innovation
-        spread = variance + weight @ (innovation - mean) ** 2
-        return bool((mean**2 / spread).sum() > _CONSISTENT)
-
-    def _weight(self) -> FloatArray:
-        weight = np.exp(self._log_weight - self._log_weight.max())
-        normalized: FloatArray = weight / weight.sum()
-        return normalized
-
-    def _resample_when_few_count(self) -> None:
-        """Resample systematically when fewer than half the particles count: one draw, even steps."""
-        weight = self._weight()
-        if 1.0 / (weight @ weight) > 0.5 * self._n:
+    def _look_elsewhere(self, fix: FloatArray) -> None:
+        """Follow the story that the rover is where the fixes are; believe it when it has proved itself."""
+        assert self._here is not None
+        if self._elsewhere is None or self._elsewhere.misfit(fix) > _CONSISTENT:
+            self._elsewhere = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
             return
-        assert self._position is not None
-        combs = (np.arange(self._n) + self._rng.random()) / self._n
-        chosen = np.searchsorted(np.cumsum(weight), combs).clip(max=self._n - 1)
-        spread = np.sqrt(weight @ (self._heading - weight @ self._heading) ** 2)
-        self._position, self._bias = self._position[chosen], self._bias[chosen]
-        # A little of their own spread keeps heading and scale, which nothing else moves, from dying out.
-        noise = _JITTER * min(float(spread), 0.3) / self._n**0.2
-        self._heading = self._heading[chosen] + noise * self._rng.standard_normal(self._n)
-        self._scale = self._scale[chosen]
-        self._log_weight = np.zeros(self._n)
+        self._elsewhere.correct(fix, self._rng)
+        heading, sureness = self._elsewhere.heading()
+        if sureness < 0.98 or self._elsewhere.is_spread(self._lost_m):
+            return
+        turned = abs(np.angle(np.exp(1j * (heading - self._here.heading()[0]))))
+        if turned > _TURNED_RAD or self._contradicted_s > _PATIENCE_S:
+            self._here, self._elsewhere = self._elsewhere, None
+            self._n_jumps, self._contradicted_s = 0, 0.0

@@ -1,0 +1,166 @@
+"""A whole recording through the particle filter: at every moment what was known by then."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from survey.arrays import BoolArray, FloatArray
+from survey.recording import Recording
+from survey.streams import stream
+from survey.trajectory import Trajectory
+from vision_slam.attitude import first_heading
+from vision_slam.config import LocalizationConfig
+from vision_slam.error_terms import differenced_fixes, differenced_heights
+from vision_slam.particle_filter import ParticleFilter
+from vision_slam.rotation import quaternions, rotations
+
+# Worse than this nobody calls a heading known, and that of the odometry may have been laid on the fixes afterwards.
+_KNOWN_DEG = 1.0
+_ANY_DEG = 180.0
+
+
+@dataclass(frozen=True)
+class OnlinePath:
+    """Poses as they were known when they were reached.
+
+    ``time_s`` (N,), ``position`` (N, 3) [m], ``covariance`` (N, 3, 3) [m²], ``turn_rad`` (N,)
+    of the odometry's frame in the world, ``is_lost`` (N,); ``believed`` tells of every fix
+    whether it passed the innovation gate.
+    """
+
+    time_s: FloatArray
+    position: FloatArray
+    covariance: FloatArray
+    turn_rad: FloatArray
+    is_lost: BoolArray
+    believed: BoolArray
+
+    def trajectory(self, recording: Recording) -> Trajectory:
+        """Return it as a trajectory; its health is 0 where the filter says lost."""
+        assert recording.odometry is not None
+        attitude = recording.odometry.attitude_rad + self.turn_rad[:, None] * [0.0, 0.0, 1.0]
+        return Trajectory(
+            self.time_s,
+            self.position,
+            quaternions(attitude),
+            self.covariance,
+            recording.crs,
+            health=1.0 - self.is_lost,
+        )
+
+
+def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> OnlinePath:
+    """Filter a dead-reckoned path (N, 3) [m] with fixes, barometer and wheels, each in its turn.
+
+    Where the heading at the start is not known to 1°, the odometry is turned back to the
+    compass; without a compass every heading is tried. Its roll and pitch are taken as they
+    are: those of images are levelled by gravity over half a minute to either side.
+    """
+    assert recording.odometry is not None
+    poses_s = recording.odometry.time_s
+    fixes, settings = differenced_fixes(recording, config)
+    heights, settings = differenced_heights(recording, settings)
+    back, settings = _turned_back(recording, settings)
+    cosine, sine = np.cos(back), np.sin(back)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    path = (reckoned - recording.start) @ turn.T + recording.start
+    up = rotations(recording.odometry.attitude_rad)[:, :, 2] @ turn.T
+    antenna = fixes - _at(recording.gps.time_s, poses_s, up) * recording.antenna_height_m
+    filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
+    walk = _Walk(recording, path)
+    believed = np.zeros(len(antenna), dtype=np.bool_)
+    estimates = []
+    for now_s, kind, index in _events(recording, heights is not None):
+        walk.to(now_s, filtered)
+        if kind == _POSE:
+            estimates.append(filtered.estimate())
+        elif kind == _FIX:
+            believed[index] = filtered.correct(antenna[index])
+        else:
+            assert heights is not None
+            filtered.correct_height(float(heights[index]))
+    return OnlinePath(
+        poses_s,
+        np.array([now.position for now in estimates]),
+        np.array([now.covariance for now in estimates]),
+        np.array([now.heading_rad for now in estimates]) + back,
+        np.array([now.is_lost for now in estimates]),
+        believed,
+    )
+
+
+def believing(recording: Recording, online: OnlinePath) -> Recording:
+    """Return the recording without the fixes that the filter refused, unless fewer than two are left."""
+    if online.believed.all() or online.believed.sum() < 2:
+        return recording
+    fixes = recording.gps
+    kept = replace(fixes, time_s=fixes.time_s[online.believed], position=fixes.position[online.believed])
+    return replace(recording, gps=kept)
+
+
+_FIX, _HEIGHT, _POSE = range(3)
+
+
+def _events(recording: Recording, with_heights: bool) -> list[tuple[float, int, int]]:
+    """Moments at which something is to be done: fixes and heights before the pose of the same time."""
+    assert recording.odometry is not None
+    poses_s = recording.odometry.time_s
+    times = {_POSE: poses_s, _FIX: recording.gps.time_s}
+    if with_heights and recording.barometer is not None:
+        times[_HEIGHT] = recording.barometer.time_s
+    events = [
+        (float(at_s), kind, index)
+        for kind, moments in times.items()
+        for index, at_s in enumerate(moments.tolist())
+        if poses_s[0] <= at_s <= poses_s[-1]
+    ]
+    return sorted(events)
+
+
+class _Walk:
+    """Moves a filter along the reckoned path, from one moment to the next."""
+
+    def __init__(self, recording: Recording, path: FloatArray) -> None:
+        assert recording.odometry is not None
+        self._times, self._path = recording.odometry.time_s, path
+        self._heading = np.unwrap(recording.odometry.attitude_rad[:, 2])
+        self._wheels = recording.wheels
+        self._rolled = (
+            None if recording.wheels is None else 0.5 * (recording.wheels.left_m + recording.wheels.right_m)
+        )
+        self._now_s = float(self._times[0])
+        self._here = self._state(self._now_s)
+
+    def to(self, time_s: float, filtered: ParticleFilter) -> None:
+        """Move on to a time [s]."""
+        if time_s <= self._now_s:
+            return
+        there = self._state(time_s)
+        moved = there - self._here
+        seconds, rolled = time_s - self._now_s, None
+        if self._wheels is not None and time_s <= self._wheels.time_s[-1] + 1.0:
+            rolled = float(moved[4])
+        filtered.move(moved[:3], seconds, rolled, float(moved[3]))
+        self._now_s, self._here = time_s, there
+
+    def _state(self, time_s: float) -> FloatArray:
+        """Place, heading and travel of the wheels (5,)."""
+        place = [np.interp(time_s, self._times, column) for column in self._path.T]
+        heading = np.interp(time_s, self._times, self._heading)
+        rolled = 0.0 if self._wheels is None else np.interp(time_s, self._wheels.time_s, self._rolled)
+        return np.array([*place, heading, rolled])
+
+
+def _turned_back(recording: Recording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:
+    """Return the turn that takes the odometry back to the compass [rad], and how sure that is of its heading."""
+    if config.heading_sigma_deg <= _KNOWN_DEG or config.start == "unknown":
+        return 0.0, config
+    if recording.compass is None:
+        return 0.0, config.model_copy(update={"heading_sigma_deg": _ANY_DEG})
+    assert recording.odometry is not None
+    first = float(recording.odometry.attitude_rad[0, 2])
+    return first_heading(recording.compass, float(recording.odometry.time_s[0])) - first, config
+
+
+def _at(time_s: FloatArray, times: FloatArray, values: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(time_s, times, column) for column in values.T])
