@@ -255,11 +255,16 @@ class Odometry:
         Motion from each pose to the next [m], in the body frame of the earlier one.
     attitude_rad : (N, 3) array_like
         Roll, pitch and yaw of the body in the world.
+    step_sigma_m, turn_sigma_rad : (N - 1,) array_like, optional
+        Error of each step, and of the turn that goes with it, beyond what such odometry
+        usually has: where nothing saw the motion. Zero unless given.
     """
 
     time_s: FloatArray
     step: FloatArray
     attitude_rad: FloatArray
+    step_sigma_m: FloatArray | None = None
+    turn_sigma_rad: FloatArray | None = None
 
     def __post_init__(self) -> None:
         times = checked(self.time_s, (None,), "the times of the odometry")
@@ -270,19 +275,29 @@ class Odometry:
         object.__setattr__(self, "time_s", times)
         object.__setattr__(self, "step", checked(self.step, (len(times) - 1, 3), "the steps of the odometry"))
         object.__setattr__(self, "attitude_rad", checked(self.attitude_rad, (len(times), 3), "the attitudes"))
+        for name in _TORN:
+            errors = getattr(self, name)
+            if errors is not None:
+                object.__setattr__(
+                    self, name, checked(errors, (len(times) - 1,), f"the {name} of the odometry")
+                )
 
     def write(self, path: str | Path) -> None:
         """Write a CSV table; the first pose is reached by no step, a row of zeros keeps one row a pose."""
         steps = np.vstack([np.zeros((1, 3)), self.step])
         body = np.hstack([self.time_s[:, None], steps, self.attitude_rad])
-        write_table(path, dict(zip(_ODOMETRY, body.T, strict=True)))
+        columns = dict(zip(_ODOMETRY, body.T, strict=True))
+        torn = {name: getattr(self, name) for name in _TORN}
+        columns |= {name: np.r_[0.0, errors] for name, errors in torn.items() if errors is not None}
+        write_table(path, columns)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Read what `write` wrote."""
         table = read_table(path, _ODOMETRY, what="the odometry table")
         body = np.column_stack([table[name] for name in _ODOMETRY[1:]])
-        return cls(table["time_s"], body[1:, :3], body[:, 3:])
+        torn = {name: table[name][1:] for name in _TORN if name in table}
+        return cls(table["time_s"], body[1:, :3], body[:, 3:], **torn)
 
 
 @dataclass(frozen=True)
@@ -331,6 +346,7 @@ class Sightings:
 
 
 _ODOMETRY = ("time_s", "forward_m", "left_m", "up_m", "roll_rad", "pitch_rad", "yaw_rad")
+_TORN = ("step_sigma_m", "turn_sigma_rad")
 _SIGHTINGS = (
     *("pose", "forward_m", "left_m", "up_m", "range_m"),
     *("var_ff_m2", "cov_fl_m2", "cov_fu_m2", "var_ll_m2", "cov_lu_m2", "var_uu_m2"),

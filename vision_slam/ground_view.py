@@ -175,12 +175,12 @@ def _fitted(points: FloatArray, plane: FloatArray) -> FloatArray:
     powers = _powers(points[:, :2])
     off = points[:, 2] - powers @ plane
     added: FloatArray = np.zeros(6)
-    weight: FloatArray = np.ones(len(off))
+    weight: FloatArray = np.ones(len(off), dtype=np.float64)
     # The plane of the tracks may be off by a few degrees, and dunes bend by some centimetres over a metre.
     prefer = np.diag(1.0 / np.array([0.05, 0.1, 0.1, 0.02, 0.02, 0.02]) ** 2)
     for _ in range(5):
         normal = powers.T @ (weight[:, None] * powers) / _RELIEF_M**2 + prefer
-        added = np.linalg.solve(normal, powers.T @ (weight * off) / _RELIEF_M**2)
+        added[:] = np.linalg.solve(normal, powers.T @ (weight * off) / _RELIEF_M**2)
         far = (off - powers @ added) / (2.0 * _RELIEF_M)
         weight = np.asarray(1.0 / (1.0 + far**2), dtype=np.float64)
     return added

@@ -52,8 +52,18 @@ class NormalEquations:
         one = np.ones(1)
         self.add([(np.atleast_1d(np.asarray(which)), one)], 0.0 * one, sigma * one)
 
-    def add_gauss_markov(self, which: int, memory: FloatArray, sigma: float, mean: int | None = None) -> None:
-        """Tie an unknown to its neighbour: x' − μ = memory · (x − μ) + noise that keeps the variance; μ is a global."""
+    def add_gauss_markov(
+        self,
+        which: int,
+        memory: FloatArray,
+        sigma: float,
+        mean: int | None = None,
+        jump: FloatArray | float = 0.0,
+    ) -> None:
+        """Tie an unknown to its neighbour: x' − μ = memory · (x − μ) + noise that keeps the variance; μ is a global.
+
+        Noise of the standard deviation `jump`, of its own between each two nodes, comes on top.
+        """
         before = np.arange(len(memory))
         first, one = np.zeros(1, dtype=np.int64), np.ones(1)
         steps: list[Term] = [
@@ -64,7 +74,8 @@ class NormalEquations:
         if mean is not None:
             steps.append((np.array(mean), memory - 1.0))
             start.append((np.array(mean), -one))
-        self.add(steps, np.zeros(len(memory)), sigma * np.sqrt(np.maximum(1.0 - memory**2, 1e-12)))
+        kept = sigma * np.sqrt(np.maximum(1.0 - memory**2, 1e-12))
+        self.add(steps, np.zeros(len(memory)), np.hypot(kept, jump))
         self.add(start, 0.0 * one, sigma * one)
 
     @property

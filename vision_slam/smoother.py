@@ -27,6 +27,7 @@ from scipy import sparse
 from survey.arrays import FloatArray, IntArray
 from survey.path_error import POSE, PathError
 from survey.recording import Recording
+from survey.sensors import Odometry
 from vision_slam.chain import Chain
 from vision_slam.config import LocalizationConfig
 from vision_slam.error_terms import add_terms
@@ -63,7 +64,7 @@ class SmoothedPath:
 def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> SmoothedPath:
     """Correct a dead-reckoned path (N, 3) [m] by what else the recording holds."""
     assert recording.odometry is not None
-    nodes = _nodes(reckoned, config.node_spacing_m)
+    nodes = np.union1d(_nodes(reckoned, config.node_spacing_m), _torn(recording.odometry))
     time_s = recording.odometry.time_s[nodes]
     posterior = _Posterior.of(recording, reckoned, nodes, config)
     gain = _gain_if_longer(recording, reckoned, nodes, config, posterior.log_evidence)
@@ -134,6 +135,14 @@ def _nodes(path: FloatArray, spacing_m: float) -> IntArray:
     travel = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
     n = max(2, round(travel[-1] / spacing_m) + 1)
     return np.unique(np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1))
+
+
+def _torn(odometry: Odometry) -> IntArray:
+    """Return indices of the poses before and after each step that nothing saw."""
+    if odometry.step_sigma_m is None:
+        return np.zeros(0, dtype=np.int64)
+    before = np.flatnonzero(odometry.step_sigma_m > 0.0)
+    return np.union1d(before, before + 1)
 
 
 def _gain_if_longer(
