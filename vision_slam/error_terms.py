@@ -83,6 +83,12 @@ class _Nodes:
         turns = np.abs(np.diff(np.unwrap(self.odometry.attitude_rad[:, 2])))
         return np.diff(np.r_[0.0, np.cumsum(turns)][self.index])
 
+    def beyond_usual(self, errors: FloatArray | None) -> FloatArray:
+        """Errors of steps beyond the usual ones (N - 1,), summed from node to node (K - 1,)."""
+        if errors is None:
+            return np.zeros(len(self.index) - 1)
+        return np.sqrt(np.diff(np.r_[0.0, np.cumsum(errors**2)][self.index]))
+
     def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,)."""
         edges = 0.5 * (self.time_s[1:] + self.time_s[:-1])
@@ -151,6 +157,8 @@ def _add_odometry(
     step, length = np.diff(along.reckoned[along.index], axis=0), along.travel
     by_yaw, by_pitch = _leverage(along)
     one = np.ones(len(before))
+    doubt_m = np.hypot(doubt_m, along.beyond_usual(along.odometry.step_sigma_m))
+    turn_rad = along.beyond_usual(along.odometry.turn_sigma_rad)
     for axis in range(3):
         terms: list[Term] = [(unknown(before + 1, E + axis), one), (unknown(before, E + axis), -one)]
         for k in (before, before + 1):
@@ -166,7 +174,8 @@ def _add_odometry(
         (PITCH, config.tilt_sigma_deg, PITCH_BIAS),
         (ROLL, config.tilt_sigma_deg, ROLL_BIAS),
     ):
-        system.add_gauss_markov(which, memory, float(np.radians(sigma_deg)), mean)
+        jump = turn_rad if which == YAW else 0.0
+        system.add_gauss_markov(which, memory, float(np.radians(sigma_deg)), mean, jump)
 
 
 def _leverage(along: _Nodes) -> tuple[FloatArray, FloatArray]:

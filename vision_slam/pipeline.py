@@ -16,6 +16,7 @@ from vision_slam.closures import closures_by_images
 from vision_slam.config import LocalizationConfig
 from vision_slam.landmarks import placed_landmarks
 from vision_slam.online import believing, follow
+from vision_slam.relocalization import rejoined, torn_at
 from vision_slam.rotation import quaternions, rotations
 from vision_slam.smoother import SmoothedPath, smooth
 from vision_slam.visual_config import VisualOdometryConfig
@@ -132,6 +133,9 @@ def with_visual_odometry(
 
 def headed(recording: Recording, found: VisualOdometry) -> tuple[Recording, VisualOdometry]:
     """Turn what images gave to the heading that the fixes tell; return it also as part of the recording."""
+    if len(torn_at(recording, found)):
+        found = rejoined(recording, found)
+        return replace(recording, odometry=found.odometry, sightings=found.sightings), found
     odometry = found.odometry
     path = dead_reckoning(odometry, recording.start)
     turn = heading_correction(path, odometry.time_s, recording.gps)
