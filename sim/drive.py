@@ -22,7 +22,7 @@ from sim.instruments import Instruments, Log, Readings
 from sim.motion import Motion
 from sim.physics import HeightField, KinematicRover, Physics, RoverState
 from sim.preview import write_contact_sheet, write_preview
-from sim.pursuit import PurePursuit
+from sim.pursuit import BackingOff, PurePursuit
 from sim.rendering import Renderer, RoverBox
 from sim.rover import ContactRover
 from sim.scene_config import AppearanceConfig
@@ -216,6 +216,7 @@ class _Run:
         self._ground, self._mission = ground, mission
         self._faults = Faults(mission.faults, mission.seed)
         self._pursuit = PurePursuit(path, mission.rover.speed_m_s, mission.physics)
+        self._backing = BackingOff(mission.rover.speed_m_s)
         self._physics = physics_of(ground, path, mission)
         self._every = mission.physics.rate_hz // LOGGED_HZ
         self._states = [self._physics.state]
@@ -260,7 +261,10 @@ class _Run:
         time_s = self._states[-1].time_s
         waits = belief is None or time_s < _STAND_S
         self._believed_xy = self._start[:2] if belief is None else belief.xy
-        left, right = (0.0, 0.0) if belief is None or waits else self._pursuit.track_speeds(*belief)
+        left, right = 0.0, 0.0
+        if belief is not None and not waits:
+            wanted = self._pursuit.track_speeds(*belief)
+            left, right = self._backing.track_speeds(time_s, belief.xy, wanted)
         self._faults.drive(self._physics, time_s)
         for _ in range(LOGGED_HZ // STEERED_HZ):
             for _ in range(self._every):

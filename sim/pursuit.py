@@ -1,5 +1,7 @@
 """Follows a route: pure pursuit for a rover that steers by the difference of its tracks."""
 
+from collections import deque
+
 import numpy as np
 
 from sim.drive_config import PhysicsConfig
@@ -7,6 +9,9 @@ from survey.arrays import FloatArray
 
 _SPACING_M = 0.1
 _SEARCHED_M = 3.0
+_HANGS_S, _HANGS_M = 3.0, 0.1
+_BACKS_S, _FAST_BACK, _SLOW_BACK = 2.0, -0.7, -0.2
+_TRIES, _PLACE_M = 3, 2.0
 
 
 class PurePursuit:
@@ -81,3 +86,55 @@ class PurePursuit:
         last = self._nearest + round(_SEARCHED_M / _SPACING_M)
         gaps = np.hypot(*(self._xy[self._nearest : last + 1] - xy).T)
         self._nearest += int(np.argmin(gaps))
+
+
+class BackingOff:
+    """Backs a rover off that hangs, turning it on the way to where it has to go, and lets it try again.
+
+    Uphill one track alone may be too weak to turn a rover; rolling back it turns easily. A
+    rover that moves less than 0.1 m in 3 s, by what it believes, hangs. After three tries
+    at one place it is left to its fate.
+
+    Parameters
+    ----------
+    speed_m_s : float
+        On straight stretches [m/s]; it backs off more slowly.
+
+    Examples
+    --------
+    >>> backing = BackingOff(1.0)
+    >>> asked = [backing.track_speeds(0.1 * k, np.zeros(2), (0.0, 0.6)) for k in range(40)]
+    >>> asked[0], asked[-1]  # it wants to turn left: the left track is the faster one in reverse
+    ((0.0, 0.6), (-0.7, -0.2))
+    """
+
+    def __init__(self, speed_m_s: float) -> None:
+        self._speed = speed_m_s
+        self._trail: deque[tuple[float, FloatArray]] = deque()
+        self._until_s = -np.inf
+        self._back = 0.0, 0.0
+        self._place, self._n_tries = np.full(2, np.inf), 0
+
+    def track_speeds(self, time_s: float, xy: FloatArray, wanted: tuple[float, float]) -> tuple[float, float]:
+        """Return the speeds [m/s] to ask of both tracks, where `wanted` would follow the route."""
+        if time_s < self._until_s:
+            return self._back
+        self._trail.append((time_s, xy))
+        if time_s - self._trail[0][0] < _HANGS_S:
+            return wanted
+        before = self._trail.popleft()[1]
+        if np.hypot(*(xy - before)) >= _HANGS_M or not self._may_try(xy):
+            return wanted
+        left, right = wanted
+        fast, slow = _FAST_BACK * self._speed, _SLOW_BACK * self._speed
+        self._back = (fast, slow) if right > left else (slow, fast)
+        self._until_s = time_s + _BACKS_S
+        self._trail.clear()
+        return self._back
+
+    def _may_try(self, xy: FloatArray) -> bool:
+        """Count the tries at a place."""
+        if not np.hypot(*(xy - self._place)) < _PLACE_M:
+            self._place, self._n_tries = xy, 0
+        self._n_tries += 1
+        return self._n_tries <= _TRIES
