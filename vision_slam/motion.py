@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.arrays import FloatArray
+from survey.sensors import Inertial
 from vision_slam.sequence import Sensed
 
 _STANDING_S = 0.5
@@ -35,6 +36,8 @@ class MotionSensors:
     def __init__(self, recording: Sensed) -> None:
         self._wheels, self._inertial = recording.wheels, recording.inertial
         self._bias = self._standing_bias()
+        if self._inertial is not None:
+            self._began_s, self._turned = _summed(self._inertial)
 
     def between(self, first_s: float, last_s: float) -> Motion:
         """Return the motion between two times."""
@@ -59,15 +62,17 @@ class MotionSensors:
         inertial = self._inertial
         if inertial is None or not _covers(inertial.time_s, first_s, last_s):
             return None
-        inside = inertial.time_s[(inertial.time_s > first_s) & (inertial.time_s < last_s)]
-        moments = np.concatenate([[first_s], inside, [last_s]])
-        middle = 0.5 * (moments[1:] + moments[:-1])
-        rates = np.column_stack([np.interp(middle, inertial.time_s, axis) for axis in inertial.gyro_rad_s.T])
-        turn = Rotation.identity()
-        for part in Rotation.from_rotvec((rates - self._bias) * np.diff(moments)[:, None]):
-            turn = turn * part
-        matrix: FloatArray = turn.as_matrix()
+        turn = self._turned_at(first_s).inv() * self._turned_at(last_s)
+        half_bias = Rotation.from_rotvec(-0.5 * self._bias * (last_s - first_s))
+        matrix: FloatArray = (half_bias * turn * half_bias).as_matrix()
         return matrix
+
+    def _turned_at(self, time_s: float) -> Rotation:
+        """Turn since the first reading; each reading is the mean rate over the time before it."""
+        assert self._inertial is not None
+        after = int(np.searchsorted(self._inertial.time_s, time_s).clip(0, len(self._inertial) - 1))
+        passed = time_s - self._began_s[after]
+        return self._turned[after] * Rotation.from_rotvec(passed * self._inertial.gyro_rad_s[after])
 
     def _standing_bias(self) -> FloatArray:
         """Rate while the wheels rest at the start; zero when it begins in motion, or rocks while standing."""
@@ -87,7 +92,18 @@ class MotionSensors:
         return np.zeros(3) if rocking else bias
 
 
+def _summed(inertial: Inertial) -> tuple[FloatArray, list[Rotation]]:
+    """Begin [s] of each reading's time, and the turn up to there."""
+    usual = float(np.median(np.diff(inertial.time_s))) if len(inertial) > 1 else 0.0
+    began = np.r_[inertial.time_s[0] - usual, inertial.time_s[:-1]]
+    parts = Rotation.from_rotvec(inertial.gyro_rad_s * (inertial.time_s - began)[:, None])
+    turned = [Rotation.identity()]
+    for part in parts[:-1]:
+        turned.append(turned[-1] * part)
+    return began, turned
+
+
 def _covers(time_s: FloatArray, first_s: float, last_s: float) -> bool:
-    """Whether readings reach over both moments, but for less than the time between two readings."""
-    slack = 0.6 * float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    """Whether readings reach over both moments, but for little more than the time between two readings."""
+    slack = 1.1 * float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return bool(time_s[0] - slack <= first_s and last_s <= time_s[-1] + slack)

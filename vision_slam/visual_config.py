@@ -43,12 +43,12 @@ class VisualOdometryConfig(Section):
     """Of still older keyframes each of this many is held too, while far features live that it saw."""
     n_anchors: PositiveInt = 3
     """Most anchors."""
-    wheel_sigma: PositiveFloat = 0.03
-    """Relative error of the travel that the wheels tell, step by step."""
-    lateral_sigma: PositiveFloat = 0.08
+    wheel_sigma: PositiveFloat = 0.01
+    """Relative error of the travel that the wheels tell, step by step, where they do not slip."""
+    lateral_sigma: PositiveFloat = 0.04
     """Sideways and vertical motion of the body per forward motion."""
-    gyro_sigma_deg: PositiveFloat = 0.06
-    """Error of a turn told by the gyro between keyframes [deg]."""
+    gyro_sigma_deg: PositiveFloat = 0.01
+    """Error of a turn that the gyro tells over one second [deg]; it grows with the root of time."""
     least_inliers: PositiveInt = 15
     """With fewer corners that agree with one pose, the images count as blind."""
     least_inlier_ratio: PositiveFloat = 0.4

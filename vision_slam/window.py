@@ -26,8 +26,7 @@ class _Between:
     """What wheels and gyro say of the motion from one keyframe to the next."""
 
     pose: Any
-    turn_noise: Any
-    shift_noise: Any
+    noises: tuple[Any, ...]
 
 
 class Window:
@@ -87,7 +86,7 @@ class Window:
             graph.add(gtsam.PriorFactorPose3(X(k), values.atPose3(X(k)), still))
         for k in free:
             between = self._between[k - 1]
-            for noise in (between.turn_noise, between.shift_noise):
+            for noise in between.noises:
                 graph.add(gtsam.BetweenFactorPose3(X(k - 1), X(k), between.pose, noise))
         used = {*held, *free}
         factors = [self._smart(track, used) for track in tracks]
@@ -161,18 +160,19 @@ class Window:
         turn_sigma = np.full(3, _UNKNOWN_TURN_RAD)
         if motion.rotation is not None:
             relative[:3, :3] = motion.rotation
-            turn_sigma = np.full(3, np.radians(config.gyro_sigma_deg) * max(1.0, motion.seconds**0.5))
-        shift_sigma = np.full(3, _UNKNOWN_TRAVEL_M)
+            turn_sigma = np.full(3, np.radians(config.gyro_sigma_deg) * motion.seconds**0.5)
+        along_m, aside_m = _UNKNOWN_TRAVEL_M, _UNKNOWN_TRAVEL_M
         if motion.travel_m is not None:
             relative[:3, 3] = half_turned(relative[:3, :3]) @ [motion.travel_m, 0.0, 0.0]
             travel = abs(motion.travel_m)
-            aside = config.lateral_sigma * travel + 0.005
-            shift_sigma = np.array([config.wheel_sigma * travel + 0.002, aside, aside])
+            along_m, aside_m = config.wheel_sigma * travel + 0.002, config.lateral_sigma * travel + 0.005
         free = np.full(3, _FREE)
         turn = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([turn_sigma, free]))
-        shift = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([free, shift_sigma]))
+        along = gtsam.noiseModel.Diagonal.Sigmas(np.array([*free, along_m, _FREE, _FREE]))
+        aside = gtsam.noiseModel.Diagonal.Sigmas(np.array([*free, _FREE, aside_m, aside_m]))
         cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(_SLIP_SIGMAS)
-        return _Between(gtsam.Pose3(relative), turn, gtsam.noiseModel.Robust.Create(cauchy, shift))
+        robust = [gtsam.noiseModel.Robust.Create(cauchy, noise) for noise in (along, aside)]
+        return _Between(gtsam.Pose3(relative), (turn, *robust))
 
 
 def _smart_params(mode: Any) -> Any:

@@ -161,10 +161,10 @@ def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None
             off = between[k].pose.localCoordinates(bodies[k].between(bodies[k + 1]))
             travel = float(np.linalg.norm(between[k].pose.translation()))
             aside = config.lateral_sigma * travel + 0.005
-            parts.append(off[:3] / np.radians(config.gyro_sigma_deg))
-            shift = off[3:] / [config.wheel_sigma * travel + 0.002, aside, aside]
-            length = np.linalg.norm(shift) + 1e-12  # Cauchy's loss as a residual: c √ln(1 + |e|²/c²)
-            parts.append(shift / length * 3.0 * np.sqrt(np.log1p((length / 3.0) ** 2)))
+            parts.append(off[:3] / np.radians(config.gyro_sigma_deg * 0.25**0.5))
+            for shift in (off[3:4] / (config.wheel_sigma * travel + 0.002), off[4:] / aside):
+                length = np.linalg.norm(shift) + 1e-12  # Cauchy's loss as a residual: c √ln(1 + |e|²/c²)
+                parts.append(shift / length * 3.0 * np.sqrt(np.log1p((length / 3.0) ** 2)))
         return np.concatenate(parts)
 
     judge = least_squares(residual, np.r_[np.zeros(18), points.ravel()], xtol=1e-12, ftol=1e-12)
