@@ -16,7 +16,7 @@ def reconstruct(
         list[Path],
         typer.Argument(
             help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), or LiDAR scans and folders of them "
-            "(npz, LAS/LAZ, PLY, ROS 2) for emap and field."
+            "(npz, LAS/LAZ, PLY, ROS 2) for carving, emap and field."
         ),
     ],
     prior: Annotated[
@@ -27,7 +27,7 @@ def reconstruct(
         typer.Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
     ] = None,
     method: Annotated[
-        str, typer.Option("--method", help="gp, dense or tin; emap or field for scans.")
+        str, typer.Option("--method", help="gp, dense or tin; carving, emap or field for scans.")
     ] = "gp",
     value: Annotated[
         str | None, typer.Option("--value", help="Map this sampled quantity instead of elevation.")
@@ -69,7 +69,7 @@ def reconstruct(
     source = sources[0]
     if len(sources) > 1 and method not in SCAN_METHODS:
         raise InputError(
-            f"{len(sources)} files were named, and the method {method!r} maps one; name one, or take emap or field."
+            f"{len(sources)} files were named, and the method {method!r} maps one; name one, or take carving, emap or field."
         )
     if source.suffix == ".toml":
         from sim.cli.mission_file import run_until, tell

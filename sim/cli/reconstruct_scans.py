@@ -1,11 +1,13 @@
-"""``firnline reconstruct … --method emap|field``: a map from LiDAR scans, taken in one by one."""
+"""``firnline reconstruct … --method carving|emap|field``: a map from LiDAR scans, taken in one by one."""
 
 from pathlib import Path
 
 import typer
 
-SCAN_METHODS = ("emap", "field")
+SCAN_METHODS = ("carving", "emap", "field")
 _STEP_M = 0.25
+# Kernels are 0.4 m wide at least: more points than this make them slower, not better.
+_THIN_M = 0.1
 
 
 def reconstruct_scans(
@@ -20,9 +22,11 @@ def reconstruct_scans(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Stream scans into a lattice and write mean, standard deviation, bounds and support."""
+    """Stream scans into a map and write mean, standard deviation, bounds and support."""
     from sim.cli.progress import counted
     from survey.io.scans import Track, read_scans, scan_files
+    from survey.reconstruction.carving.config import SpaceCarvingConfig
+    from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
     from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
     from survey.reconstruction.lattice.field_lattice import FieldLattice
     from survey.reconstruction.lattice.spring_lattice import SpringLattice
@@ -30,16 +34,19 @@ def reconstruct_scans(
     files = scan_files(sources)
     track = None if trajectory is None else Track.read(trajectory)
     step = step_m or _STEP_M
-    model: FieldLattice | SpringLattice = (
-        FieldLattice(FieldLatticeConfig(step_m=step))
-        if method == "field"
-        else SpringLattice(SpringLatticeConfig(step_m=step, side_m=None))
-    )
+    model: FieldLattice | SpaceCarvingKernel | SpringLattice
+    if method == "field":
+        model = FieldLattice(FieldLatticeConfig(step_m=step))
+    elif method == "carving":
+        model = SpaceCarvingKernel(SpaceCarvingConfig(thin_m=_THIN_M))
+    else:
+        model = SpringLattice(SpringLatticeConfig(step_m=step, side_m=None))
     with counted(quiet=quiet) as progress:
         for n_read, scan in enumerate(read_scans(files, crs=crs, sigma_m=sigma_m, track=track), start=1):
             model.update(scan)
             progress("scans", n_read, max(len(files), n_read))
-    result = model.grid(model.whole_grid())
+    grid = model.whole_grid(step) if isinstance(model, SpaceCarvingKernel) else model.whole_grid()
+    result = model.grid(grid)
     out.mkdir(parents=True, exist_ok=True)
     result.write(out)
     if as_json:

@@ -30,7 +30,7 @@ def write_carving(path: str | Path, model: "SpaceCarvingKernel") -> None:
         "vertical_datum": where.vertical_datum,
         "size_m": [model.frame.width_m, model.frame.height_m],
         "spread_m": model.spread_m_,
-        "n_runs": model.n_runs_,
+        "n_scans": model.n_scans_,
         "n_ghosts": model.n_ghosts_,
         "n_learned": model.n_learned_,
         "steps": {name: list(surface.step) for name, surface in model.surfaces_.items()},
@@ -62,7 +62,7 @@ def read_carving(path: str | Path, kind: type[Model]) -> Model:
     width_m, height_m = facts["size_m"]
     model.frame = Frame.over(width_m, height_m, model.config.lengths_m())
     model.cloud = Cloud(arrays["hits"], arrays["origins"], arrays["sigma_m"], arrays["held"])
-    model.spread_m_, model.n_runs_ = facts["spread_m"], facts["n_runs"]
+    model.spread_m_, model.n_scans_ = facts["spread_m"], facts["n_scans"]
     model.n_ghosts_, model.n_learned_ = facts["n_ghosts"], facts["n_learned"]
     none = Bases.none(model.frame.cells)
     model.surfaces_ = {

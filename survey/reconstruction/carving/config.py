@@ -42,6 +42,10 @@ class SpaceCarvingConfig(Section):
     """How far above and below that the upper and the lower surface begin [m]."""
     gate: bool = True
     """Whether points far from all their neighbours in the scan are left out, and their rays with them."""
+    thin_m: float = Field(default=0.0, ge=0)
+    """Of the points of an update in one cell of this side, only the first is taken [m]; 0 for all.
+
+    The cost of a pass grows with the points times the points in a kernel's reach."""
     gradient_tolerance_m: float = Field(default=0.0, ge=0)
     """The passes end once the mean violation is below this [m]."""
     validation_share: float = Field(default=0.0, ge=0, lt=0.5)

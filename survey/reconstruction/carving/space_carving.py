@@ -106,7 +106,8 @@ class SpaceCarvingKernel(TerrainModel):
     surfaces_: dict[str, CarvedSurface] = field(default_factory=dict, init=False, repr=False)
     passes_: list[Pass] = field(default_factory=list, init=False, repr=False)
     """What every pass of the latest run did."""
-    n_runs_: int = field(default=0, init=False)
+    n_scans_: int = field(default=0, init=False)
+    """How often it has learned: once per fit or update."""
     n_ghosts_: int = field(default=0, init=False)
     spread_m_: float = field(default=np.nan, init=False)
     """Root mean square distance of the points from the surface [m]."""
@@ -148,12 +149,12 @@ class SpaceCarvingKernel(TerrainModel):
 
     def begin(self, points: SurfacePoints) -> Self:
         """Forget everything and take points, without learning from them yet."""
+        self.n_scans_ = self.n_ghosts_ = self.n_learned_ = 0
         believed = self._believed(points)
         datum_m = local_datum_m(believed.z)
         step_m = raster_step_m(self.config.lengths_m())
         self.place = Place(0, 0, step_m, datum_m, points.crs, points.vertical_datum)
         self.cloud, self.surfaces_, self.passes_, self._codes = Cloud(), {}, [], None
-        self.n_runs_, self.n_learned_, self.n_ghosts_ = 0, 0, len(points) - len(believed)
         self._cover(believed.xy)
         level = self.config.prior_m if self.config.prior_m is not None else float(np.median(believed.z))
         offset = self.config.bound_offset_m
@@ -168,7 +169,6 @@ class SpaceCarvingKernel(TerrainModel):
         """Take more points, without learning from them yet; a run under way visits them from its next pass on."""
         same_crs(self.where.crs, points.crs, "the map and the points")
         believed = self._believed(points)
-        self.n_ghosts_ += len(points) - len(believed)
         self._cover(believed.xy)
         return self._taken(believed)
 
@@ -185,8 +185,8 @@ class SpaceCarvingKernel(TerrainModel):
         visited = self._to_visit()
         for surface in self.surfaces_.values():
             surface.settle(Step(surface.step.prior_m, *self._pace(len(visited))))
-        rng = stream(self.config.seed, "space carving", self.n_runs_)
-        self.n_runs_ += 1
+        rng = stream(self.config.seed, "space carving", self.n_scans_)
+        self.n_scans_ += 1
         self.passes_ = []
         n_steps = 0
         for level, length_m in enumerate(self.config.lengths_m()):
@@ -271,12 +271,13 @@ class SpaceCarvingKernel(TerrainModel):
             diagnostics=self._record(),
         )
 
-    def whole_grid(self) -> Grid:
-        """Return the grid of the finest kernels' cells over the frame."""
-        window = self._support_nodes()
-        xmin, ymin, xmax, ymax = window.bounds
-        east, north, _ = self.where.corner
-        return Grid((xmin + east, ymin + north, xmax + east, ymax + north), window.step_m, self.where.crs)
+    def whole_grid(self, step_m: float | None = None) -> Grid:
+        """Return a grid over the points, its nodes at whole multiples of a step; of the last length scale without one."""
+        self.mean_surface  # noqa: B018  # refuses a model that knows no points
+        xy = self.cloud.xyz[:, :2] + self.where.corner[:2]
+        low, high = xy.min(axis=0), xy.max(axis=0)
+        window = NodeWindow.over((*low, *high), step_m or self.config.last_length_m)
+        return Grid(window.bounds, window.step_m, self.where.crs)
 
     def save(self, path: str | Path) -> None:
         """Write the model to one ``.npz`` file; equal models give equal bytes."""
@@ -299,13 +300,16 @@ class SpaceCarvingKernel(TerrainModel):
         return self.place
 
     def _believed(self, points: SurfacePoints) -> SurfacePoints:
-        """Return the points without ghosts, once their lines of sight make sense."""
+        """Return the points without ghosts, thinned, once their lines of sight make sense."""
         if self.config.carve:
             checked_origins(points)
-        if not self.config.gate:
-            return points
-        ghost = ghosts(points.xyz)
-        return points.select(~ghost) if ghost.any() else points
+        ghost = ghosts(points.xyz) if self.config.gate else np.zeros(len(points), dtype=bool)
+        self.n_ghosts_ += int(ghost.sum())
+        kept = np.flatnonzero(~ghost)
+        if self.config.thin_m:
+            cells = np.floor(points.xy[kept] / self.config.thin_m).astype(np.int64)
+            kept = kept[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+        return points if len(kept) == len(points) else points.select(kept)
 
     def _pace(self, n: int) -> tuple[float, float, float, float, bool]:
         """Return what a pass over so many points goes by, beside the prior."""
@@ -437,7 +441,7 @@ class SpaceCarvingKernel(TerrainModel):
         facts = {
             "n_points": len(self.cloud),
             "n_ghosts": self.n_ghosts_,
-            "n_runs": self.n_runs_,
+            "n_scans": self.n_scans_,
             "n_point_bases": int((made_by == BY_POINT).sum()),
             "n_ray_bases": int((made_by == BY_RAY).sum()),
             "spread_m": self.spread_m_,
