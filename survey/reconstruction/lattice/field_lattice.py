@@ -235,7 +235,9 @@ class FieldLattice(LatticeModel):
         )
 
     def _solve_freely(self, part: Part) -> None:
-        self.posterior.solve(part, self.where.window.step_m, self.stiffness_, self.config)
+        """Solve without ceiling, well enough for the ground's slopes and for points that lie too low."""
+        roughly = self.config.model_copy(update={"tolerance": 10.0 * self.config.tolerance})
+        self.posterior.solve(part, self.where.window.step_m, self.stiffness_, roughly)
 
     def _ceiling(self, part: Part) -> FloatArray:
         """Return the greatest heights above the datum (h, w) that lines of sight allow in a part of the map [m]."""

@@ -27,8 +27,9 @@ from survey.streams import stream
 
 # Distances to the nearest measured node that part the classes, in steps; the first class is measured itself.
 _CLASSES_IN_STEPS = (0.5, 1.5, 3.0, 6.0)
-_MISS = 0.025
-_N_SIGHTS, _N_ASKED = 4, 2_000
+_FAR_CLASS = 3
+_MISS = 0.02
+_N_SIGHTS, _N_ASKED = 6, 2_000
 _SINGLE_SHARE, _BLOCK_SHARE, _BLOCK_IN_STEPS = 0.1, 1.0 / 6.0, 4.0
 _THIN_IN_STEPS = 2.0
 # Until so many places say otherwise a class has its neighbour's factor.
@@ -117,17 +118,19 @@ def _factors(error: FloatArray, number: IntArray) -> BoundFactors:
     count = np.bincount(number, minlength=n)
     below, above = np.full(n, _NORMAL), np.full(n, _NORMAL)
     for k in range(n):
+        # Far from the points errors are alike over metres, and few views say less than their many places seem to.
+        least = _NORMAL if k >= _FAR_CLASS else 1.0
         if count[k] >= _N_LEAST:
-            below[k], above[k] = (_quantile(sign * error[number == k]) for sign in (1.0, -1.0))
+            below[k], above[k] = (max(least, _quantile(sign * error[number == k])) for sign in (1.0, -1.0))
         elif k:
-            below[k], above[k] = below[k - 1], above[k - 1]
+            below[k], above[k] = max(least, below[k - 1]), max(least, above[k - 1])
     return BoundFactors(below, above, count)
 
 
 def _quantile(error: FloatArray) -> float:
-    """Return what a share of 1 - α/2 of further errors will not exceed, at least one spread."""
+    """Return what a share of 1 - α/2 of further errors will not exceed."""
     level = min(1.0, (1.0 - _MISS) * (1.0 + 1.0 / len(error)))
-    return max(1.0, float(np.quantile(error, level, method="higher")))
+    return float(np.quantile(error, level, method="higher"))
 
 
 def _left_out(scenes: Scenes) -> Iterator[BoolArray]:

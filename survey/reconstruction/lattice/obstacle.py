@@ -87,16 +87,25 @@ def solve_below(
     array([1.  , 0.83, 0.67, 0.5 ])
     """
     level = np.where(np.isfinite(ceiling.height), ceiling.height, 0.0)
-    z, pull, n_iterations = start, np.zeros_like(level), 0
-    for k in range(_MOST_STEPS):
-        # At first all springs pull as they like: a soft surface far above its ceiling is no contradiction.
-        before, pull = pull, (ceiling if k else ceiling._replace(yield_m=np.inf)).pull(z)
+    z, n_iterations = start, 0
+    # At first all springs pull as they like: a soft surface far above its ceiling is no contradiction.
+    pull = foreseen = ceiling._replace(yield_m=np.inf).pull(z)
+    by = Preconditioner(_pulled(operator, foreseen), rim)
+    for _ in range(_MOST_STEPS):
+        pulled = _pulled(operator, pull)
+        z, n = solve(pulled, rhs + pull * level, z, tolerance=tolerance, preconditioner=by)
+        n_iterations += n
+        before, pull = pull, ceiling.pull(z)
         if (np.abs(pull - before) <= tolerance * np.minimum(pull, before)).all():
             break
-        stencil = operator.stencil.copy()
-        stencil[0] += pull
-        pushed = Operator(stencil, operator.weights, operator.soft)
-        by = Preconditioner(pushed, rim)
-        z, n = solve(pushed, rhs + pull * level, z, tolerance=tolerance, preconditioner=by)
-        n_iterations += n
+        # A preconditioner made for stronger springs still serves; for weaker ones it could fail.
+        if (pull > foreseen).any():
+            foreseen = pull
+            by = Preconditioner(_pulled(operator, foreseen), rim)
     return Solution(z, n_iterations)
+
+
+def _pulled(operator: Operator, pull: FloatArray) -> Operator:
+    stencil = operator.stencil.copy()
+    stencil[0] += pull
+    return Operator(stencil, operator.weights, operator.soft)

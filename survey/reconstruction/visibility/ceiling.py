@@ -130,6 +130,8 @@ def steepness(z: FloatArray, step_m: float) -> FloatArray:
 def _cast(rays: FloatArray, step_m: float, height: FloatArray, offset: FloatArray) -> None:
     """Walk every ray from cell to cell and keep the lowest; rays are start, end (in steps, steps, m) and margin [m]."""
     rows, columns = height.shape[1:]
+    # What a ray has to be below to be among a node's lowest: most are not, and are passed over quickly.
+    highest = height[-1] + _RANKING_SLOPE * offset[-1]
     for k in range(len(rays)):
         u, v, z, u_end, v_end, z_end, margin = rays[k]
         du, dv, dz = u_end - u, v_end - v, z_end - z
@@ -144,17 +146,24 @@ def _cast(rays: FloatArray, step_m: float, height: FloatArray, offset: FloatArra
         i = min(max(int(np.floor(u + t * du + 0.5)), 0), columns - 1)
         j = min(max(int(np.floor(v + t * dv + 0.5)), 0), rows - 1)
         east, north = 1 if du > 0.0 else -1, 1 if dv > 0.0 else -1
+        per_column, per_row = 1.0 / du if du else np.inf, 1.0 / dv if dv else np.inf
+        t_east, t_north = _leaves(u, per_column, i, east), _leaves(v, per_row, j, north)
+        a, b, z = du / squared, dv / squared, z + margin
         while t < last:
-            t_east, t_north = _leaves(u, du, i), _leaves(v, dv, j)
             leave = min(t_east, t_north, last)
-            nearest = min(max(((i - u) * du + (j - v) * dv) / squared, t), max(leave, t))
-            away_m = step_m * np.hypot(u + nearest * du - i, v + nearest * dv - j)
-            _keep(height[:, j, i], offset[:, j, i], z + nearest * dz + margin, away_m)
+            nearest = min(max((i - u) * a + (j - v) * b, t), max(leave, t))
+            h = z + nearest * dz
+            if h < highest[j, i]:
+                away_m = step_m * np.hypot(u + nearest * du - i, v + nearest * dv - j)
+                _keep(height[:, j, i], offset[:, j, i], h, away_m)
+                highest[j, i] = height[-1, j, i] + _RANKING_SLOPE * offset[-1, j, i]
             t = leave
             if t_east <= t_north:
                 i += east
+                t_east = _leaves(u, per_column, i, east)
             else:
                 j += north
+                t_north = _leaves(v, per_row, j, north)
             if i < 0 or j < 0 or i >= columns or j >= rows:
                 break
 
@@ -170,13 +179,9 @@ def _within(x: float, dx: float, n: int, t: float, last: float) -> tuple[float, 
 
 
 @njit(cache=True, inline="always")
-def _leaves(x: float, dx: float, i: int) -> float:
-    """Return where a ray leaves the cell of node i on one axis."""
-    if dx > 0.0:
-        return (i + 0.5 - x) / dx
-    if dx < 0.0:
-        return (i - 0.5 - x) / dx
-    return np.inf
+def _leaves(x: float, per_step: float, i: int, way: int) -> float:
+    """Return where a ray leaves the cell of node i on one axis; never, where it runs across that axis."""
+    return (i + 0.5 * way - x) * per_step if per_step != np.inf else np.inf
 
 
 @njit(cache=True, inline="always")

@@ -10,15 +10,16 @@ from survey.surface_points import SurfacePoints
 _SHORTEST_M = 1e-3
 # The ground beside a sensor is what these many points nearest to it say, within so many metres.
 _N_BESIDE, _BESIDE_M = 16, 6.0
-_N_ASKED = 20_000
+_N_ASKED = 5_000
 _UNDER_SHARE = 0.9
+_ABOVE_SHARE = 0.9
 
 
 def checked_origins(points: SurfacePoints) -> FloatArray:
     """Return where the sensor stood for every point (N, 3) [m], once the lines of sight make sense.
 
-    Single points above their sensor are hills and stay; that most of them are says that the
-    heights count downwards or that origins and points are in different frames.
+    Points above their sensor are hills, or trees and houses, and stay; that nine tenths are says that the
+    heights count downwards, that origins and points are in different frames, or that no ground was seen.
 
     Parameters
     ----------
@@ -28,8 +29,8 @@ def checked_origins(points: SurfacePoints) -> FloatArray:
     Raises
     ------
     InputError
-        No origins; a point less than a millimetre from its sensor; most points above
-        their sensor; a sensor under nine tenths of the points next to it, within 6 m.
+        No origins; a point less than a millimetre from its sensor; nine tenths of the points
+        above their sensor; a sensor under nine tenths of the points next to it, within 6 m.
 
     Examples
     --------
@@ -51,10 +52,10 @@ def checked_origins(points: SurfacePoints) -> FloatArray:
             "give the sensor's own place as origin, or leave these points out."
         )
     n_above = int((points.z > origins[:, 2]).sum())
-    if 2 * n_above > len(points):
+    if n_above > _ABOVE_SHARE * len(points):
         raise InputError(
-            f"{n_above} of {len(points)} points lie above their sensor; heights that count upwards, and origins in the "
-            "points' frame, were expected."
+            f"{n_above} of {len(points)} points lie above their sensor; ground below it, heights that count upwards, and "
+            "origins in the points' frame were expected."
         )
     _refuse_buried(points.xyz, origins)
     return origins

@@ -232,7 +232,7 @@ def test_imagined_sensors_stand_on_measured_ground_as_high_as_the_real_ones() ->
     points = np.column_stack([xyz, np.ones(len(xyz)), np.broadcast_to(SENSOR, xyz.shape)])
     measured = np.hypot(*window.xy.T).reshape(window.shape) > 3.0
     found = list(imagined_sensors(scenes(points, np.zeros(window.shape), window, measured)))
-    assert len(found) == 4
+    assert len(found) == 6
     for place, blind_m in found:
         assert place[2] == pytest.approx(2.0)
         assert np.hypot(*place[:2]) > 3.0
