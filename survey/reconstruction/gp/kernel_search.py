@@ -15,7 +15,7 @@ constant mean μ integrated out:
 (glacier paper, Eq. 9; restricted likelihood, Patterson and Thompson 1971).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -51,10 +51,16 @@ _MOST_SEARCHED = 160
 """Places from which a kernel is learned; more change the length scale by less than a step of the lattice."""
 _NOISE_DOUBT = 0.2
 """How far the real noise may lie from the stated one: one standard deviation of its logarithm."""
+_FEW = 64
+"""Places from which the lattice is looked through first, to know where to look from all of them."""
 _COARSE = (4, 3)
-_FINE = ((2, 1), (1, 1))
-_WITHIN = 6.0
-"""Families this much less likely than the best [nats] are searched no further."""
+"""Steps of the coarse lattice: an octave of length, and a factor of 8 of the ratio."""
+_TOLD = 60.0
+"""How much less likely than the best a family can be beside its top and yet be the likeliest at its top [nats].
+
+On smooth terrain a step of length beside the top costs tens of nats, an octave hundreds: which family is the
+likeliest is told near the tops alone.
+"""
 
 
 class Cell(NamedTuple):
@@ -84,12 +90,18 @@ class Cell(NamedTuple):
         return self.kernel(1.0)._correlation(squared_m2 / self.length_scale_m**2)
 
     def factor(self, xy: FloatArray) -> FloatArray | None:
-        """Return the lower factor L (N, N) of the samples' correlation, or None where rounding makes it indefinite."""
-        matrix = np.empty((len(xy), len(xy)))
-        for rows in _blocks(len(xy)):
-            # The factorization reads one triangle alone.
-            matrix[rows, rows.start :] = self.correlation(cdist(xy[rows], xy[rows.start :], "sqeuclidean"))
-        matrix[np.diag_indices(len(xy))] += 2.0**self.ratio
+        """Return L (N, N) of the samples' correlation in a lower triangle, or None where rounding makes it indefinite."""
+        return self.factor_of(_triangle(xy))
+
+    def factor_of(self, triangle: Iterable[tuple[slice, FloatArray]]) -> FloatArray | None:
+        """Return the factor from squared distances [m²], given some rows at a time from the diagonal on."""
+        correlation, scale = self.kernel(1.0)._correlation, self.length_scale_m**-2
+        blocks = [(rows, correlation(scale * squared_m2)) for rows, squared_m2 in triangle]
+        n = blocks[-1][0].stop
+        matrix = np.empty((n, n))
+        for rows, block in blocks:
+            matrix[rows, rows.start :] = block
+        matrix.flat[:: n + 1] += 2.0**self.ratio
         return _factorized(matrix)
 
 
@@ -158,8 +170,6 @@ class KernelSearch:
     heights: FloatArray
     noise_m: float
     families: tuple[Family, ...] = SEARCHED
-    seen: dict[Cell, Likelihood] = field(default_factory=dict, repr=False)
-    _asked: dict[Cell, BoolArray] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.xy) < 3:
@@ -171,12 +181,14 @@ class KernelSearch:
 
     def found(self) -> list[FoundKernel]:
         """Return the likeliest kernel of each survey."""
-        self._look(self._coarse())
-        for steps in _FINE:
-            while self._look(self._neighbours(steps)):
-                pass
-        best, _ = self._best(self.families)
-        return [FoundKernel(cell, float(self.seen[cell].variance_m2[b])) for b, cell in enumerate(best)]
+        few = self._all.thinned(_FEW)
+        few.look(self._coarse())
+        self._climb(few, step=2, within=np.inf)
+        self._all.look(few.racing(self.families, np.inf))
+        self._climb(self._all, step=1, within=_TOLD)
+        seen = self._all.seen
+        best, _ = self._all.best(seen)
+        return [FoundKernel(cell, float(seen[cell].variance_m2[b])) for b, cell in enumerate(best)]
 
     def plausible(self, within: float = 4.0) -> list[tuple[FoundKernel, float]]:
         """Return the kernels of the first survey that are nearly as likely as its best, with weights that sum to 1.
@@ -187,37 +199,24 @@ class KernelSearch:
             How much less likely than the best one [nats].
         """
         self.found()
-        while self._look(self._around(within)):
+        while self._all.look(self._around(within)):
             pass
         # Every second length and every ratio: the lattice of equal spacing that all were searched on.
-        even = [cell for cell in self.seen if cell.length % 2 == 0]
-        logs = np.array([self.seen[cell].log[0] for cell in even])
-        weights = np.exp(logs - logs.max())
+        even = {cell: seen for cell, seen in self._all.seen.items() if cell.length % 2 == 0}
+        most = max(seen.log[0] for seen in even.values())
         kept = [
-            (FoundKernel(cell, float(self.seen[cell].variance_m2[0])), float(weight))
-            for cell, weight in zip(even, weights, strict=True)
-            if weight > np.exp(-within)
+            (FoundKernel(cell, float(seen.variance_m2[0])), float(np.exp(seen.log[0] - most)))
+            for cell, seen in even.items()
+            if seen.log[0] > most - within
         ]
         total = sum(weight for _, weight in kept)
         return [(found, weight / total) for found, weight in sorted(kept, key=lambda pair: -pair[1])]
 
     @cached_property
-    def _part(self) -> FloatArray:
-        """Heights (n, B) about their mean at the places searched."""
-        part = self.heights[self._chosen]
-        centred: FloatArray = part - part.mean(axis=0)
-        return centred
-
-    @cached_property
-    def _squared_m2(self) -> FloatArray:
-        xy = self.xy[self._chosen]
-        squared: FloatArray = cdist(xy, xy, "sqeuclidean")
-        return squared
-
-    @cached_property
-    def _chosen(self) -> IntArray:
-        indices: IntArray = np.linspace(0, len(self.xy) - 1, min(len(self.xy), _MOST_SEARCHED)).astype(int)
-        return indices
+    def _all(self) -> "_View":
+        """What all places that are searched say."""
+        chosen = np.linspace(0, len(self.xy) - 1, min(len(self.xy), _MOST_SEARCHED)).astype(int)
+        return _View(self.xy[chosen], self.heights[chosen], self.noise_m)
 
     @cached_property
     def _lengths(self) -> tuple[int, int]:
@@ -229,12 +228,12 @@ class KernelSearch:
     @cached_property
     def _ratios(self) -> IntArray:
         """First and last ratio (2, B): the stated noise beside a terrain from 1/8 to 256 times as variable as the samples."""
-        n_surveys = self.heights.shape[1]
         if self.noise_m == 0.0:
-            return np.full((2, n_surveys), _LEAST_RATIO)
-        spread = np.maximum(self._part.var(axis=0), 1e-12)
+            return np.full((2, self.heights.shape[1]), _LEAST_RATIO)
+        spread = np.maximum(self._all.heights.var(axis=0), 1e-12)
         middle = np.floor(np.log2(self.noise_m**2 / spread)).astype(np.int64)
-        limits: IntArray = np.clip(np.stack([middle - 8, middle + 3]), _LEAST_RATIO, 3)
+        # The first is on the coarse lattice, so that none of its cells lies where no step may lead.
+        limits: IntArray = np.clip(np.stack([(middle - 8) // 3 * 3, middle + 3]), _LEAST_RATIO, 3)
         return limits
 
     def _coarse(self) -> Iterator[_Wish]:
@@ -243,63 +242,124 @@ class KernelSearch:
         first, last = self._ratios
         for family in self.families:
             for length in range(low - low % step_l, high + 1, step_l):
-                for ratio in range(first.min() // step_q * step_q, last.max() + step_q, step_q):
-                    at = min(max(ratio, _LEAST_RATIO), 3)
-                    yield Cell(family, length, at), (first - step_q < at) & (at < last + step_q)
+                for ratio in range(first.min() // step_q * step_q, last.max() + 1, step_q):
+                    # The least ratio need not be a multiple of the step.
+                    yield (
+                        Cell(family, length, max(ratio, _LEAST_RATIO)),
+                        (first - step_q < ratio) & (ratio <= last),
+                    )
 
-    def _neighbours(self, steps: tuple[int, int]) -> Iterator[_Wish]:
-        """Cells around the best one of every family that is still in the race, for each survey its own."""
-        found = [self._best((family,)) for family in self.families]
-        most = np.max([logs for _, logs in found], axis=0)
-        for best, logs in found:
-            for cell in dict.fromkeys(best):
-                mine = np.array([one == cell for one in best]) & (logs > most - _WITHIN)
-                if mine.any():
-                    yield from ((beside, mine) for beside in self._beside(cell, *steps))
+    def _climb(self, view: "_View", step: int, within: float) -> None:
+        """Look beside the best of every family that is still in the race until nothing there is better."""
+        while view.look(self._neighbours(view, step, within)):
+            pass
 
-    def _around(self, within: float) -> Iterator[_Wish]:
-        most = max(seen.log[0] for seen in self.seen.values())
-        everyone = np.ones(self.heights.shape[1], dtype=bool)
-        for cell in [c for c, s in self.seen.items() if s.log[0] > most - within]:
-            odd = cell.length % 2
-            for length in (cell.length - odd, cell.length + odd):
-                even = cell._replace(length=length)
-                yield even, everyone
-                yield from ((beside, everyone) for beside in self._beside(even, 2, 1))
+    def _neighbours(self, view: "_View", step: int, within: float) -> Iterator[_Wish]:
+        """Cells around the best of every family, for each survey its own.
 
-    def _beside(self, cell: Cell, step_l: int, step_q: int) -> Iterator[Cell]:
+        A longer scale goes with a larger variance, thus with a smaller ratio: a ridge that no step along one
+        axis follows. So neighbouring lengths are compared by the likeliest ratio of each.
+        """
         low, high = self._lengths
         first, last = self._ratios
-        for d_length, d_ratio in ((-step_l, 0), (step_l, 0), (0, -step_q), (0, step_q)):
-            length, ratio = cell.length + d_length, cell.ratio + d_ratio
-            if low <= length <= high and first.min() <= ratio <= last.max():
-                yield Cell(cell.family, length, ratio)
+        for best, mine in view.racing(self.families, within):
+            for length in (best.length, best.length - step, best.length + step):
+                if not low <= length <= high:
+                    continue
+                there = [cell for cell in view.seen if cell.family == best.family and cell.length == length]
+                yield best._replace(length=length), mine & ~view.saw(there)
+                if self.noise_m == 0.0:
+                    continue
+                for top, its in view.tops(there):
+                    for ratio in (top.ratio - 1, top.ratio + 1):
+                        yield top._replace(ratio=ratio), its & mine & (first <= ratio) & (ratio <= last)
 
-    def _look(self, wishes: Iterable[_Wish]) -> bool:
+    def _around(self, within: float) -> Iterator[_Wish]:
+        """Cells beside those of the first survey that are nearly as likely as its best."""
+        low, high = self._lengths
+        first, last = self._ratios[:, 0]
+        alone = np.arange(self.heights.shape[1]) == 0
+        most = max(seen.log[0] for seen in self._all.seen.values())
+        for cell in [c for c, seen in self._all.seen.items() if seen.log[0] > most - within]:
+            odd = cell.length % 2
+            for length in (cell.length - odd, cell.length + odd):
+                for d_length, d_ratio in ((0, 0), (-2, 0), (2, 0), (0, -1), (0, 1)):
+                    beside = Cell(cell.family, length + d_length, cell.ratio + d_ratio)
+                    if low <= beside.length <= high and first <= beside.ratio <= last:
+                        yield beside, alone
+
+
+@dataclass(eq=False)
+class _View:
+    """How likely B surveys of some places make the cells that were looked at, and which survey asked for which."""
+
+    xy: FloatArray
+    heights: FloatArray
+    noise_m: float
+    seen: dict[Cell, Likelihood] = field(default_factory=dict)
+    asked: dict[Cell, BoolArray] = field(default_factory=dict)
+
+    def thinned(self, n: int) -> "_View":
+        """Return a view from so many of the places."""
+        few = np.linspace(0, len(self.xy) - 1, min(n, len(self.xy))).astype(int)
+        return _View(self.xy[few], self.heights[few], self.noise_m)
+
+    def look(self, wishes: Iterable[_Wish]) -> bool:
         """Evaluate cells for the surveys that want them; tell whether one saw something new."""
         news = False
         for cell, mine in list(wishes):
+            if not mine.any():
+                continue
             if cell not in self.seen:
-                self.seen[cell], self._asked[cell] = self._likelihood(cell), np.zeros_like(mine)
-            news |= bool((mine & ~self._asked[cell]).any())
-            self._asked[cell] |= mine
+                self.seen[cell], self.asked[cell] = self._likelihood(cell), np.zeros_like(mine)
+            news |= bool((mine & ~self.asked[cell]).any())
+            self.asked[cell] |= mine
         return news
 
-    def _best(self, families: tuple[Family, ...]) -> tuple[list[Cell], FloatArray]:
+    def saw(self, cells: Iterable[Cell]) -> BoolArray:
+        """Tell which surveys (B,) asked for one of these cells."""
+        asked: BoolArray = np.any(
+            [np.zeros(self.heights.shape[1], dtype=bool), *map(self.asked.get, cells)], axis=0
+        )
+        return asked
+
+    def best(self, cells: Iterable[Cell]) -> tuple[list[Cell], FloatArray]:
         """Return each survey's best cell among those that it asked for, and how likely it is."""
-        cells = [cell for cell in self.seen if cell.family in families]
-        logs = np.array([np.where(self._asked[cell], self.seen[cell].log, -np.inf) for cell in cells])
+        cells = list(cells)
+        logs = np.array([np.where(self.asked[cell], self.seen[cell].log, -np.inf) for cell in cells])
         return [cells[index] for index in logs.argmax(axis=0)], logs.max(axis=0)
 
+    def tops(self, cells: Sequence[Cell]) -> Iterator[_Wish]:
+        """Return the best of these cells, each with the surveys whose best it is."""
+        if cells:
+            best, logs = self.best(cells)
+            for top in dict.fromkeys(best):
+                yield top, np.array([one == top for one in best]) & (logs > -np.inf)
+
+    def racing(self, families: Sequence[Family], within: float) -> Iterator[_Wish]:
+        """Return the best cell of every family for the surveys that it makes nearly as likely as any [nats]."""
+        mine = {family: [cell for cell in self.seen if cell.family == family] for family in families}
+        bests = [self.best(cells) for cells in mine.values() if cells]
+        most = np.max([logs for _, logs in bests], axis=0)
+        for best, logs in bests:
+            for top in dict.fromkeys(best):
+                yield top, np.array([one == top for one in best]) & (logs > -np.inf) & (logs >= most - within)
+
+    @cached_property
+    def _triangle(self) -> list[tuple[slice, FloatArray]]:
+        return list(_triangle(self.xy))
+
+    @cached_property
+    def _columns(self) -> FloatArray:
+        """Ones, and the heights about their mean (n, 1 + B)."""
+        return np.column_stack([np.ones(len(self.xy)), self.heights - self.heights.mean(axis=0)])
+
     def _likelihood(self, cell: Cell) -> Likelihood:
-        y = self._part
-        n, n_surveys = y.shape
-        matrix = cell.correlation(self._squared_m2)
-        matrix[np.diag_indices(n)] += 2.0**cell.ratio
-        factor = _factorized(matrix)
+        n, n_surveys = self.heights.shape
+        factor = cell.factor_of(self._triangle)
         if factor is None:
             return Likelihood(np.full(n_surveys, -np.inf), np.ones(n_surveys))
-        half = _solved(factor, np.column_stack([np.ones(n), y]))
+        half = _solved(factor, self._columns)
         ones, rest = half[:, 0], half[:, 1:]
         weight = float(ones @ ones)
         about_mean = rest - np.outer(ones, ones @ rest / weight)
@@ -365,6 +425,11 @@ def _blocks(n: int, size: int = 64) -> Iterator[slice]:
     return (slice(start, min(start + size, n)) for start in range(0, n, size))
 
 
+def _triangle(xy: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
+    """Squared distances [m²] of some rows at a time, from the diagonal on: a factorization reads one triangle alone."""
+    return ((rows, cdist(xy[rows], xy[rows.start :], "sqeuclidean")) for rows in _blocks(len(xy)))
+
+
 def _solved(factor: FloatArray, columns: FloatArray, *, transposed: bool = False) -> FloatArray:
     """L⁻¹ B, or L⁻ᵀ B; a factor of a positive definite matrix has no zero that could fail."""
     solved: FloatArray = lapack.dtrtrs(factor, columns, lower=1, trans=int(transposed))[0]
@@ -372,6 +437,6 @@ def _solved(factor: FloatArray, columns: FloatArray, *, transposed: bool = False
 
 
 def _factorized(matrix: FloatArray) -> FloatArray | None:
-    """Lower Cholesky factor, or None where rounding makes the matrix indefinite."""
-    factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
+    """Cholesky factor in the lower triangle, or None where rounding makes the matrix indefinite."""
+    factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
     return None if failed else factor

@@ -117,7 +117,8 @@ class Matern32(_Matern):
 
     def _correlation(self, s2: FloatArray) -> FloatArray:
         s = np.sqrt(3 * s2)
-        correlation: FloatArray = (1 + s) * np.exp(-s)
+        correlation: FloatArray = np.exp(-s)
+        correlation *= 1 + s
         return correlation
 
 
@@ -143,7 +144,8 @@ class Matern52(_Matern):
 
     def _correlation(self, s2: FloatArray) -> FloatArray:
         s = np.sqrt(5 * s2)
-        correlation: FloatArray = (1 + s + s**2 / 3) * np.exp(-s)
+        correlation: FloatArray = np.exp(-s)
+        correlation *= 1 + s + s * s / 3
         return correlation
 
 
