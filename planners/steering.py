@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -95,6 +96,7 @@ class Band:
         knots = np.linspace(0.0, length, max(int(np.ceil(length)), 2) + 1)
         # On the border itself rounding decides what is inside; a micrometre further in it does not.
         feet = axis[0] + np.clip(knots, 1e-6, length - 1e-6)[:, None] * along
+        shapely.prepare(ground)
         reach = [_reach(feet, side * half_m * left, ground) for side in (1.0, -1.0)]
         window = int(np.ceil(step_m * len(knots) / length)) + 1
         left_m, right_m = (_least_within(np.minimum(r, half_m), window) for r in reach)
@@ -105,15 +107,19 @@ class Band:
         """Length of the swath's line [m]."""
         return float(self.knots_m[-1])
 
-    @property
+    @cached_property
     def heading_rad(self) -> float:
         """Heading of the swath's line."""
-        along = _frame(self.axis)[0]
+        along = self._frame[0]
         return float(np.arctan2(along[1], along[0]))
+
+    @cached_property
+    def _frame(self) -> tuple[FloatArray, FloatArray]:
+        return _frame(self.axis)
 
     def next_waypoint(self, xy: FloatArray, heading_rad: FloatArray, step_m: float) -> FloatArray:
         """Return where a step from the places (N, 2) ends [m]: kept in the band, and at the swath's end at most."""
-        along, left = _frame(self.axis)
+        along, left = self._frame
         u, v = (xy - self.axis[0]) @ along, (xy - self.axis[0]) @ left
         turn = heading_rad - self.heading_rad
         ahead, aside = step_m * np.cos(turn), step_m * np.sin(turn)
@@ -125,7 +131,7 @@ class Band:
 
     def is_at_end(self, xy: FloatArray) -> Any:
         """Tell which places (N, 2) are at the swath's end, to a micrometre."""
-        return (xy - self.axis[0]) @ _frame(self.axis)[0] >= self.length_m - 1e-6
+        return (xy - self.axis[0]) @ self._frame[0] >= self.length_m - 1e-6
 
 
 def _frame(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -136,12 +142,15 @@ def _frame(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _reach(feet: FloatArray, aside: FloatArray, ground: Any) -> FloatArray:
     """Return how far the ground reaches from each foot (K, 2) along a vector [m]."""
     rays = shapely.linestrings(np.stack([feet, feet + aside], axis=1))
-    inside = shapely.intersection(ground, rays)
+    reach: FloatArray = shapely.length(rays)
+    cut = ~shapely.covers(ground, rays)
+    inside = shapely.intersection(ground, rays[cut])
     # Of several pieces the one that begins at the foot counts.
     first = shapely.get_geometry(shapely.line_merge(inside), 0)
     whole = np.where(shapely.is_missing(first), inside, first)
-    at_foot = shapely.distance(whole, shapely.points(feet)) < 1e-6
-    return np.where(at_foot, shapely.length(whole), 0.0)
+    at_foot = shapely.distance(whole, shapely.points(feet[cut])) < 1e-6
+    reach[cut] = np.where(at_foot, shapely.length(whole), 0.0)
+    return reach
 
 
 def _least_within(values: FloatArray, window: int) -> FloatArray:
@@ -177,18 +186,21 @@ def attitude_sensor(dems: Dem | Sequence[Dem], base_m: float = 1.0) -> AttitudeS
     stack = np.stack([dem.elevation for dem in several])
     rover = np.arange(len(several), dtype=np.float64)
 
-    def rise(xy: FloatArray, direction_rad: FloatArray) -> FloatArray:
-        half = 0.5 * base_m * np.column_stack([np.cos(direction_rad), np.sin(direction_rad)])
-        heights = []
-        for place in (xy + half, xy - half):
-            row = (place[:, 1] - first.transform.f) / first.transform.e - 0.5
-            column = (place[:, 0] - first.transform.c) / first.transform.a - 0.5
-            heights.append(map_coordinates(stack, [rover, row, column], order=1, mode="nearest"))
-        return np.nan_to_num((heights[0] - heights[1]) / base_m, nan=0.0)
+    def rises(xy: FloatArray, directions_rad: FloatArray) -> FloatArray:
+        """Return the rise per metre (D, N) of the rover's base in several directions (D, N)."""
+        half = 0.5 * base_m * np.stack([np.cos(directions_rad), np.sin(directions_rad)], axis=-1)
+        places = np.stack([xy + half, xy - half])
+        row = (places[..., 1] - first.transform.f) / first.transform.e - 0.5
+        column = (places[..., 0] - first.transform.c) / first.transform.a - 0.5
+        where = np.broadcast_arrays(rover, row, column)
+        front, back = map_coordinates(stack, np.stack(where), order=1, mode="nearest")
+        rise = (front - back) / base_m
+        return np.where(np.isnan(rise), 0.0, rise)
 
     def sense(xy: FloatArray, heading_rad: FloatArray) -> Attitude:
-        pitch = -np.arctan(rise(xy, heading_rad))
-        roll = np.arctan(rise(xy, heading_rad + 0.5 * np.pi) * np.cos(pitch))
+        ahead, left = rises(xy, np.stack([heading_rad, heading_rad + 0.5 * np.pi]))
+        pitch = -np.arctan(ahead)
+        roll = np.arctan(left * np.cos(pitch))
         return Attitude(roll, pitch, heading_rad)
 
     return sense
