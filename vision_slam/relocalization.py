@@ -115,8 +115,8 @@ def _by_ground(recording: Recording, found: VisualOdometry, first: int, end: int
     """Lay a piece on the ground that it shares with what came before it; None where nothing is recognised."""
     odometry = recording.odometry
     assert odometry is not None
-    assert recording.frames is not None
-    assert recording.camera is not None
+    if recording.frames is None or recording.camera is None:
+        return None
     path = _reckoned(odometry, recording.start)
     mosaics = GroundMosaics(recording.frames, recording.camera, path, odometry, found.sightings)
     met = relocated(mosaics, np.arange(first), np.arange(first, end))

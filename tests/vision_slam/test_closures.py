@@ -13,6 +13,7 @@ from survey.sensors import GpsFixes, Odometry, Sightings
 from vision_slam.closures import closures_by_images
 from vision_slam.ground_view import GroundMosaics, GroundView
 from vision_slam.overlay import overlaid
+from vision_slam.relocalization import relocated
 
 STEP_M = 0.25
 NO_LANDMARKS = Sightings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
@@ -92,6 +93,28 @@ def test_other_ground_is_not_taken_for_the_same(drive: Recording) -> None:
     )
     overlay = overlaid(mosaics.around(12), mosaics.around(40))
     assert overlay is None or overlay.n_agree < 10
+
+
+def test_a_rover_that_knows_nothing_of_its_place_finds_it_by_the_ground(drive: Recording) -> None:
+    places, headings = _loop()
+    odometry = drive.odometry
+    assert odometry is not None
+    assert drive.frames is not None
+    assert drive.camera is not None
+    # The last leg is reckoned from nowhere, under a heading of its own.
+    last = len(places) - 20
+    lost, turned = places.copy(), headings.copy()
+    lost[last:] = (places[last:] - places[last]) @ _pose(np.zeros(3), 1.0)[:3, :3].T + [500.0, 70.0, 0.0]
+    turned[last:] += 1.0
+    attitude = odometry.attitude_rad * [1.0, 1.0, 0.0] + turned[:, None] * [0.0, 0.0, 1.0]
+    reckoned = Odometry(odometry.time_s, odometry.step, attitude)
+    mosaics = GroundMosaics(drive.frames, drive.camera, lost, reckoned, NO_LANDMARKS)
+    met = relocated(mosaics, np.arange(14, 24), np.arange(last + 10, last + 14))
+    assert met is not None
+    earlier, later, overlay = met
+    level = Rotation.from_euler("z", headings[earlier]).as_matrix()
+    np.testing.assert_allclose(overlay.shift, level.T @ (places[later] - places[earlier]), atol=0.05)
+    assert abs(np.exp(1j * (overlay.turn_rad - headings[later] + headings[earlier])) - 1.0) < 0.03
 
 
 def test_needs_images_that_were_processed(drive: Recording) -> None:
