@@ -1,10 +1,12 @@
 """Visual SLAM on drives whose world is known, on a real camera, and a particle filter that is carried off.
 
-Run with ``python -m benchmarks.visual_slam``. Drives are those of ``examples/glacier_drive.toml`` with other seeds
-than the settings were chosen on; their images are rendered once and kept in the system's folder for temporary
-files. Positions are judged without any alignment but the pose at the start, which is given, unless Sim(3) is said.
+Run with ``python -m benchmarks.visual_slam``. Drives are those of ``examples/glacier_drive.toml``, 280 m with four
+turns and wheels that are 1.5 % off, with other seeds than the settings were chosen on; their images are rendered
+once and kept in the system's folder for temporary files. Positions are judged without any alignment but the pose at
+the start, which is given, unless Sim(3) is said. No fix is used: the scale is what wheels and images make of it.
 """
 
+import re
 import subprocess
 import sys
 import tempfile
@@ -31,12 +33,15 @@ from vision_slam.sequence import scaled_by_first
 from vision_slam.visual_config import VisualOdometryConfig
 from vision_slam.visual_slam import VisualSlam, visual_odometry
 
-# The settings were chosen on seed 11.
+# The settings were chosen on seeds 11 to 13.
 SEEDS = (21, 22, 23, 24, 25)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
 KITTI = Path(__file__).parents[2] / "shared" / "data" / "seq_kitti_mini" / "KITTI_sequence_1"
-FAINT = ("appearance.contrast=0.5", "scenery.ridges_deg=0.0")
+# 1.8 % of contrast, of which 0.7 % are the sensor's noise.
+FAINT = ("appearance.contrast=0.5", "appearance.ridges_deg=0.0")
+SHORT = ("planner.swaths=1", "area.bounds_m=[526040.0, 6478040.0, 526070.0, 6478060.0]")
+N_TIMED = 300
 
 
 def measure(quick: bool) -> Iterator[Row]:
@@ -45,17 +50,28 @@ def measure(quick: bool) -> Iterator[Row]:
     if KITTI.is_dir():
         yield _real_camera()
     if quick:
+        yield from _drives("drive of 30 m: ", [_driven(_folder(SEEDS[0], SHORT))])
         return
-    done = [_driven(seed) for seed in SEEDS]
-    yield from _drives("", done)
-    for clip, limit in ((4.0, 2.5), (0.0, None)):
-        faint = [_driven(seed, FAINT, VisualOdometryConfig(clahe_clip=clip)) for seed in SEEDS[:2]]
-        shown = f"faint snow, no mountains, {'with' if clip else 'without'} CLAHE: end drift, worst"
-        worst = max(drive["drift"] for drive in faint)
-        yield Row(shown, worst, "%") if limit is None else Row.of(shown, worst, "%", "<=", limit)
-        yield Row(
-            shown.replace("end drift, worst", "frames without vision"), max(d["blind"] for d in faint), "1"
-        )
+    yield from _drives("", [_driven(_folder(seed)) for seed in SEEDS])
+    for clip in (4.0, 0.0):
+        config = VisualOdometryConfig(clahe_clip=clip)
+        yield from _faint(bool(clip), [_driven(_folder(seed, FAINT), config) for seed in SEEDS[:2]])
+
+
+def _faint(is_enhanced: bool, done: list[dict[str, float]]) -> Iterator[Row]:
+    """Snow of half the contrast under an empty horizon, with and without CLAHE."""
+    name = f"faint snow, no mountains, {'with' if is_enhanced else 'without'} CLAHE: "
+    drift, lost = (max(drive[key] for drive in done) for key in ("drift", "lost"))
+    if is_enhanced:
+        yield Row.of(f"{name}end drift, worst", drift, "%", "<=", 2.5)
+    else:
+        least = min(drive["drift"] for drive in done)
+        is_broken = all(drive["drift"] > 10.0 or drive["lost"] > 0.0 for drive in done)
+        yield Row(f"{name}end drift, worst", drift, "%")
+        yield Row(f"{name}end drift, least", least, "%", "> 10 or lost", is_broken)
+    yield Row(f"{name}frames that wheels and gyro bridged, most", max(drive["blind"] for drive in done), "1")
+    yield Row(f"{name}share of frames declared lost, most", lost, "1")
+    yield Row(f"{name}landmarks per metre, least", min(drive["landmarks"] for drive in done), "1/m")
 
 
 def _drives(name: str, done: list[dict[str, float]]) -> Iterator[Row]:
@@ -67,6 +83,9 @@ def _drives(name: str, done: list[dict[str, float]]) -> Iterator[Row]:
         f"{name}image to pose, 95th percentile, worst drive", all_of("latency").max(), "ms", "<=", 100.0
     )
     yield Row.of(f"{name}end drift, worst", all_of("drift").max(), "%", "<=", 1.5)
+    yield Row.of(
+        f"{name}end drift, worst, by the bar for an estimated scale", all_of("drift").max(), "%", "<=", 0.8
+    )
     yield Row(f"{name}end drift, median", float(np.median(all_of("drift"))), "%")
     yield Row(f"{name}drift of the wheels' travel alone, worst", all_of("wheels").max(), "%")
     yield Row.of(f"{name}Sim(3) ATE per path, worst", all_of("shape").max(), "%", "<=", 0.2)
@@ -80,30 +99,21 @@ def _drives(name: str, done: list[dict[str, float]]) -> Iterator[Row]:
     yield Row(f"{name}normalized local elevation error, most", normalized.max(), "1", "0.8 to 1.3", held)
 
 
-def _folder(seed: int, settings: tuple[str, ...]) -> Path:
-    runs = DRIVES / "-".join([str(seed), *(text.replace("=", "_") for text in settings)])
+def _folder(seed: int, settings: tuple[str, ...] = ()) -> Path:
+    """Folder of a rendered drive, rendered now if it has not been yet."""
+    words = [str(seed), *settings]
+    runs = DRIVES / "-".join(re.sub(r"[^\w.,]+", "_", word).strip("_") for word in words)
     made = runs / "glacier-drive" / "latest" / "2-simulate"
     if not (made / "recording" / "recording.json").exists():
         chosen = [word for text in (f"seed={seed}", *settings) for word in ("--set", text)]
-        command = [
-            sys.executable,
-            "-m",
-            "sim.cli.main",
-            "simulate",
-            str(MISSION),
-            "--runs",
-            str(runs),
-            *chosen,
-        ]
+        program = [sys.executable, "-m", "sim.cli.main", "simulate"]
+        command = [*program, str(MISSION), "--runs", str(runs), *chosen]
         subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL)
     return made
 
 
-def _driven(
-    seed: int, settings: tuple[str, ...] = (), config: VisualOdometryConfig | None = None
-) -> dict[str, float]:
+def _driven(folder: Path, config: VisualOdometryConfig | None = None) -> dict[str, float]:
     """Run visual SLAM over one drive, image by image, and judge it by the world."""
-    folder = _folder(seed, settings)
     recording = Recording.read(folder / "recording")
     seconds = _timed(recording, config)
     found = visual_odometry(recording, config)
@@ -133,14 +143,15 @@ def _driven(
         "elevation": float(np.sqrt(np.mean(off**2))),
         "normalized": float(np.sqrt(np.mean((off / sigma[near]) ** 2))),
         "blind": float(sum(not frame.is_visual for frame in found.health[1:])),
+        "lost": float(found.is_lost.mean()),
     }
 
 
 def _timed(recording: Recording, config: VisualOdometryConfig | None) -> FloatArray:
-    """CPU time of each frame of the first 400, its reading left out [s]."""
+    """CPU time of each of the first frames, its reading left out [s]."""
     assert recording.frames is not None
     assert recording.camera is not None
-    times = recording.frames.time_s[:400]
+    times = recording.frames.time_s[:N_TIMED]
     slam = VisualSlam(recording.camera, config, upright_start(recording, times[0]))
     sensors, seconds = MotionSensors(recording), []
     for index, time_s in enumerate(times.tolist()):
