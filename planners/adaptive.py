@@ -7,14 +7,15 @@ made smaller until the chance is as wanted. The nearest of these swaths is drive
 on where it is and gaps are filled while they are near; then all is thought over again.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from planners.assurance import Assurance, Assured, Belief, belief_from_survey
+from planners.assurance import Assurance, Assured, Belief, belief_from_survey, fewest
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.decomposition import clipped
 from planners.planning import plan
@@ -31,9 +32,6 @@ Measure = Callable[[FloatArray], FloatArray]
 
 _OUTER_SHARE = 0.35
 _INSET_SHARE = 0.25
-# A gap may be this much wider than the spacing before another swath is laid into it.
-_SLACK = 0.15
-_SPACINGS = np.geomspace(1.2, 0.025, 60)
 _MOST_SWATHS = 30
 
 
@@ -116,31 +114,80 @@ class Swathes:
         return [swath.xy for swath in wavy(axes, self.area, config, spacing_m, wavelength_m)]
 
 
-def gaps_filled(driven: Sequence[float], width_m: float, spacing_m: float) -> list[tuple[float, float]]:
-    """Return further lines (offset, spacing) [m] that leave no gap wider than a spacing.
+def gaps_filled(
+    driven: Sequence[float], width_m: float, n_lines: int, growth: float
+) -> list[tuple[float, float]]:
+    r"""Lay further lines (offset, spacing) [m], each where it saves the most.
+
+    What a strip of width w between two lines adds to the squared error is taken to grow as :math:`w^{2 \nu + 1}`
+    for a terrain of smoothness ν. Lines in a gap lie at equal distances, the outermost
+    0.35 of a spacing from the border.
+
+    Parameters
+    ----------
+    driven : sequence of float
+        Offsets of the lines driven [m].
+    width_m : float
+        Width of the area [m].
+    n_lines : int
+        How many lines to lay.
+    growth : float
+        The exponent 2 ν + 1.
 
     Examples
     --------
-    >>> [round(offset) for offset, _ in gaps_filled([100.0], 600.0, 200.0)]
-    [26, 313, 526]
+    >>> [round(offset) for offset, _ in gaps_filled([100.0], 600.0, 3, 4.0)]
+    [249, 399, 548]
     """
-    lines: list[tuple[float, float]] = []
-    places = sorted(driven)
-    if not places:
-        n = max(int(np.ceil(width_m / spacing_m + 1.0 - 2.0 * _OUTER_SHARE - _SLACK)), 1)
-        between = width_m / (n - 1 + 2.0 * _OUTER_SHARE)
-        return [(float(_OUTER_SHARE * between + k * between), float(between)) for k in range(n)]
-    for border, sign in ((places[0], -1.0), (width_m - places[-1], 1.0)):
-        n = int(np.ceil(border / spacing_m - _OUTER_SHARE - _SLACK))
-        if n > 0:
-            between = border / (n + _OUTER_SHARE)
-            edge = places[0] if sign < 0 else places[-1]
-            lines += [(edge + sign * k * between, between) for k in range(1, n + 1)]
-    for low, high in pairwise(places):
-        n = int(np.ceil((high - low) / spacing_m - _SLACK)) - 1
-        between = (high - low) / (n + 1) if n > 0 else 0.0
-        lines += [(low + k * between, between) for k in range(1, n + 1)]
-    return sorted(lines)
+    gaps = _gaps(driven, width_m)
+    for _ in range(n_lines):
+        saved = [gap.cost(growth) - gap.with_another().cost(growth) for gap in gaps]
+        most = int(np.argmax(saved))
+        gaps[most] = gaps[most].with_another()
+    return sorted(line for gap in gaps for line in gap.lines)
+
+
+class _Gap(NamedTuple):
+    """A strip of the area, whether each side is a border of it, and how many lines are laid in it."""
+
+    low_m: float
+    high_m: float
+    is_border: tuple[bool, bool]
+    n_lines: int = 0
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Distances of the strip's sides from its outermost lines, in spacings."""
+        low, high = (_OUTER_SHARE if border else 1.0 for border in self.is_border)
+        return low, high
+
+    @property
+    def spacing_m(self) -> float:
+        """Distance between lines that lie evenly; with no line, what would leave the strip as it is."""
+        n_spacings = self.n_lines - 1 + sum(self.ends)
+        return (self.high_m - self.low_m) / (n_spacings if n_spacings > 0.0 else 0.5 * _OUTER_SHARE)
+
+    @property
+    def lines(self) -> list[tuple[float, float]]:
+        """Offset and spacing of the lines [m]."""
+        first = self.low_m + self.ends[0] * self.spacing_m
+        return [(first + k * self.spacing_m, self.spacing_m) for k in range(self.n_lines)]
+
+    def with_another(self) -> "_Gap":
+        """Return the strip with one more line."""
+        return self._replace(n_lines=self.n_lines + 1)
+
+    def cost(self, growth: float) -> float:
+        """Squared error of the strip, up to a factor."""
+        n_strips = self.n_lines + 1 - sum(0.5 for border in self.is_border if border)
+        return float(max(n_strips, 0.5) * self.spacing_m**growth)
+
+
+def _gaps(driven: Sequence[float], width_m: float) -> list[_Gap]:
+    """Return the strips between the lines driven, and between them and the borders."""
+    sides = [0.0, *sorted(driven), width_m]
+    last = len(sides) - 2
+    return [_Gap(low, high, (index == 0, index == last)) for index, (low, high) in enumerate(pairwise(sides))]
 
 
 def survey_adaptively(
@@ -172,7 +219,7 @@ def survey_adaptively(
     state = _State(area, belief, config)
     lines = state.further(config.first_probability)
     while lines is not None:
-        state.drive(_nearest(lines, state), measure)
+        state.drive(state.nearest(lines), measure)
         if len(state.offsets) >= config.n_first:
             state.learn()
             if state.assured.probability >= config.probability:
@@ -200,7 +247,7 @@ def first_swaths(area: SurveyArea, belief: Belief, config: AdaptiveConfig) -> Ro
                 f"no survey of up to {_MOST_SWATHS} swaths would keep {config.limit_m:g} m here; its densest would err "
                 f"{state.assured.rmse_m:.2f} m, ask for less."
             )
-        state.drive(_nearest(lines, state), _unmeasured)
+        state.drive(state.nearest(lines), _unmeasured)
     return Route(tuple(state.legs), area.crs, "adaptive")
 
 
@@ -237,7 +284,7 @@ def next_swath(
     lines = state.further(config.probability)
     if lines is None:
         return AdaptiveSurvey(None, xy, belief, state.assured, False)
-    state.drive(_nearest(lines, state), _unmeasured)
+    state.drive(state.nearest(lines), _unmeasured)
     route = Route(tuple(state.legs[len(driven.legs) :]), area.crs, "adaptive")
     return AdaptiveSurvey(route, xy, belief, state._assured(lines), True)
 
@@ -246,10 +293,8 @@ def _unmeasured(xy: FloatArray) -> FloatArray:
     return np.full(len(xy), np.nan)
 
 
-def _nearest(lines: Sequence[tuple[float, float]], state: "_State") -> tuple[float, float]:
-    """Return the line nearest to the rover; the first one is nearest to the edge where it starts."""
-    here = state.offset_here
-    return min(lines, key=lambda line: abs(line[0] - here))
+def _nearest(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[float, float]:
+    return min(lines, key=lambda line: abs(line[0] - offset_m))
 
 
 class _State:
@@ -266,16 +311,21 @@ class _State:
         self.assured = Assured(0.0, float(np.sqrt(belief.likeliest.variance_m2)))
 
     @property
-    def offset_here(self) -> float:
-        """Distance of the rover from the area's edge [m]."""
-        area = self.lines.area
-        if self.legs:
-            here = self.legs[-1].xy[-1]
-        elif len(area.starts):
-            here = area.starts[0]
-        else:
+    def here(self) -> FloatArray | None:
+        """Where the rover is [m], None before it has driven."""
+        return self.legs[-1].xy[-1] if self.legs else None
+
+    def offset_of(self, place: FloatArray | None) -> float:
+        """Distance of a place, the start at first, from the area's edge [m]."""
+        starts = self.lines.area.starts
+        if place is None and not len(starts):
             return 0.0
-        return float(here @ self.lines.left - self.lines.v.min())
+        place = starts[0] if place is None else place
+        return float(place @ self.lines.left - self.lines.v.min())
+
+    def nearest(self, lines: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        """Return the line nearest to the rover; the first one is nearest to the edge where it starts."""
+        return _nearest(lines, self.offset_of(self.here))
 
     @property
     def wavelength_m(self) -> float:
@@ -285,47 +335,42 @@ class _State:
 
     def further(self, probability: float) -> list[tuple[float, float]] | None:
         """Return the fewest further lines that are predicted to be enough; None where none are."""
-        plans = list(self._plans())
-        # The swath just driven has made the last set one shorter, more or less: begin there.
-        low, high = 0, min(max(self.n_further - 2, 0), len(plans))
-        while high < len(plans):
-            self.assured = self._assured(plans[high])
-            if self.assured.probability >= probability:
-                break
-            low, high = high + 1, max(high + 1, min(2 * high, len(plans) - 1))
-        else:
+        most = _MOST_SWATHS - len(self.offsets)
+        if most < 1:
             return None
-        while low < high:
-            middle = (low + high) // 2
-            if self._assured(plans[middle]).probability >= probability:
-                high = middle
-            else:
-                low = middle + 1
-        self.n_further = len(plans[high])
-        return plans[high]
 
-    def _plans(self) -> Iterator[list[tuple[float, float]]]:
-        """Yield sets of further lines, by their growing number."""
-        n_before = 0
-        for share in _SPACINGS:
-            lines = gaps_filled(self.offsets, self.lines.width_m, share * self.lines.width_m)
-            if len(lines) > n_before and len(lines) + len(self.offsets) <= _MOST_SWATHS:
-                n_before = len(lines)
-                yield lines
+        def is_enough(n_lines: int) -> bool:
+            self.assured = self._assured(self._filled(n_lines))
+            return self.assured.probability >= probability
+
+        # The swath just driven has made the last plan one shorter, more or less: begin there.
+        found = fewest(is_enough, first=self.n_further - 1, most=most)
+        if found is None:
+            return None
+        self.n_further = found
+        return self._filled(found)
+
+    def _filled(self, n_lines: int) -> list[tuple[float, float]]:
+        return gaps_filled(self.offsets, self.lines.width_m, n_lines, self.belief.growth)
 
     def _assured(self, lines: Sequence[tuple[float, float]]) -> Assured:
-        pieces = [
-            xy for offset, spacing in lines for xy in self.lines.swath(offset, spacing, self.wavelength_m)
-        ]
-        if not pieces:
+        """Return what is promised once the lines are driven too, and the ways to them."""
+        here = self.here
+        left, planned = list(lines), [self.samples]
+        while left:
+            line = _nearest(left, self.offset_of(here))
+            left.remove(line)
+            for piece in self._pieces(line, here):
+                driven = piece if here is None else np.vstack([here, piece])
+                planned.append(places_along(driven, self.config.sample_step_m))
+                here = piece[-1]
+        if here is None:
             raise InputError("no swath meets the free ground of the area; ask for another area.")
-        planned = [places_along(xy, self.config.sample_step_m) for xy in pieces]
-        return self.assurance.of(np.vstack([self.samples, *planned]), self.belief)
+        return self.assurance.of(np.vstack(planned), self.belief)
 
     def drive(self, line: tuple[float, float], measure: Measure) -> None:
         """Drive to a line and along it, and take samples all the way."""
-        pieces = self.lines.swath(*line, self.wavelength_m)
-        for piece in pieces if self._is_nearer_start(pieces) else [xy[::-1] for xy in pieces[::-1]]:
+        for piece in self._pieces(line, self.here):
             before = len(self.legs)
             if self.legs and np.hypot(*(piece[0] - self.legs[-1].xy[-1])) > 0.0:
                 self.legs.append(Leg("transit", self.lines.ground.way(self.legs[-1].xy[-1], piece[0])))
@@ -336,11 +381,13 @@ class _State:
             self.heights = np.append(self.heights, measure(xy))
         self.offsets.append(line[0])
 
-    def _is_nearer_start(self, pieces: Sequence[FloatArray]) -> bool:
-        if not self.legs:
-            return True
-        here = self.legs[-1].xy[-1]
-        return bool(np.hypot(*(pieces[0][0] - here)) <= np.hypot(*(pieces[-1][-1] - here)))
+    def _pieces(self, line: tuple[float, float], here: FloatArray | None) -> list[FloatArray]:
+        """Return what is driven on a line, piece by piece from the end that is nearer."""
+        pieces = self.lines.swath(*line, self.wavelength_m)
+        if here is None or not pieces:
+            return pieces
+        is_forth = np.hypot(*(pieces[0][0] - here)) <= np.hypot(*(pieces[-1][-1] - here))
+        return pieces if is_forth else [xy[::-1] for xy in pieces[::-1]]
 
     def learn(self) -> None:
         """Learn family, length, variance and noise from all samples, and what they promise."""

@@ -10,7 +10,8 @@ and the chance that it stays below the squared limit is that of the gamma distri
 moments (Satterthwaite 1946).
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -23,19 +24,38 @@ from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.errors import InputError
-from survey.reconstruction.gp.kernel_search import ALL, Cell, KernelSearch
+from survey.reconstruction.gp.kernel_search import ALL, Cell, Family, KernelSearch
 from survey.reconstruction.gp.kernels import Kernel
 from survey.reconstruction.gp.stationary import Stationary
 from survey.terrain.conditional import CoarseCells
 
-_NODES_ALONG = 12
-_MOST_REMEMBERED = 100
-# Samples nearer to one another than this share of the slope length are averaged.
+_N_NODES = 300
+# The first of them tell how much errors at different nodes have in common.
+_N_IN_COMMON = 120
+# The plastic number, whose powers spread places evenly over the plane (Roberts 2018).
+_PLASTIC = 1.324717957244746
+# Samples nearer to one another than this share of the slope length are averaged, but no more of them than here:
+# rough terrain changes between them.
 _AVERAGED = 0.2
+_MOST_AVERAGED: dict[Family, int] = {
+    "squared-exponential": 6,
+    "matern-5/2": 4,
+    "matern-3/2": 2,
+    "whittle": 2,
+}
 _LENGTHS_PER_DOUBLING = 2
 # Four covariances hold nearly all of what the samples leave open.
 _MOST_KERNELS = 4
 _LEAST_WEIGHT = 0.01
+# Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
+_LEAST_RATIO = 4e-9
+# 2 ν + 1 for a smoothness ν; that of a squared exponential is finite as the noise has it.
+_GROWTH: dict[Family, float] = {
+    "squared-exponential": 8.0,
+    "matern-5/2": 6.0,
+    "matern-3/2": 4.0,
+    "whittle": 3.0,
+}
 
 
 def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> float:
@@ -95,6 +115,11 @@ class Belief:
         """Weighted geometric mean of the slope lengths: what waves are measured by [m]."""
         logs = [one.weight * np.log(slope_length_m(one.kernel)) for one in self.kernels]
         return float(np.exp(np.sum(logs)))
+
+    @property
+    def growth(self) -> float:
+        """Weighted mean of the exponents with which the squared error of a strip grows with its width."""
+        return sum(one.weight * _GROWTH[one.cell.family] for one in self.kernels)
 
     def draw(self, rng: np.random.Generator) -> Believed:
         """Return one of the covariances by chance."""
@@ -178,6 +203,14 @@ class Assured(NamedTuple):
     rmse_m: float
 
 
+class _Seen(NamedTuple):
+    """Correlations of the places of a plan, for one family and length: among them, and with the nodes."""
+
+    among: FloatArray
+    across: FloatArray
+    common: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Assurance:
     """Tells how sure it is that samples at given places make a map within a limit.
@@ -185,7 +218,7 @@ class Assurance:
     Parameters
     ----------
     area : SurveyArea
-        Where the map is judged: at the centres of 12 cells along its longer side.
+        Where the map is judged, at 300 places or so.
     limit_m : float
         Largest root mean square error allowed [m].
     step_m : float
@@ -195,59 +228,102 @@ class Assurance:
     area: SurveyArea
     limit_m: float
     step_m: float
-    _correlations: dict[Cell, FloatArray] = field(default_factory=dict, repr=False)
 
     @cached_property
     def nodes(self) -> FloatArray:
-        """Places (M, 2) on the free ground [m]."""
-        xmin, ymin, xmax, ymax = self.area.bounds
-        cell = max(xmax - xmin, ymax - ymin) / _NODES_ALONG
-        x = np.arange(xmin + 0.5 * cell, xmax, cell)
-        y = np.arange(ymin + 0.5 * cell, ymax, cell)
-        nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        """Places (M, 2) on the free ground [m], in no step with any swaths; any first part of them is spread evenly."""
+        low, high = np.array(self.area.bounds[:2]), np.array(self.area.bounds[2:])
+        n = int(_N_NODES * np.prod(high - low) / max(self.area.free.area, 1e-9))
+        share = (0.5 + np.arange(1, min(n, 100 * _N_NODES) + 1)[:, None] / _PLASTIC ** np.array([1, 2])) % 1.0
+        nodes = low + share * (high - low)
         inside: FloatArray = nodes[self.area.contains(nodes)]
         if not len(inside):
             raise InputError("the area is so thin that no node of its map lies on free ground; widen it.")
         return inside
 
-    def _among_nodes(self, cell: Cell) -> FloatArray:
-        """Correlation (M, M) of the nodes, which every plan under this covariance needs."""
-        if cell not in self._correlations:
-            if len(self._correlations) >= _MOST_REMEMBERED:
-                self._correlations.clear()
-            self._correlations[cell] = cell.correlation(cdist(self.nodes, self.nodes, "sqeuclidean"))
-        return self._correlations[cell]
+    @cached_property
+    def _common_squared_m2(self) -> FloatArray:
+        """Squared distances among the first nodes [m²]."""
+        some = self.nodes[:_N_IN_COMMON]
+        squared: FloatArray = cdist(some, some, "sqeuclidean")
+        return squared
 
     def of(self, xy: FloatArray, belief: Belief) -> Assured:
         """Return what samples at the places (N, 2) [m] promise."""
-        thin = max(int(_AVERAGED * belief.slope_length_m / self.step_m), 1)
-        places = xy[::thin]
-        across = cdist(places, self.nodes, "sqeuclidean")
-        each = [self._under(one, places, across, thin) for one in belief.kernels]
+        seen: dict[tuple[str, float], _Seen] = {}
+        each = []
+        for one in belief.kernels:
+            thin = self._averaged(one)
+            key = one.cell.family, one.cell.length
+            if key not in seen:
+                seen[key] = self._seen(xy[::thin], one.cell)
+            each.append(self._under(one, seen[key], thin))
         weights = np.array([one.weight for one in belief.kernels])
         return Assured(
             float(weights @ [one.probability for one in each]),
             float(weights @ [one.rmse_m for one in each]),
         )
 
-    def _under(self, believed: Believed, places: FloatArray, across: FloatArray, thin: int) -> Assured:
+    def _averaged(self, believed: Believed) -> int:
+        """Return how many samples one place stands for."""
+        n = int(_AVERAGED * slope_length_m(believed.kernel) / self.step_m)
+        return min(max(n, 1), _MOST_AVERAGED[believed.cell.family])
+
+    def _seen(self, places: FloatArray, cell: Cell) -> _Seen:
+        return _Seen(
+            cell.correlation(cdist(places, places, "sqeuclidean")),
+            cell.correlation(cdist(places, self.nodes, "sqeuclidean")),
+            cell.correlation(self._common_squared_m2),
+        )
+
+    def _under(self, believed: Believed, seen: _Seen, thin: int) -> Assured:
         """Return what is promised if the terrain has this covariance; each place stands for `thin` samples."""
-        ratio = believed.noise_m**2 / thin / believed.variance_m2
-        cell = Cell.of(believed.cell.family, believed.cell.length_scale_m, ratio)
-        factor = cell.factor(places)
-        if factor is None:
+        matrix = seen.among.copy()
+        matrix[np.diag_indices(len(matrix))] += max(
+            believed.noise_m**2 / thin / believed.variance_m2, _LEAST_RATIO
+        )
+        factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
+        if failed:
             return Assured(0.0, float(np.sqrt(believed.variance_m2)))
-        right = np.column_stack([np.ones(len(places)), cell.correlation(across)])
-        half = lapack.dtrtrs(factor, right, lower=1)[0]
+        half = lapack.dtrtrs(factor, np.column_stack([np.ones(len(matrix)), seen.across]), lower=1)[0]
         ones, explained = half[:, 0], half[:, 1:]
         gap = 1.0 - ones @ explained
-        posterior = self._among_nodes(cell._replace(ratio=0.0)) - explained.T @ explained
-        posterior += np.outer(gap, gap) / (ones @ ones)
-        posterior *= believed.variance_m2
-        m = len(posterior)
-        mean = max(float(np.trace(posterior)) / m, 1e-12)
-        variance = max(2.0 * float(np.square(posterior).sum()) / m**2, 1e-6 * mean**2)
+        left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) / (ones @ ones)
+        some, gap = explained[:, :_N_IN_COMMON], gap[:_N_IN_COMMON]
+        common = seen.common - some.T @ some + np.outer(gap, gap) / (ones @ ones)
+        return self._chance(believed.variance_m2 * left, believed.variance_m2 * common)
+
+    def _chance(self, variance_m2: FloatArray, covariance_m2: FloatArray) -> Assured:
+        """Return the chance of a gamma distributed mean square, from the errors' variances and some covariances."""
+        mean = max(float(variance_m2.mean()), 1e-12)
+        variance = max(2.0 * float(np.square(covariance_m2).mean()), 1e-6 * mean**2)
         shape = mean**2 / variance
         # The mean of the square root of a gamma distributed number.
         rmse = np.exp(gammaln(shape + 0.5) - gammaln(shape)) * np.sqrt(mean / shape)
         return Assured(float(gammainc(shape, shape * self.limit_m**2 / mean)), float(rmse))
+
+
+def fewest(is_enough: Callable[[int], bool], *, first: int, most: int) -> int | None:
+    """Return the smallest number from 1 to `most` that is enough, sought from `first` on; None where none is.
+
+    Examples
+    --------
+    >>> fewest(lambda n: n >= 7, first=5, most=30)
+    7
+    """
+    low, high, step = 0, min(max(first, 1), most), 1
+    if is_enough(high):
+        while high - step > low:
+            if not is_enough(high - step):
+                low = high - step
+                break
+            high, step = high - step, 2 * step
+    else:
+        while not is_enough(high):
+            if high >= most:
+                return None
+            low, high, step = high, min(high + step, most), 2 * step
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if is_enough(middle) else (middle, high)
+    return high

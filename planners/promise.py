@@ -6,14 +6,14 @@ belief so that it agrees with the cells: sampled with the sensor's errors, mappe
 anew, and judged. Only what also passes there is promised.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from planners.assurance import Assurance, Assured, Belief, Believed, belief_from_prior
+from planners.assurance import Assurance, Assured, Belief, Believed, belief_from_prior, fewest
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.planning import plan
 from planners.predict import places
@@ -222,7 +222,10 @@ def _proven(
         route = plan(assurance.area, None, sized)
         return sized, route, assurance.of(places(route, wanted.sample_step_m), belief)
 
-    n = _fewest(lambda n: predicted(n)[2].probability >= wanted.probability)
+    n = (
+        fewest(lambda n: predicted(n)[2].probability >= wanted.probability, first=4, most=_MOST_SWATHS)
+        or _MOST_SWATHS
+    )
     while True:
         sized, route, assured = predicted(n)
         errors = ground.errors(route)
@@ -232,17 +235,6 @@ def _proven(
         if result.holds or n >= _MOST_SWATHS:
             return result
         n = min(n + max(n // 8, 1), _MOST_SWATHS)
-
-
-def _fewest(is_enough: Callable[[int], bool]) -> int:
-    """Return the smallest number of swaths that is enough, or the largest that may be tried."""
-    low, high = 1, 2
-    while high < _MOST_SWATHS and not is_enough(high):
-        low, high = high + 1, min(2 * high, _MOST_SWATHS)
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if is_enough(middle) else (middle + 1, high)
-    return high
 
 
 class _ProvingGround:

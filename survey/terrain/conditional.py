@@ -64,12 +64,28 @@ class CoarseCells:
         return np.asarray(centres[:, None, :] + offsets[None, :, :], dtype=np.float64)
 
     def covariance(self, kernel: Kernel) -> FloatArray:
-        """Covariance (C, C) of the cells' means, without their errors [m²]."""
-        n, per_cell, _ = self.places.shape
-        places = self.places.reshape(-1, 2)
-        fine = kernel.covariance(places, places)
-        means: FloatArray = fine.reshape(n, per_cell, n, per_cell).mean(axis=(1, 3))
-        return means
+        """Covariance (C, C) of the cells' means, without their errors [m²].
+
+        On a regular grid it depends on how many rows and columns two cells are apart, and on no more.
+        """
+        rows, columns = np.nonzero(np.isfinite(self.prior.elevation))
+        apart, weight = self._within
+        down = np.arange(np.ptp(rows) + 1)
+        right = np.arange(-np.ptp(columns), np.ptp(columns) + 1)
+        steps = self.prior.step_m * np.stack(np.meshgrid(right, -down), axis=-1)
+        means = kernel.covariance_of_lag(steps[:, :, None, :] + apart) @ weight
+        d_row = rows[:, None] - rows
+        d_column = np.where(d_row < 0, -1, 1) * (columns[:, None] - columns)
+        covariance: FloatArray = means[np.abs(d_row), d_column + np.ptp(columns)]
+        return covariance
+
+    @cached_property
+    def _within(self) -> tuple[FloatArray, FloatArray]:
+        """Lags (K, 2) [m] between the places of one cell and those of another at the same spot, and their shares (K,)."""
+        offsets = self.places[0] - self.places[0].mean(axis=0)
+        lags = (offsets[:, None] - offsets).reshape(-1, 2)
+        distinct, counts = np.unique(np.round(lags, 9), axis=0, return_counts=True)
+        return distinct, counts / len(lags)
 
     def covariance_with(self, kernel: Kernel, xy: FloatArray) -> FloatArray:
         """Covariance (C, M) of the cells' means with the field at places (M, 2) [m²]."""

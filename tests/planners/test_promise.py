@@ -12,6 +12,7 @@ from planners.assurance import (
     Believed,
     belief_from_prior,
     belief_from_survey,
+    fewest,
     localized_noise_m,
 )
 from planners.promise import Wanted, promise, reachable_class
@@ -91,13 +92,28 @@ def test_the_survey_tells_family_and_noise(rng):
     assert belief.likeliest.noise_m == pytest.approx(0.1, rel=0.25)
 
 
-def test_gaps_are_cut_into_equal_parts_no_wider_than_the_spacing():
+def test_further_lines_are_laid_where_they_save_the_most():
     driven = [50.0, 250.0]
-    places = sorted(driven + [offset for offset, _ in gaps_filled(driven, 600.0, 110.0)])
-    # The slack of 15 % keeps a gap that is barely wider from another swath.
-    assert np.diff(places).max() <= 1.15 * 110.0
-    assert places[0] <= (0.35 + 0.15) * 110.0
-    assert gaps_filled(places, 600.0, 110.0) == []
+    laid = [offset for offset, _ in gaps_filled(driven, 600.0, 4, 4.0)]
+    # Strips of 200 and 350 m: one line halves the first, three divide the second.
+    assert np.sum(np.array(laid) < 250.0) == 1
+    strips = np.diff(sorted(driven + laid))
+    assert strips.max() <= 1.4 * strips.min()
+    # The outermost lies 0.35 spacings from the border.
+    assert 600.0 - max(laid) == pytest.approx(0.35 * strips[-1])
+
+
+def test_a_gap_barely_wider_than_the_others_is_left_for_new_ground():
+    driven = [20.0, 80.0, 140.0, 200.0]
+    # Rough terrain: lines at 57 m in the ground that is new, none between those driven 60 m apart.
+    assert min(offset for offset, _ in gaps_filled(driven, 600.0, 7, 3.0)) > 200.0
+
+
+def test_the_fewest_that_are_enough_are_found_from_anywhere():
+    for wanted in (1, 2, 9, 30):
+        for first in (-1, 1, 8, 30):
+            assert fewest(lambda n, wanted=wanted: n >= wanted, first=first, most=30) == wanted
+    assert fewest(lambda n: n > 30, first=3, most=30) is None
 
 
 def test_an_adaptive_survey_stops_when_its_promise_holds():
