@@ -21,6 +21,11 @@ class Study(Protocol):
 
 STUDIES: dict[str, str] = {
     "glacier-fig4": "sim.studies.glacier_images:glacier_fig4",
+    "glacier-fig5": "sim.studies.glacier_terrain:glacier_fig5",
+    "glacier-fig6": "sim.studies.glacier_terrain:glacier_fig6",
+    "glacier-fig7": "sim.studies.glacier_terrain:glacier_fig7",
+    "glacier-fig8": "sim.studies.glacier_terrain:glacier_fig8",
+    "glacier-tables": "sim.studies.glacier_terrain:glacier_tables",
     "glacier-fig9": "sim.studies.glacier_monte_carlo:glacier_fig9",
     "glacier-fig10": "sim.studies.glacier_monte_carlo:glacier_fig10",
     "glacier-fig11": "sim.studies.glacier_monte_carlo:glacier_fig11",
@@ -32,6 +37,16 @@ STUDIES: dict[str, str] = {
     "emap-fig5": "sim.studies.emap:figure_5",
     "emap-fig6": "sim.studies.emap:figure_6",
     "emap-range": "sim.studies.emap:range_extension",
+    "carving-fig3": "sim.studies.carving_sine:figure_3",
+    "carving-fig5": "sim.studies.carving_sine:figure_5",
+    "carving-table1": "sim.studies.carving:table_1",
+    "carving-fig7": "sim.studies.carving_maps:figure_7",
+    "carving-fig8": "sim.studies.carving_maps:figure_8",
+    "carving-fig9": "sim.studies.carving_maps:figure_9",
+    "carving-fig10": "sim.studies.carving_maps:figure_10",
+    "carving-fig11": "sim.studies.carving:figure_11",
+    "carving-fig12": "sim.studies.carving:figure_12",
+    "carving-fig13": "sim.studies.carving_maps:figure_13",
 }
 """Name of the study, in the order of the papers → where its function stands, ``module:function``."""
 

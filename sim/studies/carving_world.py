@@ -78,9 +78,7 @@ class World:
             within = (np.abs(xyz[:, :2]) < HALF_M).all(axis=1)
             hits.append(xyz[within])
             origins.append(np.broadcast_to(sensor, hits[-1].shape))
-        return SurfacePoints(
-            np.concatenate(hits), sigma_m=NOISE_M, origins=np.concatenate(origins), crs=CRS
-        )
+        return SurfacePoints(np.concatenate(hits), sigma_m=NOISE_M, origins=np.concatenate(origins), crs=CRS)
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,9 @@ class Trial:
         rng = stream(seed, "carving", name, "scan", n_views)
         points = world.scan(VIEWS[:n_views], rng)
         order = rng.permutation(len(points))
-        train, test = points.select(order[:n_train]), points.select(order[n_train : n_train + n_test])
+        rank = np.argsort(order)
+        train = points.select(rank < n_train)
+        test = points.select((rank >= n_train) & (rank < n_train + n_test))
         step_m = 2.0 * HALF_M / N_GRID
         across = -HALF_M + step_m * (0.5 + np.arange(N_GRID))
         xy = np.column_stack([axis.ravel() for axis in np.meshgrid(across, across)])
@@ -120,8 +120,8 @@ class Trial:
 
 
 def _rough(grid: Grid, rng: Rng, relief_m: float) -> FloatArray:
-    z = fractional_brownian(grid, rng, relief_m=relief_m, hurst=0.6).elevation
-    return z - np.median(z)
+    z: FloatArray = fractional_brownian(grid, rng, relief_m=relief_m, hurst=0.6).elevation
+    return z - float(np.median(z))
 
 
 def _rubble(east: FloatArray, north: FloatArray, rng: Rng, n: int) -> FloatArray:
@@ -140,7 +140,7 @@ def _downhill(grid: Grid, east: FloatArray, north: FloatArray, rng: Rng) -> Floa
 
 def _hilly(grid: Grid, east: FloatArray, north: FloatArray, rng: Rng) -> FloatArray:
     hills = squared_exponential_field(grid, rng, relief_m=3.0, length_scale_m=4.0).elevation
-    return hills - np.median(hills) + _rough(grid, rng, 1.8) + _rubble(east, north, rng, 90)
+    return hills - float(np.median(hills)) + _rough(grid, rng, 1.8) + _rubble(east, north, rng, 90)
 
 
 def _piles(grid: Grid, east: FloatArray, north: FloatArray, rng: Rng) -> FloatArray:

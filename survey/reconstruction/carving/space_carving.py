@@ -215,6 +215,11 @@ class SpaceCarvingKernel(TerrainModel):
         self._require_bounds()
         return self._surface(LOWER, places), self._surface(UPPER, places)
 
+    def n_bases(self) -> tuple[int, int]:
+        """Return how many bases of the mean surface points made, and how many lines of sight."""
+        made_by = self.mean_surface.bases().made_by
+        return int((made_by == BY_POINT).sum()), int((made_by == BY_RAY).sum())
+
     def contributions(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
         """Return the sums of |α| of the mean surface's bases that rays and that points made, in the cell about each node (H, W) [m].
 
@@ -305,11 +310,12 @@ class SpaceCarvingKernel(TerrainModel):
             checked_origins(points)
         ghost = ghosts(points.xyz) if self.config.gate else np.zeros(len(points), dtype=bool)
         self.n_ghosts_ += int(ghost.sum())
-        kept = np.flatnonzero(~ghost)
+        kept = ~ghost
         if self.config.thin_m:
             cells = np.floor(points.xy[kept] / self.config.thin_m).astype(np.int64)
-            kept = kept[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
-        return points if len(kept) == len(points) else points.select(kept)
+            first = np.unique(cells, axis=0, return_index=True)[1]
+            kept[np.delete(np.flatnonzero(kept), first)] = False
+        return points if kept.all() else points.select(kept)
 
     def _pace(self, n: int) -> tuple[float, float, float, float, bool]:
         """Return what a pass over so many points goes by, beside the prior."""
@@ -437,13 +443,13 @@ class SpaceCarvingKernel(TerrainModel):
 
     def _record(self) -> dict[str, Any]:
         """Return what was found out, for the record."""
-        made_by = self.mean_surface.bases().made_by
+        by_points, by_rays = self.n_bases()
         facts = {
             "n_points": len(self.cloud),
             "n_ghosts": self.n_ghosts_,
             "n_scans": self.n_scans_,
-            "n_point_bases": int((made_by == BY_POINT).sum()),
-            "n_ray_bases": int((made_by == BY_RAY).sum()),
+            "n_point_bases": by_points,
+            "n_ray_bases": by_rays,
             "spread_m": self.spread_m_,
         }
         return facts if self.config.bounds else facts | {"standard_deviation": _NOTE}
