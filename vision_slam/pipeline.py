@@ -14,6 +14,7 @@ from survey.trajectory import Trajectory
 from vision_slam.attitude import heading_correction
 from vision_slam.closures import closures_by_images
 from vision_slam.config import LocalizationConfig
+from vision_slam.credible import with_credible_start, with_fixes_in_time
 from vision_slam.landmarks import placed_landmarks
 from vision_slam.online import believing, follow
 from vision_slam.relocalization import rejoined, torn_at
@@ -101,7 +102,11 @@ def localize_seen(
         No landmark passes the gates.
     """
     settings = for_images(config or LocalizationConfig())
+    if not len(torn_at(recording, found)):
+        path = dead_reckoning(found.odometry, recording.start)
+        recording, settings = with_credible_start(recording, path, found.odometry.time_s, settings)
     seen, found = headed(recording, found)
+    seen = with_fixes_in_time(seen, dead_reckoning(found.odometry, seen.start), settings)
     trajectory, points = localize(recognised(seen, settings), settings)
     return replace(trajectory, health=1.0 - found.is_lost), points, found
 

@@ -64,7 +64,7 @@ class SmoothedPath:
 def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> SmoothedPath:
     """Correct a dead-reckoned path (N, 3) [m] by what else the recording holds."""
     assert recording.odometry is not None
-    nodes = np.union1d(_nodes(reckoned, config.node_spacing_m), _torn(recording.odometry))
+    nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
     time_s = recording.odometry.time_s[nodes]
     posterior = _Posterior.of(recording, reckoned, nodes, config)
     gain = _gain_if_longer(recording, reckoned, nodes, config, posterior.log_evidence)
@@ -79,6 +79,13 @@ def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
         )
     path = _corrected(recording, reckoned, nodes, posterior)
     return replace(path, n_ties=len(accepted), n_refused=len(ties) - len(accepted), gps_evidence=gain)
+
+
+def log_evidence(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> float:
+    """Return how likely everything was that was sensed but stakes and closures: for comparing what may be assumed."""
+    assert recording.odometry is not None
+    nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
+    return _Posterior.of(recording, reckoned, nodes, config).log_evidence
 
 
 @dataclass(frozen=True)
@@ -130,19 +137,13 @@ class _Posterior:
         return replace(self, information=information, estimate=estimate, gained=(gain, seen))
 
 
-def _nodes(path: FloatArray, spacing_m: float) -> IntArray:
-    """Return indices of poses about `spacing_m` apart, first and last included."""
+def _nodes(path: FloatArray, odometry: Odometry, spacing_m: float) -> IntArray:
+    """Return indices of poses about `spacing_m` apart, first and last and both ends of torn steps included."""
     travel = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
     n = max(2, round(travel[-1] / spacing_m) + 1)
-    return np.unique(np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1))
-
-
-def _torn(odometry: Odometry) -> IntArray:
-    """Return indices of the poses before and after each step that nothing saw."""
-    if odometry.step_sigma_m is None:
-        return np.zeros(0, dtype=np.int64)
-    before = np.flatnonzero(odometry.step_sigma_m > 0.0)
-    return np.union1d(before, before + 1)
+    even = np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1)
+    torn = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)
+    return np.unique(np.concatenate([even, torn, torn + 1]))
 
 
 def _gain_if_longer(

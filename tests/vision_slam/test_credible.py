@@ -1,0 +1,74 @@
+"""Starts and clocks that a recording states wrongly, refuted by its own sensors."""
+
+import numpy as np
+import pytest
+from pyproj import CRS
+
+from survey.arrays import FloatArray
+from survey.recording import Recording
+from survey.sensors import GpsFixes, Odometry
+from vision_slam.config import LocalizationConfig
+from vision_slam.credible import with_credible_start, with_fixes_in_time
+from vision_slam.pipeline import dead_reckoning
+from vision_slam.rotation import rotations
+
+SITE = CRS("EPSG:32608")
+CONFIG = LocalizationConfig()
+
+
+def _drive(late_s: float = 0.0, seed: int = 3) -> tuple[Recording, FloatArray]:
+    """A round of 40 m radius at 1 m/s with fixes as the configuration has them, and its real path."""
+    times = np.arange(0.0, 150.0, 1.0)
+
+    def place(at_s: FloatArray) -> FloatArray:
+        angle = np.maximum(at_s, 0.0) / 40.0
+        return 40.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle), np.zeros_like(angle)])
+
+    path = place(times)
+    attitude = np.column_stack([np.zeros_like(times), np.zeros_like(times), times / 40.0])
+    steps = np.einsum("nji,nj->ni", rotations(attitude[:-1]), np.diff(path, axis=0))
+    rng = np.random.default_rng(seed)
+    memory, bias, biases = np.exp(-1.0 / CONFIG.gps_correlation_time_s), rng.standard_normal(3), []
+    for _ in times:
+        bias = memory * bias + np.sqrt(1.0 - memory**2) * rng.standard_normal(3)
+        biases.append(CONFIG.gps_bias_sigma_m * bias)
+    fixes = (
+        place(times - late_s) + np.array(biases) + CONFIG.gps_white_sigma_m * rng.standard_normal(path.shape)
+    )
+    gps = GpsFixes(times, fixes)
+    return Recording(SITE, path[0], gps, odometry=Odometry(times, steps, attitude)), path
+
+
+def test_a_start_that_fixes_agree_with_is_believed() -> None:
+    recording, path = _drive()
+    assert recording.odometry is not None
+    kept, config = with_credible_start(recording, path, recording.odometry.time_s, CONFIG)
+    assert kept is recording
+    assert config is CONFIG
+
+
+def test_a_start_elsewhere_is_taken_for_unknown(caplog: pytest.LogCaptureFixture) -> None:
+    recording, path = _drive()
+    assert recording.odometry is not None
+    away = np.array([18.0, -24.0, 0.0])
+    told = Recording(SITE, path[0] + away, recording.gps, odometry=recording.odometry)
+    kept, config = with_credible_start(told, path + away, recording.odometry.time_s, CONFIG)
+    assert config.start == "unknown"
+    # The slow error of the fixes, 1 m, and what the heading of the fit adds at the start.
+    assert np.hypot(*(kept.start - path[0])[:2]) < 3.0
+    assert "the fixes put the start 3" in caplog.text or "the fixes put the start 2" in caplog.text
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_fixes_in_time_stay_where_they_are(seed: int) -> None:
+    recording, path = _drive(seed=seed)
+    assert with_fixes_in_time(recording, path, CONFIG) is recording
+
+
+def test_late_fixes_are_moved_back() -> None:
+    recording, _ = _drive(late_s=2.0)
+    assert recording.odometry is not None
+    path = dead_reckoning(recording.odometry, recording.start)
+    moved = with_fixes_in_time(recording, path, CONFIG)
+    # Half a second at 1 m/s is what fixes of 1 m with a memory of two minutes can tell apart here.
+    assert moved.gps.time_s[0] - recording.gps.time_s[0] == pytest.approx(-2.0, abs=0.5)

@@ -1,0 +1,102 @@
+"""What a recording states and its own sensors refute: a start that is elsewhere, fixes that come late."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from survey.arrays import FloatArray
+from survey.recording import Recording
+from survey.sensors import GpsFixes
+from vision_slam.config import LocalizationConfig
+from vision_slam.smoother import log_evidence
+
+logger = logging.getLogger(__name__)
+
+_LONG_ENOUGH_M = 10.0
+_REFUTED_SIGMAS = 5.0
+_OUTLYING_M = 2.0
+_LAGS_S = np.arange(0.5, 4.01, 0.5)
+_CONVINCING = 10.0
+
+
+def with_credible_start(
+    recording: Recording, path: FloatArray, time_s: FloatArray, config: LocalizationConfig
+) -> tuple[Recording, LocalizationConfig]:
+    """Take a surveyed start for unknown where the fixes of the whole drive put it elsewhere.
+
+    The path's shape is laid on the fixes by turn and shift, and fixes that jump count
+    little. Its start then must lie within five standard deviations of a fix from the one
+    that was surveyed; if not, the drive begins where the fixes say, and a warning tells.
+
+    Parameters
+    ----------
+    recording : Recording
+        With `start` and fixes.
+    path : (N, 3) array_like
+        Reckoned from that start, under any heading [m].
+    time_s : (N,) array_like
+        Times of its poses.
+    config : LocalizationConfig
+        What is assumed of receiver and start.
+    """
+    if config.start != "surveyed":
+        return recording, config
+    begun = _laid_start(path, time_s, recording.gps)
+    if begun is None:
+        return recording, config
+    begun = begun - [0.0, 0.0, recording.antenna_height_m]
+    off_m = float(np.hypot(*(begun - recording.start)[:2]))
+    sigma_m = float(np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m))
+    if off_m < _REFUTED_SIGMAS * sigma_m + 3.0 * config.start_sigma_m:
+        return recording, config
+    logger.warning(
+        "the fixes put the start %.0f m from where it was surveyed; it is taken for unknown, check the start of the recording",
+        off_m,
+    )
+    return replace(recording, start=begun), config.model_copy(update={"start": "unknown"})
+
+
+def with_fixes_in_time(recording: Recording, path: FloatArray, config: LocalizationConfig) -> Recording:
+    r"""Move fixes back in time where that makes everything that was sensed much likelier.
+
+    A receiver that filters or a slow link tells where the rover was: on a straight line
+    nobody can know, but in turns the path and its fixes part. Delays of half a second to
+    four are tried on the smoother's own likelihood; one is believed if it gains a log
+    likelihood of 10.
+    """
+    least = log_evidence(recording, path, config)
+    gains = [log_evidence(_earlier(recording, lag), path, config) - least for lag in _LAGS_S]
+    best = int(np.argmax(gains))
+    if gains[best] < _CONVINCING:
+        return recording
+    logger.warning(
+        "the fixes come about %.1f s late (a log likelihood of %.0f more); they are moved back in time",
+        _LAGS_S[best],
+        gains[best],
+    )
+    return _earlier(recording, float(_LAGS_S[best]))
+
+
+def _earlier(recording: Recording, lag_s: float) -> Recording:
+    return replace(recording, gps=replace(recording.gps, time_s=recording.gps.time_s - lag_s))
+
+
+def _laid_start(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> FloatArray | None:
+    """Return where the path starts when laid on the fixes; None where it is too short to have a heading."""
+    inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
+    x, y, up = (np.interp(gps.time_s[inside], time_s, axis) for axis in path.T)
+    z = x - path[0, 0] + 1j * (y - path[0, 1])
+    g = gps.position[inside, 0] + 1j * gps.position[inside, 1]
+    if len(z) < 3 or np.abs(z - z.mean()).max() < _LONG_ENOUGH_M:
+        return None
+    weight, corner = np.ones(len(z)), 0.0j
+    for _ in range(20):
+        share = weight / weight.sum()
+        z_mean, g_mean = share @ z, share @ g
+        turn = np.angle((share * (g - g_mean) * (z - z_mean).conj()).sum())
+        corner = g_mean - np.exp(1j * turn) * z_mean
+        off = np.abs(g - np.exp(1j * turn) * z - corner)
+        weight = 1.0 / (1.0 + (off / _OUTLYING_M) ** 2)
+    height = float(np.median(gps.position[inside, 2] - up)) + path[0, 2]
+    return np.array([corner.real, corner.imag, height])
