@@ -17,6 +17,9 @@ _DATUM_SIGMA_M = 1e4
 _BENT_RAD = np.radians(0.3)
 # Wheels that differ from the odometry by more standard deviations than this spin.
 _SPINS = 4.0
+_TICK_M = 1e-3
+# Log weight below the best at which a hypothesis has no say any more.
+_COUNTS = 7.0
 _ANY_RAD = np.radians(30.0)
 _SKID_VARIES = 0.5
 
@@ -54,53 +57,62 @@ class Hypotheses:
     def anywhere(cls, fix: FloatArray, n: int, config: LocalizationConfig, rng: np.random.Generator) -> Self:
         """Every heading, a place that the fix alone tells: what of it is bias and what is place, nobody knows yet."""
         drawn = cls(fix, *_all_around(n, rng), _UNKNOWN_M, config)
-        drawn.correct(fix, rng)
+        drawn.correct(fix, np.inf, rng)
         return drawn
 
-    def move(self, step: FloatArray, seconds: float) -> None:
+    def move(self, step: FloatArray, seconds: float, unseen_m: float, unseen_rad: float) -> None:
         """Predict: move by the odometry's step (3,) [m]."""
         transition, noise = self._model.motion(step, seconds)
         self._mean = self._mean @ transition.T
         self._mean[:, _PLACE] += step
         self._covariance = transition @ self._covariance @ transition.T
+        noise[_PLACE] += unseen_m**2
+        # The heading is off for good after a turn that nothing saw.
+        noise[_HEADING] += unseen_rad**2
         self._covariance[np.diag_indices(_N_STATES)] += noise
+        self._covariance[_YAW, [_YAW, _HEADING]] += unseen_rad**2
+        self._covariance[_HEADING, _YAW] += unseen_rad**2
 
-    def misfit(self, fix: FloatArray) -> float:
-        """Squared distance of a fix (3,) from the heading that it suits best, in standard deviations."""
-        counted = self._log_weight > self._log_weight.max() - 7.0
-        innovation = self._innovation(fix)[counted]
-        spread = _SEES_FIX @ self._covariance @ _SEES_FIX.T + np.diag(self._model.fix_variance)
-        return float(np.einsum("ni,ij,nj->n", innovation, np.linalg.inv(spread), innovation).min())
+    def correct(self, fix: FloatArray, gate: float, rng: np.random.Generator) -> bool:
+        """Weigh by a fix (3,) [m] and take it into the means.
 
-    def correct(self, fix: FloatArray, rng: np.random.Generator) -> None:
-        """Weigh by a fix (3,) [m] and take it into the means."""
-        self._update(_SEES_FIX, self._innovation(fix), self._model.fix_variance)
+        One that is farther from all that count than the gate, as a squared number of standard
+        deviations, changes nothing; tell whether it was taken.
+        """
+        innovation = self._innovation(fix)
+        seen = self._covariance @ _SEES_FIX.T
+        precision = np.linalg.inv(_SEES_FIX @ seen + np.diag(self._model.fix_variance))
+        misfit = np.einsum("ni,ni->n", innovation @ precision, innovation)
+        if misfit[self._log_weight > self._log_weight.max() - _COUNTS].min() > gate:
+            return False
+        self._take(innovation, misfit, seen, precision)
         self._resample_when_few_count(rng)
         self._straighten()
+        return True
 
     def correct_height(self, height_m: float) -> None:
         """Weigh by a height of the barometer [m] and take it into the means."""
-        innovation = height_m - self._origin[2] - self._mean @ _SEES_HEIGHT[0]
-        self._update(_SEES_HEIGHT, innovation[:, None], self._model.height_variance)
+        innovation = height_m - self._origin[2] - self._mean @ _SEES_HEIGHT
+        self._update(_SEES_HEIGHT, innovation, self._model.height_variance)
 
     def roll(self, rolled_m: float, step_m: float, turned_rad: float) -> None:
         """Compare the wheels' travel with the odometry's, unless they spin."""
-        sees = np.zeros((1, _N_STATES))
-        sees[0, [_WHEEL_SCALE, _SCALE, _SKID]] = step_m, -step_m, turned_rad
+        sees = np.zeros(_N_STATES)
+        sees[[_WHEEL_SCALE, _SCALE, _SKID]] = step_m, -step_m, turned_rad
         variance = self._model.roll_variance(step_m, turned_rad)
-        innovation = (rolled_m - step_m) - self._mean @ sees[0]
-        expected = float(sees[0] @ self._covariance @ sees[0]) + float(variance[0])
-        if np.abs(innovation).min() < _SPINS * np.sqrt(expected):
-            self._update(sees, innovation[:, None], variance)
+        innovation = (rolled_m - step_m) - self._mean @ sees
+        if np.abs(innovation).min() < _SPINS * np.sqrt(sees @ self._covariance @ sees + variance):
+            self._update(sees, innovation, variance)
 
     def place(self) -> tuple[FloatArray, FloatArray]:
         """Mean position (3,) and its covariance (3, 3) in the world."""
         weight, turn = self._weight(), _turns(self._heading)
-        each = np.einsum("nij,nj->ni", turn, self._mean[:, _PLACE])
+        each = (turn @ self._mean[:, _PLACE, None])[:, :, 0]
         mean = weight @ each
         off = each - mean
-        own = np.einsum("n,nij,jk,nlk->il", weight, turn, self._covariance[_PLACE, _PLACE], turn)
-        return self._origin + mean, own + np.einsum("n,ni,nj->ij", weight, off, off)
+        own = turn @ self._covariance[_PLACE, _PLACE] @ turn.transpose(0, 2, 1)
+        covariance: FloatArray = np.tensordot(weight, own, axes=1) + (weight[:, None] * off).T @ off
+        return self._origin + mean, covariance
 
     def heading(self) -> tuple[float, float]:
         """Mean turn of the odometry's frame in the world [rad], and how much they agree on it, 0 to 1."""
@@ -113,28 +125,30 @@ class Hypotheses:
         """Mean of what the odometry's steps are to be multiplied by."""
         return float(1.0 - self._weight() @ self._mean[:, _SCALE])
 
-    def is_spread(self, limit_m: float) -> bool:
-        """Whether the horizontal position is less sure than a limit [m]."""
-        _, covariance = self.place()
-        return bool(covariance[0, 0] + covariance[1, 1] > limit_m**2)
-
     def _innovation(self, fix: FloatArray) -> FloatArray:
         seen = np.einsum("nji,j->ni", _turns(self._heading), fix - self._origin)
         innovation: FloatArray = seen - self._mean @ _SEES_FIX.T
         return innovation
 
-    def _update(self, sees: FloatArray, innovation: FloatArray, variance: FloatArray) -> None:
-        """Kalman's correction by innovations (N, M), whose gain all hypotheses share."""
-        seen = self._covariance @ sees.T
-        spread = sees @ seen + np.diag(variance)
-        precision = np.linalg.inv(spread)
+    def _update(self, sees: FloatArray, innovation: FloatArray, variance: float) -> None:
+        """Correct by a number of which each hypothesis has another innovation (N,)."""
+        seen = self._covariance @ sees[:, None]
+        precision = np.array([[1.0 / (sees @ seen[:, 0] + variance)]])
+        self._take(innovation[:, None], innovation**2 * precision[0, 0], seen, precision)
+
+    def _take(
+        self, innovation: FloatArray, misfit: FloatArray, seen: FloatArray, precision: FloatArray
+    ) -> None:
+        """Apply Kalman's correction, whose gain all hypotheses share."""
         gain = seen @ precision
-        self._log_weight -= 0.5 * np.einsum("ni,ij,nj->n", innovation, precision, innovation)
+        self._log_weight -= 0.5 * misfit
         self._mean += innovation @ gain.T
         left = self._covariance - gain @ seen.T
         self._covariance = 0.5 * (left + left.T)
 
     def _weight(self) -> FloatArray:
+        if len(self._log_weight) == 1:
+            return np.ones(1)
         weight = np.exp(self._log_weight - self._log_weight.max())
         normalized: FloatArray = weight / weight.sum()
         return normalized
@@ -175,7 +189,7 @@ class _Model:
         self._bias = (config.gps_bias_sigma_m * level) ** 2
         self._yaw, self._pitch = np.radians([config.yaw_sigma_deg, config.tilt_sigma_deg]) ** 2
         self.fix_variance: FloatArray = (config.gps_white_sigma_m * level) ** 2
-        self.height_variance: FloatArray = np.array([config.barometer_white_sigma_m**2])
+        self.height_variance = config.barometer_white_sigma_m**2
 
     def prior(self, place_sigma_m: float, heading_sigma_rad: float) -> FloatArray:
         """Covariance (16, 16) before anything was seen."""
@@ -223,11 +237,11 @@ class _Model:
         noise[_DRIFT] = (1.0 - drift**2) * config.barometer_drift_sigma_m**2
         return transition, noise
 
-    def roll_variance(self, step_m: float, turned_rad: float) -> FloatArray:
-        """Variance (1,) of the wheels' travel, beyond what lasts."""
+    def roll_variance(self, step_m: float, turned_rad: float) -> float:
+        """Variance of the wheels' travel, beyond what lasts."""
         config = self._config
         straight = config.wheel_step_sigma_m**2 * step_m
-        return np.array([straight + (_SKID_VARIES * config.wheel_skid_m) ** 2 * turned_rad + 1e-6])
+        return straight + (_SKID_VARIES * config.wheel_skid_m) ** 2 * turned_rad + _TICK_M**2
 
 
 def _all_around(n: int, rng: np.random.Generator) -> tuple[FloatArray, float]:
@@ -254,4 +268,4 @@ def _sees(*parts: int | slice, n_rows: int) -> FloatArray:
 
 
 _SEES_FIX = _sees(_PLACE, _BIAS, n_rows=3)
-_SEES_HEIGHT = _sees(2, _DRIFT, _DATUM, n_rows=1)
+_SEES_HEIGHT = _sees(2, _DRIFT, _DATUM, n_rows=1)[0]

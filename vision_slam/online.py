@@ -67,11 +67,12 @@ def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
     up = rotations(recording.odometry.attitude_rad)[:, :, 2] @ turn.T
     antenna = fixes - _at(recording.gps.time_s, poses_s, up) * recording.antenna_height_m
     filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
-    walk = _Walk(recording, path)
+    events = _events(recording, heights is not None)
+    walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]))
     believed = np.zeros(len(antenna), dtype=np.bool_)
     estimates = []
-    for now_s, kind, index in _events(recording, heights is not None):
-        walk.to(now_s, filtered)
+    for k, (_, kind, index) in enumerate(events):
+        walk.on(k, filtered)
         if kind == _POSE:
             estimates.append(filtered.estimate())
         elif kind == _FIX:
@@ -120,35 +121,32 @@ def _events(recording: Recording, with_heights: bool) -> list[tuple[float, int, 
 class _Walk:
     """Moves a filter along the reckoned path, from one moment to the next."""
 
-    def __init__(self, recording: Recording, path: FloatArray) -> None:
-        assert recording.odometry is not None
-        self._times, self._path = recording.odometry.time_s, path
-        self._heading = np.unwrap(recording.odometry.attitude_rad[:, 2])
-        self._wheels = recording.wheels
-        self._rolled = (
-            None if recording.wheels is None else 0.5 * (recording.wheels.left_m + recording.wheels.right_m)
-        )
-        self._now_s = float(self._times[0])
-        self._here = self._state(self._now_s)
+    def __init__(self, recording: Recording, path: FloatArray, moments_s: FloatArray) -> None:
+        odometry, wheels = recording.odometry, recording.wheels
+        assert odometry is not None
+        seconds = np.diff(moments_s, prepend=odometry.time_s[0])
+        along = [*path.T, np.unwrap(odometry.attitude_rad[:, 2])]
+        for errors in (odometry.step_sigma_m, odometry.turn_sigma_rad):
+            squares = np.zeros(len(odometry.step)) if errors is None else errors**2
+            along.append(np.r_[0.0, np.cumsum(squares)])
+        moved = _at(moments_s, odometry.time_s, np.column_stack(along))
+        moved = np.diff(moved, axis=0, prepend=moved[:1])
+        self._step, self._turned_rad = moved[:, :3], moved[:, 3]
+        self._unseen = np.sqrt(np.maximum(moved[:, 4:], 0.0))
+        self._seconds = seconds
+        self._rolled: FloatArray | None = None
+        if wheels is not None:
+            travel = np.interp(moments_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m))
+            rolled = np.diff(travel, prepend=travel[:1])
+            self._rolled = np.where(moments_s <= wheels.time_s[-1] + 1.0, rolled, np.nan)
 
-    def to(self, time_s: float, filtered: ParticleFilter) -> None:
-        """Move on to a time [s]."""
-        if time_s <= self._now_s:
+    def on(self, k: int, filtered: ParticleFilter) -> None:
+        """Move on to the moment of that number."""
+        if self._seconds[k] <= 0.0:
             return
-        there = self._state(time_s)
-        moved = there - self._here
-        seconds, rolled = time_s - self._now_s, None
-        if self._wheels is not None and time_s <= self._wheels.time_s[-1] + 1.0:
-            rolled = float(moved[4])
-        filtered.move(moved[:3], seconds, rolled, float(moved[3]))
-        self._now_s, self._here = time_s, there
-
-    def _state(self, time_s: float) -> FloatArray:
-        """Place, heading and travel of the wheels (5,)."""
-        place = [np.interp(time_s, self._times, column) for column in self._path.T]
-        heading = np.interp(time_s, self._times, self._heading)
-        rolled = 0.0 if self._wheels is None else np.interp(time_s, self._wheels.time_s, self._rolled)
-        return np.array([*place, heading, rolled])
+        filtered.move(self._step[k], self._seconds[k], self._unseen[k, 0], self._unseen[k, 1])
+        if self._rolled is not None and np.isfinite(self._rolled[k]):
+            filtered.roll(float(self._rolled[k]), self._step[k], float(self._turned_rad[k]))
 
 
 def _turned_back(recording: Recording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:

@@ -101,28 +101,30 @@ class ParticleFilter:
         self._elsewhere: Hypotheses | None = None
         self._n_jumps, self._contradicted_s = 0, 0.0
 
-    def move(
-        self, step: FloatArray, seconds: float, rolled_m: float | None = None, turned_rad: float = 0.0
-    ) -> None:
+    def move(self, step: FloatArray, seconds: float, unseen_m: float = 0.0, unseen_rad: float = 0.0) -> None:
         """Move by a step (3,) [m] of the odometry, in its own frame, which took so long.
 
-        Where wheels rolled `rolled_m` meanwhile, in a turn by `turned_rad`, they tell of the scale.
+        Where nothing saw the motion, step and heading err by `unseen_m` and `unseen_rad` beyond
+        what such odometry usually does.
         """
         for story in (self._here, self._elsewhere):
             if story is not None:
-                story.move(step, seconds)
-                if rolled_m is not None:
-                    story.roll(rolled_m, float(np.linalg.norm(step)), abs(turned_rad))
+                story.move(step, seconds, unseen_m, unseen_rad)
         if self._n_jumps:
             self._contradicted_s += seconds
+
+    def roll(self, rolled_m: float, step: FloatArray, turned_rad: float) -> None:
+        """Let the wheels, which rolled so far during the last step, in a turn by so much, tell of its scale."""
+        for story in (self._here, self._elsewhere):
+            if story is not None:
+                story.roll(rolled_m, float(np.linalg.norm(step)), abs(turned_rad))
 
     def correct(self, fix: FloatArray) -> bool:
         """Weigh the particles by a fix (3,) [m]; tell whether it was believed."""
         if self._here is None:
             self._here = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
             return True
-        if self._here.misfit(fix) <= _CONSISTENT:
-            self._here.correct(fix, self._rng)
+        if self._here.correct(fix, _CONSISTENT, self._rng):
             self._elsewhere, self._n_jumps, self._contradicted_s = None, 0, 0.0
             return True
         self._n_jumps += 1
@@ -150,7 +152,7 @@ class ParticleFilter:
             )
         position, covariance = self._here.place()
         heading, sureness = self._here.heading()
-        unsure = self._here.is_spread(self._lost_m) or sureness < 0.9
+        unsure = covariance[0, 0] + covariance[1, 1] > self._lost_m**2 or sureness < 0.9
         return FilterEstimate(
             position, heading, self._here.scale(), covariance, bool(unsure or self._n_jumps > 1)
         )
@@ -158,12 +160,12 @@ class ParticleFilter:
     def _look_elsewhere(self, fix: FloatArray) -> None:
         """Follow the story that the rover is where the fixes are; believe it when it has proved itself."""
         assert self._here is not None
-        if self._elsewhere is None or self._elsewhere.misfit(fix) > _CONSISTENT:
+        if self._elsewhere is None or not self._elsewhere.correct(fix, _CONSISTENT, self._rng):
             self._elsewhere = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
             return
-        self._elsewhere.correct(fix, self._rng)
         heading, sureness = self._elsewhere.heading()
-        if sureness < 0.98 or self._elsewhere.is_spread(self._lost_m):
+        _, covariance = self._elsewhere.place()
+        if sureness < 0.98 or covariance[0, 0] + covariance[1, 1] > self._lost_m**2:
             return
         turned = abs(np.angle(np.exp(1j * (heading - self._here.heading()[0]))))
         if turned > _TURNED_RAD or self._contradicted_s > _PATIENCE_S:
