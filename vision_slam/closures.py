@@ -1,6 +1,7 @@
 """Places recognised again: where the way comes near its earlier self, the ground is laid over the ground of then."""
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from survey.arrays import FloatArray, IntArray
 from survey.errors import InputError
 from survey.recording import Recording
 from survey.sensors import Closures
-from vision_slam.ground_view import GroundMosaics, GroundView
+from vision_slam.ground_view import GroundMosaics
 from vision_slam.overlay import Overlay, overlaid
 from vision_slam.rotation import rotations
 
@@ -19,7 +20,8 @@ _WIDEST_M = 6.0
 _SIGMAS = 3.0
 _MEETING_M = 4.0
 _LEAST_AGREE = 25
-# Chosen with the least number that agree on drives over ground that is known.
+_N_VIEWS = 64
+# These, and the least number that agree, were chosen on drives over ground that is known.
 _SIGMA_M, _SIGMA_PER_FEATURE_M = 0.02, 0.42
 _UP_SIGMA_M, _UP_SIGMA_PER_FEATURE_M = 0.02, 0.15
 
@@ -85,12 +87,9 @@ def _recognised(
     mosaics: GroundMosaics, path: FloatArray, sigma_m: FloatArray
 ) -> Iterator[tuple[int, int, Overlay]]:
     """Yield earlier pose, later pose and overlay of all pairs near one another that look alike."""
-    views: dict[int, GroundView] = {}
+    view = lru_cache(_N_VIEWS)(mosaics.around)
     for earlier, later in _near(mosaics.travel_m, path, sigma_m):
-        for pose in (earlier, later):
-            if pose not in views:
-                views[pose] = mosaics.around(pose)
-        overlay = overlaid(views[earlier], views[later])
+        overlay = overlaid(view(earlier), view(later))
         if overlay is None or overlay.n_agree < _LEAST_AGREE:
             continue
         expected = (path[later] - path[earlier])[:2]

@@ -14,7 +14,7 @@ from survey.arrays import FloatArray, IntArray
 from survey.recording import Recording
 from survey.sensors import Odometry
 from vision_slam.attitude import heading_correction
-from vision_slam.ground_view import GroundMosaics, GroundView
+from vision_slam.ground_view import GroundMosaics
 from vision_slam.overlay import Overlay, overlaid
 from vision_slam.rotation import rotations
 from vision_slam.sequence import Sensed
@@ -28,6 +28,7 @@ _LEAST_FIXES = 5
 _LONG_ENOUGH_M = 10.0
 _LEAST_AGREE = 40
 _KEY_SPACING_M = 1.0
+_SEARCHED_M = 40.0
 _OVERLAY_RAD = np.radians(3.0)
 
 
@@ -133,22 +134,28 @@ def _by_ground(recording: Recording, found: VisualOdometry, first: int, end: int
 def relocated(mosaics: GroundMosaics, known: IntArray, unknown: IntArray) -> tuple[int, int, Overlay] | None:
     """Find which of the known poses stood on ground that one of the unknown poses sees; None rather than a guess.
 
-    All are compared with all, a metre apart: nothing is assumed of where the unknown ones
-    are. At least 40 features have to agree with one turn and shift of known scale on level
-    ground, which chance never reached on ground that is known.
+    Nothing is assumed of where the unknown ones are: each of the first 40 m is compared with
+    all known ones, a metre apart, of whose views one at a time is held. At least 40 features
+    have to agree with one turn and shift of known scale on level ground, which chance
+    never reached on ground that is known.
     """
-    views: list[list[GroundView]] = []
-    for poses in (known, unknown):
-        travel = mosaics.travel_m[poses] - mosaics.travel_m[poses[0]]
-        keys = np.unique((travel / _KEY_SPACING_M).astype(int), return_index=True)[1]
-        views.append([mosaics.around(pose) for pose in poses[keys].tolist()])
+    unknown = unknown[mosaics.travel_m[unknown] - mosaics.travel_m[unknown[0]] < _SEARCHED_M]
+    views = [mosaics.around(pose) for pose in _spaced(mosaics, unknown)]
     best: tuple[int, int, Overlay] | None = None
-    for second in views[1]:
-        for first in views[0]:
-            overlay = overlaid(first, second)
+    for pose in _spaced(mosaics, known):
+        earlier = mosaics.around(pose)
+        for view in views:
+            overlay = overlaid(earlier, view)
             if overlay is not None and overlay.n_agree >= (best[2].n_agree + 1 if best else _LEAST_AGREE):
-                best = first.pose, second.pose, overlay
+                best = pose, view.pose, overlay
     return best
+
+
+def _spaced(mosaics: GroundMosaics, poses: IntArray) -> list[int]:
+    """Poses a metre of travel apart."""
+    metre = (mosaics.travel_m[poses] / _KEY_SPACING_M).astype(int)
+    spaced: list[int] = poses[np.unique(metre, return_index=True)[1]].tolist()
+    return spaced
 
 
 def _laid(odometry: Odometry, start: FloatArray, first: int, laid: _Laid) -> Odometry:
