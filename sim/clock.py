@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sim.sensor_config import InstrumentConfig
 from survey.arrays import FloatArray
@@ -72,6 +71,8 @@ class GaussMarkov:
         driven = np.sqrt(1.0 - memory**2)[:, None] * noise
         a = float(memory[-1])
         if np.allclose(memory, a, rtol=1e-9):
+            from scipy.signal import lfilter  # slow to import, and ideal clocks need none
+
             series: FloatArray = lfilter([1.0], [1.0, -a], driven, axis=0, zi=a * self._value[None])[0]
         else:
             series = driven

@@ -1,7 +1,6 @@
 """Errors that last a while: first-order Gauss–Markov series."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from survey.arrays import FloatArray
 
@@ -15,6 +14,8 @@ def gauss_markov(
     if len(memory) and np.allclose(memory, memory[0], rtol=1e-12):
         a = float(memory[0])
         noise[1:] *= np.sqrt(1.0 - a * a)
+        from scipy.signal import lfilter  # slow to import, and most of what is simulated needs none
+
         series: FloatArray = lfilter([1.0], [1.0, -a], noise, axis=0)
         return series
     for k, a in enumerate(memory):

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from survey.arrays import FloatArray, IntArray
 from survey.errors import InputError
@@ -250,5 +250,6 @@ def consistency(errors: FloatArray, covariances: FloatArray, probability: float 
     n, dimensions = errors.shape
     squared = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
     tail = 0.5 * (1.0 - probability)
-    lowest, highest = chi2.ppf([tail, 1.0 - tail], n * dimensions) / n
+    # Quantiles of χ² with this many degrees of freedom.
+    lowest, highest = 2.0 * gammaincinv(0.5 * n * dimensions, [tail, 1.0 - tail]) / n
     return Consistency(float(squared.mean()), float(lowest), float(highest))

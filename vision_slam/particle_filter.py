@@ -20,14 +20,14 @@ nothing after it has been seen.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from vision_slam.config import LocalizationConfig
 from vision_slam.hypotheses import Hypotheses
 
-_CONSISTENT = float(chi2.ppf(0.9999, 3))
+_CONSISTENT = float(2.0 * gammaincinv(1.5, 0.9999))
 _N_JUMPS = 5
 # Seconds of contradiction after which a place that differs from ours by no turn is believed all the same.
 _PATIENCE_S = 120.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from survey.arrays import FloatArray
 from survey.errors import InputError
@@ -31,7 +31,8 @@ def rmse_factors(n: int, level: float = 0.95) -> tuple[float, float]:
     if n < 1 or not 0.0 < level < 1.0:
         raise InputError(f"an interval at the level {level} of {n} errors does not exist; give one or more.")
     tail = 0.5 * (1.0 - level)
-    return float(np.sqrt(n / chi2.ppf(1.0 - tail, n))), float(np.sqrt(n / chi2.ppf(tail, n)))
+    low, high = 2.0 * gammaincinv(0.5 * n, [1.0 - tail, tail])  # quantiles of χ²
+    return float(np.sqrt(n / low)), float(np.sqrt(n / high))
 
 
 @dataclass(frozen=True)

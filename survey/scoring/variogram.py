@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.optimize import nnls
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from survey.arrays import BoolArray, FloatArray
 from survey.errors import InputError
@@ -113,7 +113,7 @@ class ErrorOfSum:
     @property
     def half_width_95(self) -> float:
         """Half the 95 % interval: Student's t, for the standard deviation is itself estimated."""
-        return float(student_t.ppf(0.975, max(self.n_free, 1.0))) * self.std
+        return float(stdtrit(max(self.n_free, 1.0), 0.975)) * self.std
 
 
 def error_of_sum(
