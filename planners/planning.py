@@ -1,6 +1,7 @@
 """The one entry: from an area and what is wanted to a route."""
 
 import logging
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -115,7 +116,8 @@ def plan(
     left_out_share = site.left_out_share(area)
     if left_out_share > _LEAST_TOLD:
         logger.warning("%.1f %% of the area is left out: %s", min(100.0 * left_out_share, 99.9), site)
-    with threadpool_limits(1):  # matrices of some hundred rows: spinning threads would only slow them down
+    # Matrices of some hundred rows: spinning threads would only slow them down.
+    with nullcontext() if model is None else threadpool_limits(1):
         route = _route(site.within(area), config, model, crew, progress)
         facts = _facts(route, crew) | {"left_out_share": left_out_share}
         if model is not None and not isinstance(config, SteeredConfig):

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import shapely
-from scipy.ndimage import map_coordinates
 
 from survey.arrays import FloatArray, IntArray
 from survey.dem import Dem
@@ -183,17 +182,26 @@ def attitude_sensor(dems: Dem | Sequence[Dem], base_m: float = 1.0) -> AttitudeS
     first = several[0]
     if any(d.shape != first.shape or not d.transform.almost_equals(first.transform) for d in several):
         raise InputError("the DEMs lie on different grids; put all on one.")
-    stack = np.stack([dem.elevation for dem in several])
-    rover = np.arange(len(several), dtype=np.float64)
+    z = np.concatenate([dem.elevation.ravel() for dem in several])
+    n_rows, n_columns = first.shape
+    start = n_rows * n_columns * np.arange(len(several))
+
+    def heights(xy: FloatArray) -> FloatArray:
+        """Interpolate bilinearly at the places (..., N, 2), beyond the outer cells as at them."""
+        column = np.clip((xy[..., 0] - first.transform.c) / first.transform.a - 0.5, 0.0, n_columns - 1.0)
+        row = np.clip((xy[..., 1] - first.transform.f) / first.transform.e - 0.5, 0.0, n_rows - 1.0)
+        i = np.minimum(row.astype(np.int64), n_rows - 2)
+        j = np.minimum(column.astype(np.int64), n_columns - 2)
+        s, t, cell = column - j, row - i, start + n_columns * i + j
+        upper = (1.0 - s) * z[cell] + s * z[cell + 1]
+        lower = (1.0 - s) * z[cell + n_columns] + s * z[cell + n_columns + 1]
+        interpolated: FloatArray = (1.0 - t) * upper + t * lower
+        return interpolated
 
     def rises(xy: FloatArray, directions_rad: FloatArray) -> FloatArray:
         """Return the rise per metre (D, N) of the rover's base in several directions (D, N)."""
         half = 0.5 * base_m * np.stack([np.cos(directions_rad), np.sin(directions_rad)], axis=-1)
-        places = np.stack([xy + half, xy - half])
-        row = (places[..., 1] - first.transform.f) / first.transform.e - 0.5
-        column = (places[..., 0] - first.transform.c) / first.transform.a - 0.5
-        where = np.broadcast_arrays(rover, row, column)
-        front, back = map_coordinates(stack, np.stack(where), order=1, mode="nearest")
+        front, back = heights(np.stack([xy + half, xy - half]))
         rise = (front - back) / base_m
         return np.where(np.isnan(rise), 0.0, rise)
 
