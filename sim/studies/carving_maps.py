@@ -230,7 +230,7 @@ def _draw_places(trial: Trial) -> Figure:
 
 @styled
 def _draw_contributions(rays: FloatArray, points: FloatArray, counts: FloatArray) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 3.4), layout="constrained")
+    figure = Figure(figsize=(FULL_IN, 2.9), layout="constrained")
     all_axes = figure.subplots(1, 3, sharey=True)
     norm = LogNorm(0.01, 30.0)
     for axes, title, total in zip(all_axes, ("lines of sight", "points"), (rays, points), strict=False):
@@ -248,20 +248,17 @@ def _draw_contributions(rays: FloatArray, points: FloatArray, counts: FloatArray
 
 @styled
 def _draw_downhill(maps: dict[str, FloatArray], xyz: FloatArray) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 5.6), layout="constrained")
-    all_axes = figure.subplots(2, 3)
-    top = all_axes[0]
+    figure = Figure(figsize=(FULL_IN, 5.8), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=[1.1, 1.0])
+    top, profile = above.subplots(1, 3), below.subplots()
     ground = maps["ground"]
     for axes, name in zip(top[:2], ("points alone", "and lines of sight"), strict=True):
         error = (maps[name] - ground).reshape(GRID.shape)
         image = axes.imshow(error, extent=EXTENT, cmap=ERROR, vmin=-0.8, vmax=0.8)
         axes.set_title(f"error, {name}")
-    figure.colorbar(image, ax=top[:2], label="error [m]", shrink=0.85, extend="both")
+    above.colorbar(image, ax=top[:2], label="error [m]", shrink=0.85, extend="both")
     top[2].plot(*xyz[:, :2].T, ",", color=INK)
     top[2].set(title="points", aspect="equal", xlim=EXTENT[:2], ylim=EXTENT[2:])
-    for axes in all_axes[1]:
-        axes.remove()
-    profile = figure.add_subplot(2, 1, 2)
     row = int(np.argmin(np.abs(GRID.y)))
     for name, colour in (("ground", INK), ("points alone", PRIOR), ("and lines of sight", ESTIMATE)):
         profile.plot(GRID.x, maps[name].reshape(GRID.shape)[row], color=colour, label=name)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,8 @@ from survey.reconstruction.carving.bases import BY_POINT, BY_RAY
 from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame, raster_step_m
 from survey.reconstruction.carving.cloud import Cloud, Place
 from survey.reconstruction.carving.config import SpaceCarvingConfig
-from survey.reconstruction.carving.descent import Step, Tally
+from survey.reconstruction.carving.descent import Step
+from survey.reconstruction.carving.record import Pass, pass_of, rms
 from survey.reconstruction.carving.support import Codes, support_codes
 from survey.reconstruction.lattice.ghost_returns import ghosts
 from survey.reconstruction.lattice.nodes import NodeWindow
@@ -40,20 +41,6 @@ _METHOD = "carving"
 _PASSES_TO_SLOW, _N_OF_DECAY = 4.0, 10_000.0
 _BYTES_PER_NODE, _BYTES_PER_CELL, _BYTES_PER_POINT = 24.0, 16.0, 700.0
 _NOTE = "learned without bounds; the band holds the root mean square distance of the points from the surface"
-
-
-class Pass(NamedTuple):
-    """What one pass of the mean surface did."""
-
-    length_m: float
-    n_point_bases: int
-    n_ray_bases: int
-    gradient_m: float
-    """Mean violation beyond the dead-band [m]."""
-    loss_m2: float
-    """Mean of r (Eq. 9) as the pass met it [m²]."""
-    validation_rmse_m: float
-    """Of the points held back [m]; NaN without any."""
 
 
 @dataclass(eq=False)
@@ -197,8 +184,8 @@ class SpaceCarvingKernel(TerrainModel):
                 name: surface.learn(sights, order, level, n_steps) for name, surface in self.surfaces_.items()
             }
             n_steps += len(order)
-            self.spread_m_ = _rms(self.surfaces_[MEAN].latest_heights() - sights.xyz[:, 2])
-            self.passes_.append(_pass_of(tallies[MEAN], float(length_m), self._validation_m()))
+            self.spread_m_ = rms(self.surfaces_[MEAN].latest_heights() - sights.xyz[:, 2])
+            self.passes_.append(pass_of(tallies[MEAN], float(length_m), self._validation_m()))
             yield self.passes_[-1]
             if self._has_converged():
                 break
@@ -336,11 +323,14 @@ class SpaceCarvingKernel(TerrainModel):
         return self.cloud.learned_from(first)
 
     def _to_visit(self) -> IntArray:
-        """Return the numbers of the points that a run begins with: the new ones, and the old ones within their reach."""
+        """Return the points that a run begins with: new ones and old ones within their reach, or all where none is new."""
         first = self.n_learned_
         new = self._newly_added()
-        reach_m = self.config.first_length_m
-        return np.concatenate([self.cloud.within_reach(first, reach_m), new]) if first else new
+        if not first:
+            return new
+        if not len(new):
+            return self.cloud.learned_from()
+        return np.concatenate([self.cloud.within_reach(first, self.config.first_length_m), new])
 
     def _cover(self, xy: FloatArray) -> None:
         """Lay the frame over points and the reach of the kernels about them, or widen it so that it covers them."""
@@ -380,7 +370,7 @@ class SpaceCarvingKernel(TerrainModel):
     def _validation_m(self) -> float:
         """Return the root mean square error at the points held back [m]; NaN without any."""
         held = self.cloud.xyz[self.cloud.held]
-        return _rms(self.mean_surface.heights(held[:, :2]) - held[:, 2]) if len(held) else np.nan
+        return rms(self.mean_surface.heights(held[:, :2]) - held[:, 2]) if len(held) else np.nan
 
     def _has_converged(self) -> bool:
         """Tell whether violations are small enough, or the error of the points held back has grown."""
@@ -453,14 +443,3 @@ class SpaceCarvingKernel(TerrainModel):
             "spread_m": self.spread_m_,
         }
         return facts if self.config.bounds else facts | {"standard_deviation": _NOTE}
-
-
-def _pass_of(tally: Tally, length_m: float, validation_rmse_m: float) -> Pass:
-    n = max(tally.n_steps, 1)
-    return Pass(
-        length_m, tally.n_points, tally.n_rays, tally.gradient_m / n, tally.loss_m2 / n, validation_rmse_m
-    )
-
-
-def _rms(errors: FloatArray) -> float:
-    return float(np.sqrt(np.mean(errors**2)))
