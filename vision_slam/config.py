@@ -103,6 +103,14 @@ class LocalizationConfig(Section):
     """Largest half-axis of a landmark's own 1σ ellipsoid (section II.E of the glacier paper) [m]."""
     landmark_min_range_m: PositiveFloat = 5.0
     """Landmarks first seen from nearer than this are left out as redundant (section II.E) [m]."""
+    landmark_thinning: Literal["range", "information"] = "range"
+    """Whether landmarks are thinned by that range, or those kept, from any range, that tell a map the most."""
+    landmarks_per_m: PositiveFloat = 5.0
+    """By information: landmarks that are kept per metre of travel."""
+    terrain_variance_m2: PositiveFloat = 10.0
+    """By information: variance of the terrain about what is known before (section III.B) [m²]."""
+    terrain_length_scale_m: PositiveFloat = 17.75
+    """By information: its length scale [m]; rather too small than too large."""
 
     @property
     def start_errors(self) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from pyproj import CRS
 
 from survey.arrays import FloatArray
 from survey.camera import Camera, Frames, ImageFiles
+from survey.config import validated, with_overrides
 from survey.errors import ConfigError, InputError
 from survey.io.tracks import read_tum
 from survey.recording import Recording
@@ -65,6 +66,26 @@ class Drive:
         """Fixes, in the CRS that is worked in."""
         return self.sensed.gps if isinstance(self.sensed, Recording) else None
 
+    def assumed(self, overrides: Sequence[str] = ()) -> LocalizationConfig:
+        """Return what is assumed of the sensors; of a drive that is not ours, also that nobody surveyed its start.
+
+        Parameters
+        ----------
+        overrides : sequence of str
+            As in a mission file: ``localization.gps_bias_sigma_m=3.0``.
+
+        Raises
+        ------
+        ConfigError
+            An unknown key, or a value of another kind.
+        """
+        start = "surveyed" if self.is_ours else "unknown"
+        values = with_overrides({"localization": {"start": start}}, overrides)
+        unknown = next((key for key in values if key != "localization"), None)
+        if unknown is not None:
+            raise ConfigError(f"--set names {unknown!r}; localize knows localization.KEY=VALUE alone.")
+        return validated(LocalizationConfig, values["localization"], "--set")
+
     def localized(
         self, config: LocalizationConfig | None = None, progress: Progress | None = None
     ) -> Localized:
@@ -77,7 +98,7 @@ class Drive:
         """
         if isinstance(self.sensed, ImageSequence):
             return Localized.from_its_start(visual_odometry(self.sensed, progress=progress))
-        settings = config or LocalizationConfig(start="surveyed" if self.is_ours else "unknown")
+        settings = config or self.assumed()
         if self.sensed.odometry is not None or self.sensed.frames is None:
             return Localized.in_the_world(*localize(self.sensed, settings), None)
         estimate = localize_by_images if self.is_ours else localize_images

@@ -6,6 +6,7 @@ from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.recording import Recording
 from survey.surface_points import SurfacePoints
+from survey.thinning import most_informative
 from vision_slam.config import LocalizationConfig
 from vision_slam.rotation import rotations
 from vision_slam.smoother import SmoothedPath
@@ -20,6 +21,9 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
     part is the landmark's own; the second it shares with its neighbours, which the
     keyframe tells that each point carries.
 
+    The gates are those of the glacier paper; thinned by information, landmarks of any range
+    pass, of which those are kept that lower the variance of a map about the path the most.
+
     Raises
     ------
     InputError
@@ -28,11 +32,13 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
     assert recording.sightings is not None
     sightings = recording.sightings
     ellipsoid_m = np.sqrt(np.linalg.eigvalsh(sightings.covariance)[:, -1])
-    keep = (ellipsoid_m <= config.landmark_max_sigma_m) & (sightings.range_m > config.landmark_min_range_m)
+    by_range = config.landmark_thinning == "range"
+    least_range_m = config.landmark_min_range_m if by_range else 0.0
+    keep = (ellipsoid_m <= config.landmark_max_sigma_m) & (sightings.range_m > least_range_m)
     if not keep.any():
         raise InputError(
             f"none of {len(keep)} landmarks passes the gates (1σ ≤ {config.landmark_max_sigma_m} m, first seen beyond "
-            f"{config.landmark_min_range_m} m); loosen localization.landmark_max_sigma_m or landmark_min_range_m."
+            f"{least_range_m} m); loosen localization.landmark_max_sigma_m or landmark_min_range_m."
         )
     pose = sightings.pose[keep]
     attitude = path.attitude_rad[pose]
@@ -42,7 +48,7 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
     jacobian = pose_jacobian(arm, attitude)
     shared = jacobian @ path.covariance[pose] @ jacobian.transpose(0, 2, 1)
     assert recording.odometry is not None
-    return SurfacePoints(
+    points = SurfacePoints(
         path.position[pose] + arm,
         covariance=_symmetric(own + shared),
         origins=path.position[pose],
@@ -53,6 +59,24 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
         keyframe=path.error.keyframe_at(recording.odometry.time_s[pose]),
         heading_rad=attitude[:, 2],
     )
+    return points if by_range else _most_informative(points, path, config)
+
+
+def _most_informative(points: SurfacePoints, path: SmoothedPath, config: LocalizationConfig) -> SurfacePoints:
+    """Keep so many landmarks per metre of travel, those that tell a map about the path the most, in their old order."""
+    length_m = float(np.linalg.norm(np.diff(path.position, axis=0), axis=1).sum())
+    east, north = path.position[:, 0], path.position[:, 1]
+    bounds = (float(east.min()), float(north.min()), float(east.max()), float(north.max()))
+    chosen = most_informative(
+        points,
+        max(round(config.landmarks_per_m * length_m), 1),
+        bounds,
+        variance_m2=config.terrain_variance_m2,
+        length_scale_m=config.terrain_length_scale_m,
+    )
+    kept = np.zeros(len(points), dtype=np.bool_)
+    kept[chosen] = True
+    return points.select(kept)
 
 
 def _symmetric(matrices: FloatArray) -> FloatArray:

@@ -54,6 +54,14 @@ def localize(
     viewer: Annotated[
         Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
     ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override what is assumed, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0.",
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")
     ] = Path("localization"),
@@ -70,6 +78,8 @@ def localize(
       firnline localize KITTI_sequence_1 --scale-from 10
 
       firnline localize my-images --camera camera.toml --gps log.nmea
+
+      firnline localize my-images --gps track.gpx --set localization.landmark_thinning=information
 
       firnline localize drive.bag --topic /left/image_raw --viewer drive.rrd
 
@@ -99,10 +109,11 @@ def localize(
         gps_shift_s=gps_shift,
         scale_from_m=scale_from,
     )
+    assumed = drive.assumed(settings or [])
     judge = None if reference is None else drive.read_reference(reference)
     began = perf_counter()
     with counted(quiet=quiet) as progress:
-        localized = drive.localized(progress=progress)
+        localized = drive.localized(assumed, progress)
     seconds = perf_counter() - began
     compared = drive.compared(localized, judge)
     write_localization(out, localized)

@@ -67,6 +67,8 @@ def test_fixes_in_metres_without_a_crs_are_a_wrong_configuration(street: Path, t
         (["--gps", "nowhere.nmea"], 3, "nowhere.nmea does not exist"),
         (["--reference", "nowhere.tum"], 3, "nowhere.tum does not exist"),
         (["--scale-from", "99"], 3, "cannot give the scale"),
+        (["--set", "localization.gps_bias_m=3.0"], 4, "gps_bias_m"),
+        (["--set", "planner.swaths=4"], 4, "localize knows localization"),
     ],
 )
 def test_what_is_wrong_is_told_before_any_image_is_looked_at(
@@ -106,6 +108,17 @@ def test_localizes_an_own_recording(tmp_path: Path) -> None:
     )
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["landmarks"] == n
+    thinned = [
+        *("localize", str(tmp_path / "recording"), "-o", str(out), "-q", "--json", "--force"),
+        *(
+            "--set",
+            'localization.landmark_thinning="information"',
+            "--set",
+            "localization.landmarks_per_m=0.5",
+        ),
+    ]
+    told = json.loads(CliRunner().invoke(app, thinned).stdout)
+    assert told["landmarks"] == round(0.5 * told["length_m"])
     names = {file.name for file in out.iterdir()}
     assert {"trajectory.tum", "trajectory.csv", "track.gpkg", "landmarks.csv", "map.png"} <= names
     wrong = CliRunner().invoke(
