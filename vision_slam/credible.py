@@ -1,4 +1,4 @@
-"""What a recording states and its own sensors refute: a start that is elsewhere, fixes that come late."""
+"""What a recording states and its own sensors refute: a start that is elsewhere, fixes that come late or froze."""
 
 import logging
 from dataclasses import replace
@@ -57,25 +57,41 @@ def with_credible_start(
     return replace(recording, start=begun), config.model_copy(update={"start": "unknown"})
 
 
-def with_fixes_in_time(recording: Recording, path: FloatArray, config: LocalizationConfig) -> Recording:
-    r"""Move fixes back in time where that makes everything that was sensed much likelier.
+def lateness_s(recording: Recording, path: FloatArray, config: LocalizationConfig) -> float:
+    r"""Return by how much the fixes come late [s]; 0 unless that makes everything that was sensed much likelier.
 
     A receiver that filters or a slow link tells where the rover was: on a straight line
     nobody can know, but in turns the path and its fixes part. Delays of half a second to
     four are tried on the smoother's own likelihood; one is believed if it gains a log
-    likelihood of 10.
+    likelihood of 10, and if a longer one gains less. Fixes that jump have to be gone before.
     """
     least = log_evidence(recording, path, config)
     gains = [log_evidence(_earlier(recording, lag), path, config) - least for lag in _LAGS_S]
     best = int(np.argmax(gains))
-    if gains[best] < _CONVINCING:
-        return recording
+    if gains[best] < _CONVINCING or best == len(gains) - 1:
+        return 0.0
     logger.warning(
         "the fixes come about %.1f s late (a log likelihood of %.0f more); they are moved back in time",
         _LAGS_S[best],
         gains[best],
     )
-    return _earlier(recording, float(_LAGS_S[best]))
+    return float(_LAGS_S[best])
+
+
+def without_repeats(gps: GpsFixes) -> GpsFixes:
+    """Leave out fixes that repeat the one before to the last digit: the receiver froze, or was asked too often.
+
+    Examples
+    --------
+    >>> place = np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [1.0, 0.1, 0.0], [3.0, 0.0, 0.1]])
+    >>> without_repeats(GpsFixes(np.arange(4.0), place)).time_s.tolist()
+    [0.0, 1.0, 3.0]
+    """
+    new = np.r_[True, (np.diff(gps.position, axis=0) != 0.0).any(axis=1)]
+    if new.all() or new.sum() < gps.LEAST:
+        return gps
+    logger.warning("%d fixes repeat the one before to the last digit and are left out", int((~new).sum()))
+    return replace(gps, time_s=gps.time_s[new], position=gps.position[new])
 
 
 def _earlier(recording: Recording, lag_s: float) -> Recording:

@@ -14,7 +14,7 @@ from survey.trajectory import Trajectory
 from vision_slam.attitude import heading_correction
 from vision_slam.closures import closures_by_images
 from vision_slam.config import LocalizationConfig
-from vision_slam.credible import with_credible_start, with_fixes_in_time
+from vision_slam.credible import lateness_s, with_credible_start, without_repeats
 from vision_slam.landmarks import placed_landmarks
 from vision_slam.online import believing, follow
 from vision_slam.relocalization import rejoined, torn_at
@@ -102,13 +102,24 @@ def localize_seen(
         No landmark passes the gates.
     """
     settings = for_images(config or LocalizationConfig())
+    recording = replace(recording, gps=without_repeats(recording.gps))
     if not len(torn_at(recording, found)):
         path = dead_reckoning(found.odometry, recording.start)
         recording, settings = with_credible_start(recording, path, found.odometry.time_s, settings)
     seen, found = headed(recording, found)
-    seen = with_fixes_in_time(seen, dead_reckoning(found.odometry, seen.start), settings)
+    seen = in_time(seen, settings)
     trajectory, points = localize(recognised(seen, settings), settings)
     return replace(trajectory, health=1.0 - found.is_lost), points, found
+
+
+def in_time(recording: Recording, config: LocalizationConfig) -> Recording:
+    """Return the recording with its fixes moved back in time, if those that the filter believes come late."""
+    assert recording.odometry is not None
+    path = dead_reckoning(recording.odometry, recording.start)
+    lag_s = lateness_s(believing(recording, follow(recording, path, config)), path, config)
+    if lag_s == 0.0:
+        return recording
+    return replace(recording, gps=replace(recording.gps, time_s=recording.gps.time_s - lag_s))
 
 
 def recognised(recording: Recording, config: LocalizationConfig) -> Recording:
