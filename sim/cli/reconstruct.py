@@ -42,6 +42,17 @@ def reconstruct(
         Path | None,
         typer.Option("--trajectory", help="Where the scanner was (TUM), for scans that do not say."),
     ] = None,
+    rays: Annotated[
+        bool,
+        typer.Option("--rays", help="Let lines of sight bound the map from above, and draw its bounds."),
+    ] = False,
+    max_slope: Annotated[
+        float | None,
+        typer.Option(
+            "--max-slope",
+            help="With --rays: write no_go.tif, the ground that the bounds show to be steeper [deg].",
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")
     ] = Path("reconstruction"),
@@ -61,6 +72,8 @@ def reconstruct(
       firnline reconstruct cloud.laz --method tin -o map
 
       firnline reconstruct scans/ --method field --crs EPSG:32608 --sigma 0.03
+
+      firnline reconstruct scans/ --method field --rays --max-slope 20 --crs EPSG:32608 --sigma 0.03
 
       firnline reconstruct mine.toml
     """
@@ -92,6 +105,8 @@ def reconstruct(
             out=out,
             quiet=quiet,
             as_json=as_json,
+            rays=rays,
+            max_slope_deg=max_slope,
         )
     else:
         _reconstruct_points(

@@ -13,7 +13,9 @@ from survey.reconstruction.lattice.nodes import NodeWindow, away_from, bilinear
 from survey.reconstruction.lattice.stiffness import Stiffness
 
 _N_PER_SCAN, _N_KEPT = 10_000, 20_000
-_N_DRAWS = 32
+_N_DRAWS, _N_DRAWS_FOR_BOUNDS = 32, 16
+# What a map is held to its points on is no wider than this many nodes, about where most points are.
+_MOST_NODES = 192
 
 
 @dataclass(eq=False)
@@ -42,10 +44,11 @@ class RecentPoints:
 
     def calibration(self, config: FieldLatticeConfig, stiffness: Stiffness) -> LatticeCalibration:
         """Return the factors on the standard deviations that blocks of left-out points ask for."""
-        points, window = self.xyzw, self._window(config)
+        points = self._amid(config.step_m)[:, :4]
+        window = _window(points, config.step_m)
 
         def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-            posterior = _without(window, points[kept], config, stiffness)
+            posterior = _without(window, points[kept], config, stiffness, _N_DRAWS)
             places = window.coordinates(xy)
             std = bilinear(posterior.std(window, stiffness), places)
             return bilinear(posterior.heights(), places), std**2
@@ -55,13 +58,14 @@ class RecentPoints:
 
     def bound_factors(self, config: FieldLatticeConfig, stiffness: Stiffness) -> BoundFactors:
         """Return how many spreads the ground may lie below and above the map, as left-out points ask for."""
-        points, window = self._all, self._window(config)
-        known = _without(window, points[:, :4], config, stiffness)
+        points = self._amid(config.step_m)
+        window = _window(points, config.step_m)
+        known = _without(window, points[:, :4], config, stiffness, 0)
         measured = known.information.stencil[0] > 0.0
         noise_m2 = self.noise_m2(stiffness)
 
         def predict(kept: BoolArray, xy: FloatArray) -> Predicted:
-            posterior = _without(window, points[kept, :4], config, stiffness)
+            posterior = _without(window, points[kept, :4], config, stiffness, _N_DRAWS_FOR_BOUNDS)
             places = window.coordinates(xy)
             std = bilinear(posterior.std(window, stiffness), places)
             away = bilinear(away_from(posterior.information.stencil[0] > 0.0), places)
@@ -73,17 +77,27 @@ class RecentPoints:
         """Return the variance of a single measurement about the surface, as it usually is [m²]."""
         return float(stiffness.noise_factor**2 * np.median(1.0 / self.xyzw[:, 3]))
 
-    def _window(self, config: FieldLatticeConfig) -> NodeWindow:
-        points = self.xyzw
-        (xmin, ymin), (xmax, ymax) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-        return NodeWindow.over((xmin, ymin, xmax, ymax), config.step_m)
+    def _amid(self, step_m: float) -> FloatArray:
+        """Return those about the middle of all of them, so that no calibration takes long."""
+        points = self._all
+        away = np.abs(points[:, :2] - np.median(points[:, :2], axis=0)).max(axis=1)
+        return points[away < 0.5 * _MOST_NODES * step_m]
+
+
+def _window(points: FloatArray, step_m: float) -> NodeWindow:
+    (xmin, ymin), (xmax, ymax) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    return NodeWindow.over((xmin, ymin, xmax, ymax), step_m)
 
 
 def _without(
-    window: NodeWindow, points: FloatArray, config: FieldLatticeConfig, stiffness: Stiffness
+    window: NodeWindow,
+    points: FloatArray,
+    config: FieldLatticeConfig,
+    stiffness: Stiffness,
+    n_draws: int,
 ) -> FieldPosterior:
     """Return the map of some points (N, 4) alone."""
-    posterior = FieldPosterior.empty(window.shape, 0 if is_small(window.shape) else _N_DRAWS)
+    posterior = FieldPosterior.empty(window.shape, 0 if is_small(window.shape) else n_draws)
     posterior.information.add(np.column_stack([window.coordinates(points[:, :2]), points[:, 2:]]))
     whole = Part(slice(0, window.rows), slice(0, window.columns))
     posterior.solve(whole, config.step_m, stiffness, config)
