@@ -355,8 +355,8 @@ def _mark_ends(axes: Axes, path: FloatArray, colour: str) -> None:
         )
 
 
-def draw_scale_and_north(drawing: MapFigure) -> None:
-    """Draw a scale bar and a grid-north arrow above the map, where they cover nothing."""
+def draw_scale_and_north(drawing: MapFigure, *, north: bool = True) -> None:
+    """Draw a scale bar and, where the map has one, a grid-north arrow above the map, where they cover nothing."""
     axes = drawing.maps[0]
     xmin, xmax = axes.get_xlim()
     width = xmax - xmin
@@ -378,6 +378,8 @@ def draw_scale_and_north(drawing: MapFigure) -> None:
     axes.text(
         end - length - 0.015 * width, middle, text, transform=place, ha="right", va="center", fontsize=8
     )
+    if not north:
+        return
     axes.text(0.955, middle, "N", transform=axes.transAxes, ha="center", va="center", fontweight="bold")
     arrow = {"arrowstyle": "-|>", "color": INK, "mutation_scale": 12, "shrinkA": 0, "shrinkB": 0}
     axes.annotate(

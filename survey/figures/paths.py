@@ -102,7 +102,7 @@ def path_map(
     if covariance is not None:
         handles.append(_draw_ellipses(axes, position, covariance))
     handles += axes.plot(*position[0, :2], "o", color=INK, markersize=5, label="Start")
-    draw_scale_and_north(drawing)
+    draw_scale_and_north(drawing, north=in_the_world)
     axes.set_title(
         "Estimated path" if landmarks is None else f"Estimated path and {grouped(len(landmarks))} landmarks"
     )
@@ -210,7 +210,7 @@ def error_over_distance(
     up.plot(travel, error[:, 2], color=INK, linewidth=1.1, label="Error")
     rms = np.sqrt(np.mean(horizontal**2)), np.sqrt(np.mean(error[:, 2] ** 2))
     across.set_title(f"Horizontal error: RMS {rms[0]:.2f} m, at the end {horizontal[-1]:.2f} m")
-    up.set_title(f"Vertical error: RMS {rms[1]:.2f} m, at the end {error[-1, 2]:+.2f} m")
+    up.set_title(f"Vertical error: RMS {rms[1]:.2f} m, at the end {error[-1, 2]:+.2f} m".replace("-", "−"))
     for axes in (across, up):
         if is_lost is not None and is_lost.any():
             axes.fill_between(
@@ -219,7 +219,8 @@ def error_over_distance(
             )  # fmt: skip
         axes.set_ylabel("[m]")
         axes.grid(visible=True, axis="y")
-        axes.legend(loc="upper left", ncols=3)
+        if len(axes.get_legend_handles_labels()[1]) > 1:
+            axes.legend(loc="upper left", ncols=3)
     across.set_ylim(bottom=0.0)
     up.set(xlabel="Distance driven [m]", xlim=(0.0, max(float(travel[-1]), 1e-3)))
     return figure
