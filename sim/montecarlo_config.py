@@ -21,6 +21,7 @@ from sim.config import Family, RoverConfig, SatelliteConfig, SensorConfig
 from survey.config import Section, read_toml, validated, with_overrides
 from survey.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.config import JointConfig
 from survey.reconstruction.gp.kernel_search import Family as SearchedKernel
 from survey.scoring.standards import map_classes
 from vision_slam import LocalizationConfig
@@ -99,8 +100,13 @@ class ReconstructedMap(Section):
     """Name of the map in the table."""
     use_prior: bool = False
     """Build around a satellite's cells instead of a constant."""
+    landmark_errors: Literal["joint", "inflated", "independent"] = "joint"
+    """Of the statistical fidelity, as in a mission: whether map and path are one estimate (method gp), or landmarks
+    count as independent, with the path's variance in each or without."""
     gp: GaussianProcessConfig = GaussianProcessConfig()
     """Settings of the Gaussian process."""
+    joint: JointConfig = JointConfig()
+    """Settings of the joint estimate."""
 
 
 Map = Annotated[SearchedMap | GivenMap | ReconstructedMap, Field(discriminator="method")]

@@ -5,7 +5,7 @@ one worker does at a time and what is stored. Its bytes depend on the study and 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from sim.statistical import simulate_statistical
 from survey import Dem, Grid, Route, SurveyArea
 from survey.arrays import FloatArray
 from survey.errors import InputError
+from survey.path_error import PathError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, KernelSearch, mapped
 from survey.streams import stream
 from survey.terrain import ice_micro_relief, random_dem, satellite_copy
@@ -268,16 +269,23 @@ def _reconstructed(
         points = survey.SurfacePoints(
             np.column_stack([xy, heights[:, column]]), sigma_m=np.full(len(xy), noise), crs=world.area.crs
         )
-        mean[:, column], claimed[column], kernel = _reconstruction(world, how, points, index)
+        prior = world.prior(index) if how.use_prior else None
+        mean[:, column], claimed[column], kernel = _reconstruction(world, how, points, prior)
         kernels.append(kernel)
     return _Mapped(mean, claimed, kernels, len(xy))
 
 
 def _reconstruction(
-    world: World, how: ReconstructedMap, points: survey.SurfacePoints, index: int
+    world: World,
+    how: ReconstructedMap,
+    points: survey.SurfacePoints,
+    prior: Dem | None,
+    path: PathError | None = None,
 ) -> tuple[FloatArray, float, tuple[str, float, float]]:
-    prior = world.prior(index) if how.use_prior else None
-    result = survey.reconstruct(points, world.nodes, prior, method=how.method, config=how.gp)
+    """Return the map of one survey, what it claims to err, and the kernel behind it."""
+    result = survey.reconstruct(
+        points, world.nodes, prior, method=how.method, config=how.gp, path=path, joint=how.joint
+    )
     facts: Mapping[str, Any] = result.hyperparameters
     kernel = (
         str(facts.get("family", how.method)),
@@ -311,19 +319,35 @@ def _judged(world: World, driven: Driven, how: Map, maps: _Mapped) -> Iterator[T
 def _surveyed_statistically(world: World, driven: Driven) -> Iterator[Trial]:
     """Drive with sensors that err, estimate path and landmarks from what was sensed, and map those."""
     for index in driven.mine:
-        points = _landmarks(world, driven, index)
+        trajectory, points = _localized(world, driven, index)
         for how in world.study.maps:
             if not isinstance(how, ReconstructedMap):
                 raise InputError("landmarks are mapped by gp, dense or tin.")
-            used = points
-            if how.use_prior:
-                used = points.select(np.isfinite(world.prior(index).at(points.xy)))
-            mean, claimed, kernel = _reconstruction(world, how, used, index)
-            maps = _Mapped(mean[:, None], np.array([claimed]), [kernel], len(used))
+            maps = _mapped_landmarks(world, how, trajectory.error, points, index)
             yield from _judged(world, driven._replace(mine=[index]), how, maps)
 
 
-def _landmarks(world: World, driven: Driven, index: int) -> survey.SurfacePoints:
+def _mapped_landmarks(
+    world: World,
+    how: ReconstructedMap,
+    path: PathError | None,
+    points: survey.SurfacePoints,
+    index: int,
+) -> _Mapped:
+    """Map landmarks as a mission does: together with the path that they were seen from, or each by itself."""
+    prior = world.prior(index) if how.use_prior else None
+    if how.landmark_errors != "joint" or how.method != "gp":
+        path = None
+    if path is None and how.landmark_errors == "independent" and points.own_covariance is not None:
+        points = replace(points, covariance=points.own_covariance)
+    if path is None and prior is not None:
+        points = points.select(np.isfinite(prior.at(points.xy)))
+    mean, claimed, kernel = _reconstruction(world, how, points, prior, path)
+    return _Mapped(mean[:, None], np.array([claimed]), [kernel], len(points))
+
+
+def _localized(world: World, driven: Driven, index: int) -> tuple[survey.Trajectory, survey.SurfacePoints]:
+    """Return the path and the landmarks that one survey with sensors that err estimates."""
     design = driven.design
     seed = int(world.stream("sensors", world.trials[index], design.label, design.swaths).integers(2**62))
     study = world.study
@@ -338,7 +362,7 @@ def _landmarks(world: World, driven: Driven, index: int) -> survey.SurfacePoints
         localization=study.localization,
     )
     recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
-    return localize(recording, mission.assumed)[1]
+    return localize(recording, mission.assumed)
 
 
 def as_columns(trials: Sequence[Trial]) -> dict[str, list[Any]]:

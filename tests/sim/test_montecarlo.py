@@ -11,8 +11,8 @@ from sim.executors import done
 from sim.montecarlo import run_study
 from sim.montecarlo_config import read_study
 from sim.montecarlo_summary import statistics
-from sim.trials import blocks_of, survey_block
-from survey import Dem, Grid
+from sim.trials import World, _localized, blocks_of, routes, survey_block
+from survey import Dem, Grid, reconstruct
 from survey.errors import ConfigError, InputError
 
 STUDY = """
@@ -94,6 +94,24 @@ def test_any_reconstruction_and_fidelity_can_be_studied(tmp_path):
     # Triangles end at the hull of the landmarks, and the rest of the site is told as silent.
     assert 0.0 <= lawnmower.silent_share < 0.5
     assert lawnmower.n_samples > 100
+
+
+def test_landmarks_are_mapped_as_one_estimate_with_the_path_unless_told_otherwise(tmp_path):
+    text = STUDY[: STUDY.index('[[planners]]\npattern = "piecewise')].replace("[2, 3]", "[2]")
+    text = text.replace("trials = 3", 'trials = 1\nfidelity = "statistical"')
+    gp = "[maps.gp]\nfit = false\nvariance_m2 = 36.0\nlength_scale_m = 80.0\n"
+    for how in ("joint", "inflated", "independent"):
+        text += f'[[maps]]\nname = "{how}"\nmethod = "gp"\nlandmark_errors = "{how}"\n{gp}'
+    study = small(tmp_path, text)
+    (block,) = blocks_of(study)
+    claimed = {trial.map: trial.claimed_m for trial in survey_block(study, block)}
+    # One estimate claims what mission and `reconstruct` with the path claim; more landmarks do not mend the path.
+    assert claimed["independent"] < claimed["joint"]
+    world = World(study, block)
+    (driven,) = routes(world, study.designs[0])
+    trajectory, points = _localized(world, driven, 0)
+    result = reconstruct(points, world.nodes, config=study.maps[0].gp, path=trajectory.error)
+    assert claimed["joint"] == pytest.approx(np.sqrt(np.mean(result.std.elevation**2)))
 
 
 def test_terrain_around_a_real_prior_agrees_with_it(tmp_path, rng):
