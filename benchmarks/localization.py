@@ -33,7 +33,7 @@ _JUDGED = ("SBAS", "3 m, tau 60 s")
 _SPACING_M = 150.0
 _INSET = 20.0 / _SPACING_M
 
-RECEIVERS: dict[str, dict[str, float]] = {
+RECEIVERS: dict[str, dict[str, Any]] = {
     "white 3 m": {"gps_bias_sigma_m": 0.01, "gps_white_sigma_m": 3.0, "gps_correlation_time_s": 60.0},
     "SBAS": {"gps_bias_sigma_m": 1.0, "gps_white_sigma_m": 0.5, "gps_correlation_time_s": 120.0},
     "3 m, tau 60 s": {"gps_bias_sigma_m": 3.0, "gps_white_sigma_m": 1.0, "gps_correlation_time_s": 60.0},
@@ -43,7 +43,7 @@ _ONLINE_BARS = {"white 3 m": 0.6, "SBAS": 0.8, "3 m, tau 60 s": 1.2}
 _SMOOTHED_BARS = {"3 m, tau 60 s": 1.0}
 _HEIGHT_BARS = {"white 3 m": 0.30, "3 m, tau 60 s": 0.80, "3 m, tau 300 s": 0.80}
 _IMAGES = ImageOdometryErrors()
-ODOMETRY: dict[str, dict[str, float]] = {
+ODOMETRY: dict[str, dict[str, Any]] = {
     "odometry as drawn": {},
     "odometry as images give": {
         "yaw_sigma_deg": _IMAGES.yaw_sigma_deg,

@@ -115,9 +115,13 @@ def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey
 
 
 def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
-    """Estimate path and landmarks from the recording, and from nothing else."""
+    """Estimate path and landmarks from the recording, and from nothing else; keep also what was known on the way."""
     recording = Recording.read(run.folder("simulate") / "recording")
-    trajectory, points = localize(recording, mission.assumed)
+
+    def keep(online: survey.Trajectory) -> None:
+        online.write(folder / "online_trajectory.csv")
+
+    trajectory, points = localize(recording, mission.assumed, told_online=keep)
     trajectory.write(folder / "trajectory.tum")
     trajectory.write(folder / "trajectory.csv")
     points.write(folder / "surface_points.gpkg")
@@ -173,6 +177,10 @@ def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     if corrected.exists():
         after = trajectory_error(survey.Trajectory.read(corrected, truth.dem.crs), truth.trajectory)
         judged_path |= {f"after_mapping_{name}": value for name, value in after.to_dict().items()}
+    online = run.folder("localize") / "online_trajectory.csv"
+    if online.exists():
+        known_then = trajectory_error(survey.Trajectory.read(online, truth.dem.crs), truth.trajectory)
+        judged_path |= {f"online_{name}": value for name, value in known_then.to_dict().items()}
     write_json(folder / "localization.json", judged_path)
 
 

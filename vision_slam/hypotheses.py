@@ -81,7 +81,7 @@ class Hypotheses:
         """
         innovation = self._innovation(fix)
         seen = self._covariance @ _SEES_FIX.T
-        precision = np.linalg.inv(_SEES_FIX @ seen + np.diag(self._model.fix_variance))
+        precision: FloatArray = np.linalg.inv(_SEES_FIX @ seen + np.diag(self._model.fix_variance))
         misfit = np.einsum("ni,ni->n", innovation @ precision, innovation)
         if misfit[self._log_weight > self._log_weight.max() - _COUNTS].min() > gate:
             return False

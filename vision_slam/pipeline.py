@@ -25,7 +25,10 @@ from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
 
 def localize(
-    recording: Recording, config: LocalizationConfig | None = None
+    recording: Recording,
+    config: LocalizationConfig | None = None,
+    *,
+    told_online: Callable[[Trajectory], None] | None = None,
 ) -> tuple[Trajectory, SurfacePoints]:
     """Estimate where the rover was and where its landmarks are.
 
@@ -41,6 +44,8 @@ def localize(
         What the rover sensed.
     config : LocalizationConfig, optional
         What is assumed of the sensors.
+    told_online : callable, optional
+        Called with the path as it was known at every moment, before anything that came after.
 
     Returns
     -------
@@ -58,7 +63,7 @@ def localize(
     """
     settings = config or LocalizationConfig()
     if recording.odometry is None and recording.frames is not None:
-        trajectory, points, _ = localize_by_images(recording, settings)
+        trajectory, points, _ = localize_by_images(recording, settings, told_online=told_online)
         return trajectory, points
     if recording.odometry is None:
         return _kinematic_survey(recording, settings)
@@ -68,6 +73,8 @@ def localize(
         )
     reckoned = dead_reckoning(recording.odometry, recording.start)
     online = follow(recording, reckoned, settings)
+    if told_online is not None:
+        told_online(online.trajectory(recording))
     path = smooth(believing(recording, online), reckoned, settings)
     return _trajectory(recording, path), placed_landmarks(recording, path, settings)
 
@@ -76,6 +83,8 @@ def localize_by_images(
     recording: Recording,
     config: LocalizationConfig | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    *,
+    told_online: Callable[[Trajectory], None] | None = None,
 ) -> tuple[Trajectory, SurfacePoints, VisualOdometry]:
     """Localize a recording whose images have not been processed yet; tell also how they were.
 
@@ -88,11 +97,15 @@ def localize_by_images(
         passes the gates.
     """
     found = visual_odometry(recording, progress=progress)
-    return localize_seen(recording, found, config)
+    return localize_seen(recording, found, config, told_online=told_online)
 
 
 def localize_seen(
-    recording: Recording, found: VisualOdometry, config: LocalizationConfig | None = None
+    recording: Recording,
+    found: VisualOdometry,
+    config: LocalizationConfig | None = None,
+    *,
+    told_online: Callable[[Trajectory], None] | None = None,
 ) -> tuple[Trajectory, SurfacePoints, VisualOdometry]:
     """Localize a recording with what its images gave; places that they recognise tie the path.
 
@@ -108,7 +121,7 @@ def localize_seen(
         recording, settings = with_credible_start(recording, path, found.odometry.time_s, settings)
     seen, found = headed(recording, found)
     seen = in_time(seen, settings)
-    trajectory, points = localize(recognised(seen, settings), settings)
+    trajectory, points = localize(recognised(seen, settings), settings, told_online=told_online)
     return replace(trajectory, health=1.0 - found.is_lost), points, found
 
 
