@@ -53,14 +53,14 @@ class MotionSensors:
 
     def _travel(self, first_s: float, last_s: float) -> float | None:
         wheels = self._wheels
-        if wheels is None or not _covers(wheels.time_s, first_s, last_s):
+        if wheels is None or not _covers(wheels.time_s, first_s, last_s, 0.6):
             return None
         rolled = 0.5 * (wheels.left_m + wheels.right_m)
         return float(np.diff(np.interp([first_s, last_s], wheels.time_s, rolled))[0])
 
     def _turn(self, first_s: float, last_s: float) -> FloatArray | None:
         inertial = self._inertial
-        if inertial is None or not _covers(inertial.time_s, first_s, last_s):
+        if inertial is None or not _covers(inertial.time_s, first_s, last_s, 1.1):
             return None
         turn = self._turned_at(first_s).inv() * self._turned_at(last_s)
         half_bias = Rotation.from_rotvec(-0.5 * self._bias * (last_s - first_s))
@@ -103,7 +103,10 @@ def _summed(inertial: Inertial) -> tuple[FloatArray, list[Rotation]]:
     return began, turned
 
 
-def _covers(time_s: FloatArray, first_s: float, last_s: float) -> bool:
-    """Whether readings reach over both moments, but for little more than the time between two readings."""
-    slack = 1.1 * float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+def _covers(time_s: FloatArray, first_s: float, last_s: float, n_readings: float) -> bool:
+    """Whether readings reach over both moments, but for the time of so many readings.
+
+    Of a distance that must be less than one: after its end nothing is added, which would be standing.
+    """
+    slack = n_readings * float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return bool(time_s[0] - slack <= first_s and last_s <= time_s[-1] + slack)
