@@ -215,16 +215,22 @@ def _euroc(place: Path, camera: Camera | None) -> ImageSequence:
     files = [place / "cam0" / "data" / row[1] for row in rows]
     _all_there(files)
     times = _euroc_numbers(place / "cam0" / "data.csv", 1)[:, 0] * 1e-9
+    turn = np.eye(4)
+    if camera is None:
+        # EuRoC's body is its inertial unit, however that lies; ours looks where the camera looks.
+        camera = _euroc_camera(place / "cam0" / "sensor.yaml")
+        turn = _FORWARD @ np.linalg.inv(camera.T_body_camera)
+        camera = replace(camera, T_body_camera=_FORWARD)
     inertial = reference = None
     if (place / "imu0" / "data.csv").is_file():
         sensed = _euroc_numbers(place / "imu0" / "data.csv", 7)
-        inertial = Inertial(sensed[:, 0] * 1e-9, sensed[:, 1:4], sensed[:, 4:7])
+        gyro, force = (sensed[:, k : k + 3] @ turn[:3, :3].T for k in (1, 4))
+        inertial = Inertial(sensed[:, 0] * 1e-9, gyro, force)
     for estimate in sorted(place.glob("state_*_estimate0/data.csv"))[:1]:
         posed = _euroc_numbers(estimate, 8)
-        reference = (posed[:, 0] * 1e-9, _posed(posed[:, 1:4], posed[:, [5, 6, 7, 4]], estimate))
-    return _sequence(
-        camera or _euroc_camera(place / "cam0" / "sensor.yaml"), times, files, inertial, reference
-    )
+        poses = _posed(posed[:, 1:4], posed[:, [5, 6, 7, 4]], estimate) @ np.linalg.inv(turn)
+        reference = (posed[:, 0] * 1e-9, poses)
+    return _sequence(camera, times, files, inertial, reference)
 
 
 def _euroc_camera(path: Path) -> Camera:

@@ -79,7 +79,17 @@ def test_euroc_layout(tmp_path: Path) -> None:
         "intrinsics: [5.0, 5.0, 3.0, 2.0]\nresolution: [6, 4]\ndistortion_coefficients: [0, 0, 0, 0]\n"
         "T_BS:\n  data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n"
     )
-    assert read_sequence(tmp_path).frames.time_s.tolist() == [1.0]
+    (tmp_path / "mav0" / "imu0").mkdir()
+    (tmp_path / "mav0" / "imu0" / "data.csv").write_text(
+        "#t\n1000000000,1,2,3,4,5,6\n1005000000,1,2,3,4,5,6\n"
+    )
+    sequence = read_sequence(tmp_path)
+    assert sequence.frames.time_s.tolist() == [1.0]
+    # The unit's axes are the camera's (x right, y down, z forward); the body's are forward, left, up.
+    assert sequence.inertial is not None
+    assert sequence.inertial.gyro_rad_s[0].tolist() == [3.0, -1.0, -2.0]
+    assert sequence.inertial.specific_force_m_s2[0].tolist() == [6.0, -4.0, -5.0]
+    assert sequence.camera.T_body_camera[:3, 2].tolist() == [1.0, 0.0, 0.0]
     (place / "sensor.yaml").write_text("intrinsics: [5.0]\n")
     with pytest.raises(InputError, match="no EuRoC calibration"):
         read_sequence(tmp_path)
