@@ -9,6 +9,7 @@ from vision_slam.sequence import Sensed
 
 _TIME_S = 30.0
 _LONG_ENOUGH_M = 20.0
+_OUTLYING_M = 2.0
 
 
 def attitudes(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> FloatArray:
@@ -29,8 +30,10 @@ def attitudes(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> F
 def heading_correction(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> float:
     """Return the turn about the start [rad] that lays a reckoned path (N, 3) on the fixes.
 
-    The best turn in the plane, arg of Σ (g − s)·conj(p − s) in complex numbers; 0 for paths
-    that never leave the start by 20 m, of which fixes cannot tell a heading.
+    The best turn in the plane, arg of Σ w (g − s)·conj(p − s) in complex numbers, with
+    weights w = 1 / (1 + r²/4) of the distances r [m] that are left (Cauchy's), so that fixes
+    that jump do not turn the path; 0 for paths that never leave the start by 20 m, of which
+    fixes cannot tell a heading.
     """
     inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
     reckoned = [np.interp(gps.time_s[inside], time_s, path[:, axis] - path[0, axis]) for axis in (0, 1)]
@@ -38,7 +41,11 @@ def heading_correction(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> f
     moved = reckoned[0] + 1j * reckoned[1]
     if len(moved) < 3 or np.abs(moved).max() < _LONG_ENOUGH_M:
         return 0.0
-    return float(np.angle(((fixed[:, 0] + 1j * fixed[:, 1]) * moved.conj()).sum()))
+    told, turn, weight = fixed[:, 0] + 1j * fixed[:, 1], 0.0, np.ones(len(moved))
+    for _ in range(20):
+        turn = float(np.angle((weight * told * moved.conj()).sum()))
+        weight = 1.0 / (1.0 + (np.abs(told - np.exp(1j * turn) * moved) / _OUTLYING_M) ** 2)
+    return turn
 
 
 def _upright(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> FloatArray:
