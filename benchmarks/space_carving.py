@@ -4,10 +4,10 @@ Run: python -m benchmarks.space_carving [--quick] [--json FILE]
 
 Terrains, settings and gates were chosen on seeds 100 and 101 and on blocks 11 and 12 of the real scans; what is
 printed comes from seeds 0, 1 and 2 and from other blocks. The peer is scikit-learn's Gaussian process with its
-hyperparameters given, so that none of its time goes into finding them.
+hyperparameters given, so that none of its time goes into finding them. Whether bounds hold, and what they cost,
+is `benchmarks.space_carving_bounds`.
 """
 
-import importlib.util
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -42,10 +42,6 @@ def measure(quick: bool) -> Iterator[Row]:
     yield from growth(quick)
     yield from gains(SEEDS[:1] if quick else SEEDS)
     yield from real((1,) if quick else (1, 2, 3, 4))
-    if importlib.util.find_spec("benchmarks.space_carving_bounds"):
-        from benchmarks.space_carving_bounds import bounds
-
-        yield from bounds(quick)
 
 
 def times(quick: bool) -> Iterator[Row]:

@@ -249,7 +249,7 @@ def _draw_contributions(rays: FloatArray, points: FloatArray, counts: FloatArray
 @styled
 def _draw_downhill(maps: dict[str, FloatArray], xyz: FloatArray) -> Figure:
     figure = Figure(figsize=(FULL_IN, 5.8), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=[1.1, 1.0])
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.1, 1.0]).ravel()
     top, profile = above.subplots(1, 3), below.subplots()
     ground = maps["ground"]
     for axes, name in zip(top[:2], ("points alone", "and lines of sight"), strict=True):

@@ -45,9 +45,8 @@ def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa:
         progress("passes", k, N_EPOCHS)
         if k in {N_FIRST, N_EPOCHS}:
             stages[f"after {k} passes"] = _three(model, x)
-    late = SurfacePoints(
-        [[ADDED[0], 0.0, ADDED[1]]], sigma_m=NOISE_M, origins=[[ADDED[0], 0.0, SENSOR_M]], crs=CRS
-    )
+    hit, sensor = np.array([[ADDED[0], 0.0, ADDED[1]]]), np.array([[ADDED[0], 0.0, SENSOR_M]])
+    late = SurfacePoints(hit, sigma_m=NOISE_M, origins=sensor, crs=CRS)
     stages["one point more"] = _three(model.update(late), x)
     write_csv(folder / "sine.csv", ("stage", *_MEASURES), (_row(name, x, s) for name, s in stages.items()))
     write_figure(folder / "sine.png", _draw_sine(points, x, stages))
