@@ -7,11 +7,17 @@ Terrain of five families with 0.1 and 0.3 m of noise, and windows of a real 1 m 
 they drive and stop by themselves; ``beforehand`` plans are fixed before the first sample. The oracle is the
 lawnmower of fewest swaths that truly passed; it knows the terrain, and maps it the same way. The
 terrain judged on here was used for no setting; its families were.
+
+Surveys are kept as they finish (FIRNLINE_PROMISE_SURVEYS, a file of JSON lines); a run that was ended goes on where it
+was. FIRNLINE_PROMISE_N is the number of DEMs of each family and noise, 100 when left out; a fifth of them is also
+surveyed as promised beforehand.
 """
 
+import json
 import os
+import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -33,11 +39,16 @@ from survey.streams import stream
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells
 
-JUDGED_SEED = 20_266
+JUDGED_SEED = 31_415
 CLASS_3_M = 0.4572
 STEP_M = 10.0
 MOST_ORACLE = 24
 N_SIMULATIONS = 60
+N_DEMS = int(os.environ.get("FIRNLINE_PROMISE_N", "100"))
+N_WORKERS = int(os.environ.get("FIRNLINE_PROMISE_WORKERS", "2"))
+KEPT = Path(
+    os.environ.get("FIRNLINE_PROMISE_SURVEYS", Path(tempfile.gettempdir()) / "firnline-promise.jsonl")
+)
 
 
 @dataclass(frozen=True)
@@ -79,31 +90,60 @@ class Task:
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows of every family and noise, then of the real windows."""
-    n, n_real, n_before = (4, 2, 2) if quick else (100, 20, 20)
+    n, n_real, n_before = (4, 2, 2) if quick else (N_DEMS, 20, max(N_DEMS // 5, 1))
     families = [FAMILIES[0], FAMILIES[4]] if quick else FAMILIES
-    adaptive: list[Outcome] = []
-    before: list[Outcome] = []
-    for family in families:
-        for noise_m in (0.1,) if quick else (0.1, 0.3):
-            for kind, count, everything in (("adaptive", n, adaptive), ("beforehand", n_before, before)):
-                outcomes = surveyed([Task(family.name, i, noise_m, kind) for i in range(count)])
-                everything.extend(outcomes)
-                yield from _rows(f"{family.name}, noise {noise_m:g} m, {kind}", outcomes, family.is_smooth)
-    for kind, outcomes in (("adaptive", adaptive), ("beforehand", before)):
-        yield Row.of(f"all random terrain, {kind}: promises kept", kept(outcomes), "", ">=", 0.9)
-        yield Row(f"all random terrain, {kind}: refused", 1.0 - _share_promised(outcomes), "")
-    if real_dem() is None:
-        return
-    for noise_m in (0.1,) if quick else (0.1, 0.3):
-        for kind in ("adaptive", "beforehand"):
-            outcomes = surveyed([Task("real", i, noise_m, kind) for i in range(n_real)])
-            yield from _rows(f"real 1 m DEM, noise {noise_m:g} m, {kind}", outcomes, is_smooth=False)
+    noises = (0.1,) if quick else (0.1, 0.3)
+    counts = {(family.name, "adaptive"): n for family in families}
+    counts |= {(family.name, "beforehand"): n_before for family in families}
+    if real_dem() is not None:
+        counts |= {("real", "adaptive"): n_real, ("real", "beforehand"): min(n_before, n_real)}
+    # A run that is ended early has the same share of each.
+    tasks = sorted(
+        (
+            Task(family, i, noise_m, kind)
+            for (family, kind), count in counts.items()
+            for noise_m in noises
+            for i in range(count)
+        ),
+        key=lambda task: (task.index + 1) / counts[task.family, task.kind],
+    )
+    made = surveyed(tasks, None if quick else KEPT)
+    for cell, outcomes in _cells(made).items():
+        where = f"{cell.family}, noise {cell.noise_m:g} m, {cell.kind}"
+        is_smooth = any(family.name == cell.family and family.is_smooth for family in FAMILIES)
+        yield Row(f"{where}: surveys", len(outcomes), "")
+        yield from _rows(where, outcomes, is_smooth)
+    for kind in ("adaptive", "beforehand"):
+        every = [one for task, one in made.items() if task.kind == kind and task.family != "real"]
+        yield Row.of(f"all random terrain, {kind}: promises kept", kept(every), "", ">=", 0.9)
+        yield Row(f"all random terrain, {kind}: refused", 1.0 - _share_promised(every), "")
 
 
-def surveyed(tasks: Sequence[Task]) -> list[Outcome]:
-    """Make surveys on all cores, and return them in their order."""
-    results = dict(done(outcome, tasks, engine="processes"))
-    return [results[task] for task in tasks]
+def surveyed(tasks: Sequence[Task], file: Path | None) -> dict[Task, Outcome]:
+    """Make those surveys that the file does not hold, each kept there once it is done."""
+    known = _read(file) if file is not None and file.exists() else {}
+    missing = [task for task in tasks if task not in known]
+    for task, made in done(outcome, missing, engine="processes", workers=N_WORKERS):
+        known[task] = made
+        if file is not None:
+            record = {"seed": JUDGED_SEED, "task": asdict(task), "outcome": asdict(made)}
+            with file.open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps(record) + "\n")
+    return {task: known[task] for task in tasks}
+
+
+def _read(file: Path) -> dict[Task, Outcome]:
+    """Read the surveys of this seed that were made before."""
+    lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    return {Task(**line["task"]): Outcome(**line["outcome"]) for line in lines if line["seed"] == JUDGED_SEED}
+
+
+def _cells(made: dict[Task, Outcome]) -> dict[Task, list[Outcome]]:
+    """Gather the surveys of one family, noise and kind, named by their first."""
+    cells: dict[Task, list[Outcome]] = {}
+    for task, one in made.items():
+        cells.setdefault(replace(task, index=0), []).append(one)
+    return cells
 
 
 def _share_promised(outcomes: Sequence[Outcome]) -> float:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.assurance import Assurance, Assured, Belief, belief_from_survey, fewest
+from planners.assurance import LEARNED, Assurance, Assured, Belief, belief_from_survey, fewest
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.decomposition import clipped
 from planners.planning import plan
@@ -303,7 +303,7 @@ class _State:
     def __init__(self, area: SurveyArea, belief: Belief, config: AdaptiveConfig) -> None:
         self.config, self.belief = config, belief
         self.lines = Swathes(area)
-        self.assurance = Assurance(area, config.limit_m, config.sample_step_m)
+        self.assurance = Assurance(area, config.limit_m, config.sample_step_m, LEARNED)
         self.offsets: list[float] = []
         self.n_further = 0
         self.legs: list[Leg] = []

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
-from scipy.spatial.distance import cdist
 from scipy.special import gammainc, gammaln
 
+from planners.correlogram import Correlogram
 from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
@@ -34,6 +34,8 @@ _N_NODES = 300
 _N_IN_COMMON = 120
 # The plastic number, whose powers spread places evenly over the plane (Roberts 2018).
 _PLASTIC = 1.324717957244746
+LEARNED = 1.05
+"""How much larger errors come out where the covariance is learned than where it is known, on rough terrain."""
 # Samples nearer to one another than this share of the slope length are averaged, but no more of them than here:
 # rough terrain changes between them.
 _AVERAGED = 0.2
@@ -223,11 +225,14 @@ class Assurance:
         Largest root mean square error allowed [m].
     step_m : float
         Distance between samples [m].
+    doubt : float
+        How much larger errors are taken to be than the covariances say, which are not known but learned.
     """
 
     area: SurveyArea
     limit_m: float
     step_m: float
+    doubt: float = 1.0
 
     @cached_property
     def nodes(self) -> FloatArray:
@@ -242,11 +247,10 @@ class Assurance:
         return inside
 
     @cached_property
-    def _common_squared_m2(self) -> FloatArray:
-        """Squared distances among the first nodes [m²]."""
-        some = self.nodes[:_N_IN_COMMON]
-        squared: FloatArray = cdist(some, some, "sqeuclidean")
-        return squared
+    def _reach_m(self) -> float:
+        """Farthest that two places of the area can be apart [m]."""
+        xmin, ymin, xmax, ymax = self.area.bounds
+        return float(np.hypot(xmax - xmin, ymax - ymin))
 
     def of(self, xy: FloatArray, belief: Belief) -> Assured:
         """Return what samples at the places (N, 2) [m] promise."""
@@ -270,11 +274,8 @@ class Assurance:
         return min(max(n, 1), _MOST_AVERAGED[believed.cell.family])
 
     def _seen(self, places: FloatArray, cell: Cell) -> _Seen:
-        return _Seen(
-            cell.correlation(cdist(places, places, "sqeuclidean")),
-            cell.correlation(cdist(places, self.nodes, "sqeuclidean")),
-            cell.correlation(self._common_squared_m2),
-        )
+        read, some = Correlogram(cell, self._reach_m), self.nodes[:_N_IN_COMMON]
+        return _Seen(read.between(places, places), read.between(places, self.nodes), read.between(some, some))
 
     def _under(self, believed: Believed, seen: _Seen, thin: int) -> Assured:
         """Return what is promised if the terrain has this covariance; each place stands for `thin` samples."""
@@ -291,7 +292,8 @@ class Assurance:
         left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) / (ones @ ones)
         some, gap = explained[:, :_N_IN_COMMON], gap[:_N_IN_COMMON]
         common = seen.common - some.T @ some + np.outer(gap, gap) / (ones @ ones)
-        return self._chance(believed.variance_m2 * left, believed.variance_m2 * common)
+        scale_m2 = self.doubt**2 * believed.variance_m2
+        return self._chance(scale_m2 * left, scale_m2 * common)
 
     def _chance(self, variance_m2: FloatArray, covariance_m2: FloatArray) -> Assured:
         """Return the chance of a gamma distributed mean square, from the errors' variances and some covariances."""

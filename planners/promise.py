@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from planners.assurance import Assurance, Assured, Belief, Believed, belief_from_prior, fewest
+from planners.assurance import LEARNED, Assurance, Assured, Belief, Believed, belief_from_prior, fewest
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.planning import plan
 from planners.predict import places
@@ -159,7 +159,7 @@ def promise(area: SurveyArea, prior: Dem, wanted: Wanted) -> Promise:
     with threadpool_limits(1):
         belief = belief_of(area, prior, wanted)
         proving_ground = _ProvingGround(area, _cells(area, prior, wanted), belief, wanted)
-        assurance = Assurance(area, wanted.limit_m, wanted.sample_step_m)
+        assurance = Assurance(area, wanted.limit_m, wanted.sample_step_m, LEARNED)
         best: Promise | None = None
         for shape in _patterns(belief):
             tried = _proven(shape, assurance, belief, proving_ground, wanted)
