@@ -207,6 +207,8 @@ class ReconstructionConfig(Section):
     landmark_errors: Literal["joint", "inflated", "independent"] = "joint"
     """Whether map and path are one estimate, or landmarks count as independent: with the path's variance in each, or
     (as in the glacier paper) without."""
+    rays: bool = False
+    """Whether the landmarks' lines of sight bound the map."""
     gp: GaussianProcessConfig = GaussianProcessConfig()
     """Settings of the Gaussian process."""
     joint: JointConfig = JointConfig()

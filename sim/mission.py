@@ -140,14 +140,21 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
         from survey.reconstruction.joint.joint_map import JointTerrain
 
         found = JointTerrain(path.error, prior, config.gp, config.joint).map(points, grid)
-        found.reconstruction.write(folder)
+        result = found.reconstruction
+        if config.rays:
+            from survey.reconstruction.visibility.truncation import below_sight_lines
+
+            result = below_sight_lines(result, points)
+        result.write(folder)
         found.correction.applied(path).write(folder / "corrected_trajectory.csv")
         return
     if config.landmark_errors == "independent" and points.own_covariance is not None:
         points = replace(points, covariance=points.own_covariance)
     if prior is not None:
         points = within(prior, points)
-    survey.reconstruct(points, grid, prior=prior, method=config.method, config=config.gp).write(folder)
+    survey.reconstruct(
+        points, grid, prior=prior, method=config.method, config=config.gp, rays=config.rays
+    ).write(folder)
 
 
 def within(prior: survey.Dem, points: survey.SurfacePoints) -> survey.SurfacePoints:

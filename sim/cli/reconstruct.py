@@ -110,7 +110,16 @@ def reconstruct(
         )
     else:
         _reconstruct_points(
-            source, prior, 1.0 if grid is None else grid, method, value, crs, sigma, out, as_json=as_json
+            source,
+            prior,
+            1.0 if grid is None else grid,
+            method,
+            value,
+            crs,
+            sigma,
+            out,
+            as_json=as_json,
+            rays=rays,
         )
 
 
@@ -125,6 +134,7 @@ def _reconstruct_points(
     out: Path,
     *,
     as_json: bool,
+    rays: bool,
 ) -> None:
     import survey
     from survey.reconstruction.base import ELEVATION
@@ -138,6 +148,7 @@ def _reconstruct_points(
         None if prior is None else survey.Dem.read(prior),
         method=method,  # type: ignore[arg-type]  # refused by name where it is unknown
         value=value or ELEVATION,
+        rays=rays,
     )
     out.mkdir(parents=True, exist_ok=True)
     result.write(out)

@@ -33,6 +33,7 @@ def reconstruct(
     area: SurveyArea | None = None,
     path: PathError | None = None,
     joint: JointConfig | None = None,
+    rays: bool = False,
 ) -> Reconstruction:
     """Map the terrain, or another sampled quantity, from points.
 
@@ -60,6 +61,8 @@ def reconstruct(
         (`JointTerrain`, which gives the corrected path too). For ``gp`` and elevations.
     joint : JointConfig, optional
         Settings of that estimate.
+    rays : bool
+        Whether the points' lines of sight bound the map (`below_sight_lines`); they need origins.
 
     Returns
     -------
@@ -84,6 +87,11 @@ def reconstruct(
         # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
         with threadpool_limits(limits=1, user_api="blas"):
             result = model.fit(points).grid(grid)
+    if rays:
+        # Here, because compiled support is only needed with lines of sight.
+        from survey.reconstruction.visibility.truncation import below_sight_lines
+
+        result = below_sight_lines(result, points)
     return result if area is None else within(result, area)
 
 
