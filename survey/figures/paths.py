@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from survey.arrays import BoolArray, FloatArray, IntArray
-from survey.figures.cartography import add_colour_bar, draw_scale_and_north, grouped, map_figure, widened
+from survey.figures.cartography import add_colour_bar, draw_scale_and_north, grouped, map_figure
 from survey.figures.style import (
     CLAIM,
     DEVIATION,
@@ -76,7 +76,6 @@ def path_map(
     shown = [line[:, :2] for line in (position, fixes, reference) if line is not None]
     drawing = map_figure(FULL_IN, _bounds(np.vstack(shown)), legend=True)
     axes = drawing.maps[0]
-    axes.set_facecolor("white")
     handles: list[Line2D] = []
     if landmarks is not None and len(landmarks):
         every = -(-len(landmarks) // _MOST_LANDMARKS)
@@ -113,12 +112,15 @@ def path_map(
 
 
 def _bounds(xy: FloatArray) -> tuple[float, float, float, float]:
-    """Box about places with a margin, neither a thread nor a point."""
+    """Box about places with a margin, wide enough for the title and the scale above it."""
     low, high = xy.min(axis=0), xy.max(axis=0)
     margin = 0.06 * max(float((high - low).max()), 5.0)
-    west, south = (low - margin).tolist()
-    east, north = (high + margin).tolist()
-    return widened((west, south, east, north))
+    half = 0.5 * (high - low) + margin
+    half = np.maximum(half, [0.9 * half[1], 0.5 * half[0]])
+    middle = 0.5 * (low + high)
+    west, south = (middle - half).tolist()
+    east, north = (middle + half).tolist()
+    return west, south, east, north
 
 
 def _draw_ellipses(axes: Axes, position: FloatArray, covariance: FloatArray) -> Line2D:
