@@ -1,7 +1,7 @@
 """The pose of one image from points that are known already."""
 
+import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from survey.arrays import BoolArray, FloatArray
 
@@ -61,11 +61,11 @@ def resected(
         right = np.einsum("n,nki,nk->i", weight, jacobian, error)
         normal[:3, :3] += np.eye(3) / turn_sigma**2
         normal[3:, 3:] += np.eye(3) / shift_sigma**2
-        right[:3] -= Rotation.from_matrix(base_turn.T @ rotation).as_rotvec() / turn_sigma**2
+        right[:3] -= cv2.Rodrigues(base_turn.T @ rotation)[0].ravel() / turn_sigma**2
         right[3:] -= rotation.T @ (place - base_place) / shift_sigma**2
         step = np.linalg.solve(normal, right)
         place = place + rotation @ step[3:]
-        rotation = rotation @ Rotation.from_rotvec(step[:3]).as_matrix()
+        rotation = rotation @ cv2.Rodrigues(step[:3])[0]
         if iteration > 5 and np.abs(step).max() < 1e-6:
             break
     pose = np.eye(4)

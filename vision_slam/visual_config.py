@@ -19,7 +19,7 @@ class VisualOdometryConfig(Section):
     """Tiles a side of that equalization."""
     detector: Literal["gftt", "harris", "orb", "sift"] = "gftt"
     """Corner detector; its corners are followed by pyramidal Lucas-Kanade, whatever it is."""
-    n_features: PositiveInt = 250
+    n_features: PositiveInt = 290
     """Corners that are followed at a time."""
     corner_threshold: PositiveFloat = 2e-4
     """Least response of a corner, absolute: a mountain must not decide how many snow corners there are."""
@@ -57,11 +57,11 @@ class VisualOdometryConfig(Section):
     """Images with less are blank."""
     accelerometer_time_s: PositiveFloat = 30.0
     """Time over which gravity corrects roll and pitch [s]."""
-    landmark_attitude_deg: PositiveFloat = 0.6
+    landmark_attitude_deg: PositiveFloat = 0.5
     """Error of attitude between the poses that saw a landmark [deg]; this and the next three are calibrated."""
-    landmark_scale_sigma: PositiveFloat = 0.03
+    landmark_scale_sigma: PositiveFloat = 0.025
     """Relative error of scale within the window."""
-    landmark_pixel_factor: PositiveFloat = 2.0
+    landmark_pixel_factor: PositiveFloat = 1.7
     """By how much correlated pixel errors exceed independent ones when a point is triangulated."""
-    landmark_floor_m: PositiveFloat = 0.037
+    landmark_floor_m: PositiveFloat = 0.028
     """What remains at the nearest points: corners creep while they are followed [m]."""

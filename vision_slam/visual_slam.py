@@ -26,6 +26,7 @@ from vision_slam.window import Window, half_turned
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
 _STILL_PX = 0.3
+_LEAST_FAR = 10
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,11 @@ class VisualSlam:
     def live_tracks(self) -> list[Track]:
         """Corners that are being followed."""
         return self._tracks
+
+    @property
+    def holds_heading(self) -> bool:
+        """Whether mountains are in sight: near ground alone lets the heading drift slowly."""
+        return sum(track.is_far for track in self._tracks) >= _LEAST_FAR
 
     def pose(self, frame: FramePose) -> FloatArray:
         """Return the body's pose (4, 4) at a frame, by what is known of its keyframe now."""
@@ -308,7 +314,7 @@ def visual_odometry(
     for index, time_s in enumerate(times.tolist()):
         motion = None if index == 0 else sensors.between(times[index - 1], time_s)
         frame = slam.step(recording.frames[index], time_s, motion)
-        if motion is not None and frame.health.is_visual:
+        if motion is not None and frame.health.is_visual and slam.holds_heading:
             before = slam.pose(slam.frames[-2])
             sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
         if progress is not None:

@@ -59,6 +59,8 @@ class Window:
         self._lens = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
         self._may_be_far = _smart_params(gtsam.DegeneracyMode.HANDLE_INFINITY)
         self._is_ground = _smart_params(gtsam.DegeneracyMode.ZERO_ON_DEGENERACY)
+        # A corner that jumps, of noise or of the rover's own shadow, is no point at all.
+        self._is_ground.setDynamicOutlierRejectionThreshold(config.gate_px / self._focal_px)
         self._optimizer = gtsam.LevenbergMarquardtParams()
         self._optimizer.setMaxIterations(3)
         self._optimizer.setRelativeErrorTol(1e-2)
@@ -78,6 +80,23 @@ class Window:
     def solve(self, tracks: list[Track]) -> list[bool]:
         """Estimate the newest poses and the tracks' points; return which tracks agree with them."""
         free, held = self._split()
+        keys = {k: X(k) for k in (*held, *free)}
+        graph, values = self._posed(free, held)
+        is_level = self._level(tracks)
+        factors = [self._smart(track, keys, level) for track, level in zip(tracks, is_level, strict=True)]
+        for factor in factors:
+            if factor is not None:
+                graph.add(factor)
+        solved = gtsam.LevenbergMarquardtOptimizer(graph, values, self._optimizer).optimize()
+        for k in free:
+            self.poses[k] = solved.atPose3(keys[k]).matrix()
+        for track, factor, level in zip(tracks, factors, self._level(tracks), strict=True):
+            if factor is not None:
+                self._take_point(track, factor.point(solved), level)
+        return self._agree(tracks, [factor is not None for factor in factors])
+
+    def _posed(self, free: list[int], held: list[int]) -> tuple[Any, Any]:
+        """Return the graph of what wheels and gyro say, and first guesses of the poses."""
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for k in (*held, *free):
             values.insert(X(k), gtsam.Pose3(self.poses[k]))
@@ -88,17 +107,7 @@ class Window:
             between = self._between[k - 1]
             for noise in between.noises:
                 graph.add(gtsam.BetweenFactorPose3(X(k - 1), X(k), between.pose, noise))
-        used = {*held, *free}
-        factors = [self._smart(track, used) for track in tracks]
-        for factor in factors:
-            if factor is not None:
-                graph.add(factor)
-        solved = gtsam.LevenbergMarquardtOptimizer(graph, values, self._optimizer).optimize()
-        for k in free:
-            self.poses[k] = solved.atPose3(X(k)).matrix()
-        return [
-            self._take_point(track, factor, solved) for track, factor in zip(tracks, factors, strict=True)
-        ]
+        return graph, values
 
     def _split(self) -> tuple[list[int], list[int]]:
         config = self._config
@@ -108,46 +117,54 @@ class Window:
         held = sorted(anchors[: config.n_anchors]) + list(range(first_held, first_free))
         return list(range(first_free, self.newest + 1)), held
 
-    def _smart(self, track: Track, used: set[int]) -> Any:
-        sights = [(k, ray) for k, ray in zip(track.keyframes, track.rays, strict=True) if k in used]
+    def _smart(self, track: Track, keys: dict[int, int], is_level: bool) -> Any:
+        """Return the factor of one corner, None where fewer than two keyframes of the window saw it."""
+        sights = [(keys[k], ray) for k, ray in zip(track.keyframes, track.rays, strict=True) if k in keys]
         if len(sights) < 2:
             return None
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
-        oblique = sum(ray[2] for _, ray in sights) / len(sights)
-        sigma = self._config.pixel_sigma / self._focal_px / oblique**1.5
-        params = self._may_be_far if self._looks_level(track) else self._is_ground
+        sigma = self._config.pixel_sigma / self._focal_px / track.rays[-1][2] ** 1.5
+        params = self._may_be_far if is_level else self._is_ground
         factor = gtsam.SmartProjectionPoseFactorCal3_S2(
             gtsam.noiseModel.Isotropic.Sigma(2, sigma), self._lens, self._sensor, params
         )
-        for k, ray in sights:
-            factor.add(ray[:2] / ray[2], X(k))
+        for key, ray in sights:
+            factor.add(ray[:2] / ray[2], key)
         return factor
 
-    def _take_point(self, track: Track, factor: Any, solved: Any) -> bool:
-        """Keep the track's point or direction; say whether its newest sight agrees with it."""
-        if factor is None:
-            return True
-        rotation, place = self._camera_pose(self.newest)
-        result = factor.point(solved)
+    def _take_point(self, track: Track, result: Any, is_level: bool) -> None:
+        """Keep the track's point, or the direction of what is level and did not move."""
+        track.is_far = False
         if result.valid():
-            track.point, track.is_far = np.asarray(result.get()), False
-            seen = (track.point - place) @ rotation
-        elif not self._looks_level(track):
+            track.point = np.asarray(result.get())
+        elif not is_level:
             track.point = None
-            return True
         else:
             oldest = max(track.keyframes[0], self.newest - 30)
             index = next(i for i, k in enumerate(track.keyframes) if k >= oldest)
             track.point = self._camera_pose(track.keyframes[index])[0] @ track.rays[index]
             track.is_far = True
-            seen = track.point @ rotation
-        expected = seen / np.linalg.norm(seen)
-        return bool(np.linalg.norm(expected - track.rays[-1]) < self._config.gate_px / self._focal_px)
 
-    def _looks_level(self, track: Track) -> bool:
-        """Whether a track lies so near the horizon, or above, that it may be a mountain."""
+    def _agree(self, tracks: list[Track], was_used: list[bool]) -> list[bool]:
+        """Whether the newest sight of each track lies where its point is; unknown points do not object."""
+        rotation, place = self._camera_pose(self.newest)
+        rays = np.array([track.rays[-1] for track in tracks])
+        judged = np.array(was_used) & [track.point is not None for track in tracks]
+        points = np.array(
+            [ray if track.point is None else track.point for track, ray in zip(tracks, rays, strict=True)]
+        )
+        is_far = np.array([track.is_far for track in tracks])
+        seen = np.where(is_far[:, None], points, points - place) @ rotation
+        expected = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+        is_near = np.linalg.norm(expected - rays, axis=1) < self._config.gate_px / self._focal_px
+        agree: list[bool] = (is_near | ~judged).tolist()
+        return agree
+
+    def _level(self, tracks: list[Track]) -> list[bool]:
+        """Whether each track lies so near the horizon, or above, that it may be a mountain."""
         rotation, _ = self._camera_pose(self.newest)
-        return bool((rotation @ track.rays[-1])[2] > _LEVEL)
+        level: list[bool] = (np.array([track.rays[-1] for track in tracks]) @ rotation[2] > _LEVEL).tolist()
+        return level
 
     def _camera_pose(self, k: int) -> tuple[FloatArray, FloatArray]:
         pose = self.poses[k] @ self._body_camera

@@ -70,6 +70,17 @@ def test_wheels_that_slip_for_a_while_do_not_stretch_the_path(plane_world: objec
     assert abs(slam.pose(slam.frames[-1])[0, 3] - poses[-1][0, 3]) < 0.15
 
 
+def test_without_wheels_the_first_step_is_the_unit(plane_world: object, camera: Camera) -> None:
+    """Images and gyro alone, no place and no scale given: the shape of the path is all that they tell."""
+    poses = [_pose(0.2 * k) for k in range(16)]
+    slam = _driven(plane_world, camera, poses, travel=False)
+    path = np.array([slam.pose(frame)[:3, 3] for frame in slam.frames])
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    # The unit is that of the first guess, which the first window may stretch; all steps are equal here.
+    assert np.abs(steps[2:] / np.median(steps) - 1.0).max() < 0.1
+    assert np.linalg.norm(path[-1, 1:]) < 0.02 * path[-1, 0]
+
+
 def test_turning_on_the_spot_moves_nothing(plane_world: object, camera: Camera) -> None:
     poses = [_pose(0.2 * k) for k in range(8)] + [_pose(1.4, 4.0 * k) for k in range(1, 12)]
     slam = _driven(plane_world, camera, poses)
