@@ -7,7 +7,7 @@ import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import refusals_told
-from sim.cli.reconstruct_scans import SCAN_METHODS, reconstruct_scans
+from sim.cli.reconstruct_scans import SCAN_METHODS, draw_and_mark, reconstruct_scans
 
 
 @refusals_told
@@ -84,6 +84,10 @@ def reconstruct(
         raise InputError(
             f"{len(sources)} files were named, and the method {method!r} maps one; name one, or take carving, emap or field."
         )
+    if max_slope is not None and not rays:
+        raise InputError(
+            "ground that is too steep for certain is told from bounds; add --rays to --max-slope."
+        )
     if source.suffix == ".toml":
         from sim.cli.mission_file import run_until, tell
 
@@ -120,6 +124,7 @@ def reconstruct(
             out,
             as_json=as_json,
             rays=rays,
+            max_slope_deg=max_slope,
         )
 
 
@@ -135,6 +140,7 @@ def _reconstruct_points(
     *,
     as_json: bool,
     rays: bool,
+    max_slope_deg: float | None,
 ) -> None:
     import survey
     from survey.reconstruction.base import ELEVATION
@@ -152,6 +158,8 @@ def _reconstruct_points(
     )
     out.mkdir(parents=True, exist_ok=True)
     result.write(out)
+    if rays:
+        draw_and_mark(result, out, max_slope_deg)
     if as_json:
         typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
         return

@@ -46,10 +46,6 @@ def reconstruct_scans(
         raise InputError(
             "the springs of emap know no lines of sight; take field or carving, or leave --rays out."
         )
-    if max_slope_deg is not None and not rays:
-        raise InputError(
-            "ground that is too steep for certain is told from bounds; add --rays to --max-slope."
-        )
     files = scan_files(sources)
     track = None if trajectory is None else Track.read(trajectory)
     step = step_m or _STEP_M
@@ -69,7 +65,7 @@ def reconstruct_scans(
     out.mkdir(parents=True, exist_ok=True)
     result.write(out)
     if rays:
-        _draw_and_mark(result, out, max_slope_deg)
+        draw_and_mark(result, out, max_slope_deg)
     if as_json:
         typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
         return
@@ -79,7 +75,7 @@ def reconstruct_scans(
         typer.echo(f"  {name} = {setting:.6g}")
 
 
-def _draw_and_mark(result: "Reconstruction", out: Path, max_slope_deg: float | None) -> None:
+def draw_and_mark(result: "Reconstruction", out: Path, max_slope_deg: float | None) -> None:
     """Write pictures of mean, width and support, and the ground that is too steep for certain."""
     from survey.figures import png_bytes, route_map, support_map
     from survey.figures.bounds import width_map
