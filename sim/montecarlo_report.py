@@ -101,7 +101,7 @@ def draw_limits(axes: Axes, limit_m: float, *, named: bool = True) -> None:
             (1.0, limit),
             xycoords=("axes fraction", "data"),
             ha="right",
-            va="bottom",
+            va="bottom" if chief else "top",
             fontsize=6.5,
         )
 

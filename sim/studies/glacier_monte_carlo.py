@@ -57,7 +57,7 @@ def glacier_fig10(folder: Path, *, quick: bool, progress: Progress) -> None:
     rows = _studied("glacier-fig10", FAMILIES, (FITTED,), quick, progress)
     study = _study("glacier-fig10", FAMILIES, (FITTED,), quick)
     write_rows(folder / "summary.csv", rows)
-    write_rows(folder / "minimum_swaths.csv", minimum_swaths(rows, study))
+    write_rows(folder / "minimum_swaths.csv", side_by_side(minimum_swaths(rows, study), rows))
     _write(folder / "error_against_swaths.png", all_families(rows))
 
 
@@ -150,6 +150,28 @@ def _studied(
         shutil.rmtree(place, ignore_errors=True)
 
 
+def side_by_side(minimum: Sequence[Row], rows: Sequence[Row]) -> list[Row]:
+    """Return one row for each family: the fewest swaths of either pattern for Class 3, and what they drive.
+
+    ``_by_mean`` asks that the mean error meets the limit, as the paper does; ``_by_90_percent`` that nine surveys of
+    ten do. Empty where no number tried suffices; ``distance_ratio`` is that of the fewest by the mean.
+    """
+    length_m = {(row["terrain"], row["planner"], row["swaths"]): row["mean_length_m"] for row in rows}
+    table: dict[str, Row] = {}
+    for found in minimum:
+        pattern = found["planner"].replace("-", "_")
+        row = table.setdefault(found["terrain"], {"terrain": found["terrain"], "limit_m": found["limit_m"]})
+        row[f"{pattern}_by_mean"] = found["fewest_by_mean"]
+        row[f"{pattern}_by_90_percent"] = found["fewest_by_90_percent"]
+        row[f"{pattern}_distance_m"] = length_m.get(
+            (found["terrain"], found["planner"], found["fewest_by_mean"])
+        )
+    for row in table.values():
+        straight, steered = row["lawnmower_distance_m"], row["piecewise_continuous_distance_m"]
+        row["distance_ratio"] = steered / straight if steered and straight else None
+    return list(table.values())
+
+
 @styled
 def all_families(rows: Sequence[Row]) -> Figure:
     """Draw one panel for each family, all on the same axes."""
@@ -178,14 +200,14 @@ def _fewest(rows: Sequence[Row]) -> str:
     counts = []
     for points in curves(rows).values():
         enough = [point["swaths"] for point in points if point["mean_rmse_m"] <= LIMIT_M]
-        counts.append(str(min(enough)) if enough else "none")
+        counts.append(str(min(enough)) if enough else f"over {max(point['swaths'] for point in points)}")
     return f"Class 3: {' and '.join(counts)} swaths"
 
 
 @styled
 def distributions(area: SurveyArea, routes: dict[str, Route], rows: Sequence[Row]) -> Figure:
     """Draw each route with its coverage, α and β."""
-    figure = Figure(figsize=(FULL_IN, 2.9), layout="constrained")
+    figure = Figure(figsize=(FULL_IN, 2.7), layout="constrained")
     panels: Sequence[Axes] = figure.subplots(1, len(routes)).tolist()
     xmin, ymin, xmax, ymax = area.bounds
     for axes, (name, route), row in zip(panels, routes.items(), rows, strict=True):
@@ -194,6 +216,7 @@ def distributions(area: SurveyArea, routes: dict[str, Route], rows: Sequence[Row
         beta = "–" if row["beta"] is None else f"{row['beta']:.2f}"
         axes.set_title(f"{name}\nSCC {row['scc']:.1%}, α {row['alpha']:.2f}, β {beta}", fontsize=8)
         axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xticks=[], yticks=[])
+        axes.spines[:].set_visible(True)  # the site's border
     return figure
 
 
