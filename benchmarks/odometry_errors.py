@@ -106,6 +106,10 @@ def fitted(drives: list[dict[str, FloatArray]]) -> Iterator[Row]:
     yield Row("scale, correlation length", length_m, "m", f"assumed {images.scale_wander_m:g}")
     aside = np.concatenate([drive["aside"][~bad] for drive, bad in zip(drives, torn, strict=True)])
     yield _beside("sideways and upwards, per root metre", _rms(aside), "m", images.step_sigma_m)
+    turns = [_in_turns(drive["scale"] * drive["length"], drive) for drive in drives]
+    yield _beside(
+        "turns, along the way, per root radian", _rms(np.concatenate(turns)), "m", images.turn_sigma_m
+    )
     yield from _wheels(drives, config)
 
 
@@ -117,12 +121,21 @@ def _wheels(drives: list[dict[str, FloatArray]], config: LocalizationConfig) -> 
         left = drive["wheels"] - share * drive["length"]
         shares.append(share)
         noise.append(_rms(left[straight] / np.sqrt(drive["length"][straight])))
-        skid.append(float(left[~straight].sum() / drive["turned"][~straight].sum()))
+        skid.append(_in_turns(drive["wheels"], drive))
     yield _beside(
         "wheels: share that lasts", 100.0 * _rms(np.array(shares)), "%", 100.0 * config.wheel_scale_sigma
     )
     yield _beside("wheels: random, per root metre", _rms(np.array(noise)), "m", config.wheel_step_sigma_m)
-    yield _beside("wheels: skidding per radian", _rms(np.array(skid)), "m", config.wheel_skid_m)
+    skidding = _rms(np.concatenate(skid))
+    yield _beside("wheels: skidding per root radian", skidding, "m", config.wheel_skid_m)
+
+
+def _in_turns(along: FloatArray, drive: dict[str, FloatArray]) -> FloatArray:
+    """Return what a length is off by in turns, beyond its share on the straight, per root radian."""
+    straight = drive["turned"] < _STRAIGHT_RAD
+    share = float(along[straight].sum() / drive["length"][straight].sum())
+    left: FloatArray = (along - share * drive["length"])[~straight] / np.sqrt(drive["turned"][~straight])
+    return left
 
 
 def _changing(drives: list[dict[str, FloatArray]], axes: list[int], length_m: float) -> float:

@@ -17,24 +17,26 @@ class ImageOdometryErrors(Section):
     As `python -m benchmarks.odometry_errors` measures them, on drives that nothing is judged on.
     """
 
-    yaw_sigma_deg: PositiveFloat = 0.4
+    yaw_sigma_deg: PositiveFloat = 0.25
     """Heading error that changes along the way, in turns mostly [deg]."""
     heading_sigma_deg: NonNegativeFloat = 5.0
     """Constant part of the heading error: what a compass beside motors is wrong by [deg]."""
-    tilt_sigma_deg: PositiveFloat = 0.15
+    tilt_sigma_deg: PositiveFloat = 0.17
     """Changing part of the roll and pitch error [deg]."""
-    tilt_bias_sigma_deg: NonNegativeFloat = 0.2
+    tilt_bias_sigma_deg: NonNegativeFloat = 0.15
     """Constant part of it, that of the accelerometer which levels the images [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0
     """Travel over which attitude errors stay correlated [m]."""
     scale_sigma: PositiveFloat = 0.02
     """Relative error of the scale over a whole drive."""
-    scale_wander_sigma: NonNegativeFloat = 0.03
+    scale_wander_sigma: NonNegativeFloat = 0.026
     """Changing part of that error: one camera hands its scale on from point to point."""
-    scale_wander_m: PositiveFloat = 6.0
+    scale_wander_m: PositiveFloat = 3.5
     """Travel over which it stays correlated [m]."""
-    step_sigma_m: PositiveFloat = 0.013
+    step_sigma_m: PositiveFloat = 0.01
     """Random error, sideways and upwards too, per square root of a metre [m]."""
+    turn_sigma_m: NonNegativeFloat = 0.15
+    """Random error of turns, per square root of a radian [m]."""
 
 
 class LocalizationConfig(Section):
@@ -68,9 +70,11 @@ class LocalizationConfig(Section):
     wheel_step_sigma_m: PositiveFloat = 0.012
     """Random error of the wheels' travel per square root of a metre [m]."""
     wheel_skid_m: PositiveFloat = 0.2
-    """What skidding tracks count too much per radian of turning [m]."""
+    """What skidding tracks count too much per radian of turning, give or take as much [m]."""
     step_sigma_m: PositiveFloat = 0.006
     """Random error of the odometry per square root of a metre [m]."""
+    turn_sigma_m: NonNegativeFloat = 0.0
+    """Random error of turns per square root of a radian [m]."""
     start: Literal["surveyed", "unknown"] = "surveyed"
     """Whether the start and the heading there are known; unknown is 100 m and 5°."""
     start_sigma_m: PositiveFloat = 0.02

@@ -38,8 +38,6 @@ _EXACT_RAD = 1e-6
 _EXACT_SCALE = 1e-5
 # Wheels and odometry that differ by more standard deviations than this are both doubted there.
 _DOUBTED = 3.0
-# Share of the skidding that varies, per square root of a radian.
-_SKID_VARIES = 0.5
 
 
 def add_terms(
@@ -131,9 +129,10 @@ def _add_wheels(
     if wheels is None:
         return contradiction
     before = np.flatnonzero((times[:-1] >= wheels.time_s[0] - 1.0) & (times[1:] <= wheels.time_s[-1] + 1.0))
+    before = before[before > 0]  # tracks spin when they set off
     rolled = np.diff(np.interp(times, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m)))[before]
     length, turned_rad = along.travel[before], along.turned_rad[before]
-    varies = _SKID_VARIES * config.wheel_skid_m * np.sqrt(turned_rad)
+    varies = config.wheel_skid_m * np.sqrt(turned_rad)
     sigma = np.hypot(config.wheel_step_sigma_m * np.sqrt(length), varies)
     scale = np.hypot(config.scale_wander_sigma, np.hypot(config.scale_sigma, config.wheel_scale_sigma))
     expected = np.hypot(np.hypot(sigma, config.wheel_skid_m * turned_rad), scale * length)
@@ -158,6 +157,7 @@ def _add_odometry(
     by_yaw, by_pitch = _leverage(along)
     one = np.ones(len(before))
     doubt_m = np.hypot(doubt_m, along.beyond_usual(along.odometry.step_sigma_m))
+    doubt_m = np.hypot(doubt_m, config.turn_sigma_m * np.sqrt(along.turned_rad))
     turn_rad = along.beyond_usual(along.odometry.turn_sigma_rad)
     for axis in range(3):
         terms: list[Term] = [(unknown(before + 1, E + axis), one), (unknown(before, E + axis), -one)]

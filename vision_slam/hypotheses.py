@@ -21,7 +21,6 @@ _TICK_M = 1e-3
 # Log weight below the best at which a hypothesis has no say any more.
 _COUNTS = 7.0
 _ANY_RAD = np.radians(30.0)
-_SKID_VARIES = 0.5
 
 
 class Hypotheses:
@@ -241,7 +240,7 @@ class _Model:
         """Variance of the wheels' travel, beyond what lasts."""
         config = self._config
         straight = config.wheel_step_sigma_m**2 * step_m
-        return straight + (_SKID_VARIES * config.wheel_skid_m) ** 2 * turned_rad + _TICK_M**2
+        return straight + config.wheel_skid_m**2 * turned_rad + _TICK_M**2
 
 
 def _all_around(n: int, rng: np.random.Generator) -> tuple[FloatArray, float]:

@@ -17,6 +17,7 @@ from vision_slam.rotation import quaternions, rotations
 # Worse than this nobody calls a heading known, and that of the odometry may have been laid on the fixes afterwards.
 _KNOWN_DEG = 1.0
 _ANY_DEG = 180.0
+_SET_OFF_M = 5.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
     antenna = fixes - _at(recording.gps.time_s, poses_s, up) * recording.antenna_height_m
     filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
     events = _events(recording, heights is not None)
-    walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]))
+    walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]), settings)
     believed = np.zeros(len(antenna), dtype=np.bool_)
     estimates = []
     for k, (_, kind, index) in enumerate(events):
@@ -121,7 +122,9 @@ def _events(recording: Recording, with_heights: bool) -> list[tuple[float, int, 
 class _Walk:
     """Moves a filter along the reckoned path, from one moment to the next."""
 
-    def __init__(self, recording: Recording, path: FloatArray, moments_s: FloatArray) -> None:
+    def __init__(
+        self, recording: Recording, path: FloatArray, moments_s: FloatArray, config: LocalizationConfig
+    ) -> None:
         odometry, wheels = recording.odometry, recording.wheels
         assert odometry is not None
         seconds = np.diff(moments_s, prepend=odometry.time_s[0])
@@ -133,12 +136,16 @@ class _Walk:
         moved = np.diff(moved, axis=0, prepend=moved[:1])
         self._step, self._turned_rad = moved[:, :3], moved[:, 3]
         self._unseen = np.sqrt(np.maximum(moved[:, 4:], 0.0))
+        turning_m = config.turn_sigma_m * np.sqrt(np.abs(self._turned_rad))
+        self._unseen[:, 0] = np.hypot(self._unseen[:, 0], turning_m)
         self._seconds = seconds
         self._rolled: FloatArray | None = None
         if wheels is not None:
             travel = np.interp(moments_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m))
             rolled = np.diff(travel, prepend=travel[:1])
-            self._rolled = np.where(moments_s <= wheels.time_s[-1] + 1.0, rolled, np.nan)
+            # Tracks spin when they set off.
+            is_told = (moments_s <= wheels.time_s[-1] + 1.0) & (travel - travel[0] > _SET_OFF_M)
+            self._rolled = np.where(is_told, rolled, np.nan)
 
     def on(self, k: int, filtered: ParticleFilter) -> None:
         """Move on to the moment of that number."""
