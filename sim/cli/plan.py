@@ -56,6 +56,10 @@ def plan(
         float | None,
         typer.Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
     ] = None,
+    no_go: Annotated[
+        Path | None,
+        typer.Option("--no-go", help="Raster that is 1 where nobody is to drive, as reconstruct writes it."),
+    ] = None,
     require: Annotated[
         str | None,
         typer.Option(
@@ -103,6 +107,8 @@ def plan(
 
       firnline plan site.kml --prior srtm.tif --pattern wavy --spacing 50 --max-slope 20
 
+      firnline plan site.geojson --no-go map/no_go.tif --swaths 6
+
       firnline plan site.gpkg --spacing 20 --rovers 3 --set rover.turn_radius_m=2 --set rover.battery_j=4e6
 
       firnline plan site.gpkg --prior srtm.tif --require class-3 --probability 0.9
@@ -117,7 +123,7 @@ def plan(
         from sim.cli.mission_file import run_until, tell
         from survey.errors import ConfigError
 
-        if given or any(option is not None for option in (prior, crs, rovers, max_slope)):
+        if given or any(option is not None for option in (prior, crs, rovers, max_slope, no_go)):
             raise ConfigError(
                 f"{source} is a mission, which says all that itself; change it with --set, as in --set planner.swaths=6."
             )
@@ -134,26 +140,31 @@ def plan(
         from sim.cli.plan_promise import Asked, plan_promised
 
         asked_for = Asked(require, probability, noise, localization, prior_sigma, driven, measured)
-        plan_promised(*_read(source, prior, crs), asked_for, out, adaptive=adaptive, as_json=as_json)
+        plan_promised(*_read(source, prior, crs, no_go), asked_for, out, adaptive=adaptive, as_json=as_json)
         return
     wanted: dict[str, Any] = {"planner": {"pattern": pattern, **(given or {"swaths": 4})}}
     if rovers is not None:
         wanted["fleet"] = {"rovers": rovers}
     if max_slope is not None:
         wanted["rover"] = {"max_pitch_deg": max_slope, "max_roll_deg": max_slope}
-    area, dem = _read(source, prior, crs)
+    area, dem = _read(source, prior, crs, no_go)
     route = _plan_area(area, dem, wanted, settings or [], out, quiet=quiet)
     _tell(route, out, as_json=as_json)
 
 
-def _read(source: Path, prior: Path | None, crs: str | None) -> "tuple[survey.SurveyArea, survey.Dem | None]":
-    """Read the area and what is known of it, in one CRS."""
+def _read(
+    source: Path, prior: Path | None, crs: str | None, no_go: Path | None
+) -> "tuple[survey.SurveyArea, survey.Dem | None]":
+    """Read the area, less the ground that a raster marks, and what is known of it, in one CRS."""
     import survey
+    from planners.traversability import without_marked
 
     dem = None if prior is None else survey.Dem.read(prior)
     area = survey.SurveyArea.read(source, crs=crs if dem is None or crs is not None else dem.crs)
     if dem is not None:
         area.require_crs(dem.crs, "the prior")
+    if no_go is not None:
+        area = without_marked(area, survey.Dem.read(no_go))
     return area, dem
 
 

@@ -4,10 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from typer.testing import CliRunner
 
 from sim.cli.main import app
+from survey.area import SurveyArea
 from survey.dem import Dem
+from survey.route import Route
 
 
 @pytest.fixture
@@ -67,3 +70,30 @@ def test_rays_without_origins_are_refused(scans: Path, tmp_path: Path) -> None:
     assert code == 3
     assert "do not say where their sensor stood" in output
     assert not (tmp_path / "map").exists()
+
+
+def test_a_plan_keeps_off_ground_that_the_bounds_show_to_be_steep(scans: Path, tmp_path: Path) -> None:
+    out, route_file = tmp_path / "map", tmp_path / "route.geojson"
+    code, said = run(scans, "--method", "field", "--rays", "--max-slope", 25, "--grid", 0.5, "-o", out)
+    assert code == 0, said
+    area = SurveyArea(shapely.box(-5.5, -3.5, 7.5, 3.5), "EPSG:32608")
+    area.write(tmp_path / "site.gpkg")
+    planned = CliRunner().invoke(
+        app,
+        [
+            "plan",
+            str(tmp_path / "site.gpkg"),
+            "--no-go",
+            str(out / "no_go.tif"),
+            "--swaths",
+            "3",
+            "-o",
+            str(route_file),
+        ],
+    )
+    assert planned.exit_code == 0, planned.output
+    no_go = Dem.read(out / "no_go.tif")
+    marked = no_go.xy[no_go.elevation.ravel() == 1.0]
+    for leg in Route.read(route_file).legs:
+        line = shapely.LineString(leg.xy)
+        assert min(line.distance(shapely.Point(xy)) for xy in marked) > 0.25
