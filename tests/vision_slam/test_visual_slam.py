@@ -81,6 +81,19 @@ def test_without_wheels_the_first_step_is_the_unit(plane_world: object, camera: 
     assert np.linalg.norm(path[-1, 1:]) < 0.02 * path[-1, 0]
 
 
+def test_a_frozen_camera_does_not_hold_the_rover_back(plane_world: object, camera: Camera) -> None:
+    poses = [_pose(0.2 * k) for k in range(22)]
+    slam = VisualSlam(camera)
+    for k in range(len(poses)):
+        shown = poses[min(k, 9)] if k < 15 else poses[k]
+        slam.step(plane_world.image(shown), 0.25 * k, Motion(0.25, np.eye(3), 0.2) if k else None)  # type: ignore[attr-defined]
+    # The first image after the freeze has nothing to be followed from.
+    assert [frame.health.is_visual for frame in slam.frames[8:18]] == [True] * 2 + [False] * 6 + [True] * 2
+    assert (
+        np.linalg.norm(slam.pose(slam.frames[-1])[:3, 3] - poses[-1][:3, 3]) < 0.01 * 4.2
+    )  # 1 % of the path
+
+
 def test_turning_on_the_spot_moves_nothing(plane_world: object, camera: Camera) -> None:
     poses = [_pose(0.2 * k) for k in range(8)] + [_pose(1.4, 4.0 * k) for k in range(1, 12)]
     slam = _driven(plane_world, camera, poses)
@@ -183,6 +196,29 @@ def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None
         expected = gtsam.Pose3(real[k]).retract(judge.x[6 * k - 6 : 6 * k]).translation()
         # Points are triangulated linearly before they are eliminated: a tenth of the noise's effect (2 mm).
         assert np.linalg.norm(window.poses[k][:3, 3] - expected) < 1e-3
+
+
+def test_corners_that_jump_do_not_bend_the_window(camera: Camera) -> None:
+    """Five of forty corners leap by twenty pixels in the last image, as those of a shadow do."""
+    rng = np.random.default_rng(8)
+    real = [_pose(0.25 * k) for k in range(4)]
+    points = np.column_stack(
+        [rng.uniform(2.0, 8.0, 40), rng.uniform(-2.0, 2.0, 40), rng.uniform(-0.2, 0.2, 40)]
+    )
+    eyes = [pose @ camera.T_body_camera for pose in real]
+    rays = np.array([(points - eye[:3, 3]) @ eye[:3, :3] for eye in eyes])
+    rays /= rays[:, :, 2:]
+    rays[3, :5, 0] += 20.0 / 240.0
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    window = Window(camera, VisualOdometryConfig())
+    window.add(real[0], None)
+    for pose in real[1:]:
+        window.add(pose.copy(), Motion(0.25, np.eye(3), 0.25))
+    tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
+    agree = window.solve(tracks)
+    # All else is exact: what the leaping corners bend shows in full.
+    assert max(np.abs(found - pose).max() for found, pose in zip(window.poses, real, strict=True)) < 1e-4
+    assert all(agree[5:])
 
 
 def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None:
