@@ -34,7 +34,7 @@ _N_NODES = 300
 _N_IN_COMMON = 120
 # The plastic number, whose powers spread places evenly over the plane (Roberts 2018).
 _PLASTIC = 1.324717957244746
-LEARNED = 1.05
+LEARNED = 1.02
 """How much larger errors come out where the covariance is learned than where it is known, on rough terrain."""
 # Samples nearer to one another than this share of the slope length are averaged, but no more of them than here:
 # rough terrain changes between them.
@@ -107,6 +107,16 @@ class Belief:
         total = sum(one.weight for one in kept)
         return cls(tuple(one._replace(weight=one.weight / total) for one in kept))
 
+    @classmethod
+    def of_families(cls, found: list[Believed]) -> "Belief":
+        """Keep the weightiest of each family, with the weight of the whole family.
+
+        What cannot be told apart is so kept: cells of a prior seldom tell how rough the terrain is between them.
+        """
+        best = {one.cell.family: one for one in sorted(found, key=lambda one: one.weight) if one.weight > 0.0}
+        shares = {family: sum(one.weight for one in found if one.cell.family == family) for family in best}
+        return cls.of([one._replace(weight=shares[family]) for family, one in best.items()])
+
     @property
     def likeliest(self) -> Believed:
         """The weightiest covariance."""
@@ -158,7 +168,9 @@ def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: flo
                 logs.append(_log_likelihood(variance * unit, cells.sigma_m, height))
                 found.append(Believed(cell, variance, noise, 0.0))
     weights = np.exp(np.array(logs) - np.max(logs)).tolist()
-    return Belief.of([one._replace(weight=weight) for one, weight in zip(found, weights, strict=True)])
+    return Belief.of_families(
+        [one._replace(weight=weight) for one, weight in zip(found, weights, strict=True)]
+    )
 
 
 def _log_likelihood(covariance: FloatArray, sigma_m: float, height: FloatArray) -> float:
