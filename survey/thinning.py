@@ -138,7 +138,8 @@ def _on_nodes(
     between += np.einsum("ni,nij,nj->n", weight, at_nodes[node[:, :, None], node[:, None, :]], weight)
     inside = ((nodes >= [west, south]) & (nodes <= [east, north])).all(axis=1)
     wanted = inside.astype(np.float64) if inside.any() else np.ones(len(nodes))
-    return _Told(at_nodes, wanted, node, weight, _own_variance(points) + np.maximum(between, 0.0))
+    variance: FloatArray = _own_variance(points) + np.maximum(between, 0.0)
+    return _Told(at_nodes, wanted, node, weight, variance)
 
 
 def _own_variance(points: SurfacePoints) -> FloatArray:
