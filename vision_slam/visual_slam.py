@@ -26,6 +26,7 @@ from vision_slam.window import Window, half_turned
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
 _STILL_PX = 0.3
+_ROLLS_M = 0.02
 _LEAST_FAR = 10
 
 
@@ -67,6 +68,7 @@ class VisualSlam:
         self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
         self._slip = SlipWatch(camera.T_body_camera[2, 3])
         self._image: Image | None = None
+        self._grey: Image | None = None
         self._pose = np.eye(4) if start is None else start
         self._step = np.eye(4)
         self._since: Motion | None = None
@@ -75,7 +77,7 @@ class VisualSlam:
     def step(self, image: Image, time_s: float, motion: Motion | None) -> FramePose:
         """Take the next image and the motion since the one before, which the first has not."""
         grey = grey_of(image, self.camera.width, self.camera.height)
-        health = image_health(grey)
+        health = self._health(grey, motion)
         enhanced = self._enhance(grey)
         if self._image is None or motion is None:
             return self._begin(enhanced, time_s, health)
@@ -107,6 +109,14 @@ class VisualSlam:
         """Return the body's pose (4, 4) at a frame, by what is known of its keyframe now."""
         placed: FloatArray = self.window.poses[frame.keyframe] @ frame.relative
         return placed
+
+    def _health(self, grey: Image, motion: Motion | None) -> FrameHealth:
+        """Measure an image; one that repeats the last while the wheels roll has nothing to tell: the camera froze."""
+        health = image_health(grey)
+        rolls = motion is not None and abs(motion.travel_m or 0.0) > _ROLLS_M
+        is_frozen = rolls and self._grey is not None and np.array_equal(grey, self._grey)
+        self._grey = grey
+        return replace(health, entropy_bits=0.0) if is_frozen else health
 
     def _begin(self, enhanced: Image, time_s: float, health: FrameHealth) -> FramePose:
         self.window.add(self._pose, None)
