@@ -1,7 +1,7 @@
 """A drive as its files tell it, whosever they are: opened and checked, then localized, then judged."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from survey.errors import ConfigError, InputError
 from survey.io.tracks import read_tum
 from survey.recording import Recording
 from survey.sensors import GpsFixes
+from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 from vision_slam.bags import is_bag, read_bag
 from vision_slam.config import LocalizationConfig
@@ -22,9 +23,9 @@ from vision_slam.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.outputs import Compared, Localized, compared_from_its_start, compared_in_the_world
 from vision_slam.pipeline import localize, localize_by_images
 from vision_slam.readers import read_sequence
-from vision_slam.scale import localize_images
+from vision_slam.scale import localize_images, refuse_blind
 from vision_slam.sequence import ImageSequence, placed, scaled_by_first
-from vision_slam.visual_slam import visual_odometry
+from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
 Progress = Callable[[str, int, int], None]
 
@@ -97,12 +98,19 @@ class Drive:
             What the images or the fixes do not suffice for.
         """
         if isinstance(self.sensed, ImageSequence):
-            return Localized.from_its_start(visual_odometry(self.sensed, progress=progress))
+            found = visual_odometry(self.sensed, progress=progress)
+            if self.sensed.wheels is None:
+                refuse_blind(found)
+            return Localized.from_its_start(found)
         settings = config or self.assumed()
+        online: list[Trajectory] = []
+        found: tuple[Trajectory, SurfacePoints, VisualOdometry | None]
         if self.sensed.odometry is not None or self.sensed.frames is None:
-            return Localized.in_the_world(*localize(self.sensed, settings), None)
-        estimate = localize_by_images if self.is_ours else localize_images
-        return Localized.in_the_world(*estimate(self.sensed, settings, progress))
+            found = (*localize(self.sensed, settings, told_online=online.append), None)
+        else:
+            estimate = localize_by_images if self.is_ours else localize_images
+            found = estimate(self.sensed, settings, progress, told_online=online.append)
+        return replace(Localized.in_the_world(*found), online=online[0] if online else None)
 
     def compared(self, localized: Localized, judge: Trajectory | FloatArray | None) -> Compared | None:
         """Hold an estimate against a reference from a file, else against the layout's own; None without either."""
@@ -165,6 +173,8 @@ def open_drive(
     InputError, ConfigError
         Nothing that is known, damaged files, or options that do not fit what is there.
     """
+    if not source.exists():
+        raise InputError(f"{source} does not exist; check the path.")
     if (source / "recording.json").is_file():
         if camera or topics or gps or crs or scale_from_m is not None:
             raise ConfigError(

@@ -158,7 +158,7 @@ class _Walk:
 
 def _turned_back(recording: Recording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:
     """Return the turn that takes the odometry back to the compass [rad], and how sure that is of its heading."""
-    if config.heading_sigma_deg <= _KNOWN_DEG or config.start == "unknown":
+    if config.heading_sigma_deg <= _KNOWN_DEG:
         return 0.0, config
     if recording.compass is None:
         return 0.0, config.model_copy(update={"heading_sigma_deg": _ANY_DEG})

@@ -46,6 +46,8 @@ class Localized:
         What the images gave, where there were any.
     trajectory, points : optional
         The same in the world, with covariances.
+    online : Trajectory, optional
+        The path as it was known at every moment, before anything that came after.
     """
 
     time_s: FloatArray
@@ -56,6 +58,7 @@ class Localized:
     found: VisualOdometry | None = None
     trajectory: Trajectory | None = None
     points: SurfacePoints | None = None
+    online: Trajectory | None = None
 
     @classmethod
     def in_the_world(
@@ -171,7 +174,8 @@ def write_localization(folder: Path, localized: Localized) -> None:
     """Write path, landmarks and health; ``trajectory.tum`` comes last and stands for the whole.
 
     Each file is whole or not there. In the world there are also ``trajectory.csv`` with
-    covariances, ``track.gpkg`` and ``landmarks.gpkg``.
+    covariances, ``online_trajectory.csv`` with what was known at every moment, ``track.gpkg``
+    and ``landmarks.gpkg``.
 
     Raises
     ------
@@ -188,6 +192,8 @@ def write_localization(folder: Path, localized: Localized) -> None:
     if localized.trajectory is not None and localized.points is not None:
         trajectory = localized.trajectory
         trajectory.write(folder / "trajectory.csv")
+        if localized.online is not None:
+            localized.online.write(folder / "online_trajectory.csv")
         write_track(folder / "track.gpkg", trajectory.time_s, trajectory.position, trajectory.crs)
         localized.points.write(folder / "landmarks.csv")
         localized.points.write(folder / "landmarks.gpkg")

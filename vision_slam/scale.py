@@ -29,6 +29,8 @@ def localize_images(
     recording: Recording,
     config: LocalizationConfig | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    *,
+    told_online: Callable[[Trajectory], None] | None = None,
 ) -> tuple[Trajectory, SurfacePoints, VisualOdometry]:
     """Localize images with fixes; without wheels, one camera's path is first scaled to the fixes.
 
@@ -39,16 +41,18 @@ def localize_images(
         and no wheels.
     """
     if recording.wheels is not None:
-        return localize_by_images(recording, config, progress)
+        return localize_by_images(recording, config, progress, told_online=told_online)
     _refuse_short(recording)
     seen, found = with_visual_odometry(recording, progress=progress)
+    refuse_blind(found)
     assert seen.odometry is not None
     path = dead_reckoning(seen.odometry, recording.start)
     factor, sigma = scale_by_fixes(path, seen.odometry.time_s, recording.gps)
     settings = for_images(config or LocalizationConfig())
     settings = settings.model_copy(update={"scale_sigma": max(settings.scale_sigma, sigma)})
     found = scaled(found, factor)
-    trajectory, points = localize(replace(seen, odometry=found.odometry, sightings=found.sightings), settings)
+    seen = replace(seen, odometry=found.odometry, sightings=found.sightings)
+    trajectory, points = localize(seen, settings, told_online=told_online)
     return replace(trajectory, health=1.0 - found.is_lost), points, found
 
 
@@ -85,6 +89,21 @@ def scaled(found: VisualOdometry, factor: float) -> VisualOdometry:
         odometry=Odometry(o.time_s, factor * o.step, o.attitude_rad),
         sightings=Sightings(s.pose, factor * s.offset, factor**2 * s.covariance, factor * s.range_m),
     )
+
+
+def refuse_blind(found: VisualOdometry) -> None:
+    """Refuse images of which not one could be followed: without wheels their motion would be invented.
+
+    Raises
+    ------
+    InputError
+        No image but the first has a pose of its own.
+    """
+    if not any(frame.is_visual for frame in found.health[1:]):
+        raise InputError(
+            f"none of {len(found.health)} images could be followed from the one before, and no wheels tell the motion; "
+            "they may be blank, too far apart, or of another camera than the calibration."
+        )
 
 
 def _refuse_short(recording: Recording) -> None:

@@ -84,7 +84,8 @@ def localize(
       firnline localize drive.bag --topic /left/image_raw --viewer drive.rrd
 
     Written are trajectory.tum and health.csv, landmarks.csv, the pictures map.png and tracks.png,
-    with fixes also trajectory.csv (covariances), track.gpkg and landmarks.gpkg in their CRS, and
+    with fixes also trajectory.csv (covariances), online_trajectory.csv (what was known at every
+    moment), track.gpkg and landmarks.gpkg in their CRS, and
     with a reference errors.png. Without fixes the path counts from the first image. A folder of
     images takes its times from frames.csv (time_s,file), times.txt or the names of the files, its
     calibration from camera.toml, and wheels.csv and inertial.csv where they are there.

@@ -7,11 +7,12 @@ import pytest
 
 from survey.arrays import FloatArray
 from survey.recording import Recording
-from survey.sensors import Barometer, Compass, GpsFixes, Odometry, Wheels
+from survey.sensors import Barometer, Compass, GpsFixes, Odometry, Sightings, Wheels
+from survey.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency
 from vision_slam.online import believing, follow
-from vision_slam.pipeline import dead_reckoning
+from vision_slam.pipeline import dead_reckoning, localize
 from vision_slam.rotation import rotations
 from vision_slam.smoother import smooth
 
@@ -167,3 +168,17 @@ def test_wheels_hold_a_scale_that_wanders() -> None:
             off = (path.position - place)[20:, 0] / np.sqrt(path.covariance[20:, 0, 0])
             assert np.abs(off).max() < 4.0
     assert (np.array(sigmas[1]) < 0.9 * np.array(sigmas[0])).all()
+
+
+def test_localization_tells_both_what_was_known_then_and_what_is_known_now() -> None:
+    recording, place = _drive()
+    seen = Sightings([50], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
+    told: list[Trajectory] = []
+    smoothed, _ = localize(replace(recording, sightings=seen), CONFIG, told_online=told.append)
+    (online,) = told
+    np.testing.assert_array_equal(online.time_s, smoothed.time_s)
+    assert np.trace(online.covariance[120]) > np.trace(smoothed.covariance[120])
+    # The heading of a pose is that of the odometry turned as the filter says: 0.2 deg and a little.
+    heading = 2.0 * np.arctan2(online.quaternion[120, 2], online.quaternion[120, 3])
+    moved = place[121] - place[120]
+    assert np.cos(heading - np.arctan2(moved[1], moved[0])) > 0.999
