@@ -1,13 +1,14 @@
 r"""Batch smoother: the slowly growing error of the odometry, told from everything else that was sensed.
 
 At nodes k along the path the unknowns are the errors (estimated minus real) of position
-e, yaw ψ, pitch θ and roll φ, the GPS bias b and the barometer's drift c; the odometry's
-scale s, the constant parts of yaw, pitch and roll, the accelerometer's bias a and the
-barometer's datum c₀ are common to all. With L the travel between nodes, t the time, and
-(u, v) = how the step answers to yaw and pitch:
+e, yaw ψ, pitch θ, roll φ and scale s, the GPS bias b and the barometer's drift c; the
+constant parts of yaw, pitch, roll and scale, the wheels' scale ω and skidding χ, the
+accelerometer's bias a and the barometer's datum c₀ are common to all. With L the travel
+between nodes, t the time, and (u, v) = how the step answers to yaw and pitch:
 
-    e_{k+1} − e_k  = ψ̄ u + θ̄ v + s d + w,           w ~ N(0, q² L)
-    θ_{k+1} − κ    = a (θ_k − κ) + n,  a = exp(−L/Λ)  n ~ N(0, σ_θ² (1 − a²));  ψ, φ alike
+    e_{k+1} − e_k  = ψ̄ u + θ̄ v + s̄ d + w,           w ~ N(0, q² L + q_t² |Δψ|)
+    θ_{k+1} − κ    = a (θ_k − κ) + n,  a = exp(−L/Λ)  n ~ N(0, σ_θ² (1 − a²));  ψ, φ, s alike
+    W_k − L_k      = L_k (ω − s̄) + χ |Δψ| + ν          (travel of the wheels)
     p̃_k − z_k      = e_k − b_k + ν                     (GPS, ν white, b Gauss–Markov in time)
     p̃_{z,k} − h_k  = e_{z,k} − c_k − c₀ + ν            (barometer)
     θ̃_k − θ(g)_k   = θ_k − a_θ + ν                     (gravity; roll alike)
