@@ -172,15 +172,18 @@ class Camera:
             raise InputError(
                 f"{file} gives {len(given.distortion)} distortion coefficients; a {given.model} lens has {n}."
             )
-        return cls(
-            given.model,
-            given.width,
-            given.height,
-            np.array(given.matrix),
-            np.array(given.distortion),
-            np.array(given.T_body_camera),
-            given.row_readout_s,
-        )
+        try:
+            return cls(
+                given.model,
+                given.width,
+                given.height,
+                np.array(given.matrix),
+                np.array(given.distortion),
+                np.array(given.T_body_camera),
+                given.row_readout_s,
+            )
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from error
 
 
 class ImageSource(Protocol):

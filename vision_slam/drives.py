@@ -98,10 +98,10 @@ class Drive:
             What the images or the fixes do not suffice for.
         """
         if isinstance(self.sensed, ImageSequence):
-            found = visual_odometry(self.sensed, progress=progress)
+            seen = visual_odometry(self.sensed, progress=progress)
             if self.sensed.wheels is None:
-                refuse_blind(found)
-            return Localized.from_its_start(found)
+                refuse_blind(seen)
+            return Localized.from_its_start(seen)
         settings = config or self.assumed()
         online: list[Trajectory] = []
         found: tuple[Trajectory, SurfacePoints, VisualOdometry | None]
@@ -181,6 +181,8 @@ def open_drive(
                 f"{source} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs and --scale-from out."
             )
         return _ours(source)
+    if topics and not is_bag(source):
+        raise ConfigError(f"{source} is no bag and has no topics; leave --topic out.")
     calibration = None if camera is None else Camera.read(camera)
     sequence = read_bag(source, topics, calibration) if is_bag(source) else read_sequence(source, calibration)
     if scale_from_m is not None:
@@ -188,6 +190,8 @@ def open_drive(
     log, notes = (sequence.gps if gps is None else read_gps(gps)), sequence.notes
     if len(sequence.frames) < 2:
         raise InputError(f"{source} holds one image; motion needs at least two.")
+    if log is None and (crs is not None or gps_shift_s != 0.0):
+        raise ConfigError(f"{source} holds no fixes; --crs and --gps-shift need some, name them with --gps.")
     if log is None:
         return Drive(sequence, False, notes, sequence.reference_time_s, sequence.reference)
     recording = placed(sequence, log, crs, gps_shift_s)

@@ -26,6 +26,10 @@ from vision_slam.sequence import Sensed
 from vision_slam.visual_slam import VisualOdometry
 
 _WHOLE = "trajectory.tum"
+_OTHERS = (
+    *("trajectory.csv", "trajectory.error.npz", "online_trajectory.csv", "track.gpkg", "health.csv"),
+    *("landmarks.csv", "landmarks.gpkg", "map.png", "tracks.png", "errors.png"),
+)
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,8 @@ def write_localization(folder: Path, localized: Localized) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / _WHOLE).unlink(missing_ok=True)
+        for name in (_WHOLE, *_OTHERS):  # nothing of an older drive stays beside this one
+            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise InputError(
             f"{folder} cannot be written to ({error.strerror}); choose another with --out."

@@ -90,9 +90,13 @@ def _sequence(
     images = images_of(files)
     refuse_other_sizes(files, camera)
     time_s, poses = reference or (None, None)
+    try:
+        frames = Frames(times, images)
+    except InputError as error:
+        raise InputError(f"{files[0].parent}: {error}") from error
     return ImageSequence(
         camera,
-        Frames(times, images),
+        frames,
         inertial=inertial,
         reference_time_s=time_s,
         reference=poses,

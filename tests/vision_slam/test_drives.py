@@ -90,6 +90,22 @@ def test_fixes_that_hardly_move_cannot_tell_a_scale(folder: Path, tmp_path: Path
         open_drive(folder, gps=tmp_path / "still.csv", crs=UTM).localized()
 
 
+def test_blank_images_are_no_motion(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "camera.toml").write_bytes((folder / "camera.toml").read_bytes())
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"{0.5 * k}.png"), np.full((240, 320), 200, np.uint8))
+    with pytest.raises(InputError, match="none of 3 images could be followed"):
+        open_drive(tmp_path).localized()
+
+
+def test_a_camera_that_stands_still_invents_no_motion(drive: Drive, tmp_path: Path) -> None:
+    short = _first_images(drive, tmp_path / "still", 1)
+    first = next(short.glob("*.png"))
+    for k in range(1, 6):
+        (short / f"{1000.0 + 0.25 * k:.2f}.png").write_bytes(first.read_bytes())
+    assert open_drive(short).localized().length_m == 0.0
+
+
 def test_one_image_is_no_motion(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_bytes((folder / "camera.toml").read_bytes())
     first = min((folder / "images").iterdir())

@@ -68,6 +68,8 @@ def test_fixes_in_metres_without_a_crs_are_a_wrong_configuration(street: Path, t
         (["--reference", "nowhere.tum"], 3, "nowhere.tum does not exist"),
         (["--scale-from", "99"], 3, "cannot give the scale"),
         (["--set", "localization.gps_bias_m=3.0"], 4, "gps_bias_m"),
+        (["--topic", "/image"], 4, "is no bag"),
+        (["--crs", "EPSG:32608"], 4, "holds no fixes"),
         (["--set", "planner.swaths=4"], 4, "localize knows localization"),
     ],
 )
