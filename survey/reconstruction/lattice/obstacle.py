@@ -16,7 +16,9 @@ import numpy as np
 from survey.arrays import FloatArray
 from survey.reconstruction.lattice.solver import FREE, Operator, Preconditioner, Rim, Solution, solve
 
-_MOST_STEPS = 30
+_MOST_STEPS = 40
+# Until the same nodes touch again, a solution need not be as good.
+_ROUGHLY = 5.0
 
 
 class Ceiling(NamedTuple):
@@ -91,16 +93,18 @@ def solve_below(
     # At first all springs pull as they like: a soft surface far above its ceiling is no contradiction.
     pull = foreseen = ceiling._replace(yield_m=np.inf).pull(z)
     by = Preconditioner(_pulled(operator, foreseen), rim)
+    allowed = _ROUGHLY * tolerance
     for _ in range(_MOST_STEPS):
-        pulled = _pulled(operator, pull)
-        z, n = solve(pulled, rhs + pull * level, z, tolerance=tolerance, preconditioner=by)
+        z, n = solve(_pulled(operator, pull), rhs + pull * level, z, tolerance=allowed, preconditioner=by)
         n_iterations += n
         before, pull = pull, ceiling.pull(z)
         if (np.abs(pull - before) <= tolerance * np.minimum(pull, before)).all():
-            break
+            if allowed == tolerance:
+                break
+            allowed = tolerance
         # A preconditioner made for stronger springs still serves; for weaker ones it could fail.
         if (pull > foreseen).any():
-            foreseen = pull
+            foreseen = np.maximum(pull, foreseen)
             by = Preconditioner(_pulled(operator, foreseen), rim)
     return Solution(z, n_iterations)
 

@@ -85,7 +85,10 @@ class LowestRays:
         rays[:, :2], rays[:, 2] = window.coordinates(start[:, :2]), start[:, 2]
         rays[:, 3:5], rays[:, 5] = window.coordinates(end[:, :2]), end[:, 2]
         rays[:, 6] = _SIGMAS * sigma_m
-        _cast(rays, window.step_m, self.height, self.offset)
+        # Steep rays first: they are short, and with them most cells near the sensor need no other.
+        length = np.hypot(rays[:, 3] - rays[:, 0], rays[:, 4] - rays[:, 1])
+        steep_first = np.argsort((rays[:, 5] - rays[:, 2]) / np.maximum(length, 1e-9), kind="stable")
+        _cast(rays[steep_first], window.step_m, self.height, self.offset)
 
     def ceiling(self, slope: FloatArray) -> FloatArray:
         """Return the greatest height (H, W) that the ground can have [m]; infinite where too few rays passed.

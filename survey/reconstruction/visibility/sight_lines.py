@@ -10,7 +10,7 @@ from survey.surface_points import SurfacePoints
 _SHORTEST_M = 1e-3
 # The ground beside a sensor is what these many points nearest to it say, within so many metres.
 _N_BESIDE, _BESIDE_M = 16, 6.0
-_N_ASKED = 5_000
+_N_ASKED = 2_000
 _UNDER_SHARE = 0.9
 _ABOVE_SHARE = 0.9
 
