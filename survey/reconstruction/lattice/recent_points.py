@@ -81,7 +81,8 @@ class RecentPoints:
         """Return those about the middle of all of them, so that no calibration takes long."""
         points = self._all
         away = np.abs(points[:, :2] - np.median(points[:, :2], axis=0)).max(axis=1)
-        return points[away < 0.5 * _MOST_NODES * step_m]
+        amid: FloatArray = points[away < 0.5 * _MOST_NODES * step_m]
+        return amid
 
 
 def _window(points: FloatArray, step_m: float) -> NodeWindow:
