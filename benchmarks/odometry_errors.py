@@ -41,12 +41,18 @@ def measure(quick: bool) -> Iterator[Row]:
     yield from fitted([_measured(seed) for seed in (SEEDS[:1] if quick else SEEDS)])
 
 
-def _measured(seed: int) -> dict[str, FloatArray]:
-    made = DRIVES / str(seed) / "glacier-drive" / "latest" / "2-simulate"
+def simulated_drive(seed: int, drives: Path) -> Path:
+    """Return the folder of a drive's recording and of what was real; render where that was not done before."""
+    made = drives / str(seed) / "glacier-drive" / "latest" / "2-simulate"
     if not (made / "recording" / "recording.json").exists():
         command = [sys.executable, "-m", "sim.cli.main", "simulate", str(MISSION), "--set", f"seed={seed}"]
-        command += ["--runs", str(DRIVES / str(seed))]
+        command += ["--runs", str(drives / str(seed))]
         subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL)
+    return made
+
+
+def _measured(seed: int) -> dict[str, FloatArray]:
+    made = simulated_drive(seed, DRIVES)
     recording = Recording.read(made / "recording")
     real = Trajectory.read(made / "truth" / "trajectory.tum", recording.crs)
     return errors_of(recording, visual_odometry(recording).odometry, real)
