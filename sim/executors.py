@@ -131,7 +131,12 @@ def _by_dask(
         with dask_of.Client(scheduler, timeout=_REACH_S, set_as_default=False) as client:
             yield from dask_done(client, work, pieces)
         return
-    settings = {"distributed.scheduler.allowed-failures": 1000, "distributed.worker.daemon": True}
+    settings = {
+        "distributed.scheduler.allowed-failures": 1000,
+        "distributed.worker.daemon": True,
+        # dask has its workers give memory back after every array, which takes longer than the arithmetic.
+        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+    }
     with (
         dask.config.set(settings),
         dask_of.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
