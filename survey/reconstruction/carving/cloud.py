@@ -11,6 +11,8 @@ from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.surface_points import SurfacePoints
 
+_TILE_M = 48.0
+
 
 class Place(NamedTuple):
     """Where a frame is: its south-west corner in nodes of its raster, the level of heights, CRS and vertical datum."""
@@ -65,6 +67,20 @@ class Cloud:
         """Return what a pass goes over."""
         slack_m = np.maximum(config.ray_sigmas * self.sigma_m[visited], config.dead_band_m)
         return Sights(self.xyz[visited], self.origins[visited], slack_m)
+
+    def shuffled(
+        self, visited: IntArray, rng: np.random.Generator, rng_of_tiles: np.random.Generator
+    ) -> IntArray:
+        """Return an order in which to visit points: at random, tile by tile, and the tiles at random too.
+
+        Points farther apart than a kernel is wide do not know of one another; keeping to one
+        tile keeps its bases at hand, whatever the size of the map.
+        """
+        order = rng.permutation(len(visited))
+        tile = np.floor(self.xyz[visited, :2] / _TILE_M).astype(np.int64)
+        number = np.unique(tile, axis=0, return_inverse=True)[1].ravel()
+        rank = rng_of_tiles.permutation(int(number.max()) + 1)
+        return order[np.argsort(rank[number[order]], kind="stable")]
 
     def learned_from(self, first: int = 0) -> IntArray:
         """Return the numbers of the points from one on that are not held back."""

@@ -173,12 +173,13 @@ class SpaceCarvingKernel(TerrainModel):
         for surface in self.surfaces_.values():
             surface.settle(Step(surface.step.prior_m, *self._pace(len(visited))))
         rng = stream(self.config.seed, "space carving", self.n_scans_)
+        rng_of_tiles = stream(self.config.seed, "space carving", "tiles", self.n_scans_)
         self.n_scans_ += 1
         self.passes_ = []
         n_steps = 0
         for level, length_m in enumerate(self.config.lengths_m()):
             visited = np.concatenate([visited, self._newly_added()])
-            order = rng.permutation(len(visited))
+            order = self.cloud.shuffled(visited, rng, rng_of_tiles)
             sights = self.cloud.sights(visited, self.config)
             tallies = {
                 name: surface.learn(sights, order, level, n_steps) for name, surface in self.surfaces_.items()
