@@ -83,15 +83,21 @@ def _drives(name: str, done: list[dict[str, float]]) -> Iterator[Row]:
     )
     yield Row.of(f"{name}end drift, worst", all_of("drift").max(), "%", "<=", 1.5)
     yield Row.of(
-        f"{name}end drift, worst, by the bar for an estimated scale", all_of("drift").max(), "%", "<=", 0.8
+        f"{name}end drift, worst, by the bar for a scale from fixes (none is used)",
+        all_of("drift").max(),
+        "%",
+        "<=",
+        0.8,
     )
     yield Row(f"{name}end drift, median", float(np.median(all_of("drift"))), "%")
     yield Row(f"{name}drift of the wheels' travel alone, worst", all_of("wheels").max(), "%")
     yield Row.of(f"{name}Sim(3) ATE per path, worst", all_of("shape").max(), "%", "<=", 0.2)
     yield Row(f"{name}Sim(3) ATE per path, median", float(np.median(all_of("shape"))), "%")
     yield Row.of(f"{name}landmarks per metre, least", all_of("landmarks").min(), "1/m", ">=", 40.0)
+    yield Row(f"{name}landmarks per metre, median", float(np.median(all_of("landmarks"))), "1/m")
     yield Row.of(f"{name}landmarks first seen > 5 m, least", all_of("distant").min(), "1/m", ">=", 5.0)
     yield Row.of(f"{name}local elevation RMSE, worst", all_of("elevation").max(), "m", "<=", 0.10)
+    yield Row(f"{name}local elevation RMSE, median", float(np.median(all_of("elevation"))), "m")
     normalized = all_of("normalized")
     held = bool((normalized >= 0.8).all() and (normalized <= 1.3).all())
     yield Row(f"{name}normalized local elevation error, least", normalized.min(), "1", "0.8 to 1.3", held)
