@@ -85,7 +85,8 @@ class _Nodes:
         """Errors of steps beyond the usual ones (N - 1,), summed from node to node (K - 1,)."""
         if errors is None:
             return np.zeros(len(self.index) - 1)
-        return np.sqrt(np.diff(np.r_[0.0, np.cumsum(errors**2)][self.index]))
+        summed: FloatArray = np.sqrt(np.diff(np.r_[0.0, np.cumsum(errors**2)][self.index]))
+        return summed
 
     def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,)."""

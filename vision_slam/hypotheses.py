@@ -80,7 +80,8 @@ class Hypotheses:
         """
         innovation = self._innovation(fix)
         seen = self._covariance @ _SEES_FIX.T
-        precision: FloatArray = np.linalg.inv(_SEES_FIX @ seen + np.diag(self._model.fix_variance))
+        spread = _SEES_FIX @ seen + np.diag(self._model.fix_variance)
+        precision = np.asarray(np.linalg.inv(spread), dtype=np.float64)
         misfit = np.einsum("ni,ni->n", innovation @ precision, innovation)
         if misfit[self._log_weight > self._log_weight.max() - _COUNTS].min() > gate:
             return False
