@@ -137,7 +137,7 @@ def _on_nodes(
     between = variance_m2 - 2.0 * (weight * to_corners).sum(axis=1)
     between += np.einsum("ni,nij,nj->n", weight, at_nodes[node[:, :, None], node[:, None, :]], weight)
     inside = ((nodes >= [west, south]) & (nodes <= [east, north])).all(axis=1)
-    wanted = inside.astype(np.float64) if inside.any() else np.ones(len(nodes))
+    wanted: FloatArray = np.asarray(inside, dtype=np.float64) if inside.any() else np.ones(len(nodes))
     variance: FloatArray = _own_variance(points) + np.maximum(between, 0.0)
     return _Told(at_nodes, wanted, node, weight, variance)
 

@@ -1,5 +1,6 @@
 """Bags as rosbags writes them, read back."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -261,3 +262,11 @@ def test_a_bag_that_is_cut_off_is_refused(tmp_path: Path, kind: str) -> None:
     file.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="no whole bag"):
         read_bag(path)
+
+
+def test_without_rosbags_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with second_bag(tmp_path / "drive") as bag:
+        bag.image("/image", 1.0, NOISE[0], "mono8")
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(InputError, match=r"install firnline\[bags\]"):
+        read_bag(tmp_path / "drive")
