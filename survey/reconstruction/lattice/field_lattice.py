@@ -67,6 +67,11 @@ class FieldLattice(LatticeModel):
     ``edge_preserving`` softens it at sharp bends; then the order of the scans matters a
     little. The standard deviation does not know errors that all points of a scan share.
 
+    With ``rays`` the surface stays below the third-lowest line of sight over every node, as far as
+    the points allow (`solve_below`), and its bounds are no multiples of the standard deviation: they
+    are as wide as ground hidden from imagined sensors asked for (`hidden_ground`), the upper one cut
+    at the ceiling. Where nothing was seen for many metres (`UNSEEN`) they say little.
+
     Examples
     --------
     >>> rng = np.random.default_rng(1)
