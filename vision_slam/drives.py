@@ -193,6 +193,8 @@ def open_drive(
     if log is None and (crs is not None or gps_shift_s != 0.0):
         raise ConfigError(f"{source} holds no fixes; --crs and --gps-shift need some, name them with --gps.")
     if log is None:
+        if sequence.wheels is None:
+            notes += ("no wheels and no fixes: lengths are no metres, the first step counts as one",)
         return Drive(sequence, False, notes, sequence.reference_time_s, sequence.reference)
     recording = placed(sequence, log, crs, gps_shift_s)
     notes += (f"works in {recording.crs.name}",)

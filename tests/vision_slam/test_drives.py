@@ -103,7 +103,9 @@ def test_a_camera_that_stands_still_invents_no_motion(drive: Drive, tmp_path: Pa
     first = next(short.glob("*.png"))
     for k in range(1, 6):
         (short / f"{1000.0 + 0.25 * k:.2f}.png").write_bytes(first.read_bytes())
-    assert open_drive(short).localized().length_m == 0.0
+    standing = open_drive(short)
+    assert standing.localized().length_m == 0.0
+    assert any("lengths are no metres" in note for note in standing.notes)
 
 
 def test_one_image_is_no_motion(folder: Path, tmp_path: Path) -> None:
