@@ -11,8 +11,11 @@ from survey.sensors import Inertial, Wheels
 from vision_slam import LocalizationConfig
 from vision_slam.motion import Motion
 from vision_slam.particle_filter import ParticleFilter
+from vision_slam.pipeline import for_images
 from vision_slam.visual_slam import VisualSlam
 
+_SURVEYED_DEG = 1.0
+"""How well the heading at the start is known [deg]."""
 _GATHERED_S = 0.6
 """Time at rest in which gravity and the gyro's bias are found, before the first image counts [s]."""
 
@@ -41,7 +44,9 @@ class VisualNavigator:
         self, start: Start, config: LocalizationConfig, antenna_height_m: float, rng: np.random.Generator
     ) -> None:
         self._start, self._antenna_m = start, antenna_height_m
-        self._filter = ParticleFilter(config, rng, start=start.position)
+        told = {"heading_sigma_deg": max(config.heading_sigma_deg, _SURVEYED_DEG)}
+        assumed = for_images(config).model_copy(update=told)
+        self._filter = ParticleFilter(assumed, rng, start=start.position)
         self._slam: VisualSlam | None = None
         self._pose = np.eye(4)
         self._at_rest: list[Inertial] = []
