@@ -6,12 +6,14 @@ heights; those of the rehearsal only give the slopes.
 """
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammainc
 
 import planners
+from planners.assurance import fewest
 from sim.aids import with_way_home
 from sim.config import MissionConfig
 from sim.statistical import simulate_statistical
@@ -31,6 +33,8 @@ _BEYOND_M = 60.0
 _STEP_M = 5.0
 _UNSTATED_SIGMA_M, _UNSTATED_NUGGET_M = 1.0, 0.15
 _N_LEAST = 9
+# Where the search for a number of swaths begins.
+_FIRST_TRIED = 4
 
 
 class Foreseen(NamedTuple):
@@ -93,22 +97,45 @@ def foresee(mission: MissionConfig, world: World, *, limit_m: float) -> Foreseen
 
 
 def ways_to_meet(
-    mission: MissionConfig, world: World, *, limit_m: float, chance: float = 0.9, most_swaths: int = 8
+    mission: MissionConfig,
+    world: World,
+    *,
+    limit_m: float,
+    chance: float = 0.9,
+    least_swaths: int = 2,
+    most_swaths: int = 8,
 ) -> Iterator[Foreseen]:
     """Yield, for 0, 2 and 4 stakes, the fewest swaths that meet the limit with the wanted chance, if any do."""
     if not isinstance(mission.planner, planners.LawnmowerConfig | planners.WavyConfig):
         raise ConfigError(
             f"stakes and swaths are weighed for the patterns lawnmower and wavy, not {mission.planner.pattern}; take one of them."
         )
+    first = min(max(least_swaths, _FIRST_TRIED), most_swaths)
     for stakes in (0, 2, 4):
-        for swaths in range(2, most_swaths + 1):
-            sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
-            aids = mission.aids.model_copy(update={"stakes": stakes})
-            tried = mission.model_copy(update={"planner": sized, "aids": aids})
-            found = foresee(tried, world, limit_m=limit_m)
-            if found.chance >= chance:
-                yield found
-                break
+        aids = mission.aids.model_copy(update={"stakes": stakes})
+        staked = mission.model_copy(update={"aids": aids})
+        found = _fewest_swaths(
+            staked, world, limit_m, chance, counts=range(least_swaths, most_swaths + 1), first=first
+        )
+        if found is not None:
+            first = found.swaths
+            yield found
+
+
+def _fewest_swaths(
+    mission: MissionConfig, world: World, limit_m: float, chance: float, *, counts: range, first: int
+) -> Foreseen | None:
+    """Return the fewest swaths that are foreseen to be enough, sought from `first` on."""
+
+    @cache
+    def foreseen(swaths: int) -> Foreseen:
+        sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
+        return foresee(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
+
+    nth = fewest(
+        lambda n: foreseen(counts[n - 1]).chance >= chance, first=counts.index(first) + 1, most=len(counts)
+    )
+    return None if nth is None else foreseen(counts[nth - 1])
 
 
 def cheapest(ways: Iterable[Foreseen]) -> Foreseen | None:

@@ -12,6 +12,7 @@ from sim.cli.outcome import refusals_told
 if TYPE_CHECKING:
     import planners
     import survey
+    from sim.cli.plan_promise import Asked
     from survey.reconstruction.gp.kernels import Kernel
 
 
@@ -79,6 +80,13 @@ def plan(
     prior_sigma: Annotated[
         float, typer.Option("--prior-sigma", help="Error of a cell of the prior, for the promise [m].")
     ] = 1.0,
+    joint: Annotated[
+        bool,
+        typer.Option(
+            "--joint",
+            help="Foresee the errors that the rover's path shares, from its sensors and aids (--set): so many swaths with so many stakes.",
+        ),
+    ] = False,
     adaptive: Annotated[
         bool, typer.Option("--adaptive", help="Plan swath by swath: the first two, or the next one.")
     ] = False,
@@ -113,6 +121,12 @@ def plan(
 
       firnline plan site.gpkg --prior srtm.tif --require class-3 --probability 0.9
 
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --joint --set aids.base_station=true
+
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive -o first_two.geojson
+
+      firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive --driven so_far.geojson --measured so_far.csv
+
       firnline plan mine.toml
 
       firnline plan mine.toml --require class-3
@@ -137,10 +151,21 @@ def plan(
         tell(run, as_json=as_json)
         return
     if require is not None:
-        from sim.cli.plan_promise import Asked, plan_promised
+        from sim.cli.plan_promise import Asked
 
+        _refuse_beside_a_promise(
+            given, pattern=pattern, rovers=rovers, max_slope=max_slope, settings=None if joint else settings
+        )
         asked_for = Asked(require, probability, noise, localization, prior_sigma, driven, measured)
-        plan_promised(*_read(source, prior, crs, no_go), asked_for, out, adaptive=adaptive, as_json=as_json)
+        _promise(
+            *_read(source, prior, crs, no_go),
+            asked_for,
+            settings or [],
+            out,
+            joint=joint,
+            adaptive=adaptive,
+            as_json=as_json,
+        )
         return
     wanted: dict[str, Any] = {"planner": {"pattern": pattern, **(given or {"swaths": 4})}}
     if rovers is not None:
@@ -150,6 +175,45 @@ def plan(
     area, dem = _read(source, prior, crs, no_go)
     route = _plan_area(area, dem, wanted, settings or [], out, quiet=quiet)
     _tell(route, out, as_json=as_json)
+
+
+def _refuse_beside_a_promise(given: dict[str, Any], **others: Any) -> None:
+    """Refuse what a promise decides itself, or has no say in."""
+    from survey.errors import ConfigError
+
+    others["pattern"] = None if others["pattern"] == "lawnmower" else others["pattern"]
+    stated = [*given, *(name for name, value in others.items() if value)]
+    if stated:
+        raise ConfigError(
+            f"--require chooses pattern, swaths and spacing itself, for one rover; leave out {', '.join(stated)}"
+            " (--set goes with --joint)."
+        )
+
+
+def _promise(
+    area: "survey.SurveyArea",
+    prior: "survey.Dem | None",
+    asked: "Asked",
+    settings: list[str],
+    out: Path,
+    *,
+    joint: bool,
+    adaptive: bool,
+    as_json: bool,
+) -> None:
+    """Plan what promises a class, with errors of the path that are shared or independent."""
+    from sim.cli.plan_foresight import plan_joint
+    from sim.cli.plan_promise import plan_promised
+    from survey.errors import ConfigError, InputError
+
+    if prior is None:
+        raise InputError("a promise needs to know how the terrain varies; give a coarse DEM with --prior.")
+    if not joint:
+        plan_promised(area, prior, asked, out, adaptive=adaptive, as_json=as_json)
+        return
+    if adaptive:
+        raise ConfigError("--joint foresees a whole survey; leave out --adaptive.")
+    plan_joint(area, prior, asked, settings, out, as_json=as_json)
 
 
 def _read(

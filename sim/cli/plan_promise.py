@@ -11,7 +11,8 @@ from sim.cli.outcome import NOT_MET
 
 if TYPE_CHECKING:
     import survey
-    from planners.promise import Wanted
+    from planners.promise import Promise, Wanted
+    from survey.reconstruction.gp.kernels import Kernel
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,22 @@ def limit_of(require: str) -> float:
         ) from error
 
 
+def wanted_of(asked: Asked) -> "Wanted":
+    """Return what is to be promised."""
+    from planners.promise import Wanted
+
+    return Wanted(
+        limit_of(asked.require),
+        asked.probability,
+        noise_m=asked.noise_m,
+        localization_m=asked.localization_m,
+        prior_sigma_m=asked.prior_sigma_m,
+    )
+
+
 def plan_promised(
     area: "survey.SurveyArea",
-    prior: "survey.Dem | None",
+    prior: "survey.Dem",
     asked: Asked,
     out: Path,
     *,
@@ -53,42 +67,40 @@ def plan_promised(
     as_json: bool,
 ) -> None:
     """Plan what promises the class; end with exit code 5 and one sentence where nothing does."""
-    from planners.promise import Wanted
-    from survey.errors import InputError
-
-    if prior is None:
-        raise InputError("a promise needs to know how the terrain varies; give a coarse DEM with --prior.")
-    wanted = Wanted(
-        limit_of(asked.require),
-        asked.probability,
-        noise_m=asked.noise_m,
-        localization_m=asked.localization_m,
-        prior_sigma_m=asked.prior_sigma_m,
-    )
+    wanted = wanted_of(asked)
     if adaptive:
         _adaptive(area, prior, asked, wanted, out, as_json=as_json)
     else:
         _beforehand(area, prior, wanted, out, as_json=as_json)
 
 
-def _beforehand(
-    area: "survey.SurveyArea", prior: "survey.Dem", wanted: "Wanted", out: Path, *, as_json: bool
-) -> None:
+def promised(area: "survey.SurveyArea", prior: "survey.Dem", wanted: "Wanted") -> "Promise":
+    """Return the promise; end with exit code 5 and one sentence where it does not hold."""
     from planners.promise import promise, reachable_class
 
     made = promise(area, prior, wanted)
-    if not made.holds:
-        best = reachable_class(made.reachable_m)
-        typer.echo(
-            f"firnline: an RMSE of {wanted.limit_m:.4g} m cannot be promised with {wanted.probability:.0%} by up to "
-            f"{len(made.route.swaths)} swaths; with that probability they reach {made.reachable_m:.3g} m, "
-            f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions}).",
-            err=True,
-        )
-        raise typer.Exit(NOT_MET)
+    if made.holds:
+        return made
+    best = reachable_class(made.reachable_m)
+    typer.echo(
+        f"firnline: an RMSE of {wanted.limit_m:.4g} m cannot be promised with {wanted.probability:.0%} by up to "
+        f"{len(made.route.swaths)} swaths; with that probability they reach {made.reachable_m:.3g} m, "
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions}).",
+        err=True,
+    )
+    raise typer.Exit(NOT_MET)
+
+
+def _beforehand(
+    area: "survey.SurveyArea", prior: "survey.Dem", wanted: "Wanted", out: Path, *, as_json: bool
+) -> None:
+    made = promised(area, prior, wanted)
+    best = made.belief.likeliest
     made.route.write(out)
+    draw(made.route, area, prior, out, kernel=best.kernel, noise_m=best.noise_m)
     facts = {
         "route": str(out),
+        "picture": str(out.with_suffix(".png")),
         "pattern": made.config.pattern,
         "swaths": len(made.route.swaths),
         "length_m": made.route.length_m,
@@ -98,7 +110,22 @@ def _beforehand(
         "simulated_share": made.simulated_share,
         "assumed": made.assumptions,
     }
-    _tell(facts, as_json=as_json)
+    if as_json:
+        typer.echo(json.dumps(facts, indent=2))
+        return
+    typer.echo(
+        f"{len(made.route.swaths)} {made.config.pattern} swaths, {made.route.length_m:.0f} m to drive: an RMSE within "
+        f"{wanted.limit_m:.4g} m is promised with {wanted.probability:.0%}."
+    )
+    typer.echo(
+        f"  expected RMSE {made.predicted.rmse_m:.2f} m; within the limit with {made.predicted.probability:.0%} by the "
+        f"covariances, in {made.simulated_share:.0%} of {wanted.n_simulations} simulated surveys"
+    )
+    typer.echo(f"  assumed: {made.assumptions}")
+    typer.echo(
+        "  not in it: errors that samples share (--joint foresees them), relief unlike that of the cells"
+    )
+    typer.echo(f"  written to {out}, drawn in {facts['picture']}")
 
 
 def _adaptive(
@@ -124,7 +151,17 @@ def _adaptive(
     if asked.driven is None or asked.measured is None:
         route = first_swaths(area, belief_of(area, prior, wanted), config)
         route.write(out)
-        _tell({"route": str(out), "swaths": len(route.swaths), "length_m": route.length_m}, as_json=as_json)
+        draw(route, area, prior, out)
+        _tell(
+            {
+                "route": str(out),
+                "picture": str(out.with_suffix(".png")),
+                "swaths": len(route.swaths),
+                "length_m": route.length_m,
+                "next": "drive and measure them, then ask again with --driven and --measured",
+            },
+            as_json=as_json,
+        )
         return
     points = SurfacePoints.read(asked.measured, crs=str(area.crs))
     advice = next_swath(area, Route.read(asked.driven), points.xy, points.xyz[:, 2], config)
@@ -140,7 +177,33 @@ def _adaptive(
         _tell({"done": "the promise holds, drive no more", **facts}, as_json=as_json)
         return
     advice.route.write(out)
-    _tell({"route": str(out), "length_m": advice.route.length_m, **facts}, as_json=as_json)
+    draw(advice.route, area, prior, out)
+    facts = {
+        "route": str(out),
+        "picture": str(out.with_suffix(".png")),
+        "length_m": advice.route.length_m,
+    } | facts
+    _tell(facts, as_json=as_json)
+
+
+def draw(
+    route: "survey.Route",
+    area: "survey.SurveyArea",
+    prior: "survey.Dem",
+    out: Path,
+    *,
+    kernel: "Kernel | None" = None,
+    noise_m: float = 0.0,
+) -> None:
+    """Put a picture beside the route, with the error that a covariance lets one expect."""
+    import planners
+    from survey import figures
+    from survey.io.files import replacing
+
+    std = None if kernel is None else planners.predict_error(route, area, kernel, noise_m=noise_m).std
+    figure = figures.plan_map(area, route, terrain=prior, std=std)
+    with replacing(out.with_suffix(".png")) as file:
+        file.write_bytes(figures.png_bytes(figure))
 
 
 def _tell(facts: dict[str, Any], *, as_json: bool) -> None:

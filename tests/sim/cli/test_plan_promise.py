@@ -40,6 +40,7 @@ def test_a_class_is_promised_and_what_was_assumed_is_told(site):
     assert min(told["probability"], told["simulated_share"]) >= 0.9
     assert "learned from the prior" in told["assumed"]
     assert Route.read(out).length_m == pytest.approx(told["length_m"])
+    assert (folder / "promised.png").stat().st_size > 10_000
 
 
 def test_what_cannot_be_promised_is_refused_in_one_sentence_and_nothing_is_written(site):
@@ -73,3 +74,21 @@ def test_a_survey_is_planned_swath_by_swath_until_the_promise_holds(site):
     assert told["probability"] >= 0.9
     assert 2 <= len(driven.swaths) <= 9
     assert isinstance(terrain, Dem)
+
+
+def test_what_a_promise_decides_itself_is_not_taken_beside_it(site):
+    folder, _ = site
+    said = firnline(folder, "--require", "class-3", "--swaths", "4", code=4).stderr
+    assert "leave out swaths" in said
+    assert "leave out settings" in firnline(folder, "--require", "1", "--set", "aids.stakes=2", code=4).stderr
+
+
+def test_shared_errors_are_foreseen_with_swaths_and_stakes(site):
+    folder, _ = site
+    out = folder / "joint.geojson"
+    options = ["--require", "2.0", "--joint", "--set", "aids.base_station=true", "-o", str(out)]
+    told = json.loads(firnline(folder, *options).stdout)
+    assert [way["stakes"] for way in told["ways"]] == [0, 2, 4]
+    assert all(way["chance"] >= 0.9 for way in told["ways"])
+    assert len(Route.read(out).swaths) == min(way["swaths"] for way in told["ways"])
+    assert "leave out --adaptive" in firnline(folder, *options, "--adaptive", code=4).stderr
