@@ -174,6 +174,9 @@ class KernelSearch:
     def __post_init__(self) -> None:
         if len(self.xy) < 3:
             raise InputError(f"{len(self.xy)} samples cannot tell a covariance; take more of them.")
+        unknown = int((~np.isfinite(self.heights)).sum())
+        if unknown:
+            raise InputError(f"{unknown} heights are NaN or infinite; leave their samples out.")
         if not set(self.families) <= set(_KINDS):
             raise InputError(
                 f"a search knows the families {', '.join(_KINDS)}, not {', '.join(self.families)}; name some of these."
@@ -318,9 +321,9 @@ class _View:
 
     def saw(self, cells: Iterable[Cell]) -> BoolArray:
         """Tell which surveys (B,) asked for one of these cells."""
-        asked: BoolArray = np.any(
-            [np.zeros(self.heights.shape[1], dtype=bool), *map(self.asked.get, cells)], axis=0
-        )
+        asked: BoolArray = np.zeros(self.heights.shape[1], dtype=bool)
+        for cell in cells:
+            asked |= self.asked[cell]
         return asked
 
     def best(self, cells: Iterable[Cell]) -> tuple[list[Cell], FloatArray]:
