@@ -119,20 +119,19 @@ def localize_seen(
     if not len(torn_at(recording, found)):
         path = dead_reckoning(found.odometry, recording.start)
         recording, settings = with_credible_start(recording, path, found.odometry.time_s, settings)
+        recording = with_credible_fixes(recording, found.odometry, settings)
     seen, found = headed(recording, found)
-    seen = in_time(seen, settings)
     trajectory, points = localize(recognised(seen, settings), settings, told_online=told_online)
     return replace(trajectory, health=1.0 - found.is_lost), points, found
 
 
-def in_time(recording: Recording, config: LocalizationConfig) -> Recording:
-    """Return the recording with its fixes moved back in time, if those that the filter believes come late."""
-    assert recording.odometry is not None
-    path = dead_reckoning(recording.odometry, recording.start)
-    lag_s = lateness_s(believing(recording, follow(recording, path, config)), path, config)
-    if lag_s == 0.0:
-        return recording
-    return replace(recording, gps=replace(recording.gps, time_s=recording.gps.time_s - lag_s))
+def with_credible_fixes(recording: Recording, odometry: Odometry, config: LocalizationConfig) -> Recording:
+    """Return the recording with the fixes that the filter believes, moved back in time if they come late."""
+    moving = replace(recording, odometry=odometry)
+    path = dead_reckoning(odometry, recording.start)
+    moving = believing(moving, follow(moving, path, config))
+    lag_s = lateness_s(moving, path, config)
+    return replace(recording, gps=replace(moving.gps, time_s=moving.gps.time_s - lag_s))
 
 
 def recognised(recording: Recording, config: LocalizationConfig) -> Recording:
