@@ -9,6 +9,7 @@ in the system's folder for temporary files. A row holds if 95 % of the poses lie
 and none is off by more than 5 m but where the rover declares itself lost, and it is not lost at the end.
 """
 
+import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -243,6 +244,7 @@ def driven_once(
     folder = DRIVES / f"{len(route)}-{seed}-{told or 'plain'}"
     if (folder / "recording" / "recording.json").exists():
         return folder
+    shutil.rmtree(folder, ignore_errors=True)  # what was cut off
     content = tomllib.loads(MISSION.read_text(encoding="utf-8")) | {"seed": seed, "faults": list(faults)}
     mission = validated(MissionConfig, content, str(MISSION))
     world = build_world(mission)
