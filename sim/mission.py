@@ -140,21 +140,28 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
         from survey.reconstruction.joint.joint_map import JointTerrain
 
         found = JointTerrain(path.error, prior, config.gp, config.joint).map(points, grid)
-        result = found.reconstruction
-        if config.rays:
-            from survey.reconstruction.visibility.truncation import below_sight_lines
-
-            result = below_sight_lines(result, points)
-        result.write(folder)
+        _bounded(found.reconstruction, points, mission).write(folder)
         found.correction.applied(path).write(folder / "corrected_trajectory.csv")
         return
     if config.landmark_errors == "independent" and points.own_covariance is not None:
         points = replace(points, covariance=points.own_covariance)
     if prior is not None:
         points = within(prior, points)
-    survey.reconstruct(
-        points, grid, prior=prior, method=config.method, config=config.gp, rays=config.rays
-    ).write(folder)
+    result = survey.reconstruct(points, grid, prior=prior, method=config.method, config=config.gp)
+    _bounded(result, points, mission).write(folder)
+
+
+def _bounded(
+    result: survey.Reconstruction, points: survey.SurfacePoints, mission: MissionConfig
+) -> survey.Reconstruction:
+    """Return the map below its landmarks' lines of sight, if they are to count; they begin at the camera, not at the body."""
+    if not mission.reconstruction.rays:
+        return result
+    from survey.reconstruction.visibility.truncation import below_sight_lines
+
+    up = np.array([0.0, 0.0, mission.rover.camera_height_m])
+    camera = None if points.origins is None else points.origins + up
+    return below_sight_lines(result, replace(points, origins=camera))
 
 
 def within(prior: survey.Dem, points: survey.SurfacePoints) -> survey.SurfacePoints:
