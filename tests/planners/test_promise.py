@@ -182,3 +182,24 @@ def test_a_prior_too_coarse_to_tell_is_refused():
     cells = Dem.on(Grid((75.0, 75.0, 225.0, 225.0), 150.0, CRS), np.zeros((2, 2)))
     with pytest.raises(InputError, match="4 known cells"):
         promise(AREA, cells, Wanted(0.4572))
+
+
+def test_cells_of_a_grid_share_their_covariances_by_lag(rng):
+    heights = rng.standard_normal((5, 6))
+    heights[0, 0] = heights[2, 3] = np.nan
+    cells = CoarseCells(Dem.on(Grid((25.0, 25.0, 275.0, 225.0), 50.0, CRS), heights), 1.0)
+    kernel = SquaredExponential(9.0, 60.0, anisotropy=2.0, angle_deg=30.0)
+    n, per_cell, _ = cells.places.shape
+    places = cells.places.reshape(-1, 2)
+    fine = kernel.covariance(places, places).reshape(n, per_cell, n, per_cell)
+    np.testing.assert_allclose(cells.covariance(kernel), fine.mean(axis=(1, 3)), rtol=1e-12)
+
+
+def test_a_family_keeps_the_weight_of_all_its_cells():
+    smooth = [SMOOTH._replace(variance_m2=v, weight=0.3) for v in (20.0, 25.0)]
+    rough = [
+        Believed(Cell.of("whittle", length, -12.0), 25.0, 0.1, 0.1) for length in (100.0, 200.0, 300.0, 400.0)
+    ]
+    belief = Belief.of_families([*smooth, *rough])
+    assert [one.cell.family for one in belief.kernels] == ["squared-exponential", "whittle"]
+    assert [one.weight for one in belief.kernels] == pytest.approx([0.6, 0.4])
