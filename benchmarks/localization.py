@@ -226,7 +226,7 @@ def _jump(n: int) -> Iterator[Row]:
     begin_s, end_s = 1000.0, 1060.0
     during, after, late, smoothed = [], [], [], []
     for k in range(n):
-        mission = _mission(FIRST_SEED + 600 + k, "odometry as drawn", "SBAS")
+        mission = _mission(FIRST_SEED + 700 + k, "odometry as drawn", "SBAS")
         recording, place = _drawn(mission)
         fixes = recording.gps
         jumped = (fixes.time_s >= begin_s) & (fixes.time_s < end_s)
@@ -262,7 +262,7 @@ def _carried_off(n: int) -> Iterator[Row]:
 
 
 def _minute_after(run: int, kidnapped: bool) -> tuple[float, bool]:
-    config, rng = LocalizationConfig(), np.random.default_rng(FIRST_SEED + 2000 + run)
+    config, rng = LocalizationConfig(), np.random.default_rng(FIRST_SEED + 3000 + run)
     level = np.array([1.0, 1.0, config.gps_vertical_factor])
     memory = np.exp(-1.0 / config.gps_correlation_time_s)
     bias = config.gps_bias_sigma_m * level * rng.standard_normal(3)

@@ -32,6 +32,8 @@ _N_JUMPS = 5
 # Seconds of contradiction after which a place that differs from ours by no turn is believed all the same.
 _PATIENCE_S = 120.0
 _TURNED_RAD = np.radians(20.0)
+# A heading found around fixes that jumped is as unsure as it says: it must differ by more than chance.
+_TURNED_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,7 @@ class ParticleFilter:
         if sureness < 0.98 or covariance[0, 0] + covariance[1, 1] > self._lost_m**2:
             return
         turned = abs(np.angle(np.exp(1j * (heading - self._here.heading()[0]))))
-        if turned > _TURNED_RAD or self._contradicted_s > _PATIENCE_S:
+        spread = np.sqrt(-2.0 * np.log(sureness))
+        if turned > max(_TURNED_RAD, _TURNED_SIGMAS * spread) or self._contradicted_s > _PATIENCE_S:
             self._here, self._elsewhere = self._elsewhere, None
             self._n_jumps, self._contradicted_s = 0, 0.0
