@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.arrays import BoolArray, FloatArray, IntArray
-from survey.camera import Camera, Image, ImageSource
+from survey.camera import Camera, Frames, Image
 from survey.sensors import Odometry, Sightings
 from vision_slam.enhance import grey_of
 from vision_slam.rotation import rotations
@@ -58,8 +58,8 @@ class GroundMosaics:
 
     Parameters
     ----------
-    frames : ImageSource
-        One for each pose.
+    frames : Frames
+        Images; a pose without one of its time has seen nothing.
     camera : Camera
         That took them.
     path : (N, 3) ndarray
@@ -72,13 +72,16 @@ class GroundMosaics:
 
     def __init__(
         self,
-        frames: ImageSource,
+        frames: Frames,
         camera: Camera,
         path: FloatArray,
         odometry: Odometry,
         sightings: Sightings,
     ) -> None:
         self._frames, self._camera, self._path = frames, camera, path
+        nearest = np.searchsorted(frames.time_s, odometry.time_s - 1e-6).clip(max=len(frames) - 1)
+        self._image_of: IntArray = nearest
+        self._has_image: BoolArray = np.abs(frames.time_s[nearest] - odometry.time_s) < 1e-6
         self._turn = rotations(odometry.attitude_rad)
         self._yaw = odometry.attitude_rad[:, 2]
         self.travel_m = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
@@ -108,7 +111,9 @@ class GroundMosaics:
     def _frames_before(self, pose: int) -> IntArray:
         """Return frames within reach behind the pose, one for every so much of travel."""
         behind = self.travel_m[pose] - self.travel_m
-        within = np.flatnonzero((behind >= 0.0) & (behind < _BEHIND_M) & (np.arange(len(behind)) <= pose))
+        within = np.flatnonzero(
+            (behind >= 0.0) & (behind < _BEHIND_M) & (np.arange(len(behind)) <= pose) & self._has_image
+        )
         step = (behind[within] / _FRAME_SPACING_M).astype(int)
         return within[np.unique(step, return_index=True)[1]]
 
@@ -145,7 +150,7 @@ class GroundMosaics:
         return near, pixels[inside].astype(np.float32), distance[near] ** -3
 
     def _sampled(self, frame: int, pixels: npt.NDArray[np.float32]) -> FloatArray:
-        grey = grey_of(self._frames[frame], self._camera.width, self._camera.height)
+        grey = grey_of(self._frames[int(self._image_of[frame])], self._camera.width, self._camera.height)
         values = cv2.remap(grey.astype(np.float32), pixels[None, :, 0], pixels[None, :, 1], cv2.INTER_LINEAR)
         return np.asarray(values[0], dtype=np.float64)
 

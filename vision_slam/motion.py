@@ -13,6 +13,7 @@ _STANDING_S = 0.5
 _STANDING_M = 2e-3
 _QUIET_RAD_S = 0.005
 _BIAS_TIME_S = 30.0
+_GAP_S, _COAST_S = 1.5, 0.25
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,23 @@ class MotionSensors:
     def between(self, first_s: float, last_s: float) -> Motion:
         """Return the motion between two times."""
         return Motion(last_s - first_s, self._turn(first_s, last_s), self._travel(first_s, last_s))
+
+    def gap(self, first_s: float, last_s: float) -> list[float]:
+        """Return moments between two images that are far apart, if wheels and gyro go on in between."""
+        if last_s - first_s <= _GAP_S or not self._goes_on(first_s, last_s):
+            return []
+        n = int(np.ceil((last_s - first_s) / _COAST_S))
+        moments: list[float] = np.linspace(first_s, last_s, n + 1)[1:-1].tolist()
+        return moments
+
+    def _goes_on(self, first_s: float, last_s: float) -> bool:
+        for sensor in (self._wheels, self._inertial):
+            if sensor is None:
+                return False
+            inside = sensor.time_s[(sensor.time_s > first_s) & (sensor.time_s < last_s)]
+            if np.diff(np.r_[first_s, inside, last_s]).max() > _GAP_S:
+                return False
+        return True
 
     def learn(self, motion: Motion, rotation: FloatArray) -> None:
         """Take from a turn that images have seen what of the gyro's was bias."""

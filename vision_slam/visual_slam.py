@@ -309,6 +309,9 @@ def visual_odometry(
 ) -> VisualOdometry:
     """Estimate motion and landmarks from a recording's images, wheels and inertial records.
 
+    Where images are missing for long and wheels and gyro go on, there are poses all the
+    same, as of blank images: over a turn one step from end to end would cut the corner.
+
     Raises
     ------
     InputError
@@ -321,9 +324,15 @@ def visual_odometry(
     times = recording.frames.time_s
     slam = VisualSlam(recording.camera, config, upright_start(recording, times[0]))
     sensors = MotionSensors(recording)
+    blank = np.zeros((recording.camera.height, recording.camera.width), np.uint8)
+    before_s = float(times[0])
     for index, time_s in enumerate(times.tolist()):
-        motion = None if index == 0 else sensors.between(times[index - 1], time_s)
+        for between_s in sensors.gap(before_s, time_s):
+            slam.step(blank, between_s, sensors.between(before_s, between_s))
+            before_s = between_s
+        motion = None if index == 0 else sensors.between(before_s, time_s)
         frame = slam.step(recording.frames[index], time_s, motion)
+        before_s = time_s
         if motion is not None and frame.health.is_visual and slam.holds_heading:
             before = slam.pose(slam.frames[-2])
             sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])

@@ -88,9 +88,7 @@ def test_other_ground_is_not_taken_for_the_same(drive: Recording) -> None:
     assert drive.odometry is not None
     assert drive.frames is not None
     assert drive.camera is not None
-    mosaics = GroundMosaics(
-        [drive.frames[k] for k in range(len(places))], drive.camera, places, drive.odometry, NO_LANDMARKS
-    )
+    mosaics = GroundMosaics(drive.frames, drive.camera, places, drive.odometry, NO_LANDMARKS)
     overlay = overlaid(mosaics.around(12), mosaics.around(40))
     assert overlay is None or overlay.n_agree < 10
 

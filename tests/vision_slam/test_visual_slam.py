@@ -16,7 +16,7 @@ from survey.arrays import FloatArray
 from survey.camera import Camera, Frames
 from survey.errors import InputError
 from survey.recording import Recording
-from survey.sensors import GpsFixes, Wheels
+from survey.sensors import GpsFixes, Inertial, Wheels
 from vision_slam.config import LocalizationConfig
 from vision_slam.motion import Motion
 from vision_slam.pipeline import localize
@@ -95,6 +95,30 @@ def test_a_frozen_camera_does_not_hold_the_rover_back(plane_world: object, camer
     assert (
         np.linalg.norm(slam.pose(slam.frames[-1])[:3, 3] - poses[-1][:3, 3]) < 0.01 * 4.2
     )  # 1 % of the path
+
+
+def test_a_turn_without_images_is_not_cut_short(plane_world: object, camera: Camera) -> None:
+    # 2 m straight on, a quarter of a circle of 2 m without images, 2 m on to the left, at 1 m/s.
+    def pose_at(time_s: float) -> FloatArray:
+        angle = float(np.clip((time_s - 2.0) / 2.0, 0.0, np.pi / 2.0))
+        before, after = min(time_s, 2.0), max(time_s - 2.0 - np.pi, 0.0)
+        pose = _pose(before + 2.0 * np.sin(angle), np.degrees(angle))
+        pose[1, 3] = 2.0 * (1.0 - np.cos(angle)) + after
+        return pose
+
+    times = np.linspace(0.0, 6.8, 35)
+    taken = times[(times <= 2.0) | (times >= 5.2)]
+    images = [plane_world.image(pose_at(time_s)) for time_s in taken]  # type: ignore[attr-defined]
+    steady = np.linspace(0.0, 7.0, 141)
+    rates = np.where((steady > 2.0) & (steady <= 2.0 + np.pi), 0.5, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    inertial = Inertial(steady, rates, np.tile([0.0, 0.0, 9.81], (len(steady), 1)))
+    drive = ImageSequence(camera, Frames(taken, images), Wheels(steady, steady, steady), inertial)
+    odometry = visual_odometry(drive).odometry
+    turns = Rotation.from_euler("xyz", odometry.attitude_rad[:-1]).as_matrix()
+    end = np.einsum("nij,nj->i", turns, odometry.step)
+    # Wheels and gyro are exact but for their sampling; the chord would end a metre off.
+    assert np.linalg.norm(end - (pose_at(taken[-1]) - pose_at(0.0))[:3, 3]) < 0.15
+    assert len(odometry.time_s) > len(taken) + 8
 
 
 def test_turning_on_the_spot_moves_nothing(plane_world: object, camera: Camera) -> None:
