@@ -26,6 +26,8 @@ _PATIENCE = 8
 """Deaths of workers in a row, without a piece finished, after which the work itself is to blame."""
 _REACH_S = 5.0
 """Seconds within which a scheduler must answer."""
+_LONGEST_GREETING = 100_000
+"""Bytes with which a scheduler may greet; it takes some hundred."""
 
 
 def done(
@@ -198,8 +200,14 @@ def _require_answer(scheduler: str) -> None:
     if not host or not port:
         raise ConfigError(f"{scheduler!r} is no scheduler's address; give tcp://host:port.")
     try:
-        socket.create_connection((host, port), timeout=_REACH_S).close()
+        with socket.create_connection((host, port), timeout=_REACH_S) as listener:
+            # A scheduler speaks first, and the length of what it says comes first; with TLS it waits to be spoken to.
+            greeting = listener.recv(8, socket.MSG_WAITALL) if address.scheme == "tcp" else bytes(8)
     except OSError as error:
         raise InputError(
             f"no dask scheduler answers at {scheduler} ({error.strerror or error}); start one there, or leave --scheduler out."
         ) from error
+    if len(greeting) < 8 or int.from_bytes(greeting, "little") > _LONGEST_GREETING:
+        raise InputError(
+            f"what answers at {scheduler} is no dask scheduler; start one there, or leave --scheduler out."
+        )

@@ -108,6 +108,7 @@ def test_killed_parents_and_workers_change_no_byte(tmp_path):
 
 
 @pytest.mark.reliability
+@pytest.mark.timeout(3600)  # every kill costs a start
 @pytest.mark.skipif(
     "FIRNLINE_KILLS" not in os.environ, reason="set FIRNLINE_KILLS to a number of kills, e.g. 20"
 )

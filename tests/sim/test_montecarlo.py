@@ -1,6 +1,8 @@
 """Monte Carlo: the same bytes whatever the engine, edited studies refused, and statistics that are right."""
 
 import csv
+import socket
+import threading
 from functools import partial
 
 import numpy as np
@@ -185,6 +187,27 @@ def test_a_scheduler_that_is_not_there_is_told():
         list(done(partial(pow, 3), [1], engine="dask", scheduler="tcp://127.0.0.1:9"))
     with pytest.raises(ConfigError, match="no scheduler's address"):
         list(done(partial(pow, 3), [1], engine="dask", scheduler="nowhere"))
+
+
+def greet(listener, words):
+    with listener.accept()[0] as peer:
+        peer.sendall(words)
+
+
+def test_a_listener_that_is_no_scheduler_is_told(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("sim.executors._REACH_S", 0.5)
+    # One that waits to be spoken to, as a web server does, and one that speaks another tongue.
+    for words, told in ((b"", "no dask scheduler answers"), (b"220 mail.example", "is no dask scheduler")):
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            greeter = threading.Thread(target=greet, args=(listener, words))
+            if words:
+                greeter.start()
+            address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+            with pytest.raises(InputError, match=told):
+                list(done(partial(pow, 3), [1], engine="dask", scheduler=address))
+            if words:
+                greeter.join()
 
 
 def test_statistics_are_those_of_the_trials():
