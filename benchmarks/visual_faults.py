@@ -13,7 +13,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -268,6 +268,7 @@ def spoiled(
     for index, time_s in enumerate(frames.time_s[frames.time_s < looked_s].tolist()):
         images[time_s] = wrong.image(time_s, index, frames[index])
     arrived = {time_s: image for time_s, image in images.items() if image is not None}
+    recording = until(recording, looked_s)
     gps = wrong.fixes(recording.gps)
     assert gps is not None
     return replace(
@@ -282,6 +283,16 @@ def spoiled(
         compass=wrong.awake(recording.compass),
         weather=wrong.awake(recording.weather),
     )
+
+
+def until(recording: Recording, last_s: float) -> Recording:
+    """Leave out what instruments read later."""
+    parts: dict[str, Any] = {}
+    for name in ("gps", "wheels", "inertial", "barometer", "compass", "weather"):
+        records = getattr(recording, name)
+        early = records.time_s < last_s
+        parts[name] = type(records)(*(getattr(records, field.name)[early] for field in fields(records)))
+    return replace(recording, **parts)
 
 
 if __name__ == "__main__":

@@ -38,6 +38,8 @@ _EXACT_RAD = 1e-6
 _EXACT_SCALE = 1e-5
 # Wheels and odometry that differ by more standard deviations than this are both doubted there.
 _DOUBTED = 3.0
+# Readings this long before the first pose or after the last still count as of it: rovers rest there.
+_BESIDE_S = 1.0
 
 
 def add_terms(
@@ -89,7 +91,13 @@ class _Nodes:
         return summed
 
     def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,)."""
+        """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,).
+
+        What was read before the first pose or after the last says nothing of the path.
+        """
+        first_s, last_s = self.odometry.time_s[[0, -1]]
+        inside = (time_s >= first_s - _BESIDE_S) & (time_s <= last_s + _BESIDE_S)
+        time_s, values = time_s[inside], values[inside]
         edges = 0.5 * (self.time_s[1:] + self.time_s[:-1])
         nearest = np.searchsorted(edges, time_s)
         node, inverse, count = np.unique(nearest, return_inverse=True, return_counts=True)

@@ -56,6 +56,16 @@ def test_exact_records_leave_the_path_where_it_is():
     np.testing.assert_allclose(path.attitude_rad, attitude, atol=1e-6)
 
 
+def test_what_was_read_after_the_last_pose_does_not_pull_the_path():
+    time_s, position, attitude = circle()
+    odometry = odometry_of(time_s[:200], position[:200], attitude[:200])
+    barometer = Barometer(time_s, position[:, 2] + 500.0)
+    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry, barometer)
+    path = smooth(recording, dead_reckoning(odometry, position[0]), LocalizationConfig())
+    # The reading of the second after the last pose counts as of that pose, 1 m further on, among ten at the node.
+    np.testing.assert_allclose(path.position, position[:200], atol=0.1)
+
+
 def test_scale_error_is_found_by_gps():
     time_s, position, attitude = circle(1200)
     odometry = odometry_of(time_s, position, attitude)

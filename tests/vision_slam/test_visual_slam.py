@@ -106,10 +106,10 @@ def test_a_turn_without_images_is_not_cut_short(plane_world: object, camera: Cam
         pose[1, 3] = 2.0 * (1.0 - np.cos(angle)) + after
         return pose
 
-    times = np.linspace(0.0, 6.8, 35)
+    times = np.asarray(np.linspace(0.0, 6.8, 35), dtype=np.float64)
     taken = times[(times <= 2.0) | (times >= 5.2)]
     images = [plane_world.image(pose_at(time_s)) for time_s in taken]  # type: ignore[attr-defined]
-    steady = np.linspace(0.0, 7.0, 141)
+    steady = np.asarray(np.linspace(0.0, 7.0, 141), dtype=np.float64)
     rates = np.where((steady > 2.0) & (steady <= 2.0 + np.pi), 0.5, 0.0)[:, None] * [0.0, 0.0, 1.0]
     inertial = Inertial(steady, rates, np.tile([0.0, 0.0, 9.81], (len(steady), 1)))
     drive = ImageSequence(camera, Frames(taken, images), Wheels(steady, steady, steady), inertial)
