@@ -287,4 +287,4 @@ def real_site(index: int) -> Site:
 
 
 if __name__ == "__main__":
-    main("Promises", measure, ("numpy", "scipy"))
+    main("Promise", measure, ("numpy", "scipy"))
