@@ -135,7 +135,8 @@ def _rubble(east: FloatArray, north: FloatArray, rng: Rng, n: int) -> FloatArray
 
 def _downhill(grid: Grid, east: FloatArray, north: FloatArray, rng: Rng) -> FloatArray:
     falling = -np.tan(np.radians(5.0)) * east
-    return falling + _rough(grid, rng, 3.0) + _rubble(east, north, rng, 90)
+    ground: FloatArray = falling + _rough(grid, rng, 3.0) + _rubble(east, north, rng, 90)
+    return ground
 
 
 def _hilly(grid: Grid, east: FloatArray, north: FloatArray, rng: Rng) -> FloatArray:

@@ -1,5 +1,7 @@
 """The rover's physics on ground whose answer is known."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -145,7 +147,7 @@ def test_a_rover_that_hangs_backs_off_three_times_and_is_then_left():
     backing, here = BackingOff(1.0), np.array([3.0, 4.0])
     asked = [backing.track_speeds(0.05 * k, here, (0.6, 0.0)) for k in range(800)]
     backs = [pair == (-0.2, -0.7) for pair in asked]  # it wants to turn right
-    assert sum(now and not before for before, now in zip(backs, backs[1:], strict=False)) == 3
+    assert sum(now and not before for before, now in pairwise(backs)) == 3
     assert asked[-1] == (0.6, 0.0)
 
 
