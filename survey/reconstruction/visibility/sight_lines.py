@@ -8,8 +8,8 @@ from survey.errors import InputError
 from survey.surface_points import SurfacePoints
 
 _SHORTEST_M = 1e-3
-# The ground beside a sensor is what these many points nearest to it say, within so many metres.
-_N_BESIDE, _BESIDE_M = 16, 6.0
+# The ground beside a sensor is what at least so many points say, within so many metres.
+_N_LEAST, _BESIDE_M = 8, 6.0
 _N_ASKED = 2_000
 _UNDER_SHARE = 0.9
 _ABOVE_SHARE = 0.9
@@ -65,13 +65,14 @@ def _refuse_buried(xyz: FloatArray, origins: FloatArray) -> None:
     """Refuse sensors that stood under the points beside them."""
     places = _distinct(origins)
     some = xyz[:: -(-len(xyz) // _N_ASKED)]
-    n = min(_N_BESIDE, len(some))
-    away, index = cKDTree(some[:, :2]).query(places[:, :2], k=n, distance_upper_bound=_BESIDE_M)
-    away, index = np.reshape(away, (len(places), n)), np.reshape(index, (len(places), n))
-    beside = np.isfinite(away)
-    over = beside & (some[np.where(beside, index, 0), 2] > places[:, 2:])
-    # Fewer points than half of those asked for do not tell where the ground is.
-    buried = (over.sum(axis=1) > _UNDER_SHARE * beside.sum(axis=1)) & (beside.sum(axis=1) >= _N_BESIDE // 2)
+    beside = cKDTree(some[:, :2]).query_ball_point(places[:, :2], _BESIDE_M)
+    # All within reach are asked: the nearest may hang over the sensor.
+    buried = np.array(
+        [
+            len(near) >= _N_LEAST and np.mean(some[near, 2] > place[2]) > _UNDER_SHARE
+            for place, near in zip(places, beside, strict=True)
+        ]
+    )
     if buried.any():
         x, y, z = places[np.argmax(buried)]
         raise InputError(

@@ -39,6 +39,6 @@ def test_each_senseless_scan_is_told(z: float, origin: FloatArray | None, said: 
 def test_a_sensor_under_the_ground_beside_it_is_told() -> None:
     """The valley around it lies lower, so that most points are below the sensor all the same."""
     x = np.meshgrid(np.arange(-5.0, 6.0), np.arange(-5.0, 6.0))[0].ravel()
-    points = scan(np.where(x > 0.0, 4.0, -4.0), np.array([5.0, 5.0, 1.0]))
+    points = scan(np.where(x > -2.0, 4.0, -4.0), np.array([5.0, 5.0, 1.0]))
     with pytest.raises(InputError, match=r"1 of 1 sensor places are under the ground, the first at \(5.00"):
         checked_origins(points)
