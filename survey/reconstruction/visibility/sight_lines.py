@@ -65,7 +65,8 @@ def _refuse_buried(xyz: FloatArray, origins: FloatArray) -> None:
     """Refuse sensors that stood under the points beside them."""
     places = _distinct(origins)
     some = xyz[:: -(-len(xyz) // _N_ASKED)]
-    beside = cKDTree(some[:, :2]).query_ball_point(places[:, :2], _BESIDE_M)
+    tree = cKDTree(some[:, :2])
+    beside = [np.asarray(tree.query_ball_point(place[:2], _BESIDE_M), dtype=np.int64) for place in places]
     # All within reach are asked: the nearest may hang over the sensor.
     buried = np.array(
         [
