@@ -221,10 +221,10 @@ def _euroc(place: Path, camera: Camera | None) -> ImageSequence:
     times = _euroc_numbers(place / "cam0" / "data.csv", 1)[:, 0] * 1e-9
     turn = np.eye(4)
     if camera is None:
-        # EuRoC's body is its inertial unit, however that lies; ours looks where the camera looks.
         camera = _euroc_camera(place / "cam0" / "sensor.yaml")
-        turn = _FORWARD @ np.linalg.inv(camera.T_body_camera)
-        camera = replace(camera, T_body_camera=_FORWARD)
+        if not _looks_ahead(camera):
+            turn = _FORWARD @ np.linalg.inv(camera.T_body_camera)
+            camera = replace(camera, T_body_camera=_FORWARD)
     inertial = reference = None
     if (place / "imu0" / "data.csv").is_file():
         sensed = _euroc_numbers(place / "imu0" / "data.csv", 7)
@@ -235,6 +235,16 @@ def _euroc(place: Path, camera: Camera | None) -> ImageSequence:
         poses = _posed(posed[:, 1:4], posed[:, [5, 6, 7, 4]], estimate) @ np.linalg.inv(turn)
         reference = (posed[:, 0] * 1e-9, poses)
     return _sequence(camera, times, files, inertial, reference)
+
+
+def _looks_ahead(camera: Camera) -> bool:
+    """Whether the camera looks along x and stands upright, within 45°.
+
+    EuRoC's body is its inertial unit, however that lies; one that lies otherwise is turned to
+    look where the camera looks.
+    """
+    mounted: FloatArray = camera.T_body_camera
+    return bool(min(mounted[0, 2], -mounted[2, 1]) > np.cos(np.radians(45.0)))
 
 
 def _euroc_camera(path: Path) -> Camera:
