@@ -1,4 +1,4 @@
-"""Visual SLAM on drives whose world is known, on a real camera, and a particle filter that is carried off.
+"""Visual SLAM on drives whose world is known, and on a real camera.
 
 Run with ``python -m benchmarks.visual_slam``. Drives are those of ``examples/glacier_drive.toml``, 280 m with four
 turns and wheels that are 1.5 % off, with other seeds than the settings were chosen on; their images are rendered
@@ -25,9 +25,7 @@ from survey.camera import Frames, Image
 from survey.dem import Dem
 from survey.recording import Recording
 from survey.trajectory import Trajectory
-from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import absolute_errors_m
-from vision_slam.particle_filter import ParticleFilter
 from vision_slam.readers import read_sequence
 from vision_slam.sequence import scaled_by_first
 from vision_slam.visual_config import VisualOdometryConfig
@@ -45,7 +43,6 @@ SHORT = ("planner.swaths=1", "area.bounds_m=[526040.0, 6478040.0, 526070.0, 6478
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    yield from _carried_off(20 if quick else 100)
     if KITTI.is_dir():
         yield _real_camera()
     if quick:
@@ -193,39 +190,6 @@ def _real_camera() -> Row:
     length = np.linalg.norm(np.diff(reference, axis=0), axis=1).sum()
     error = 100.0 * np.linalg.norm(end - (reference[-1] - reference[0])) / length
     return Row.of("KITTI, 60 m, scale of the first 10 m: end error", error, "%", "<=", 1.5)
-
-
-def _carried_off(n: int) -> Iterator[Row]:
-    """Share of runs that, a minute after they were set down elsewhere or began anywhere, know where they are."""
-    for shown, kidnapped in (("carried off by 30 m and 90 deg", True), ("started anywhere", False)):
-        good, silent = 0, 0
-        for run in range(n):
-            error, is_lost = _minute_after(run, kidnapped)
-            good += error < 3.0 and not is_lost
-            silent += error >= 5.0 and not is_lost
-        yield Row.of(f"particle filter {shown}: within 3 m after 60 s", good / n, "1", ">=", 0.95)
-        yield Row(f"particle filter {shown}: wrong by 5 m and not declared lost", silent / n, "1")
-
-
-def _minute_after(run: int, kidnapped: bool) -> tuple[float, bool]:
-    config, rng = LocalizationConfig(), np.random.default_rng(7000 + run)
-    level = np.array([1.0, 1.0, config.gps_vertical_factor])
-    memory = np.exp(-1.0 / config.gps_correlation_time_s)
-    bias = config.gps_bias_sigma_m * level * rng.standard_normal(3)
-    filtered = ParticleFilter(config, rng, start=np.zeros(3) if kidnapped else None)
-    place, heading = np.zeros(3), rng.uniform(-np.pi, np.pi) if not kidnapped else 0.0
-    for second in range(120 if kidnapped else 60):
-        if kidnapped and second == 60:
-            place, heading = place + [30.0, 0.0, 0.0], heading + np.pi / 2
-        step = np.array([1.0, 0.0, 0.0])
-        place = place + [np.cos(heading), np.sin(heading), 0.0]
-        noise = config.step_sigma_m * rng.standard_normal(3)
-        renewed = config.gps_bias_sigma_m * level * np.sqrt(1.0 - memory**2)
-        bias = memory * bias + renewed * rng.standard_normal(3)
-        filtered.move(step + noise, 1.0)
-        filtered.correct(place + bias + config.gps_white_sigma_m * level * rng.standard_normal(3))
-    now = filtered.estimate()
-    return float(np.linalg.norm((now.position - place)[:2])), now.is_lost
 
 
 if __name__ == "__main__":
