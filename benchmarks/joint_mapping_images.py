@@ -9,6 +9,7 @@ give on the path that was really driven: no estimate of the path can map the gap
 
 import hashlib
 import pickle
+import re
 import subprocess
 import sys
 import tempfile
@@ -20,7 +21,6 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-import vision_slam
 from benchmarks.report import Row, main
 from sim.gps import GpsReceiver
 from sim.motion import Motion
@@ -37,7 +37,7 @@ from survey.sensors import GpsFixes
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 from survey.truth import Truth
-from vision_slam import LocalizationConfig
+from vision_slam import LocalizationConfig, visual_slam
 from vision_slam.pipeline import localize_seen
 from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
@@ -161,12 +161,24 @@ def _read(run: Path) -> Survey:
 
 def _seen(run: Path, recording: Recording) -> VisualOdometry:
     """Return what the images say, kept for as long as the code that reads them stays the same."""
-    code = b"".join(path.read_bytes() for path in sorted(Path(vision_slam.__file__).parent.glob("*.py")))
+    code = b"".join(path.read_bytes() for path in _read_by(Path(visual_slam.__file__)))
     kept = run.parent / f"seen-{hashlib.sha256(code).hexdigest()[:12]}.pickle"
     if not kept.exists():
         kept.write_bytes(pickle.dumps(visual_odometry(recording)))
     found: VisualOdometry = pickle.loads(kept.read_bytes())
     return found
+
+
+def _read_by(module: Path) -> list[Path]:
+    """Return a module's file and those of its package that it imports, directly or through others, in order."""
+    found, waiting = set(), [module]
+    while waiting:
+        found.add(path := waiting.pop())
+        names = re.findall(
+            rf"^\s*from {path.parent.name}\.(\w+) import", path.read_text("utf-8"), re.MULTILINE
+        )
+        waiting += {path.with_name(f"{name}.py") for name in names} - found
+    return sorted(found)
 
 
 def _mapped(
