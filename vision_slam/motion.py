@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.arrays import FloatArray
-from survey.sensors import Inertial
+from survey.sensors import Inertial, Wheels
 from vision_slam.sequence import Sensed
 
 _STANDING_S = 0.5
@@ -35,10 +35,13 @@ class MotionSensors:
     """Wheels and gyro of a recording; the gyro's bias is learnt while standing, then from images."""
 
     def __init__(self, recording: Sensed) -> None:
-        self._wheels, self._inertial = recording.wheels, recording.inertial
+        self.go_on(recording)
         self._bias = self._standing_bias()
-        if self._inertial is not None:
-            self._began_s, self._turned = _summed(self._inertial)
+
+    def go_on(self, recording: Sensed) -> None:
+        """Turn to other records of the same drive, such as later ones; what was learnt of the bias stays."""
+        self._wheels, self._inertial = recording.wheels, recording.inertial
+        self._wheel_s, self._inertial_s = _usual_s(self._wheels), _usual_s(self._inertial)
 
     def between(self, first_s: float, last_s: float) -> Motion:
         """Return the motion between two times."""
@@ -71,26 +74,18 @@ class MotionSensors:
 
     def _travel(self, first_s: float, last_s: float) -> float | None:
         wheels = self._wheels
-        if wheels is None or not _covers(wheels.time_s, first_s, last_s, 0.6):
+        if wheels is None or not _covers(wheels.time_s, first_s, last_s, 0.6 * self._wheel_s):
             return None
         rolled = 0.5 * (wheels.left_m + wheels.right_m)
         return float(np.diff(np.interp([first_s, last_s], wheels.time_s, rolled))[0])
 
     def _turn(self, first_s: float, last_s: float) -> FloatArray | None:
         inertial = self._inertial
-        if inertial is None or not _covers(inertial.time_s, first_s, last_s, 1.1):
+        if inertial is None or not _covers(inertial.time_s, first_s, last_s, 1.1 * self._inertial_s):
             return None
-        turn = self._turned_at(first_s).inv() * self._turned_at(last_s)
         half_bias = Rotation.from_rotvec(-0.5 * self._bias * (last_s - first_s))
-        matrix: FloatArray = (half_bias * turn * half_bias).as_matrix()
+        matrix: FloatArray = (half_bias * _turned(inertial, first_s, last_s) * half_bias).as_matrix()
         return matrix
-
-    def _turned_at(self, time_s: float) -> Rotation:
-        """Turn since the first reading; each reading is the mean rate over the time before it."""
-        assert self._inertial is not None
-        after = int(np.searchsorted(self._inertial.time_s, time_s).clip(0, len(self._inertial) - 1))
-        passed = time_s - self._began_s[after]
-        return self._turned[after] * Rotation.from_rotvec(passed * self._inertial.gyro_rad_s[after])
 
     def _standing_bias(self) -> FloatArray:
         """Rate while the wheels rest at the start; zero when it begins in motion, or rocks while standing."""
@@ -110,21 +105,26 @@ class MotionSensors:
         return np.zeros(3) if rocking else bias
 
 
-def _summed(inertial: Inertial) -> tuple[FloatArray, list[Rotation]]:
-    """Begin [s] of each reading's time, and the turn up to there."""
-    usual = float(np.median(np.diff(inertial.time_s))) if len(inertial) > 1 else 0.0
-    began = np.r_[inertial.time_s[0] - usual, inertial.time_s[:-1]]
-    parts = Rotation.from_rotvec(inertial.gyro_rad_s * (inertial.time_s - began)[:, None])
-    turned = [Rotation.identity()]
-    for part in parts[:-1]:
-        turned.append(turned[-1] * part)
-    return began, turned
+def _turned(inertial: Inertial, first_s: float, last_s: float) -> Rotation:
+    """Turn between two times; each reading is the mean rate over the time before it."""
+    times = inertial.time_s
+    begin, end = np.searchsorted(times, first_s, side="right"), np.searchsorted(times, last_s)
+    edges = np.r_[first_s, times[begin:end], last_s]
+    rates = inertial.gyro_rad_s[np.arange(begin, end + 1).clip(max=len(times) - 1)]
+    turn = Rotation.identity()
+    for part in Rotation.from_rotvec(rates * np.diff(edges)[:, None]):
+        turn = turn * part
+    return turn
 
 
-def _covers(time_s: FloatArray, first_s: float, last_s: float, n_readings: float) -> bool:
-    """Whether readings reach over both moments, but for the time of so many readings.
+def _usual_s(records: Wheels | Inertial | None) -> float:
+    """Usual time between two readings [s]."""
+    return 0.0 if records is None or len(records) < 2 else float(np.median(np.diff(records.time_s)))
 
-    Of a distance that must be less than one: after its end nothing is added, which would be standing.
+
+def _covers(time_s: FloatArray, first_s: float, last_s: float, slack_s: float) -> bool:
+    """Whether readings reach over both moments, but for so much time.
+
+    Of a distance that must be less than one reading's: after its end nothing is added, which would be standing.
     """
-    slack = n_readings * float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    return bool(time_s[0] - slack <= first_s and last_s <= time_s[-1] + slack)
+    return bool(time_s[0] - slack_s <= first_s and last_s <= time_s[-1] + slack_s)

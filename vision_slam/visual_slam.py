@@ -322,23 +322,50 @@ def visual_odometry(
     if len(recording.frames) < 2:
         raise InputError("the recording has one frame; motion needs at least two.")
     times = recording.frames.time_s
-    slam = VisualSlam(recording.camera, config, upright_start(recording, times[0]))
-    sensors = MotionSensors(recording)
-    blank = np.zeros((recording.camera.height, recording.camera.width), np.uint8)
-    before_s = float(times[0])
+    sight = Sight(recording, config, times[0])
     for index, time_s in enumerate(times.tolist()):
+        sight.take(recording.frames[index], time_s)
+        if progress is not None:
+            progress("frames", index + 1, len(times))
+    return sight.delivered(recording)
+
+
+class Sight:
+    """Visual odometry on its way: takes one image after the other, with wheels and gyro in between.
+
+    Parameters
+    ----------
+    drive : Sensed
+        Camera, and the records up to where the wheels begin to turn, at least.
+    config : VisualOdometryConfig, optional
+        How images become motion.
+    start_s : float
+        Time of the first image [s].
+    """
+
+    def __init__(self, drive: Sensed, config: VisualOdometryConfig | None, start_s: float) -> None:
+        assert drive.camera is not None
+        self.slam = VisualSlam(drive.camera, config, upright_start(drive, start_s))
+        self.sensors = MotionSensors(drive)
+        self._blank = np.zeros((drive.camera.height, drive.camera.width), np.uint8)
+        self._before_s = start_s
+
+    def take(self, image: Image, time_s: float) -> None:
+        """Take the next image; the records must reach to its time."""
+        slam, sensors, before_s = self.slam, self.sensors, self._before_s
         for between_s in sensors.gap(before_s, time_s):
-            slam.step(blank, between_s, sensors.between(before_s, between_s))
+            slam.step(self._blank, between_s, sensors.between(before_s, between_s))
             before_s = between_s
-        motion = None if index == 0 else sensors.between(before_s, time_s)
-        frame = slam.step(recording.frames[index], time_s, motion)
-        before_s = time_s
+        motion = sensors.between(before_s, time_s) if slam.frames else None
+        frame = slam.step(image, time_s, motion)
+        self._before_s = time_s
         if motion is not None and frame.health.is_visual and slam.holds_heading:
             before = slam.pose(slam.frames[-2])
             sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
-        if progress is not None:
-            progress("frames", index + 1, len(times))
-    return _delivered(slam, recording)
+
+    def delivered(self, drive: Sensed) -> VisualOdometry:
+        """Return what all images gave, levelled by the inertial records of the whole drive."""
+        return _delivered(self.slam, drive)
 
 
 def _delivered(slam: VisualSlam, recording: Sensed) -> VisualOdometry:
