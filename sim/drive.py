@@ -37,10 +37,14 @@ from survey.recording import Recording
 from survey.route import Route
 from survey.trajectory import Trajectory
 from survey.truth import Truth
+from vision_slam.onboard import write_seen
+from vision_slam.visual_slam import VisualOdometry
 
 LOGGED_HZ = 80
 """States kept per second: sensors read from them, and `Truth` holds some."""
 STEERED_HZ = 20
+ONBOARD = "onboard"
+"""Folder, within the recording's, of what the onboard computer made of the images."""
 
 _STAND_S = 1.0
 _KEPT_S = 0.5
@@ -77,6 +81,10 @@ class Navigator(Protocol):
         """Take the readings since the last call in, the newest frame among them, and say where the rover is."""
         ...
 
+    def finish(self, readings: Readings, /) -> VisualOdometry | None:
+        """Take what was read after the last frame in; return what the images gave, if they were looked at."""
+        ...
+
 
 @dataclass(frozen=True)
 class Start:
@@ -111,6 +119,8 @@ class Drive:
         Length of the route [m].
     hazards : tuple of Hazard
         Crevasses, channels, pools and cones of the ground.
+    seen : VisualOdometry, optional
+        What the images gave on board.
     """
 
     recording: Recording
@@ -120,10 +130,13 @@ class Drive:
     energy_j: float
     route_m: float
     hazards: tuple[Hazard, ...]
+    seen: VisualOdometry | None = None
 
     def write(self, folder: Path) -> None:
         """Write recording and truth, how the drive went (``drive.json``), its hazards, and what it looks like."""
         self.recording.write(folder / "recording")
+        if self.seen is not None:
+            write_seen(self.seen, folder / "recording" / ONBOARD)
         self.truth.write(folder / "truth")
         content = {
             "ending": self.ending.value,
@@ -151,6 +164,8 @@ def simulate_vision(
     mission: MissionConfig,
     folder: Path,
     navigate: Callable[[Start], Navigator] | None = None,
+    *,
+    steers: bool = True,
 ) -> Drive:
     """Drive a route over fine ground and record what instruments and camera sense.
 
@@ -167,6 +182,8 @@ def simulate_vision(
     navigate : callable, optional
         Gives, for the start, the navigator that steers by estimate; without one the rover
         keeps to its route by where it really is.
+    steers : bool
+        Whether the navigator does; else it looks on, and the rover keeps to its route.
 
     Raises
     ------
@@ -183,7 +200,7 @@ def simulate_vision(
     run = _Run(ground, path, mission)
     navigator = None if navigate is None else navigate(run.start)
     with FrameWriter(folder / "frames") as writer:
-        ending = run.until_the_end(writer, navigator)
+        ending = run.until_the_end(writer, navigator, steers=steers and navigator is not None)
     return run.result(ending, folder)
 
 
@@ -232,6 +249,7 @@ class _Run:
         self._camera = rover_camera(mission.imaging)
         self._eye = _eye(ground, self._faults.appearance(mission.appearance), self._camera, mission)
         self._n_frames, self._frame_times = 0, list[float]()
+        self._seen: VisualOdometry | None = None
 
     @property
     def start(self) -> Start:
@@ -239,17 +257,19 @@ class _Run:
         camera = self._faults.calibration(self._camera)
         return Start(camera, self._faults.start(self._start), _heading(self._states[0]))
 
-    def until_the_end(self, writer: FrameWriter, navigator: Navigator | None) -> Ending:
+    def until_the_end(self, writer: FrameWriter, navigator: Navigator | None, *, steers: bool) -> Ending:
         """Drive until something ends the drive."""
         belief: Belief | None = None
         while True:
-            self._drive_on(self._really() if navigator is None else belief)
+            self._drive_on(belief if steers else self._really())
             if self._frame_is_due():
                 readings = self._sensed(writer)
                 belief = None if navigator is None else navigator.step(readings)
             ending = self._ending()
             if ending is not None:
-                self._log.add(self._read())
+                last = self._read()
+                self._log.add(last)
+                self._seen = None if navigator is None else navigator.finish(last)
                 return ending
 
     def _really(self) -> Belief:
@@ -368,6 +388,7 @@ class _Run:
             self._states[-1].energy_j,
             self._pursuit.length_m,
             ground.hazards,
+            self._seen,
         )
 
 

@@ -76,7 +76,7 @@ def _in_processes(work: Callable[[P], R], pieces: Sequence[P], workers: int) -> 
     deaths = 0
     while left:
         n = min(workers, len(left))
-        with ProcessPoolExecutor(n, multiprocessing.get_context("spawn"), _settle) as pool:
+        with ProcessPoolExecutor(n, multiprocessing.get_context("spawn"), settled) as pool:
             try:
                 for piece, result in _as_completed(pool.submit, work, list(left), 2 * n):
                     del left[piece]
@@ -106,7 +106,7 @@ def _as_completed(
             yield piece, result
 
 
-def _settle() -> None:
+def settled() -> None:
     """Make a worker leave interrupts to its parent, and end when the parent is no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

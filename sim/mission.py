@@ -6,9 +6,11 @@ report ◀──report── score ◀──score──────────�
 """
 
 import logging
+import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +19,10 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from sim.aids import with_way_home
+from sim.apart import navigating
 from sim.config import MissionConfig
-from sim.drive import Start, simulate_vision
+from sim.drive import ONBOARD, simulate_vision
 from sim.ideal import simulate_ideal
-from sim.navigator import VisualNavigator
 from sim.report import write_mission_report
 from sim.statistical import simulate_statistical
 from sim.world import World, build_world
@@ -30,6 +32,8 @@ from survey.store import STAGES, RunFolder
 from survey.streams import stream
 from survey.truth import Truth
 from vision_slam import localize, trajectory_error
+from vision_slam.onboard import read_seen
+from vision_slam.pipeline import localize_seen
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +42,12 @@ Watch = Callable[[str], AbstractContextManager[object]]
 
 
 def run_mission(
-    mission: MissionConfig, run: RunFolder, *, until: str = "report", watch: Watch = nullcontext
+    mission: MissionConfig,
+    run: RunFolder,
+    *,
+    until: str = "report",
+    watch: Watch = nullcontext,
+    workers: int | None = None,
 ) -> None:
     """Do every stage that is not done yet, in order.
 
@@ -52,19 +61,24 @@ def run_mission(
         The last stage.
     watch : callable
         Wraps each stage that is run.
+    workers : int, optional
+        Processes of a drive with images: with two the onboard computer works beside the
+        simulation, to the same bytes. As many as this process may use cores, unless given.
 
     Raises
     ------
     InputError
         What a stage refuses, or a finished stage whose files were changed.
     """
+    n = len(os.sched_getaffinity(0)) if workers is None else workers
+    stages = _STAGES | {"simulate": partial(simulate, workers=n)}
     with threadpool_limits(limits=1):  # one order of sums keeps the bytes, and spinning threads are slower
         for name in STAGES[: STAGES.index(until) + 1]:
             if run.has(name):
                 run.verify(name)
                 continue
             with watch(name), run.stage(name) as folder:
-                _STAGES[name](mission, run, folder)
+                stages[name](mission, run, folder)
             logger.info("finished the stage %s", name)
 
 
@@ -79,7 +93,7 @@ def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     route.write(folder / "route.geojson")
 
 
-def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:
     """Drive the route over the real terrain and record what the rover senses."""
     if mission.fleet.rovers > 1:
         raise survey.ConfigError(
@@ -89,19 +103,17 @@ def simulate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
     route.write(folder / "driven_route.geojson")
     if mission.fidelity == "vision":
-        navigate = _navigator(mission) if mission.physics.steer_by == "estimate" else None
-        simulate_vision(world.terrain, route, mission, folder / "recording", navigate).write(folder)
+        steers = mission.physics.steer_by == "estimate"
+        with navigating(mission, workers) as navigate:
+            drive = simulate_vision(
+                world.terrain, route, mission, folder / "recording", navigate, steers=steers
+            )
+        drive.write(folder)
         return
-    drive = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
-    recording, truth = drive(world.terrain, route, mission)
+    sensed = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
+    recording, truth = sensed(world.terrain, route, mission)
     recording.write(folder / "recording")
     truth.write(folder / "truth")
-
-
-def _navigator(mission: MissionConfig) -> Callable[[Start], VisualNavigator]:
-    """Return what makes the navigator of a mission that steers by estimate."""
-    antenna_m, rng = mission.rover.antenna_height_m, stream(mission.seed, "navigator")
-    return lambda start: VisualNavigator(start, mission.assumed, antenna_m, rng)
 
 
 def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
@@ -115,13 +127,20 @@ def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey
 
 
 def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
-    """Estimate path and landmarks from the recording, and from nothing else; keep also what was known on the way."""
+    """Estimate path and landmarks from the recording, and from nothing else; keep also what was known on the way.
+
+    Images that the onboard computer has looked at are not looked at again.
+    """
     recording = Recording.read(run.folder("simulate") / "recording")
+    seen = run.folder("simulate") / "recording" / ONBOARD
 
     def keep(online: survey.Trajectory) -> None:
         online.write(folder / "online_trajectory.csv")
 
-    trajectory, points = localize(recording, mission.assumed, told_online=keep)
+    if seen.exists():
+        trajectory, points, _ = localize_seen(recording, read_seen(seen), mission.assumed, told_online=keep)
+    else:
+        trajectory, points = localize(recording, mission.assumed, told_online=keep)
     trajectory.write(folder / "trajectory.tum")
     trajectory.write(folder / "trajectory.csv")
     points.write(folder / "surface_points.gpkg")

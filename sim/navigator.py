@@ -1,26 +1,36 @@
 """Steers by estimate: visual odometry and GPS, weighed by particles, say where the rover is while it drives."""
 
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sim.drive import Belief, Start
 from sim.instruments import Readings
 from survey.arrays import FloatArray
-from survey.camera import Image
-from survey.sensors import Inertial, Wheels
+from survey.streams import stream
 from vision_slam import LocalizationConfig
-from vision_slam.motion import Motion
+from vision_slam.onboard import OnboardOdometry
 from vision_slam.particle_filter import ParticleFilter
 from vision_slam.pipeline import for_images
-from vision_slam.visual_slam import VisualSlam
+from vision_slam.visual_slam import VisualOdometry
 
 _SURVEYED_DEG = 1.0
 """How well the heading at the start is known [deg]."""
-_GATHERED_S = 0.6
-"""Time at rest in which gravity and the gyro's bias are found, before the first image counts [s]."""
+LATE_FRAMES = 1
+"""Frames by which the answer that is steered by is late, so that the next one can be taken in the meantime."""
+_KEPT_S = 5.0
 
 
-class VisualNavigator:
+class Known(NamedTuple):
+    """Where the rover was at the newest image that was looked at: ``time_s``, ``xy`` (2,) [m], ``heading_rad`` from east."""
+
+    time_s: float
+    xy: FloatArray
+    heading_rad: float
+
+
+class OnboardComputer:
     """Follows the rover by camera, wheels and gyro, and holds the path to the fixes by a particle filter.
 
     Parameters
@@ -31,86 +41,151 @@ class VisualNavigator:
         What is assumed of odometry and receiver.
     antenna_height_m : float
         Of the GPS antenna above the ground [m].
-    rng : numpy.random.Generator
-        Of the particles.
-
-    Notes
-    -----
-    The rover has to rest for the first second. Frames that never arrive leave a gap, over
-    which wheels and gyro alone tell the motion.
+    seed : int
+        The mission's, of the particles.
     """
 
-    def __init__(
-        self, start: Start, config: LocalizationConfig, antenna_height_m: float, rng: np.random.Generator
-    ) -> None:
-        self._start, self._antenna_m = start, antenna_height_m
+    def __init__(self, start: Start, config: LocalizationConfig, antenna_height_m: float, seed: int) -> None:
+        self._antenna = np.array([0.0, 0.0, antenna_height_m])
         told = {"heading_sigma_deg": max(config.heading_sigma_deg, _SURVEYED_DEG)}
         assumed = for_images(config).model_copy(update=told)
-        self._filter = ParticleFilter(assumed, rng, start=start.position)
-        self._slam: VisualSlam | None = None
-        self._pose = np.eye(4)
-        self._at_rest: list[Inertial] = []
-        self._bias = np.zeros(3)
-        self._turn, self._rolled_m, self._travelled_m = Rotation.identity(), 0.0, 0.0
-        self._gyro_at_s = self._frame_at_s = 0.0
+        self._filter = ParticleFilter(assumed, stream(seed, "navigator"), start=start.position)
+        self._odometry = OnboardOdometry(start.camera)
+        self._fixes: list[tuple[float, FloatArray]] = []
+        self._pose: FloatArray | None = None
+        self._heading_rad = start.heading_rad
+        self._known = Known(0.0, start.position[:2], start.heading_rad)
+
+    def take(self, readings: Readings) -> Known:
+        """Take the readings since the last call in, and say where the rover was at the newest image that is done."""
+        self._sense(readings)
+        for frame, pose in self._odometry.poses():
+            self._known = self._moved_to(frame.time_s, pose)
+        return self._known
+
+    def finished(self, readings: Readings) -> VisualOdometry | None:
+        """Take the last readings in, and return what all images gave; None of fewer than two."""
+        self._sense(readings)
+        return self._odometry.finished()
+
+    def _sense(self, readings: Readings) -> None:
+        self._odometry.sense(readings.wheels, readings.inertial, readings.compass)
+        if readings.frame is not None:
+            time_s, image = readings.frame
+            self._odometry.look(image, time_s)
+        if readings.gps is not None:
+            self._fixes += zip(readings.gps.time_s.tolist(), readings.gps.position, strict=True)
+
+    def _moved_to(self, time_s: float, pose: FloatArray) -> Known:
+        """Move the particles by what an image told, and weigh them by the fixes until then."""
+        if self._pose is None:
+            self._heading_rad -= _heading(pose)
+        else:
+            cosine, sine = np.cos(self._heading_rad), np.sin(self._heading_rad)
+            east, north, up = pose[:3, 3] - self._pose[:3, 3]
+            step = np.array([cosine * east - sine * north, sine * east + cosine * north, up])
+            self._filter.move(step, time_s - self._known.time_s)
+        self._pose = pose
+        while self._fixes and self._fixes[0][0] <= time_s:
+            self._filter.correct(self._fixes.pop(0)[1] - self._antenna)
+        found = self._filter.estimate()
+        heading = self._heading_rad + _heading(pose) + found.heading_rad
+        return Known(time_s, found.position[:2], heading)
+
+
+class Aboard(Protocol):
+    """An `OnboardComputer` here or elsewhere: what is asked first is answered first."""
+
+    def ask(self, readings: Readings, /) -> None:
+        """Hand readings over."""
+
+    def answer(self) -> Known:
+        """Wait for the answer to the oldest question that has none yet."""
+        ...
+
+    def finished(self, readings: Readings, /) -> VisualOdometry | None:
+        """Hand the last readings over; wait for what all images gave."""
+        ...
+
+
+class VisualNavigator:
+    """Asks the onboard computer, and bridges by wheels and gyro the time since the image that its answer is of.
+
+    The answer is always that of `LATE_FRAMES` frames ago, whether it took long or not: the
+    drive is the same wherever the computer is.
+
+    Parameters
+    ----------
+    start : Start
+        What is known before the drive.
+    aboard : Aboard
+        The onboard computer.
+    """
+
+    def __init__(self, start: Start, aboard: Aboard) -> None:
+        self._aboard = aboard
+        self._known = Known(0.0, start.position[:2], start.heading_rad)
+        self._reckoning = DeadReckoning()
+        self._n_asked = 0
 
     def step(self, readings: Readings) -> Belief:
         """Take the readings since the last call in, and say where the rover is."""
-        self._roll(readings.wheels)
-        self._rotate(readings.inertial)
-        if readings.frame is not None:
-            self._look(*readings.frame)
-        if readings.gps is not None and self._slam is not None:
-            for fix in readings.gps.position:
-                self._filter.correct(fix - [0.0, 0.0, self._antenna_m])
-        found = self._filter.estimate()
-        seen = self._start.heading_rad if self._slam is None else _heading(self._pose)
-        return Belief(found.position[:2], seen + found.heading_rad)
+        self._aboard.ask(readings)
+        self._reckoning.add(readings)
+        self._n_asked += 1
+        if self._n_asked > LATE_FRAMES:
+            self._known = self._aboard.answer()
+        return self._reckoning.since(self._known)
 
-    def _roll(self, wheels: Wheels | None) -> None:
-        if wheels is not None:
-            rolled = 0.5 * float(wheels.left_m[-1] + wheels.right_m[-1])
-            self._travelled_m += rolled - self._rolled_m
-            self._rolled_m = rolled
+    def finish(self, readings: Readings) -> VisualOdometry | None:
+        """Take the last readings in, and return what the images gave."""
+        for _ in range(min(self._n_asked, LATE_FRAMES)):
+            self._aboard.answer()
+        return self._aboard.finished(readings)
 
-    def _rotate(self, inertial: Inertial | None) -> None:
-        """Add the gyro's readings to the turn since the last frame; at rest keep them."""
-        if inertial is None:
-            return
-        if self._slam is None:
-            self._at_rest.append(inertial)
-        gaps = np.diff(inertial.time_s, prepend=self._gyro_at_s)
-        for part in Rotation.from_rotvec((inertial.gyro_rad_s - self._bias) * gaps[:, None]):
-            self._turn = self._turn * part
-        self._gyro_at_s = float(inertial.time_s[-1])
 
-    def _look(self, time_s: float, image: Image) -> None:
-        """Let the image correct the motion since the last one, and move the particles by it."""
-        if self._slam is None:
-            if time_s < _GATHERED_S:
-                return
-            self._slam = VisualSlam(self._start.camera, start=self._level_start())
-            motion = None
-        else:
-            motion = Motion(time_s - self._frame_at_s, self._turn.as_matrix(), self._travelled_m)
-        frame = self._slam.step(image, time_s, motion)
-        pose = self._slam.pose(frame)
-        if motion is not None:
-            self._filter.move(pose[:3, 3] - self._pose[:3, 3], motion.seconds)
-        self._pose, self._frame_at_s = pose, time_s
-        self._turn, self._travelled_m = Rotation.identity(), 0.0
+class DeadReckoning:
+    """Wheels and gyro of the last moments, the gyro less what it says while the rover rests at the start."""
 
-    def _level_start(self) -> FloatArray:
-        """Return the pose (4, 4) at the start, upright by gravity; take the gyro's bias from the same rest."""
-        self._bias = np.median(np.vstack([part.gyro_rad_s for part in self._at_rest]), axis=0)
-        up = np.vstack([part.specific_force_m_s2 for part in self._at_rest]).mean(axis=0)
-        pitch = np.arctan2(-up[0], np.hypot(up[1], up[2]))
-        roll = np.arctan2(up[1], up[2])
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_euler("xyz", [roll, pitch, self._start.heading_rad]).as_matrix()
-        self._pose = pose
-        return pose
+    def __init__(self) -> None:
+        self._wheels = np.zeros((1, 2))
+        self._gyro = np.zeros((1, 2))
+        self._bias, self._resting = 0.0, list[FloatArray]()
+
+    def add(self, readings: Readings) -> None:
+        """Take readings in."""
+        if readings.wheels is not None:
+            rolled = 0.5 * (readings.wheels.left_m + readings.wheels.right_m)
+            self._wheels = np.vstack([self._wheels, np.column_stack([readings.wheels.time_s, rolled])])
+        if readings.inertial is not None:
+            rates = readings.inertial.gyro_rad_s[:, 2]
+            if self._wheels[-1, 1] < 1e-3:
+                self._resting.append(rates)
+                self._bias = float(np.median(np.concatenate(self._resting)))
+            gaps = np.diff(readings.inertial.time_s, prepend=self._gyro[-1, 0])
+            turned = self._gyro[-1, 1] + np.cumsum((rates - self._bias) * gaps)
+            self._gyro = np.vstack([self._gyro, np.column_stack([readings.inertial.time_s, turned])])
+
+    def since(self, known: Known) -> Belief:
+        """Return where wheels and gyro have carried the rover since it was known to be somewhere."""
+        self._wheels = _from(self._wheels, known.time_s - _KEPT_S)
+        self._gyro = _from(self._gyro, known.time_s - _KEPT_S)
+        later = self._wheels[:, 0] > known.time_s
+        times = np.r_[known.time_s, self._wheels[later, 0]]
+        rolled = np.diff(np.interp(times, *self._wheels.T))
+        headings = known.heading_rad - np.interp(known.time_s, *self._gyro.T) + self._gyro[:, 1]
+        along = np.interp(0.5 * (times[1:] + times[:-1]), self._gyro[:, 0], headings)
+        moved = np.array([rolled @ np.cos(along), rolled @ np.sin(along)])
+        return Belief(known.xy + moved, float(headings[-1]))
+
+
+def _from(records: FloatArray, time_s: float) -> FloatArray:
+    """Return the rows from the last one before a time on."""
+    return records[max(int(np.searchsorted(records[:, 0], time_s)) - 1, 0) :]
 
 
 def _heading(pose: FloatArray) -> float:
     return float(np.arctan2(pose[1, 0], pose[0, 0]))
+
+
+Navigate = Callable[[Start], VisualNavigator]

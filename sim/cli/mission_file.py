@@ -23,6 +23,7 @@ def run_until(
     quiet: bool,
     verbose: int,
     first: str | None = None,
+    workers: int | None = None,
 ) -> tuple[MissionConfig, RunFolder]:
     """Run a mission up to a stage, from where it was left or from `first` on."""
     mission = read_mission(mission_file, settings or ())
@@ -30,7 +31,7 @@ def run_until(
     if first is not None:
         run.discard_from(first)
     with logged_to(run.path / "log.jsonl", verbose):
-        run_mission(mission, run, until=stage, watch=StageProgress(quiet=quiet))
+        run_mission(mission, run, until=stage, watch=StageProgress(quiet=quiet), workers=workers)
     return mission, run
 
 

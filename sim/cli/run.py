@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose, Workers
 from sim.cli.outcome import NOT_MET, refusals_told
 
 
@@ -22,6 +22,7 @@ def run(
         bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
     ] = False,
     settings: Settings = None,
+    workers: Workers = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -46,7 +47,14 @@ def run(
             raise ConfigError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
     start = "plan" if fresh else first
     done, folder = run_until(
-        mission, until, runs=runs, settings=settings, quiet=quiet, verbose=verbose, first=start
+        mission,
+        until,
+        runs=runs,
+        settings=settings,
+        quiet=quiet,
+        verbose=verbose,
+        first=start,
+        workers=workers,
     )
     tell(folder, as_json=as_json)
     if require and not class_met(summary(folder), done.score.require):

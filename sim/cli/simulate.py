@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose, Workers
 from sim.cli.outcome import refusals_told
 
 
@@ -14,6 +14,7 @@ def simulate(
     mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")],
     runs: Runs = RUNS,
     settings: Settings = None,
+    workers: Workers = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -26,5 +27,7 @@ def simulate(
     """
     from sim.cli.mission_file import run_until, tell
 
-    _, folder = run_until(mission, "simulate", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
+    _, folder = run_until(
+        mission, "simulate", runs=runs, settings=settings, quiet=quiet, verbose=verbose, workers=workers
+    )
     tell(folder, as_json=as_json)

@@ -241,6 +241,9 @@ class GpsNavigator:
         self._belief = Belief(xy, float(heading))
         return self._belief
 
+    def finish(self, readings):
+        assert readings.frame is None
+
 
 def test_a_rover_steers_by_what_its_navigator_believes(tmp_path):
     settings = {
