@@ -17,8 +17,10 @@ class ImageOdometryErrors(Section):
     As `python -m benchmarks.odometry_errors` measures them, on drives that nothing is judged on.
     """
 
-    yaw_sigma_deg: PositiveFloat = 0.25
-    """Heading error that changes along the way, in turns mostly [deg]."""
+    yaw_sigma_deg: PositiveFloat = 0.05
+    """Heading error that is soon forgotten [deg]."""
+    heading_walk_deg_sqrt_m: NonNegativeFloat = 0.04
+    """Heading error that is not: its random walk per square root of a metre [deg]."""
     heading_sigma_deg: NonNegativeFloat = 5.0
     """Constant part of the heading error: what a compass beside motors is wrong by [deg]."""
     tilt_sigma_deg: PositiveFloat = 0.17
@@ -51,6 +53,14 @@ class LocalizationConfig(Section):
     """Heading error of the visual odometry [deg]."""
     heading_sigma_deg: NonNegativeFloat = 0.0
     """Constant part of the heading error: how well the heading at the start was known [deg]."""
+    heading_walk_deg_sqrt_m: NonNegativeFloat = 0.0
+    """Random walk of the heading error per square root of a metre [deg]; where there is one, a gyro is made use of."""
+    gyro_noise_deg_sqrt_h: PositiveFloat = 0.3
+    """Angle random walk of the gyro [deg/√h]."""
+    gyro_bias_walk_deg_h_sqrt_h: PositiveFloat = 10.0
+    """Random walk of its bias, of which nothing is assumed at the start [deg/h/√h]."""
+    gyro_scale_sigma: NonNegativeFloat = 0.001
+    """Share of a turn by which it is wrong."""
     tilt_sigma_deg: PositiveFloat = 0.1
     """Changing part of the roll and pitch error of the odometry [deg]; too small is worse than too large."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.02

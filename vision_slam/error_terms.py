@@ -7,14 +7,17 @@ import numpy as np
 from survey.arrays import FloatArray, IntArray
 from survey.recording import Recording
 from survey.sensors import Odometry
+from vision_slam.attitude import first_heading
 from vision_slam.config import LocalizationConfig
 from vision_slam.gravity import gravity_tilt, standing_bias
+from vision_slam.gyro import ANY_RATE_RAD_S, GyroErrors, turned_beyond
 from vision_slam.normal_equations import (
     BIAS,
     DATUM,
     DRIFT,
     FORCE_PITCH,
     FORCE_ROLL,
+    GYRO,
     HEADING,
     MEAN_SCALE,
     PITCH,
@@ -36,6 +39,8 @@ _DATUM_SIGMA_M = 1e4  # a barometer's datum is unknown by kilometres before the 
 # What counts as known exactly: a larger number would swamp the others in rounding.
 _EXACT_RAD = 1e-6
 _EXACT_SCALE = 1e-5
+# Worse than this nobody calls a heading known, and that of the odometry may have been laid on the fixes afterwards.
+_KNOWN_DEG, _ANY_DEG = 1.0, 180.0
 # Wheels and odometry that differ by more standard deviations than this are both doubted there.
 _DOUBTED = 3.0
 # Readings this long before the first pose or after the last still count as of it: rovers rest there.
@@ -43,16 +48,11 @@ _BESIDE_S = 1.0
 
 
 def add_terms(
-    system: NormalEquations,
-    recording: Recording,
-    reckoned: FloatArray,
-    nodes: IntArray,
-    config: LocalizationConfig,
+    system: NormalEquations, recording: Recording, along: "Nodes", config: LocalizationConfig
 ) -> None:
     """Add everything but stakes and closures, which may be wrong and are judged afterwards."""
-    assert recording.odometry is not None
-    along = _Nodes(recording.odometry, reckoned, nodes)
-    _add_start(system, config)
+    _add_start(system, recording, config)
+    _add_heading(system, recording, along, config)
     doubt_m = _add_wheels(system, recording, along, config)
     _add_odometry(system, along, config, doubt_m)
     _add_gps(system, recording, along, config)
@@ -61,34 +61,53 @@ def add_terms(
 
 
 @dataclass(frozen=True)
-class _Nodes:
-    """The nodes among the poses of the odometry, and its reckoned path."""
+class Nodes:
+    """The nodes among the poses of the odometry, its reckoned path, and a guess (K, PER_NODE) of their unknowns.
+
+    How steps answer to attitude and scale is taken about that guess.
+    """
 
     odometry: Odometry
     reckoned: FloatArray
     index: IntArray
+    guess: FloatArray
 
     @property
     def time_s(self) -> FloatArray:
+        """Times of the nodes [s]."""
         return self.odometry.time_s[self.index]
 
     @property
     def travel(self) -> FloatArray:
-        steps = np.linalg.norm(np.diff(self.reckoned, axis=0), axis=1)
-        return np.diff(np.r_[0.0, np.cumsum(steps)][self.index])
+        """Travel from node to node (K - 1,) [m]."""
+        return self.summed(np.linalg.norm(np.diff(self.reckoned, axis=0), axis=1))
 
     @property
     def turned_rad(self) -> FloatArray:
         """Sum of the turns of heading, to either side, from node to node."""
-        turns = np.abs(np.diff(np.unwrap(self.odometry.attitude_rad[:, 2])))
-        return np.diff(np.r_[0.0, np.cumsum(turns)][self.index])
+        return self.summed(np.abs(np.diff(np.unwrap(self.odometry.attitude_rad[:, 2]))))
+
+    @property
+    def guessed(self) -> tuple[FloatArray, FloatArray]:
+        """The steps (N - 1, 3) and headings (N - 1,) of the odometry, less the guess of its errors."""
+        poses_s = self.odometry.time_s[:-1]
+        wrong = {k: np.interp(poses_s, self.time_s, self.guess[:, k]) for k in (YAW, PITCH, ROLL, SCALE)}
+        off = np.column_stack([wrong[ROLL], wrong[PITCH], wrong[YAW]])
+        attitude = self.odometry.attitude_rad[:-1] - off
+        steps = np.einsum("nij,nj->ni", rotations(attitude), self.odometry.step)
+        return steps * (1.0 - wrong[SCALE])[:, None], attitude[:, 2]
+
+    def summed(self, values: FloatArray) -> FloatArray:
+        """Sum what belongs to steps (N - 1, …) from node to node."""
+        total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+        sums: FloatArray = np.diff(total[self.index], axis=0)
+        return sums
 
     def beyond_usual(self, errors: FloatArray | None) -> FloatArray:
         """Errors of steps beyond the usual ones (N - 1,), summed from node to node (K - 1,)."""
         if errors is None:
             return np.zeros(len(self.index) - 1)
-        summed: FloatArray = np.sqrt(np.diff(np.r_[0.0, np.cumsum(errors**2)][self.index]))
-        return summed
+        return np.sqrt(self.summed(errors**2))
 
     def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,).
@@ -106,11 +125,14 @@ class _Nodes:
         return node.astype(np.int64), total / count[:, None], count.astype(np.float64)
 
 
-def _add_start(system: NormalEquations, config: LocalizationConfig) -> None:
-    start_m, heading_rad = config.start_errors
+def _add_start(system: NormalEquations, recording: Recording, config: LocalizationConfig) -> None:
+    back_rad, settings = turned_back(recording, config)
+    start_m, heading_rad = settings.start_errors
     for axis in range(3):
         system.add_prior(E + axis, start_m)
-    system.add_prior(HEADING, max(heading_rad, _EXACT_RAD))
+    one = np.ones(1)
+    system.add([(unknown(np.zeros(1), HEADING), one)], -back_rad * one, max(heading_rad, _EXACT_RAD) * one)
+    system.add_prior(GYRO, ANY_RATE_RAD_S)
     for which, sigma_deg in (
         (PITCH_BIAS, config.tilt_bias_sigma_deg),
         (ROLL_BIAS, config.tilt_bias_sigma_deg),
@@ -124,8 +146,39 @@ def _add_start(system: NormalEquations, config: LocalizationConfig) -> None:
     system.add_prior(DATUM, _DATUM_SIGMA_M)
 
 
+def turned_back(recording: Recording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:
+    """Return the turn that takes the odometry back to the compass [rad], and how sure that is of its heading."""
+    if config.heading_sigma_deg <= _KNOWN_DEG:
+        return 0.0, config
+    if recording.compass is None:
+        return 0.0, config.model_copy(update={"heading_sigma_deg": _ANY_DEG})
+    assert recording.odometry is not None
+    first = float(recording.odometry.attitude_rad[0, 2])
+    back = first_heading(recording.compass, float(recording.odometry.time_s[0])) - first
+    return float(np.angle(np.exp(1j * back))), config
+
+
+def _add_heading(
+    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
+) -> None:
+    """Let the heading of the odometry walk, and hold it by the gyro, whose bias walks far more slowly."""
+    gyro, seconds = GyroErrors.of(config), np.diff(along.time_s)
+    walk = gyro.heading_walk * along.travel + along.beyond_usual(along.odometry.turn_sigma_rad) ** 2
+    system.add_walk(HEADING, np.maximum(np.sqrt(walk), _EXACT_RAD))
+    system.add_walk(GYRO, np.sqrt(gyro.bias_walk * seconds))
+    if recording.inertial is None or not gyro.is_of_use:
+        return
+    beyond = along.summed(turned_beyond(recording.inertial, along.odometry))
+    before = np.flatnonzero(np.isfinite(beyond))
+    turned_rad = np.diff(np.unwrap(along.odometry.attitude_rad[:, 2])[along.index])
+    one, half = np.ones(len(before)), 0.5 * seconds[before]
+    terms: list[Term] = [(unknown(before, YAW), one), (unknown(before + 1, YAW), -one)]
+    terms += [(unknown(before, GYRO), half), (unknown(before + 1, GYRO), half)]
+    system.add(terms, beyond[before], np.sqrt(gyro.variance(seconds, turned_rad))[before])
+
+
 def _add_wheels(
-    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
+    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
 ) -> FloatArray:
     """Compare the odometry's lengths with the wheels'; return by how much they contradict each other (K - 1,) [m].
 
@@ -159,22 +212,23 @@ def _add_wheels(
 
 
 def _add_odometry(
-    system: NormalEquations, along: _Nodes, config: LocalizationConfig, doubt_m: FloatArray
+    system: NormalEquations, along: Nodes, config: LocalizationConfig, doubt_m: FloatArray
 ) -> None:
     before = np.arange(len(along.index) - 1)
-    step, length = np.diff(along.reckoned[along.index], axis=0), along.travel
-    by_yaw, by_pitch = _leverage(along)
+    length, (steps, heading) = along.travel, along.guessed
+    told, step = np.diff(along.reckoned[along.index], axis=0), along.summed(steps)
+    by_yaw, by_pitch = (along.summed(answer) for answer in turned(steps, heading))
     one = np.ones(len(before))
     doubt_m = np.hypot(doubt_m, along.beyond_usual(along.odometry.step_sigma_m))
     doubt_m = np.hypot(doubt_m, config.turn_sigma_m * np.sqrt(along.turned_rad))
-    turn_rad = along.beyond_usual(along.odometry.turn_sigma_rad)
     for axis in range(3):
         terms: list[Term] = [(unknown(before + 1, E + axis), one), (unknown(before, E + axis), -one)]
-        for k in (before, before + 1):
-            terms.append((unknown(k, YAW), -0.5 * by_yaw[:, axis]))
-            terms.append((unknown(k, PITCH), -0.5 * by_pitch[:, axis]))
-            terms.append((unknown(k, SCALE), -0.5 * step[:, axis]))
-        system.add(terms, 0.0 * one, np.hypot(config.step_sigma_m * np.sqrt(length), doubt_m))
+        value = (told - step)[:, axis]
+        for which, answer in ((YAW, by_yaw), (PITCH, by_pitch), (SCALE, step)):
+            half = 0.5 * answer[:, axis]
+            terms += [(unknown(before, which), -half), (unknown(before + 1, which), -half)]
+            value = value - half * (along.guess[:-1, which] + along.guess[1:, which])
+        system.add(terms, value, np.hypot(config.step_sigma_m * np.sqrt(length), doubt_m))
     memory = np.exp(-length / config.scale_wander_m)
     system.add_gauss_markov(SCALE, memory, max(config.scale_wander_sigma, _EXACT_SCALE), MEAN_SCALE)
     memory = np.exp(-length / config.attitude_correlation_m)
@@ -183,15 +237,7 @@ def _add_odometry(
         (PITCH, config.tilt_sigma_deg, PITCH_BIAS),
         (ROLL, config.tilt_sigma_deg, ROLL_BIAS),
     ):
-        jump = turn_rad if which == YAW else 0.0
-        system.add_gauss_markov(which, memory, float(np.radians(sigma_deg)), mean, jump)
-
-
-def _leverage(along: _Nodes) -> tuple[FloatArray, FloatArray]:
-    """How the step between nodes answers to yaw and pitch errors, summed over the poses between."""
-    answers = turned(np.diff(along.reckoned, axis=0), along.odometry.attitude_rad[:-1, 2])
-    total = [np.vstack([np.zeros(3), np.cumsum(answer, axis=0)]) for answer in answers]
-    return np.diff(total[0][along.index], axis=0), np.diff(total[1][along.index], axis=0)
+        system.add_gauss_markov(which, memory, float(np.radians(sigma_deg)), mean)
 
 
 def differenced_fixes(
@@ -232,9 +278,7 @@ def differenced_heights(
     return readings.height_m - weather, config.model_copy(update=left)
 
 
-def _add_gps(
-    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
-) -> None:
+def _add_gps(system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig) -> None:
     position, left = differenced_fixes(recording, config)
     time_s = recording.gps.time_s
     mast = rotations(along.odometry.attitude_rad)[:, :, 2] * recording.antenna_height_m
@@ -252,7 +296,7 @@ def _add_gps(
 
 
 def _add_barometer(
-    system: NormalEquations, recording: Recording, along: _Nodes, config: LocalizationConfig
+    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
 ) -> None:
     readings, left = differenced_heights(recording, config)
     memory = np.exp(-np.diff(along.time_s) / config.barometer_correlation_time_s)
@@ -271,7 +315,7 @@ def _add_barometer(
     system.add(terms, mean[:, 0], left.barometer_white_sigma_m / np.sqrt(count))
 
 
-def _add_gravity(system: NormalEquations, recording: Recording, along: _Nodes) -> None:
+def _add_gravity(system: NormalEquations, recording: Recording, along: Nodes) -> None:
     """Add roll and pitch from gravity, with the scatter that the readings themselves show.
 
     The scatter is taken about each node's mean and from node to node, whichever is

@@ -1,16 +1,19 @@
 """Headings that the odometry's frame may have, each with the mean of a Kalman filter for all that is linear given it."""
 
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from survey.arrays import FloatArray
 from vision_slam.config import LocalizationConfig
+from vision_slam.gyro import ANY_RATE_RAD_S, GyroErrors
 
 _YAW, _PITCH, _SCALE, _DRIFT = 3, 4, 5, 9
 _PLACE, _BIAS = slice(0, 3), slice(6, 9)
-_HEADING, _PITCH_BIAS, _MEAN_SCALE, _DATUM, _WHEEL_SCALE, _SKID = range(10, 16)
-_N_STATES = 16
+_HEADING, _PITCH_BIAS, _MEAN_SCALE, _DATUM, _WHEEL_SCALE, _SKID, _GYRO = range(10, 17)
+_N_STATES = 17
+_TURNS = [_YAW, _HEADING]
 _UNKNOWN_M = 1e3
 _DATUM_SIGMA_M = 1e4
 # Beyond this the means are laid out anew about the heading that they have found.
@@ -23,8 +26,16 @@ _COUNTS = 7.0
 _ANY_RAD = np.radians(30.0)
 
 
+@dataclass(frozen=True)
+class GyroTurn:
+    """What a gyro says of a step: by how much it turned beyond the odometry, and by how much this turned [rad]."""
+
+    beyond_rad: float
+    turned_rad: float
+
+
 class Hypotheses:
-    """N headings (N,) with log weights (N,), means (N, 16) in the frame of each, and the covariance of all.
+    """N headings (N,) with log weights (N,), means (N, 17) in the frame of each, and the covariance of all.
 
     The frame of a heading is the world turned by it about the vertical through `origin`.
     """
@@ -59,18 +70,37 @@ class Hypotheses:
         drawn.correct(fix, np.inf, rng)
         return drawn
 
-    def move(self, step: FloatArray, seconds: float, unseen_m: float, unseen_rad: float) -> None:
+    def move(
+        self, step: FloatArray, seconds: float, unseen_m: float, unseen_rad: float, turn: GyroTurn | None
+    ) -> None:
         """Predict: move by the odometry's step (3,) [m]."""
         transition, noise = self._model.motion(step, seconds)
+        # The heading walks, and is off for good after a turn that nothing saw.
+        walked = unseen_rad**2 + self._model.gyro.heading_walk * float(np.linalg.norm(step))
+        told_rad = 0.0
+        if turn is not None and walked > 0.0:
+            share = self._hold(turn, seconds, walked)
+            transition[_TURNS, _GYRO] = share * seconds
+            told_rad, walked = -share * turn.beyond_rad, (1.0 - share) * walked
         self._mean = self._mean @ transition.T
         self._mean[:, _PLACE] += step
+        self._mean[:, _TURNS] += told_rad
         self._covariance = transition @ self._covariance @ transition.T
         noise[_PLACE] += unseen_m**2
-        # The heading is off for good after a turn that nothing saw.
-        noise[_HEADING] += unseen_rad**2
         self._covariance[np.diag_indices(_N_STATES)] += noise
-        self._covariance[_YAW, [_YAW, _HEADING]] += unseen_rad**2
-        self._covariance[_HEADING, _YAW] += unseen_rad**2
+        self._covariance[np.ix_(_TURNS, _TURNS)] += walked
+
+    def _hold(self, turn: GyroTurn, seconds: float, walked: float) -> float:
+        """Learn the gyro's bias β from a step; return by what share the gyro then tells of the heading's walk n.
+
+        Beyond the odometry it turns by g = β Δt − n + ν: of the bias g says β Δt = g, with the
+        variances of n and ν; given the bias n is q/(q + r) (β Δt − g), with q and r these variances.
+        """
+        noise = float(self._model.gyro.variance(seconds, turn.turned_rad))
+        sees = np.zeros(_N_STATES)
+        sees[_GYRO] = seconds
+        self._update(sees, turn.beyond_rad - self._mean @ sees, walked + noise)
+        return walked / (walked + noise)
 
     def correct(self, fix: FloatArray, gate: float, rng: np.random.Generator) -> bool:
         """Weigh by a fix (3,) [m] and take it into the means.
@@ -188,11 +218,12 @@ class _Model:
         self._config = config
         self._bias = (config.gps_bias_sigma_m * level) ** 2
         self._yaw, self._pitch = np.radians([config.yaw_sigma_deg, config.tilt_sigma_deg]) ** 2
+        self.gyro = GyroErrors.of(config)
         self.fix_variance: FloatArray = (config.gps_white_sigma_m * level) ** 2
         self.height_variance = config.barometer_white_sigma_m**2
 
     def prior(self, place_sigma_m: float, heading_sigma_rad: float) -> FloatArray:
-        """Covariance (16, 16) before anything was seen."""
+        """Covariance (17, 17) before anything was seen."""
         config = self._config
         variance = np.zeros(_N_STATES)
         variance[_PLACE], variance[_BIAS] = place_sigma_m**2, self._bias
@@ -200,7 +231,7 @@ class _Model:
         variance[_HEADING] = heading_sigma_rad**2
         variance[_PITCH_BIAS] = np.radians(config.tilt_bias_sigma_deg) ** 2
         variance[_MEAN_SCALE], variance[_WHEEL_SCALE] = config.scale_sigma**2, config.wheel_scale_sigma**2
-        variance[_SKID] = config.wheel_skid_m**2
+        variance[_SKID], variance[_GYRO] = config.wheel_skid_m**2, ANY_RATE_RAD_S**2
         covariance = np.diag(variance)
         for changing, mean, own in (
             (_YAW, _HEADING, self._yaw),
@@ -212,7 +243,7 @@ class _Model:
         return covariance
 
     def motion(self, step: FloatArray, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """Transition (16, 16) and variances (16,) of the noise, of a step that took so long."""
+        """Transition (17, 17) and variances (17,) of the noise, of a step that took so long."""
         config = self._config
         length = float(np.linalg.norm(step))
         transition, noise = np.eye(_N_STATES), np.zeros(_N_STATES)
@@ -234,6 +265,7 @@ class _Model:
         transition[_BIAS, _BIAS] = bias * np.eye(3)
         transition[_DRIFT, _DRIFT] = drift
         noise[_BIAS] = (1.0 - bias**2) * self._bias
+        noise[_GYRO] = self.gyro.bias_walk * seconds
         noise[_DRIFT] = (1.0 - drift**2) * config.barometer_drift_sigma_m**2
         return transition, noise
 

@@ -8,12 +8,12 @@ from scipy import sparse
 
 from survey.arrays import FloatArray, IntArray
 
-PER_NODE = 11
-"""Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), drift of the barometer, scale of the odometry."""
-E, YAW, PITCH, ROLL, BIAS, DRIFT, SCALE = 0, 3, 4, 5, 6, 9, 10
-MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, HEADING, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-9, 0)
+PER_NODE = 13
+"""Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), barometer's drift, scale, slow part of yaw, gyro's bias."""
+E, YAW, PITCH, ROLL, BIAS, DRIFT, SCALE, HEADING, GYRO = 0, 3, 4, 5, 6, 9, 10, 11, 12
+MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-8, 0)
 """Unknowns that all nodes share, counted from the end."""
-N_GLOBALS = 9
+N_GLOBALS = 8
 
 Term = tuple[IntArray, FloatArray]
 
@@ -52,31 +52,26 @@ class NormalEquations:
         one = np.ones(1)
         self.add([(np.atleast_1d(np.asarray(which)), one)], 0.0 * one, sigma * one)
 
-    def add_gauss_markov(
-        self,
-        which: int,
-        memory: FloatArray,
-        sigma: float,
-        mean: int | None = None,
-        jump: FloatArray | float = 0.0,
-    ) -> None:
-        """Tie an unknown to its neighbour: x' − μ = memory · (x − μ) + noise that keeps the variance; μ is a global.
+    def add_gauss_markov(self, which: int, memory: FloatArray, sigma: float, mean: int | None = None) -> None:
+        """Tie an unknown to its neighbour: x' − μ' = memory · (x − μ) + noise that keeps the variance.
 
-        Noise of the standard deviation `jump`, of its own between each two nodes, comes on top.
+        The mean μ is another unknown, a global or of the node.
         """
         before = np.arange(len(memory))
-        first, one = np.zeros(1, dtype=np.int64), np.ones(1)
-        steps: list[Term] = [
-            (unknown(before + 1, which), np.ones(len(memory))),
-            (unknown(before, which), -memory),
-        ]
+        first, one, ones = np.zeros(1, dtype=np.int64), np.ones(1), np.ones(len(memory))
+        steps: list[Term] = [(unknown(before + 1, which), ones), (unknown(before, which), -memory)]
         start: list[Term] = [(unknown(first, which), one)]
         if mean is not None:
-            steps.append((np.array(mean), memory - 1.0))
-            start.append((np.array(mean), -one))
+            steps += [(unknown(before + 1, mean), -ones), (unknown(before, mean), memory)]
+            start.append((unknown(first, mean), -one))
         kept = sigma * np.sqrt(np.maximum(1.0 - memory**2, 1e-12))
-        self.add(steps, np.zeros(len(memory)), np.hypot(kept, jump))
+        self.add(steps, np.zeros(len(memory)), kept)
         self.add(start, 0.0 * one, sigma * one)
+
+    def add_walk(self, which: int, sigma: FloatArray) -> None:
+        """Let an unknown change from node to node by independent steps of standard deviations (K - 1,)."""
+        before, ones = np.arange(len(sigma)), np.ones(len(sigma))
+        self.add([(unknown(before + 1, which), ones), (unknown(before, which), -ones)], 0.0 * ones, sigma)
 
     @property
     def design(self) -> Any:
@@ -91,5 +86,6 @@ class NormalEquations:
 
 
 def unknown(nodes: IntArray | int, which: int) -> IntArray:
-    """Return the column of one unknown of some nodes."""
-    return np.asarray(nodes, dtype=np.int64) * PER_NODE + which
+    """Return the column of one unknown of some nodes; a global is the same for all."""
+    own: IntArray = np.asarray(nodes, dtype=np.int64) * PER_NODE
+    return own + which if which >= 0 else np.full_like(own, which)

@@ -8,15 +8,13 @@ from survey.arrays import BoolArray, FloatArray
 from survey.recording import Recording
 from survey.streams import stream
 from survey.trajectory import Trajectory
-from vision_slam.attitude import first_heading
 from vision_slam.config import LocalizationConfig
-from vision_slam.error_terms import differenced_fixes, differenced_heights
+from vision_slam.error_terms import differenced_fixes, differenced_heights, turned_back
+from vision_slam.gyro import GyroErrors, turned_beyond
+from vision_slam.hypotheses import GyroTurn
 from vision_slam.particle_filter import ParticleFilter
 from vision_slam.rotation import quaternions, rotations
 
-# Worse than this nobody calls a heading known, and that of the odometry may have been laid on the fixes afterwards.
-_KNOWN_DEG = 1.0
-_ANY_DEG = 180.0
 _SET_OFF_M = 5.0
 
 
@@ -61,7 +59,7 @@ def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
     poses_s = recording.odometry.time_s
     fixes, settings = differenced_fixes(recording, config)
     heights, settings = differenced_heights(recording, settings)
-    back, settings = _turned_back(recording, settings)
+    back, settings = turned_back(recording, settings)
     cosine, sine = np.cos(back), np.sin(back)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     path = (reckoned - recording.start) @ turn.T + recording.start
@@ -138,6 +136,7 @@ class _Walk:
         self._unseen = np.sqrt(np.maximum(moved[:, 4:], 0.0))
         turning_m = config.turn_sigma_m * np.sqrt(np.abs(self._turned_rad))
         self._unseen[:, 0] = np.hypot(self._unseen[:, 0], turning_m)
+        self._beyond_rad = _beyond(recording, moments_s, config)
         self._seconds = seconds
         self._rolled: FloatArray | None = None
         if wheels is not None:
@@ -151,20 +150,23 @@ class _Walk:
         """Move on to the moment of that number."""
         if self._seconds[k] <= 0.0:
             return
-        filtered.move(self._step[k], self._seconds[k], self._unseen[k, 0], self._unseen[k, 1])
+        beyond_rad = float(self._beyond_rad[k])
+        turn = GyroTurn(beyond_rad, float(self._turned_rad[k])) if np.isfinite(beyond_rad) else None
+        filtered.move(self._step[k], self._seconds[k], self._unseen[k, 0], self._unseen[k, 1], turn)
         if self._rolled is not None and np.isfinite(self._rolled[k]):
             filtered.roll(float(self._rolled[k]), self._step[k], float(self._turned_rad[k]))
 
 
-def _turned_back(recording: Recording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:
-    """Return the turn that takes the odometry back to the compass [rad], and how sure that is of its heading."""
-    if config.heading_sigma_deg <= _KNOWN_DEG:
-        return 0.0, config
-    if recording.compass is None:
-        return 0.0, config.model_copy(update={"heading_sigma_deg": _ANY_DEG})
+def _beyond(recording: Recording, moments_s: FloatArray, config: LocalizationConfig) -> FloatArray:
+    """By how much the gyro turns beyond the odometry before each moment [rad]; NaN where it does not tell, or need not."""
     assert recording.odometry is not None
-    first = float(recording.odometry.attitude_rad[0, 2])
-    return first_heading(recording.compass, float(recording.odometry.time_s[0])) - first, config
+    if recording.inertial is None or not GyroErrors.of(config).is_of_use:
+        return np.full(len(moments_s), np.nan)
+    beyond = turned_beyond(recording.inertial, recording.odometry)
+    parts = np.column_stack([np.nan_to_num(beyond), np.isnan(beyond)])
+    summed = np.vstack([np.zeros(2), np.cumsum(parts, axis=0)])
+    moved = np.diff(_at(moments_s, recording.odometry.time_s, summed), axis=0, prepend=np.zeros((1, 2)))
+    return np.where(moved[:, 1] > 0.0, np.nan, moved[:, 0])
 
 
 def _at(time_s: FloatArray, times: FloatArray, values: FloatArray) -> FloatArray:

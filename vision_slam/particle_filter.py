@@ -3,10 +3,12 @@ r"""Online fusion of odometry with fixes by a Rao-Blackwellised particle filter.
 One thing makes localization non-linear: the heading h of the odometry's frame in the world.
 A particle is such a heading. Given it all else is linear and Gaussian, so that each particle
 carries the mean of a Kalman filter: position p, the odometry's errors of yaw ψ, pitch θ and
-scale s with their constant parts, GPS bias b, drift c and datum c₀ of the barometer. With d
+scale s with what they wander about, GPS bias b, drift c and datum c₀ of the barometer, the
+gyro's bias β. With d
 the odometry's step, (u, v) how it answers to yaw and pitch, L its length, Δt its time,
 
     p ← p + d − ψ u − θ v − s d + w,           w ~ N(0, q² L)
+    η ← η + n', β Δt = g + n' + ν,             (walk of the heading, held by the gyro's turn g)
     ψ ← η + e^(−L/Λ) (ψ − η) + n,              θ, s alike;  b ← e^(−Δt/T) b + n,  c alike
     z = p + b + ν,    h = p_z + c + c₀ + ν     (fix; barometer)
 
@@ -25,7 +27,7 @@ from scipy.special import gammaincinv
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from vision_slam.config import LocalizationConfig
-from vision_slam.hypotheses import Hypotheses
+from vision_slam.hypotheses import GyroTurn, Hypotheses
 
 _CONSISTENT = float(2.0 * gammaincinv(1.5, 0.9999))
 _N_JUMPS = 5
@@ -103,7 +105,14 @@ class ParticleFilter:
         self._elsewhere: Hypotheses | None = None
         self._n_jumps, self._contradicted_s = 0, 0.0
 
-    def move(self, step: FloatArray, seconds: float, unseen_m: float = 0.0, unseen_rad: float = 0.0) -> None:
+    def move(
+        self,
+        step: FloatArray,
+        seconds: float,
+        unseen_m: float = 0.0,
+        unseen_rad: float = 0.0,
+        turn: GyroTurn | None = None,
+    ) -> None:
         """Move by a step (3,) [m] of the odometry, in its own frame, which took so long.
 
         Where nothing saw the motion, step and heading err by `unseen_m` and `unseen_rad` beyond
@@ -111,7 +120,7 @@ class ParticleFilter:
         """
         for story in (self._here, self._elsewhere):
             if story is not None:
-                story.move(step, seconds, unseen_m, unseen_rad)
+                story.move(step, seconds, unseen_m, unseen_rad, turn)
         if self._n_jumps:
             self._contradicted_s += seconds
 
