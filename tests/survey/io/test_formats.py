@@ -163,7 +163,8 @@ def test_damaged_files_give_an_answer_or_one_sentence(name: str, tmp_path: Path)
     if name in ("dem.tif", "dem.nc", "points.las", "points.laz", "points.ply", "track.tum"):
         put(path, whole)
         good = SAMPLES[name].read(path)
-        for content in flipped(whole, 25):
+        # Each NetCDF is first read by a process of its own, which takes its time.
+        for content in flipped(whole, 6 if name == "dem.nc" else 25):
             put(path, content)
             assert read(name, path) == "refused" or SAMPLES[name].read(path) == good
 
