@@ -13,25 +13,24 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sim.camera import RoverCamera, rover_camera
+from sim.camera import rover_camera
 from sim.config import MissionConfig
 from sim.exchange import write_tum_list
 from sim.faults import Faults
 from sim.hazards import Hazard
 from sim.instruments import Instruments, Log, Readings
 from sim.motion import Motion
-from sim.physics import HeightField, KinematicRover, Physics, RoverState
+from sim.outfit import eye_of, physics_of, stakes_beside
+from sim.physics import RoverState
 from sim.preview import write_contact_sheet, write_preview
 from sim.pursuit import BackingOff, PurePursuit
-from sim.rendering import Renderer, RoverBox
-from sim.rover import ContactRover
-from sim.scene_config import AppearanceConfig
 from sim.scenery import FineTerrain, fine_terrain
 from survey.arrays import FloatArray
 from survey.camera import Camera, Frames, FrameWriter
 from survey.dem import Dem
 from survey.errors import ConfigError, InputError
 from survey.io.documents import write_json
+from survey.io.tables import write_table
 from survey.io.vector import write_features
 from survey.recording import Recording
 from survey.route import Route
@@ -121,6 +120,9 @@ class Drive:
         Crevasses, channels, pools and cones of the ground.
     seen : VisualOdometry, optional
         What the images gave on board.
+    believed : (N, 4) ndarray, optional
+        Of a drive that was steered by estimate, at every frame: time [s], easting and northing
+        [m] and heading [rad] that were believed.
     """
 
     recording: Recording
@@ -131,6 +133,7 @@ class Drive:
     route_m: float
     hazards: tuple[Hazard, ...]
     seen: VisualOdometry | None = None
+    believed: FloatArray | None = None
 
     def write(self, folder: Path) -> None:
         """Write recording and truth, how the drive went (``drive.json``), its hazards, and what it looks like."""
@@ -146,6 +149,11 @@ class Drive:
             "energy_j": round(self.energy_j, 1),
         }
         write_json(folder / "drive.json", content)
+        if self.believed is not None:
+            columns = dict(
+                zip(("time_s", "easting_m", "northing_m", "heading_rad"), self.believed.T, strict=True)
+            )
+            write_table(folder / "believed.csv", columns)
         if self.hazards:
             kinds = np.array([hazard.kind for hazard in self.hazards], dtype=object)
             outlines = [hazard.outline for hazard in self.hazards]
@@ -241,15 +249,16 @@ class _Run:
         antenna = np.array([0.0, 0.0, mission.rover.antenna_height_m])
         self._start = np.array(self._physics.state.position)
         self._believed_xy = self._start[:2]
-        stakes = _stakes(ground, self._pursuit, mission)
+        stakes = stakes_beside(ground, self._pursuit, mission)
         self._instruments = Instruments(
             mission.instruments, mission.rover.antenna_height_m, self._start + antenna, stakes, mission.seed
         )
         self._log = Log()
         self._camera = rover_camera(mission.imaging)
-        self._eye = _eye(ground, self._faults.appearance(mission.appearance), self._camera, mission)
+        self._eye = eye_of(ground, self._faults.appearance(mission.appearance), self._camera, mission)
         self._n_frames, self._frame_times = 0, list[float]()
         self._seen: VisualOdometry | None = None
+        self._believed: list[tuple[float, ...]] = []
 
     @property
     def start(self) -> Start:
@@ -265,6 +274,8 @@ class _Run:
             if self._frame_is_due():
                 readings = self._sensed(writer)
                 belief = None if navigator is None else navigator.step(readings)
+                if belief is not None and steers:
+                    self._believed.append((self._states[-1].time_s, *belief.xy.tolist(), belief.heading_rad))
             ending = self._ending()
             if ending is not None:
                 last = self._read()
@@ -389,47 +400,8 @@ class _Run:
             self._pursuit.length_m,
             ground.hazards,
             self._seen,
+            np.array(self._believed) if self._believed else None,
         )
-
-
-def physics_of(ground: HeightField, path: FloatArray, mission: MissionConfig) -> Physics:
-    """Put a rover at the start of a path, heading along it."""
-    kind = ContactRover if mission.physics.engine == "contact" else KinematicRover
-    ahead = path[1] - path[0]
-    return kind(ground, mission.physics, mission.rover, path[0], float(np.arctan2(ahead[1], ahead[0])))
-
-
-def _eye(ground: FineTerrain, look: AppearanceConfig, camera: Camera, mission: MissionConfig) -> RoverCamera:
-    renderer = Renderer(
-        ground,
-        look,
-        camera,
-        mission.seed,
-        imaging=mission.imaging,
-        wind_from_deg=mission.scenery.wind_from_deg,
-    )
-    physics = mission.physics
-    length = physics.track_length_m + 2.0 * physics.wheel_radius_m
-    size = length, physics.track_gauge_m + physics.wheel_radius_m, 0.3
-
-    def box(T_world_body: FloatArray) -> RoverBox:
-        T_body_box = np.eye(4)
-        T_body_box[2, 3] = 0.5 * size[2] + 0.05
-        return RoverBox(size, T_world_body @ T_body_box)
-
-    return RoverCamera(renderer, exposure_s=mission.imaging.exposure_s, box=box)
-
-
-def _stakes(ground: HeightField, pursuit: PurePursuit, mission: MissionConfig) -> FloatArray:
-    """Stand stakes on the ground beside the route, left and right in turn; those beyond the map are left out."""
-    config = mission.instruments.stakes
-    along = (np.arange(config.count) + 0.5) * pursuit.length_m / max(config.count, 1)
-    xy, heading = pursuit.at(along)
-    side = config.beside_m * np.where(np.arange(config.count) % 2, -1.0, 1.0)[:, None]
-    feet = xy + side * np.column_stack([-np.sin(heading), np.cos(heading)])
-    place: FloatArray = np.column_stack([feet, ground.elevation(feet)])
-    known: FloatArray = place[np.isfinite(place[:, 2])]
-    return known
 
 
 def _heading(state: RoverState) -> float:

@@ -2,11 +2,15 @@
 
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-from matplotlib.figure import Figure
+import numpy as np
 
 import survey
+from sim.preview import animated
+from survey.arrays import FloatArray
 from survey.io.documents import read_json
+from survey.io.tables import read_table
 from survey.recording import Recording
 from survey.reporting import write_report
 from survey.store import RunFolder
@@ -34,17 +38,31 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         trajectory=survey.Trajectory.read(localized / "trajectory.csv", truth.dem.crs),
         reference_trajectory=truth.trajectory,
         points=survey.SurfacePoints.read(localized / "surface_points.gpkg"),
-        tracks=_tracks(run),
+        **_seen(run),
         localization=read_json(localization, "the localization error") if localization.exists() else None,
         config_text=(run.path / "config.toml").read_text(encoding="utf-8"),
         provenance=_provenance(run),
     )
 
 
-def _tracks(run: RunFolder) -> Figure | None:
-    """Draw what the camera followed, where the recording has images."""
+def _seen(run: RunFolder) -> dict[str, Any]:
+    """Return what there is to show of a drive that has images: tracks, a video, and what was believed on the way."""
     recording = Recording.read(run.folder("simulate") / "recording")
-    return tracks_on_frames(recording) if recording.frames is not None else None
+    if recording.frames is None:
+        return {}
+    return {
+        "tracks": tracks_on_frames(recording),
+        "video": animated(recording.frames),
+        "believed": _believed(run.folder("simulate") / "believed.csv"),
+    }
+
+
+def _believed(file: Path) -> FloatArray | None:
+    """Return the places (N, 2) [m] that the rover steered by, if it did."""
+    if not file.exists():
+        return None
+    table = read_table(file, ("easting_m", "northing_m"), what="what was believed")
+    return np.column_stack([table["easting_m"], table["northing_m"]])
 
 
 def _provenance(run: RunFolder) -> dict[str, str]:

@@ -4,6 +4,7 @@ Every figure has one style, states its units, and can be told apart by the colou
 """
 
 from survey.figures.curves import terrain_profile, trajectory_error
+from survey.figures.drives import deviation_from_route, executed_route
 from survey.figures.errors import (
     calibration_plot,
     error_against_distance,
@@ -18,11 +19,13 @@ from survey.figures.style import png_bytes
 
 __all__ = [
     "calibration_plot",
+    "deviation_from_route",
     "deviation_map",
     "error_against_distance",
     "error_histogram",
     "error_map",
     "error_over_distance",
+    "executed_route",
     "height_error",
     "landmark_map",
     "path_map",

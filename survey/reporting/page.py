@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from survey import figures
 from survey.area import SurveyArea
+from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import InputError
 from survey.io.files import replacing
@@ -24,20 +25,30 @@ from survey.trajectory import Trajectory
 
 
 class Picture(NamedTuple):
-    """A figure as the page shows it: PNG bytes, words for those who cannot see it, and a caption."""
+    """A figure as the page shows it: PNG (or animated WebP) bytes, words for those who cannot see it, a caption."""
 
     png: bytes
     alt: str
     caption: str
 
     @property
+    def kind(self) -> str:
+        """Its format, by its first bytes."""
+        return "webp" if self.png.startswith(b"RIFF") else "png"
+
+    @property
     def source(self) -> str:
         """The image itself as a data URI."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        return f"data:image/{self.kind};base64," + base64.b64encode(self.png).decode("ascii")
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in pixels, from the PNG's header."""
+        """Width and height in pixels, from the header."""
+        if (
+            self.kind == "webp"
+        ):  # canvas less one, in 24 bits each, of the extended format that animations have
+            width, height = (int.from_bytes(self.png[at : at + 3], "little") + 1 for at in (24, 27))
+            return width, height
         width, height = struct.unpack(">II", self.png[16:24])
         return int(width), int(height)
 
@@ -69,6 +80,8 @@ def write_report(
     points: SurfacePoints | None = None,
     localization: Mapping[str, float | None] | None = None,
     tracks: Figure | None = None,
+    believed: FloatArray | None = None,
+    video: bytes | None = None,
     config_text: str = "",
     provenance: Mapping[str, str] | None = None,
 ) -> Path:
@@ -103,6 +116,11 @@ def write_report(
         Results of the localization, units in the names.
     tracks : matplotlib.figure.Figure, optional
         What the camera followed, where there was one.
+    believed : (N, 2) ndarray, optional
+        Where the rover thought that it was while it steered by that [m]: the drive is shown
+        beside its plan.
+    video : bytes, optional
+        What the camera saw, as an animated WebP.
     config_text : str
         The resolved configuration, shown as it is.
     provenance : mapping of str to str, optional
@@ -125,6 +143,12 @@ def write_report(
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if trajectory is not None and reference_trajectory is not None:
         pictures |= _path_pictures(trajectory, reference_trajectory, points)
+    if believed is not None and reference_trajectory is not None:
+        pictures |= _drive_pictures(survey, reference_trajectory, believed)
+    if video is not None:
+        pictures["video"] = Picture(
+            video, "Images of the drive, one after the other", "What the camera saw, from start to end."
+        )
     if tracks is not None:
         pictures["tracks"] = Picture(
             _png(tracks),
@@ -256,6 +280,23 @@ def _path_pictures(
     }
 
 
+def _drive_pictures(survey: _Survey, driven: Trajectory, believed: FloatArray) -> dict[str, Picture]:
+    """Draw how the drive kept to its plan."""
+    route, paths = survey.route, (driven.position, believed)
+    return {
+        "executed": Picture(
+            _png(figures.executed_route(route, *paths, area=survey.area)),
+            "Map of the planned path and of the one that was driven",
+            "Where the rover was to go, where it went, and where it thought that it was.",
+        ),
+        "deviation": Picture(
+            _png(figures.deviation_from_route(route, *paths)),
+            "Distance from the planned path over the distance driven",
+            "How far from its route the rover was, and how far it thought that it was.",
+        ),
+    }
+
+
 def _png(figure: Figure) -> bytes:
     return figures.png_bytes(figure)
 
@@ -282,7 +323,7 @@ def _write(folder: Path, page: str, pictures: Mapping[str, Picture]) -> Path:
             f"the report folder {folder} could not be made ({error.strerror or error}); choose another place."
         ) from error
     for name, picture in pictures.items():
-        with replacing(folder / "figures" / f"{name}.png") as draft:
+        with replacing(folder / "figures" / f"{name}.{picture.kind}") as draft:
             draft.write_bytes(picture.png)
     with replacing(folder / "index.html") as draft:
         draft.write_bytes(page.encode("utf-8"))

@@ -1,0 +1,117 @@
+"""A drive beside its plan: where the rover went, where it should have gone, and where it thought that it was."""
+
+import numpy as np
+import shapely
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from survey.area import SurveyArea
+from survey.arrays import FloatArray
+from survey.figures.cartography import draw_area, draw_scale_and_north, map_figure, widened
+from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, styled
+from survey.route import Route
+
+
+@styled
+def executed_route(
+    route: Route, driven: FloatArray, believed: FloatArray | None = None, *, area: SurveyArea | None = None
+) -> Figure:
+    """Draw the path that was driven over the one that was planned.
+
+    Parameters
+    ----------
+    route : Route
+        The plan, of one rover.
+    driven : (N, 2+) ndarray
+        Where the rover went: easting, northing [m].
+    believed : (M, 2+) ndarray, optional
+        Where it thought that it was, at the time.
+    area : SurveyArea, optional
+        Its outline.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page.
+
+    Examples
+    --------
+    >>> from survey.route import Leg
+    >>> plan = Route((Leg("swath", np.array([[0.0, 0.0], [50.0, 0.0]])),), "EPSG:32608", "by hand")
+    >>> executed_route(plan, np.array([[0.0, 0.1], [50.0, 1.0]])).axes[0].get_xlabel()
+    'Easting [m]'
+    """
+    planned = route.path()
+    lines = [line[:, :2] for line in (planned, driven, believed) if line is not None]
+    if area is not None:
+        lines.append(np.reshape(area.bounds, (2, 2)))
+    low, high = np.vstack(lines).min(axis=0), np.vstack(lines).max(axis=0)
+    margin = 0.05 * max(float((high - low).max()), 1.0)
+    (west, south), (east, north) = (low - margin).tolist(), (high + margin).tolist()
+    drawing = map_figure(FULL_IN, widened((west, south, east, north)), legend=True)
+    drawing.bar.set_visible(False)
+    axes = drawing.maps[0]
+    handles: list[Line2D] = []
+    if area is not None:
+        draw_area(axes, area, veil=False)
+    handles += axes.plot(*planned.T, color=MUTED, linewidth=4.0, alpha=0.45, label="Planned")
+    if believed is not None:
+        handles += axes.plot(*believed[:, :2].T, color=CLAIM, linewidth=0.9, label="Believed while driving")
+    handles += axes.plot(*driven[:, :2].T, color=ESTIMATE, linewidth=1.4, label="Driven")
+    handles += axes.plot(*driven[0, :2], "o", color=INK, markersize=5, label="Start")
+    draw_scale_and_north(drawing)
+    axes.set_title("Driven against planned path")
+    drawing.figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
+    return drawing.figure
+
+
+@styled
+def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray | None = None) -> Figure:
+    """Draw how far the rover was from its route, and how far it believed to be, over the share of its drive.
+
+    Parameters
+    ----------
+    route : Route
+        The plan, of one rover.
+    driven, believed : (N, 2+) and (M, 2+) ndarray
+        As for `executed_route`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page.
+
+    Examples
+    --------
+    >>> from survey.route import Leg
+    >>> plan = Route((Leg("swath", np.array([[0.0, 0.0], [50.0, 0.0]])),), "EPSG:32608", "by hand")
+    >>> deviation_from_route(plan, np.array([[0.0, 0.1], [50.0, 1.0]])).axes[0].get_ylabel()
+    'Distance from route [m]'
+    """
+    figure = Figure(figsize=(FULL_IN, 2.4), layout="constrained")
+    axes = figure.subplots()
+    off = _distances(route, driven)
+    if believed is not None:
+        thought = _distances(route, believed)
+        axes.plot(_travelled(believed), thought, color=CLAIM, linewidth=0.9, label="Believed while driving")
+    axes.plot(_travelled(driven), off, color=ESTIMATE, linewidth=1.2, label="Driven")
+    worst = float(np.percentile(off, 95.0))
+    axes.set_title(
+        f"Distance from the planned path: mean {off.mean():.2f} m, 95 % within {worst:.2f} m, most {off.max():.2f} m"
+    )
+    axes.set(xlabel="Distance driven [m]", ylabel="Distance from route [m]")
+    axes.set_xlim(0.0, max(float(_travelled(driven)[-1]), 1e-3))
+    axes.set_ylim(bottom=0.0)
+    axes.grid(visible=True, axis="y")
+    axes.legend(loc="upper left", ncols=2)
+    return figure
+
+
+def _distances(route: Route, path: FloatArray) -> FloatArray:
+    distances: FloatArray = shapely.distance(shapely.LineString(route.path()), shapely.points(path[:, :2]))
+    return distances
+
+
+def _travelled(path: FloatArray) -> FloatArray:
+    travelled: FloatArray = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
+    return travelled
