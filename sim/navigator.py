@@ -17,7 +17,7 @@ from vision_slam.visual_slam import VisualOdometry
 
 _SURVEYED_DEG = 1.0
 """How well the heading at the start is known [deg]."""
-LATE_FRAMES = 1
+LATE_FRAMES = 2
 """Frames by which the answer that is steered by is late, so that the next one can be taken in the meantime."""
 _KEPT_S = 5.0
 

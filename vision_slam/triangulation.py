@@ -13,14 +13,8 @@ _GREATEST_RANGE_M = 60.0
 _GREATEST_ERROR_PX = 1.5
 
 
-def sighted(
-    tracks: list[Track],
-    poses: list[FloatArray],
-    frame_of: dict[int, int],
-    camera: Camera,
-    config: VisualOdometryConfig,
-) -> Sightings:
-    """Triangulate every track that was seen often and near enough, relative to its last keyframe's body.
+class Landmarks:
+    """Triangulates every track that was seen often and near enough, relative to its last keyframe's body.
 
     Its covariance is that of pixels and of poses together, since the poses within the
     window are themselves estimates: with Λ = Σ JᵀJ the information of the rays about the
@@ -32,32 +26,46 @@ def sighted(
     where k, φ, s and the floor f are those of `VisualOdometryConfig`, calibrated on a drive
     over ground that is known. A landmark's error is not independent of its neighbours'.
     """
-    focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
-    angle_sigma = config.pixel_sigma / focal_px
-    pose, offset, covariance, ranges = [], [], [], []
-    for track in tracks:
-        if track.is_far or len(track.rays) < _LEAST_SIGHTS:
-            continue
-        seen = _intersected(track, poses, camera)
-        if seen is None or seen[2] > _GREATEST_ERROR_PX / focal_px:
-            continue
-        point, information, _ = seen
-        first, last = poses[track.keyframes[0]], poses[track.keyframes[-1]]
-        arm = last[:3, :3].T @ (point - last[:3, 3])
-        range_m = float(np.linalg.norm(point - first[:3, 3]))
-        if range_m > _GREATEST_RANGE_M:
-            continue
-        own = last[:3, :3].T @ np.linalg.inv(information) @ last[:3, :3]
-        pose.append(frame_of[track.keyframes[-1]])
-        offset.append(arm)
-        ranges.append(range_m)
-        covariance.append((config.landmark_pixel_factor * angle_sigma) ** 2 * own + _of_poses(arm, config))
-    return Sightings(
-        np.array(pose, dtype=np.int64),
-        np.array(offset).reshape(-1, 3),
-        np.array(covariance).reshape(-1, 3, 3),
-        np.array(ranges),
-    )
+
+    def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
+        self._camera, self._config = camera, config
+        self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
+        self._frame: list[int] = []
+        self._offset: list[FloatArray] = []
+        self._covariance: list[FloatArray] = []
+        self._range_m: list[float] = []
+
+    def add(self, tracks: list[Track], poses: list[FloatArray], frame_of: dict[int, int]) -> None:
+        """Place tracks whose keyframes have these poses; `frame_of` tells the first frame of each keyframe."""
+        config, angle_sigma = self._config, self._config.pixel_sigma / self._focal_px
+        for track in tracks:
+            if track.is_far or len(track.rays) < _LEAST_SIGHTS:
+                continue
+            seen = _intersected(track, poses, self._camera)
+            if seen is None or seen[2] > _GREATEST_ERROR_PX / self._focal_px:
+                continue
+            point, information, _ = seen
+            first, last = poses[track.keyframes[0]], poses[track.keyframes[-1]]
+            arm = last[:3, :3].T @ (point - last[:3, 3])
+            range_m = float(np.linalg.norm(point - first[:3, 3]))
+            if range_m > _GREATEST_RANGE_M:
+                continue
+            own = last[:3, :3].T @ np.linalg.inv(information) @ last[:3, :3]
+            own *= (config.landmark_pixel_factor * angle_sigma) ** 2
+            self._frame.append(frame_of[track.keyframes[-1]])
+            self._offset.append(arm)
+            self._covariance.append(own + _of_poses(arm, config))
+            self._range_m.append(range_m)
+
+    @property
+    def sightings(self) -> Sightings:
+        """All of them."""
+        return Sightings(
+            np.array(self._frame, dtype=np.int64),
+            np.array(self._offset).reshape(-1, 3),
+            np.array(self._covariance).reshape(-1, 3, 3),
+            np.array(self._range_m),
+        )
 
 
 def _of_poses(arm: FloatArray, config: VisualOdometryConfig) -> FloatArray:

@@ -20,7 +20,7 @@ from vision_slam.resection import resected
 from vision_slam.sequence import Sensed
 from vision_slam.slip import SlipWatch
 from vision_slam.tracks import Track, followed
-from vision_slam.triangulation import sighted
+from vision_slam.triangulation import Landmarks
 from vision_slam.visual_config import VisualOdometryConfig
 from vision_slam.window import Window, half_turned
 
@@ -349,6 +349,9 @@ class Sight:
         self.sensors = MotionSensors(drive)
         self._blank = np.zeros((drive.camera.height, drive.camera.width), np.uint8)
         self._before_s = start_s
+        self._landmarks = Landmarks(drive.camera, self.slam.config)
+        self._frame_of: dict[int, int] = {}
+        self._n_frames = 0
 
     def take(self, image: Image, time_s: float) -> None:
         """Take the next image; the records must reach to its time."""
@@ -362,22 +365,33 @@ class Sight:
         if motion is not None and frame.health.is_visual and slam.holds_heading:
             before = slam.pose(slam.frames[-2])
             sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
+        self._place_ended(slam.window.newest - slam.config.n_free)
+
+    def _place_ended(self, last_settled: int) -> None:
+        """Place the corners that ended before the window: nothing moves the poses that saw them any more."""
+        slam = self.slam
+        for index in range(self._n_frames, len(slam.frames)):
+            self._frame_of.setdefault(slam.frames[index].keyframe, index)
+        self._n_frames = len(slam.frames)
+        ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
+        if ended:
+            slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
+            self._landmarks.add(ended, slam.window.poses, self._frame_of)
 
     def delivered(self, drive: Sensed) -> VisualOdometry:
         """Return what all images gave, levelled by the inertial records of the whole drive."""
-        return _delivered(self.slam, drive)
+        slam = self.slam
+        slam.finished += slam.live_tracks
+        self._place_ended(slam.window.newest)
+        return _delivered(slam, self._landmarks.sightings, drive)
 
 
-def _delivered(slam: VisualSlam, recording: Sensed) -> VisualOdometry:
+def _delivered(slam: VisualSlam, sightings: Sightings, drive: Sensed) -> VisualOdometry:
     poses = np.array([slam.pose(frame) for frame in slam.frames])
     times = np.array([frame.time_s for frame in slam.frames])
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
-    odometry = Odometry(times, steps, attitudes(poses[:, :3, :3], times, recording))
+    odometry = Odometry(times, steps, attitudes(poses[:, :3, :3], times, drive))
     health = tuple(frame.health for frame in slam.frames)
-    first_frame = {frame.keyframe: index for index, frame in reversed(list(enumerate(slam.frames)))}
-    sightings = sighted(
-        [*slam.finished, *slam.live_tracks], slam.window.poses, first_frame, slam.camera, slam.config
-    )
     return VisualOdometry(odometry, sightings, health, _lost(poses, health))
 
 
