@@ -167,7 +167,7 @@ def headed(recording: Recording, found: VisualOdometry) -> tuple[Recording, Visu
     odometry = found.odometry
     path = dead_reckoning(odometry, recording.start)
     turn = heading_correction(path, odometry.time_s, recording.gps)
-    headed = Odometry(odometry.time_s, odometry.step, odometry.attitude_rad + [0.0, 0.0, turn])
+    headed = replace(odometry, attitude_rad=odometry.attitude_rad + [0.0, 0.0, turn])
     found = replace(found, odometry=headed)
     return replace(recording, odometry=headed, sightings=found.sightings), found
 

@@ -61,7 +61,8 @@ def rejoined(recording: Recording, found: VisualOdometry) -> VisualOdometry:
     if len(tears) == 0:
         return found
     n = len(odometry.time_s)
-    step_sigma, turn_sigma = np.zeros(n - 1), np.zeros(n - 1)
+    told = odometry.step_sigma_m
+    step_sigma, turn_sigma = np.zeros(n - 1) if told is None else told.copy(), np.zeros(n - 1)
     ends = [*tears[1:].tolist(), n]
     odometry = _turned(odometry, 0, _first_turn(recording, odometry, int(tears[0])))
     for first, end in zip(tears.tolist(), ends, strict=True):

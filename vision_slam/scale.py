@@ -8,7 +8,7 @@ import numpy as np
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.recording import Recording
-from survey.sensors import GpsFixes, Odometry, Sightings
+from survey.sensors import GpsFixes, Sightings
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
@@ -84,9 +84,10 @@ def scale_by_fixes(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> tuple
 def scaled(found: VisualOdometry, factor: float) -> VisualOdometry:
     """Return the same motion and landmarks, `factor` times as large."""
     o, s = found.odometry, found.sightings
+    unseen_m = None if o.step_sigma_m is None else factor * o.step_sigma_m
     return replace(
         found,
-        odometry=Odometry(o.time_s, factor * o.step, o.attitude_rad),
+        odometry=replace(o, step=factor * o.step, step_sigma_m=unseen_m),
         sightings=Sightings(s.pose, factor * s.offset, factor**2 * s.covariance, factor * s.range_m),
     )
 

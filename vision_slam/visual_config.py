@@ -53,6 +53,8 @@ class VisualOdometryConfig(Section):
     """With fewer corners that agree with one pose, the images count as blind."""
     least_inlier_ratio: PositiveFloat = 0.4
     """The same, as a share of the corners that were followed."""
+    least_kept_ratio: PositiveFloat = 0.33
+    """The same, as a share of the corners that there were: what little is left may agree by chance."""
     least_entropy_bits: PositiveFloat = 2.5
     """Images with less are blank."""
     accelerometer_time_s: PositiveFloat = 30.0

@@ -25,6 +25,7 @@ from vision_slam.visual_config import VisualOdometryConfig
 from vision_slam.window import Window, half_turned
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
+_BRIDGED = 0.05  # relative error of the travel that wheels alone tell, beyond their scale
 _STILL_PX = 0.3
 _ROLLS_M = 0.02
 _LEAST_FAR = 10
@@ -130,7 +131,7 @@ class VisualSlam:
         if motion.rotation is not None:
             step[:3, :3] = motion.rotation
         if motion.travel_m is not None:
-            step[:3, 3] = half_turned(step[:3, :3]) @ [motion.travel_m, 0.0, 0.0]
+            step[:3, 3] = half_turned(step[:3, :3]) @ [self._slip.scale * motion.travel_m, 0.0, 0.0]
         elif len(self.frames) == 1:
             step[:3, 3] = [1.0, 0.0, 0.0]
         predicted: FloatArray = self._pose @ step
@@ -219,6 +220,7 @@ class VisualSlam:
             health.entropy_bits >= config.least_entropy_bits
             and n_inliers >= config.least_inliers
             and n_inliers >= config.least_inlier_ratio * n_followed
+            and n_inliers >= config.least_kept_ratio * len(self._tracks)
         )
         return replace(health, n_followed=n_followed, n_inliers=n_inliers, is_visual=is_visual)
 
@@ -243,8 +245,11 @@ class VisualSlam:
     def _add_keyframe(self, enhanced: Image, health: FrameHealth) -> None:
         assert self._since is not None
         rolled = self._since.travel_m
-        corrected = None if rolled is None else rolled * self._slip.factor
-        self.window.add(self._pose, replace(self._since, travel_m=corrected))
+        if rolled is not None:
+            seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
+            told = self._slip.travel_m(rolled, seen if health.is_visual else None)
+            self._since = replace(self._since, travel_m=told)
+        self.window.add(self._pose, self._since)
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
         for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
@@ -252,16 +257,14 @@ class VisualSlam:
         if self._tracks:
             self._keep(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
             self._pose = self.window.poses[-1]
-        self._watch_slip(rolled)
+        self._watch_size()
         self._replenish(enhanced, health)
 
-    def _watch_slip(self, rolled_m: float | None) -> None:
-        if rolled_m is None:
-            return
+    def _watch_size(self) -> None:
         known = [track.point for track in self._tracks if track.point is not None and not track.is_far]
         points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
         travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
-        self._slip.observe(points, float(travel), rolled_m)
+        self._slip.observe(points, float(travel))
 
     def _replenish(self, enhanced: Image, health: FrameHealth) -> None:
         n_missing = self.config.n_features - len(self._tracks)
@@ -390,9 +393,21 @@ def _delivered(slam: VisualSlam, sightings: Sightings, drive: Sensed) -> VisualO
     poses = np.array([slam.pose(frame) for frame in slam.frames])
     times = np.array([frame.time_s for frame in slam.frames])
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
-    odometry = Odometry(times, steps, attitudes(poses[:, :3, :3], times, drive))
     health = tuple(frame.health for frame in slam.frames)
+    attitude = attitudes(poses[:, :3, :3], times, drive)
+    odometry = Odometry(times, steps, attitude, step_sigma_m=_unseen(steps, health))
     return VisualOdometry(odometry, sightings, health, _lost(poses, health))
+
+
+def _unseen(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:
+    """Error of steps (N - 1,) that wheels and gyro bridged [m]: a share of the way, the same for as long as it lasts."""
+    length = np.linalg.norm(steps, axis=1)
+    is_blind = np.array([not frame.is_visual for frame in health[1:]], dtype=bool)
+    edges = np.flatnonzero(np.diff(np.r_[False, is_blind, False]))
+    sigma = np.zeros(len(length))
+    for first, end in edges.reshape(-1, 2).tolist():
+        sigma[first:end] = _BRIDGED * length[first:end] * (end - first) ** 0.5
+    return sigma
 
 
 def _lost(poses: FloatArray, health: tuple[FrameHealth, ...]) -> BoolArray:

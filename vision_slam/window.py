@@ -18,6 +18,7 @@ _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
 _LEVEL = -0.04  # sine of elevation: from 0.7 m above level ground, what lies 17 m off
 _FREE = 1e3
 _SLIP_SIGMAS = 3.0  # wheels that disagree by more lose their say: they slip
+_LEAP_PX = 10.0
 _FAR_M = 400.0  # a point so far away moves by less than 0.1° within a window
 
 
@@ -60,8 +61,9 @@ class Window:
         self._lens = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
         self._may_be_far = _smart_params(gtsam.DegeneracyMode.HANDLE_INFINITY)
         self._is_ground = _smart_params(gtsam.DegeneracyMode.ZERO_ON_DEGENERACY)
-        # A corner that jumps, of noise or of the rover's own shadow, is no point at all.
-        self._is_ground.setDynamicOutlierRejectionThreshold(config.gate_px / self._focal_px)
+        # A corner that jumps, of noise or of the rover's own shadow, is no point at all. No narrower
+        # than this: what is left out costs nothing, and poses would bend until much is left out.
+        self._is_ground.setDynamicOutlierRejectionThreshold(_LEAP_PX / self._focal_px)
         self._optimizer = gtsam.LevenbergMarquardtParams()
         self._optimizer.setMaxIterations(3)
         self._optimizer.setRelativeErrorTol(1e-2)
