@@ -33,6 +33,9 @@ Measure = Callable[[FloatArray], FloatArray]
 _OUTER_SHARE = 0.35
 _INSET_SHARE = 0.25
 _MOST_SWATHS = 30
+# A survey is given up after no fewer swaths, unless the densest one has less than this chance.
+_LEAST_SEEN = 6
+_HOPE = 0.05
 
 
 @dataclass(frozen=True)
@@ -334,7 +337,11 @@ class _State:
         return scales * self.belief.slope_length_m
 
     def further(self, probability: float) -> list[tuple[float, float]] | None:
-        """Return the fewest further lines that are predicted to be enough; None where none are."""
+        """Return the fewest further lines that are predicted to be enough; None where none are.
+
+        A prior, or a swath or two, may make the terrain look rougher than it is: while there is hope, some swaths are
+        laid over the whole area before it is given up.
+        """
         most = _MOST_SWATHS - len(self.offsets)
         if most < 1:
             return None
@@ -346,7 +353,9 @@ class _State:
         # The swath just driven has made the last plan one shorter, more or less: begin there.
         found = fewest(is_enough, first=self.n_further - 1, most=most)
         if found is None:
-            return None
+            found = _LEAST_SEEN - len(self.offsets)
+            if found < 1 or self.assured.probability < _HOPE:
+                return None
         self.n_further = found
         return self._filled(found)
 

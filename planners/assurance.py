@@ -1,8 +1,10 @@
 r"""How sure it is that a map will meet a limit, over all that the terrain may be.
 
 What is not known of the terrain is a set of covariances, each with a weight (`Belief`): learned from the
-cells of a coarse prior, or from the survey itself. For each of them the mean squared error of the map over M nodes is a
-weighted sum of squared normal numbers. Its mean and variance follow from the posterior covariance C,
+cells of a coarse prior, or from the survey itself. A prior shows nothing finer than its cells, so what is promised
+from it alone rests on the roughest family that they do not exclude (`cautious_belief`). For each covariance the
+mean squared error of the map over M nodes is a weighted sum of squared normal numbers. Its mean and variance follow
+from the posterior covariance C,
 
 .. math::  E = \frac{1}{M} \mathrm{tr}\, C, \qquad V = \frac{2}{M^2} \mathrm{tr}\, C^2
 
@@ -22,7 +24,7 @@ from scipy.special import gammainc, gammaln
 from planners.correlogram import Correlogram
 from planners.wavy import slope_length_m
 from survey.area import SurveyArea
-from survey.arrays import FloatArray
+from survey.arrays import FloatArray, IntArray
 from survey.errors import InputError
 from survey.reconstruction.gp.kernel_search import ALL, Cell, Family, KernelSearch
 from survey.reconstruction.gp.kernels import Kernel
@@ -49,6 +51,11 @@ _LENGTHS_PER_DOUBLING = 2
 # Four covariances hold nearly all of what the samples leave open.
 _MOST_KERNELS = 4
 _LEAST_WEIGHT = 0.01
+# A family is excluded where the cells are less likely under all of it, by this factor, than under the best.
+_EXCLUDED = 0.02
+# Samples of a cluster, counted along the way from its first one, and how many clusters a covariance is learned from.
+_LAGS = np.array([0, 1, 3, 7])
+_MOST_CLUSTERS = 60
 # Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
 _LEAST_RATIO = 4e-9
 # 2 ν + 1 for a smoothness ν; that of a squared exponential is finite as the noise has it.
@@ -80,12 +87,16 @@ def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> 
 
 
 class Believed(NamedTuple):
-    """A covariance that the terrain may have, the error of a sample under it [m], and its weight."""
+    """A covariance that the terrain may have, the error of a sample under it [m], and its weight.
+
+    ``unseen_m2`` is the variance of relief so fine that samples show it as noise: each place of a map misses it.
+    """
 
     cell: Cell
     variance_m2: float
     noise_m: float
     weight: float
+    unseen_m2: float = 0.0
 
     @property
     def kernel(self) -> Stationary:
@@ -154,12 +165,40 @@ def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: flo
     Cells show nothing finer than themselves: how rough the terrain is between them is
     extrapolated through the families, and no more than that.
     """
+    return Belief.of_families(_lattice(cells, ALL, noise_m, localization_m))
+
+
+def cautious_belief(
+    cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0, assumed: Family | None = None
+) -> Belief:
+    """Return the covariances of the roughest family that the cells of a prior do not exclude.
+
+    Parameters
+    ----------
+    cells : CoarseCells
+        Coarse elevations and their error.
+    noise_m, localization_m : float
+        Errors of the samples to come, and of their places [m].
+    assumed : str, optional
+        The family, where it is known and need not be doubted.
+    """
+    found = _lattice(cells, ALL if assumed is None else (assumed,), noise_m, localization_m)
+    most = max(one.weight for one in found)
+    plausible = {one.cell.family for one in found if one.weight >= _EXCLUDED * most}
+    roughest = max(plausible, key=ALL.index)
+    return Belief.of([one for one in found if one.cell.family == roughest])
+
+
+def _lattice(
+    cells: CoarseCells, families: tuple[Family, ...], noise_m: float, localization_m: float
+) -> list[Believed]:
+    """Weigh the covariances of a lattice of lengths and variances by how likely they make the cells."""
     height = cells.height_m - cells.height_m.mean()
     extent = float(np.ptp(cells.places.reshape(-1, 2), axis=0).max())
     lengths = np.exp2(np.arange(np.log2(extent / 16.0), np.log2(2.0 * extent), 1.0 / _LENGTHS_PER_DOUBLING))
     variances = float(height.var()) * np.exp2(np.arange(-3.0, 8.0))
     found, logs = [], []
-    for family in ALL:
+    for family in families:
         for length in lengths:
             cell = Cell.of(family, float(length), 0.0)
             unit = cells.covariance(cell.kernel(1.0))
@@ -168,9 +207,7 @@ def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: flo
                 logs.append(_log_likelihood(variance * unit, cells.sigma_m, height))
                 found.append(Believed(cell, variance, noise, 0.0))
     weights = np.exp(np.array(logs) - np.max(logs)).tolist()
-    return Belief.of_families(
-        [one._replace(weight=weight) for one, weight in zip(found, weights, strict=True)]
-    )
+    return [one._replace(weight=weight) for one, weight in zip(found, weights, strict=True)]
 
 
 def _log_likelihood(covariance: FloatArray, sigma_m: float, height: FloatArray) -> float:
@@ -198,16 +235,35 @@ def belief_from_survey(
     xy, heights : (N, 2) and (N,) ndarray
         Places and measured heights [m].
     noise_m, localization_m : float
-        Stated errors of a sample, and of its place [m]; the fit may depart from them by some 20 %.
+        Stated errors of a sample, and of its place [m]; the fit may depart from them by some 20 %. What it finds
+        beyond them is taken as relief finer than the samples.
     """
     stated = max(noise_m, 1e-6)
-    search = KernelSearch(xy, heights[:, None], stated, ALL)
+    chosen = _clusters(len(xy))
+
+    def search(noise_m: float) -> KernelSearch:
+        return KernelSearch(xy[chosen], heights[chosen, None], noise_m, ALL, most=len(chosen))
+
     if localization_m > 0.0:
-        stated = localized_noise_m(stated, localization_m, search.found()[0].kernel)
-        search = KernelSearch(xy, heights[:, None], stated, ALL)
+        stated = localized_noise_m(stated, localization_m, search(stated).found()[0].kernel)
     return Belief.of(
-        [Believed(one.cell, one.variance_m2, one.noise_m, weight) for one, weight in search.plausible()]
+        [
+            Believed(one.cell, one.variance_m2, one.noise_m, weight, max(one.noise_m**2 - stated**2, 0.0))
+            for one, weight in search(stated).plausible()
+        ]
     )
+
+
+def _clusters(n: int) -> IntArray:
+    """Return which of n samples, in driving order, a covariance is learned from: neighbours, and neighbours of those.
+
+    Samples that all lie far apart would leave it open how rough the terrain is at short distances, and most of a
+    map lies within short distances of a sample.
+    """
+    n_clusters = min(_MOST_CLUSTERS, max(n // len(_LAGS), 1))
+    first = np.linspace(0, max(n - 1 - _LAGS[-1], 0), n_clusters).astype(int)
+    chosen: IntArray = np.unique(np.minimum(first[:, None] + _LAGS, n - 1))
+    return chosen
 
 
 class Assured(NamedTuple):
@@ -305,7 +361,9 @@ class Assurance:
         some, gap = explained[:, :_N_IN_COMMON], gap[:_N_IN_COMMON]
         common = seen.common - some.T @ some + np.outer(gap, gap) / (ones @ ones)
         scale_m2 = self.doubt**2 * believed.variance_m2
-        return self._chance(scale_m2 * left, scale_m2 * common)
+        common = scale_m2 * common
+        common[np.diag_indices(len(common))] += believed.unseen_m2
+        return self._chance(scale_m2 * left + believed.unseen_m2, common)
 
     def _chance(self, variance_m2: FloatArray, covariance_m2: FloatArray) -> Assured:
         """Return the chance of a gamma distributed mean square, from the errors' variances and some covariances."""

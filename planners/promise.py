@@ -1,8 +1,9 @@
 r"""A promise before the survey: this map class, with this probability, or a refusal.
 
-What the prior's cells tell of the terrain's covariance (`belief_from_prior`) gives the chance that a
-pattern keeps the limit; the shortest pattern that is sure enough is then tried on terrain drawn from that
-belief so that it agrees with the cells: sampled with the sensor's errors, mapped by a Gaussian process fitted
+A prior's cells leave open how rough the terrain is between them. So the promise rests on the roughest family
+of covariances that they do not exclude (`cautious_belief`), or on one that is known and named: it gives the
+chance that a pattern keeps the limit; the shortest pattern that is sure enough is then tried on terrain drawn from
+that belief so that it agrees with the cells: sampled with the sensor's errors, mapped by a Gaussian process fitted
 anew, and judged. Only what also passes there is promised.
 """
 
@@ -13,7 +14,16 @@ from functools import cache
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from planners.assurance import LEARNED, Assurance, Assured, Belief, Believed, belief_from_prior, fewest
+from planners.assurance import (
+    LEARNED,
+    Assurance,
+    Assured,
+    Belief,
+    Believed,
+    belief_from_prior,
+    cautious_belief,
+    fewest,
+)
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.planning import plan
 from planners.predict import places
@@ -22,7 +32,7 @@ from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import ConfigError, InputError
 from survey.grid import Grid
-from survey.reconstruction.gp.kernel_search import ALL, KernelSearch, mapped
+from survey.reconstruction.gp.kernel_search import ALL, Family, KernelSearch, mapped
 from survey.route import Route
 from survey.scoring.standards import map_classes
 from survey.streams import stream
@@ -55,6 +65,8 @@ class Wanted:
         Surveys that are tried on simulated terrain.
     seed : int
         Of the simulated terrain.
+    assumed : str, optional
+        Family of the terrain's covariance, where it is known; else the roughest that the prior does not exclude.
 
     Raises
     ------
@@ -70,6 +82,7 @@ class Wanted:
     prior_sigma_m: float = 1.0
     n_simulations: int = 100
     seed: int = 0
+    assumed: Family | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.probability < 1.0:
@@ -82,6 +95,10 @@ class Wanted:
         for name in ("noise_m", "localization_m", "prior_sigma_m"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ConfigError(f"{name} is {getattr(self, name)}; it must be 0 or greater.")
+        if self.assumed is not None and self.assumed not in ALL:
+            raise ConfigError(
+                f"{self.assumed} is no family of covariances that can be assumed; take {', '.join(ALL)}."
+            )
         if self.n_simulations < 10:
             raise ConfigError(f"{self.n_simulations} simulations cannot tell a probability; take 10 or more.")
 
@@ -91,7 +108,8 @@ class Promise:
     """A route, and what it promises as far as the belief is right.
 
     ``predicted`` follows from the covariances alone; ``simulated_share`` of the simulated surveys met the limit, with
-    a mean error of ``simulated_rmse_m``. A promise that does not hold carries the densest pattern tried.
+    errors of ``simulated_rmse_m``. ``likely`` is what is predicted where the terrain is no rougher than the prior makes
+    likeliest. A promise that does not hold carries the densest pattern tried.
     """
 
     route: Route
@@ -99,6 +117,7 @@ class Promise:
     wanted: Wanted
     belief: Belief
     predicted: Assured
+    likely: Assured
     simulated_share: float
     simulated_rmse_m: FloatArray = field(repr=False)
 
@@ -115,15 +134,10 @@ class Promise:
     @property
     def assumptions(self) -> str:
         """What was assumed of the terrain, in one line."""
-        shares: dict[str, float] = {}
-        for one in self.belief.kernels:
-            shares[one.cell.family] = shares.get(one.cell.family, 0.0) + one.weight
-        families = ", ".join(
-            f"{name} {share:.0%}" for name, share in sorted(shares.items(), key=lambda p: -p[1])
-        )
         best = self.belief.likeliest
+        why = "as stated" if self.wanted.assumed else "the roughest family that the prior does not exclude"
         return (
-            f"covariance learned from the prior: {families}; likeliest length scale {best.cell.length_scale_m:.0f} m, "
+            f"covariance {best.cell.family}, {why}; learned from the prior: length scale {best.cell.length_scale_m:.0f} m, "
             f"standard deviation {np.sqrt(best.variance_m2):.1f} m; a sample errs by {best.noise_m:.2f} m"
         )
 
@@ -153,16 +167,21 @@ def promise(area: SurveyArea, prior: Dem, wanted: Wanted) -> Promise:
     Notes
     -----
     The map is a Gaussian process fitted to the survey alone. Relief finer than the prior's
-    cells is extrapolated through four families of covariance; a survey that plans itself while it is driven
-    (`planners.adaptive`) learns it from the first swaths instead. Errors that samples share are not in it.
+    cells is extrapolated through the roughest of four families of covariance that the cells do not exclude: on smooth
+    terrain that is more swaths than it takes. A survey that plans itself while it is driven (`planners.adaptive`) learns
+    the family from the first swaths instead. Small relief upon a smooth surface, which no cell shows, and errors that
+    samples share are not in it.
     """
     with threadpool_limits(1):
-        belief = belief_of(area, prior, wanted)
-        proving_ground = _ProvingGround(area, _cells(area, prior, wanted), belief, wanted)
+        cells = _cells(area, prior, wanted)
+        errors = {"noise_m": wanted.noise_m, "localization_m": wanted.localization_m}
+        belief = cautious_belief(cells, **errors, assumed=wanted.assumed)
+        likely = belief if wanted.assumed else Belief.of([belief_from_prior(cells, **errors).likeliest])
+        proving_ground = _ProvingGround(area, cells, belief, wanted)
         assurance = Assurance(area, wanted.limit_m, wanted.sample_step_m, LEARNED)
         best: Promise | None = None
         for shape in _patterns(belief):
-            tried = _proven(shape, assurance, belief, proving_ground, wanted)
+            tried = _proven(shape, assurance, (belief, likely), proving_ground, wanted)
             if best is None or _is_better(tried, best):
                 best = tried
     if best is None:
@@ -212,9 +231,14 @@ def _patterns(belief: Belief) -> Iterator[Pattern]:
 
 
 def _proven(
-    shape: Pattern, assurance: Assurance, belief: Belief, ground: "_ProvingGround", wanted: Wanted
+    shape: Pattern,
+    assurance: Assurance,
+    beliefs: tuple[Belief, Belief],
+    ground: "_ProvingGround",
+    wanted: Wanted,
 ) -> Promise:
     """Return the fewest swaths of a shape that are predicted to do, and more where the simulation wants more."""
+    belief, likely = beliefs
 
     @cache
     def predicted(n: int) -> tuple[Pattern, Route, Assured]:
@@ -230,7 +254,14 @@ def _proven(
         sized, route, assured = predicted(n)
         errors = ground.errors(route)
         result = Promise(
-            route, sized, wanted, belief, assured, float(np.mean(errors <= wanted.limit_m)), errors
+            route,
+            sized,
+            wanted,
+            belief,
+            assured,
+            assurance.of(places(route, wanted.sample_step_m), likely),
+            float(np.mean(errors <= wanted.limit_m)),
+            errors,
         )
         if result.holds or n >= _MOST_SWATHS:
             return result

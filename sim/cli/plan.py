@@ -80,6 +80,13 @@ def plan(
     prior_sigma: Annotated[
         float, typer.Option("--prior-sigma", help="Error of a cell of the prior, for the promise [m].")
     ] = 1.0,
+    assume: Annotated[
+        str | None,
+        typer.Option(
+            "--assume",
+            help="Family of the terrain's covariance, where it is known (squared-exponential, matern-5/2, matern-3/2, whittle); else the promise rests on the roughest that the prior does not exclude.",
+        ),
+    ] = None,
     joint: Annotated[
         bool,
         typer.Option(
@@ -156,7 +163,7 @@ def plan(
         _refuse_beside_a_promise(
             given, pattern=pattern, rovers=rovers, max_slope=max_slope, settings=None if joint else settings
         )
-        asked_for = Asked(require, probability, noise, localization, prior_sigma, driven, measured)
+        asked_for = Asked(require, probability, noise, localization, prior_sigma, assume, driven, measured)
         _promise(
             *_read(source, prior, crs, no_go),
             asked_for,

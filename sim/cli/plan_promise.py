@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
@@ -12,6 +12,7 @@ from sim.cli.outcome import NOT_MET
 if TYPE_CHECKING:
     import survey
     from planners.promise import Promise, Wanted
+    from survey.reconstruction.gp.kernel_search import Family
     from survey.reconstruction.gp.kernels import Kernel
 
 
@@ -24,6 +25,7 @@ class Asked:
     noise_m: float
     localization_m: float
     prior_sigma_m: float
+    assume: str | None
     driven: Path | None
     measured: Path | None
 
@@ -54,6 +56,7 @@ def wanted_of(asked: Asked) -> "Wanted":
         noise_m=asked.noise_m,
         localization_m=asked.localization_m,
         prior_sigma_m=asked.prior_sigma_m,
+        assumed=cast("Family | None", asked.assume),
     )
 
 
@@ -107,6 +110,7 @@ def _beforehand(
         "limit_m": wanted.limit_m,
         "probability": made.predicted.probability,
         "rmse_m": made.predicted.rmse_m,
+        "likely_rmse_m": made.likely.rmse_m,
         "simulated_share": made.simulated_share,
         "assumed": made.assumptions,
     }
@@ -117,11 +121,17 @@ def _beforehand(
         f"{len(made.route.swaths)} {made.config.pattern} swaths, {made.route.length_m:.0f} m to drive: an RMSE within "
         f"{wanted.limit_m:.4g} m is promised with {wanted.probability:.0%}."
     )
-    typer.echo(
-        f"  expected RMSE {made.predicted.rmse_m:.2f} m; within the limit with {made.predicted.probability:.0%} by the "
-        f"covariances, in {made.simulated_share:.0%} of {wanted.n_simulations} simulated surveys"
-    )
     typer.echo(f"  assumed: {made.assumptions}")
+    typer.echo(
+        f"  if the terrain is as rough as that: RMSE {made.predicted.rmse_m:.2f} m, within the limit with "
+        f"{made.predicted.probability:.0%} by the covariance, in {made.simulated_share:.0%} of {wanted.n_simulations} "
+        "simulated surveys"
+    )
+    if wanted.assumed is None:
+        typer.echo(
+            f"  if it is as the prior makes likeliest: RMSE {made.likely.rmse_m:.2f} m, and fewer swaths would do; "
+            "--adaptive finds out"
+        )
     typer.echo(
         "  not in it: errors that samples share (--joint foresees them), relief unlike that of the cells"
     )
@@ -145,6 +155,8 @@ def _adaptive(
 
     if (asked.driven is None) != (asked.measured is None):
         raise ConfigError("--driven and --measured belong together: the route so far, and its samples.")
+    if asked.assume is not None:
+        raise ConfigError("--adaptive learns the covariance from the survey; leave out --assume.")
     config = AdaptiveConfig(
         wanted.limit_m, wanted.probability, noise_m=wanted.noise_m, localization_m=wanted.localization_m
     )

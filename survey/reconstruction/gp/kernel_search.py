@@ -150,6 +150,8 @@ class KernelSearch:
         0 is a perfect sensor.
     families : tuple of str
         What to compare.
+    most : int
+        From how many of the places to learn; they are taken evenly.
 
     Notes
     -----
@@ -170,6 +172,7 @@ class KernelSearch:
     heights: FloatArray
     noise_m: float
     families: tuple[Family, ...] = SEARCHED
+    most: int = _MOST_SEARCHED
 
     def __post_init__(self) -> None:
         if len(self.xy) < 3:
@@ -218,7 +221,7 @@ class KernelSearch:
     @cached_property
     def _all(self) -> "_View":
         """What all places that are searched say."""
-        chosen = np.linspace(0, len(self.xy) - 1, min(len(self.xy), _MOST_SEARCHED)).astype(int)
+        chosen = np.linspace(0, len(self.xy) - 1, min(len(self.xy), self.most)).astype(int)
         return _View(self.xy[chosen], self.heights[chosen], self.noise_m)
 
     @cached_property
