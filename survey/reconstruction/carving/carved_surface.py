@@ -9,7 +9,7 @@ from scipy.interpolate import RectBivariateSpline
 from survey.arrays import FloatArray, IntArray
 from survey.reconstruction.carving.bases import Bases, Cells, Fresh
 from survey.reconstruction.carving.cloud import Sights
-from survey.reconstruction.carving.descent import Rasters, Step, Tally, Visited, descend
+from survey.reconstruction.carving.descent import MOST_PER_POINT, Rasters, Step, Tally, Visited, descend
 
 # Nodes per length scale: of a pass's own raster, and of the one that holds all passes.
 _NODES, _NODES_OF_LAST = 8.0, 4.0
@@ -115,10 +115,21 @@ class CarvedSurface:
 
     def learn(self, sights: Sights, order: IntArray, level: int, first_step: int) -> Tally:
         """Make one pass over points with kernels of one level."""
-        xyz, origins, _ = sights
+        xyz, origins = sights.xyz, sights.origins
         self._meet(xyz[len(self.known) :])
-        visited = Visited(*sights, self.before, self.known, self.settled, self.latest)
-        fresh = Fresh.on(self.frame.cells, level, len(order) * (2 if self.step.carve else 1))
+        visited = Visited(
+            xyz,
+            origins,
+            sights.slack_m,
+            sights.believed(self.latest_heights()),
+            sights.vote.outvoted,
+            sights.vote.step_m,
+            self.before,
+            self.known,
+            self.settled,
+            self.latest,
+        )
+        fresh = Fresh.on(self.frame.cells, level, len(order) * (MOST_PER_POINT if self.step.carve else 1))
         block = self._block(xyz, origins, fresh.length_m)
         rasters = self._rasters(fresh.length_m, block)
         tally = descend(visited, order, first_step, fresh, rasters, self.step)

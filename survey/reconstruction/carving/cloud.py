@@ -9,6 +9,9 @@ from scipy.ndimage import binary_dilation
 
 from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.reconstruction.carving.config import SpaceCarvingConfig
+from survey.reconstruction.lattice.nodes import NodeWindow
+from survey.reconstruction.visibility.ceiling import LowestRays
+from survey.reconstruction.visibility.sight_lines import ends_far_below
 from survey.surface_points import SurfacePoints
 
 _TILE_M = 48.0
@@ -30,12 +33,31 @@ class Place(NamedTuple):
         return np.array([self.west * self.step_m, self.south * self.step_m, self.datum_m])
 
 
+class Vote(NamedTuple):
+    """The heights (H, W) below which lines of sight are outvoted by others [m], on nodes so far apart from (0, 0) [m]."""
+
+    outvoted: FloatArray
+    step_m: float
+
+
 class Sights(NamedTuple):
-    """Hits and sensors (N, 3) [m], and how deep under a surface each line of sight may run (N,) [m]."""
+    """Hits and sensors (N, 3) [m], errors of the heights (N,) [m], how deep under a surface each line of sight may run (N,) [m], and the vote.
+
+    `gated` tells whether lines of sight have to earn belief.
+    """
 
     xyz: FloatArray
     origins: FloatArray
+    sigma_m: FloatArray
     slack_m: FloatArray
+    vote: Vote
+    gated: bool
+
+    def believed(self, heights: FloatArray) -> BoolArray:
+        """Tell which lines of sight (N,) are believed, given the surface's heights at their ends (N,) [m]."""
+        if not self.gated:
+            return np.ones(len(heights), dtype=bool)
+        return ~ends_far_below(heights - self.xyz[:, 2], self.sigma_m)
 
 
 @dataclass
@@ -63,10 +85,18 @@ class Cloud:
         self.xyz[:, :2] += by
         self.origins[:, :2] += by
 
-    def sights(self, visited: IntArray, config: SpaceCarvingConfig) -> "Sights":
-        """Return what a pass goes over."""
-        slack_m = np.maximum(config.ray_sigmas * self.sigma_m[visited], config.dead_band_m)
-        return Sights(self.xyz[visited], self.origins[visited], slack_m)
+    def sights(self, visited: IntArray, config: SpaceCarvingConfig, size_m: tuple[float, float]) -> "Sights":
+        """Return what a pass goes over, in a frame of this width and height."""
+        xyz, origins, sigma_m = self.xyz[visited], self.origins[visited], self.sigma_m[visited]
+        slack_m = np.maximum(config.ray_sigmas * sigma_m, config.dead_band_m)
+        gated = config.carve and config.gate
+        vote = Vote(np.full((1, 1), -np.inf), config.last_length_m)
+        if gated:
+            window = NodeWindow.over((0.0, 0.0, *size_m), config.last_length_m)
+            rays = LowestRays.empty(window.shape)
+            rays.add(window, origins, xyz, np.zeros(len(xyz)))
+            vote = Vote(rays.outvoted(), window.step_m)
+        return Sights(xyz, origins, sigma_m, slack_m, vote, gated)
 
     def shuffled(
         self, visited: IntArray, rng: np.random.Generator, rng_of_tiles: np.random.Generator

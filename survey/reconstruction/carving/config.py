@@ -30,6 +30,8 @@ class SpaceCarvingConfig(Section):
     """Length scale in the last pass [m], by equal factors from the first; the paper gives none."""
     rate: float = Field(default=0.5, gt=0, le=1)
     """Learning rate η₀ at the first step; it falls as t^(-1/2) after four passes' worth of steps."""
+    ray_rate: float = Field(default=1.0, gt=0, le=1)
+    """Learning rate of lines of sight, which does not fall; 1 takes a violation back whole. The paper has one rate for both."""
     decay: float = Field(default=1e-6, ge=0, lt=1)
     """Weight decay λ."""
     dead_band_m: float = Field(default=0.03, ge=0)
@@ -41,7 +43,10 @@ class SpaceCarvingConfig(Section):
     bound_offset_m: float = Field(default=5.0, gt=0)
     """How far above and below that the upper and the lower surface begin [m]."""
     gate: bool = True
-    """Whether points far from all their neighbours in the scan are left out, and their rays with them."""
+    """Whether what is alone is not believed.
+
+    Left out are points far from all their neighbours in the scan, and their rays with them; rays that end
+    far below the surface carve nothing, and no ray carves more than 0.2 m below the third-lowest over a cell."""
     thin_m: float = Field(default=0.0, ge=0)
     """Of the points of an update in one cell of this side, only the first is taken [m]; 0 for all.
 

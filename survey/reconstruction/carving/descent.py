@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from survey.arrays import FloatArray, IntArray
+from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.reconstruction.carving.bases import (
     BY_POINT,
     BY_RAY,
@@ -18,9 +18,14 @@ from survey.reconstruction.carving.bases import (
 )
 from survey.reconstruction.carving.wu_kernel import wu
 
+# How often one line of sight presses the surface down in a pass, and how hard at most [m].
+_N_WORST, _YIELD_M = 2, 2.0
+MOST_PER_POINT = 1 + _N_WORST
+"""Bases that a point and its line of sight make in a pass at most."""
+
 
 class Step(NamedTuple):
-    """What a pass goes by: prior and dead-band of points [m], η₀, the steps after which η has fallen by √2, λ, whether rays count."""
+    """What a pass goes by: prior and dead-band of points [m], η₀, the steps after which η has fallen by √2, λ, whether rays count, their η."""
 
     prior_m: float
     dead_band_m: float
@@ -28,6 +33,7 @@ class Step(NamedTuple):
     slow_after: float
     decay: float
     carve: bool
+    ray_rate: float
 
 
 class Rasters(NamedTuple):
@@ -50,14 +56,19 @@ class Rasters(NamedTuple):
 class Visited(NamedTuple):
     """What a pass goes over: hits and sensors (N, 3), and what a surface makes of them.
 
-    `slack_m` (N,) is how deep under the surface a line of sight may run [m], `before` and `known`
-    (N,) are the heights above the prior that earlier runs and this one gave the points;
-    `settled` holds the bases of earlier runs, `latest` those of this run's passes before.
+    `slack_m` (N,) is how deep under the surface a line of sight may run [m], `carves` (N,) whether it
+    is believed at all, and `outvoted` (H, W) the heights below which none is [m], on nodes `vote_step_m`
+    apart from (0, 0); `before` and `known` (N,) are the heights above the prior that earlier runs and
+    this one gave the points; `settled` holds the bases of earlier runs, `latest` those of this run's
+    passes before.
     """
 
     xyz: FloatArray
     origins: FloatArray
     slack_m: FloatArray
+    carves: BoolArray
+    outvoted: FloatArray
+    vote_step_m: float
     before: FloatArray
     known: FloatArray
     settled: Bases
@@ -92,10 +103,11 @@ def descend(  # noqa: PLR0917 - compiled functions take no keywords
     For the point i and its line of sight g_i, with the height f of the surface,
 
     .. math::  \alpha = -\eta_t (f(x_i) - z_i),  \qquad
-               \alpha = -\eta_t \max_x (f(x) - g_i(x)),  \qquad
+               \alpha = -\eta_{ray} \max_x (f(x) - g_i(x)),  \qquad
                \alpha_j \leftarrow (1 - \eta_t \lambda) \alpha_j
 
-    (Eqs. 12 and 13). Weights are kept relative to what all of this run's have decayed to, so
+    (Eqs. 12 and 13). The paper has one η, and visits a point and its line of sight together; here all points
+    come first: against a surface half made, lines of sight carve what the next points raise again. Weights are kept relative to what all of this run's have decayed to, so
     that a step need not touch the old ones; the tally's ``decayed`` is the factor that all are
     owed afterwards. Bases of earlier runs have decayed in theirs.
     """
@@ -114,22 +126,41 @@ def descend(  # noqa: PLR0917 - compiled functions take no keywords
             gradient += abs(residual)
             n_points += 1
         loss += 0.5 * residual * residual
-        if step.carve:
-            worst = worst_violation(visited, i, fresh, rasters, step, decayed)
-            if worst.depth_m > 0.0:
-                _add(fresh, rasters, worst.x, worst.y, -rate * worst.depth_m / decayed, BY_RAY, True)
-                gradient += worst.depth_m
-                n_rays += 1
-            loss += 0.5 * worst.depth_m * worst.depth_m
         decayed *= 1.0 - rate * step.decay
+    for i in order if step.carve else order[:0]:
+        if visited.carves[i]:
+            deepest, n_made = _carve(visited, i, fresh, rasters, step, decayed)
+            gradient += deepest
+            loss += 0.5 * deepest * deepest
+            n_rays += n_made
     return Tally(n_points, n_rays, len(order), gradient, loss, decayed)
+
+
+@njit(cache=True, fastmath=FAST)
+def _carve(  # noqa: PLR0917
+    visited: Visited, i: int, fresh: Fresh, rasters: Rasters, step: Step, decayed: float
+) -> tuple[float, int]:
+    """Press the surface down where a line of sight is deepest under it, and where it is then; return the first depth and how often."""
+    deepest = 0.0
+    for k in range(_N_WORST):
+        worst = worst_violation(visited, i, fresh, rasters, step, decayed)
+        if worst.depth_m == 0.0:
+            return deepest, k
+        deepest = max(deepest, worst.depth_m)
+        # Huber's loss: one ray says no more than this at once.
+        pull = step.ray_rate * min(worst.depth_m, _YIELD_M)
+        _add(fresh, rasters, worst.x, worst.y, -pull / decayed, BY_RAY, True)
+    return deepest, _N_WORST
 
 
 @njit(cache=True, fastmath=FAST)
 def worst_violation(  # noqa: PLR0917
     visited: Visited, i: int, fresh: Fresh, rasters: Rasters, step: Step, decayed: float
 ) -> Violation:
-    """Search a line of sight on the rasters, node distance by node distance, and weigh the worst place exactly."""
+    """Search a line of sight on the rasters, node distance by node distance, and weigh the worst place exactly.
+
+    What it says there counts as far as other lines of sight do not outvote it.
+    """
     hit, origin = visited.xyz[i], visited.origins[i]
     dx, dy, dz = origin[0] - hit[0], origin[1] - hit[1], origin[2] - hit[2]
     n = int(np.sqrt(dx * dx + dy * dy) / rasters.fine_step_m)
@@ -154,7 +185,10 @@ def worst_violation(  # noqa: PLR0917
     x, y = hit[0] + at * dx, hit[1] + at * dy
     learned = height_at(visited.latest, x, y) + fresh_height(fresh, x, y)
     exact = step.prior_m + height_at(visited.settled, x, y) + decayed * learned
-    depth = exact - hit[2] - at * dz
+    rows, columns = visited.outvoted.shape
+    i_vote = min(int(x / visited.vote_step_m + 0.5), columns - 1)
+    j_vote = min(int(y / visited.vote_step_m + 0.5), rows - 1)
+    depth = exact - max(hit[2] + at * dz, visited.outvoted[j_vote, i_vote])
     return Violation(x, y, depth if depth > visited.slack_m[i] else 0.0)
 
 

@@ -51,8 +51,8 @@ class SpaceCarvingKernel(TerrainModel):
                \min_f \; \lambda \|f\|^2 + \frac1N \sum_i \tfrac12 (f(x_i) - z_i)^2
                + \tfrac12 \max(0, \max_x f(x) - g_i(x))^2
 
-    (Eqs. 5, 8 and 9), by one stochastic step per point and per line of sight g_i, with a
-    length scale σ that shrinks from pass to pass. Two further surfaces, which begin
+    (Eqs. 5, 8 and 9), by stochastic steps, in every pass for all points and then for all lines of
+    sight g_i, with a length scale σ that shrinks from pass to pass. Two further surfaces, which begin
     `bound_offset_m` above and below, meet the first where data are and part from it where none
     are: their distance is the paper's uncertainty.
 
@@ -176,11 +176,13 @@ class SpaceCarvingKernel(TerrainModel):
         rng_of_tiles = stream(self.config.seed, "space carving", "tiles", self.n_scans_)
         self.n_scans_ += 1
         self.passes_ = []
-        n_steps = 0
+        n_steps, sights = 0, None
         for level, length_m in enumerate(self.config.lengths_m()):
-            visited = np.concatenate([visited, self._newly_added()])
+            added = self._newly_added()
+            visited = np.concatenate([visited, added])
             order = self.cloud.shuffled(visited, rng, rng_of_tiles)
-            sights = self.cloud.sights(visited, self.config)
+            if sights is None or len(added):
+                sights = self.cloud.sights(visited, self.config, (self.frame.width_m, self.frame.height_m))
             tallies = {
                 name: surface.learn(sights, order, level, n_steps) for name, surface in self.surfaces_.items()
             }
@@ -305,11 +307,12 @@ class SpaceCarvingKernel(TerrainModel):
             kept[np.delete(np.flatnonzero(kept), first)] = False
         return points if kept.all() else points.select(kept)
 
-    def _pace(self, n: int) -> tuple[float, float, float, float, bool]:
+    def _pace(self, n: int) -> tuple[float, float, float, float, bool, float]:
         """Return what a pass over so many points goes by, beside the prior."""
         config = self.config
         decay = config.decay * min(_N_OF_DECAY / max(n, 1), 1.0)
-        return config.dead_band_m, config.rate, _PASSES_TO_SLOW * max(n, 1), decay, config.carve
+        slow_after = _PASSES_TO_SLOW * max(n, 1)
+        return config.dead_band_m, config.rate, slow_after, decay, config.carve, config.ray_rate
 
     def _taken(self, points: SurfacePoints) -> Self:
         """Keep points, some of them held back."""

@@ -28,7 +28,7 @@ from survey.reconstruction.lattice.nodes import (
 from survey.reconstruction.lattice.recent_points import RecentPoints
 from survey.reconstruction.lattice.stiffness import Stiffness, likeliest
 from survey.reconstruction.visibility.ceiling import LowestRays, steepness
-from survey.reconstruction.visibility.sight_lines import checked_origins
+from survey.reconstruction.visibility.sight_lines import checked_origins, ends_far_below
 from survey.surface_points import SurfacePoints
 
 Bounds = tuple[float, float, float, float]
@@ -39,8 +39,6 @@ _SPARE_NODES = 16
 # Stencil, right-hand side, heights and the solver's work; a draw is a 32-bit number.
 _BYTES, _BYTES_PER_DRAW = 230.0, 4.0
 _UNTOLD = Stiffness(100.0, 100.0)
-# A ray that ends so many standard deviations below the surface went somewhere else.
-_OUTLYING_SIGMAS, _MEDIAN_TO_SIGMA = 4.0, 0.6745
 
 
 @dataclass(eq=False)
@@ -218,12 +216,9 @@ class FieldLattice(LatticeModel):
 
     def _ends_low(self, scan: FloatArray) -> BoolArray:
         """Tell which points of a scan lie so far below the surface that their lines of sight are not believed."""
-        height = bilinear(self._nodes(), self.where.window.coordinates(scan[:, :2]))
-        low = height - scan[:, 2]
-        spread = np.nanmedian(np.abs(low)) / _MEDIAN_TO_SIGMA
+        low = bilinear(self._nodes(), self.where.window.coordinates(scan[:, :2])) - scan[:, 2]
         # Beyond the map nothing tells.
-        ends_well: BoolArray = low <= _OUTLYING_SIGMAS * np.hypot(spread, 1.0 / np.sqrt(scan[:, 3]))
-        return ~ends_well
+        return ends_far_below(low, 1.0 / np.sqrt(scan[:, 3])) | np.isnan(low)
 
     def _on_lattice(self, scan: FloatArray) -> FloatArray:
         window, points = self.where.window, scan.copy()

@@ -26,6 +26,8 @@ _END_IN_STEPS = 1.5
 _SIGMAS = 3.0
 # Beyond its mean slope, ground may rise so much from where a ray passes to the node.
 _MORE_SLOPE = 0.3
+# A ray so far below the third-lowest is outvoted [m].
+_ALONE_M = 0.2
 # The slope that ranks the rays of one node, before the ground's own is known.
 _RANKING_SLOPE = 1.0
 
@@ -101,6 +103,14 @@ class LowestRays:
         reach = np.where(np.isfinite(self.height[-1]), self.offset[-1], 0.0)
         ceiling: FloatArray = self.height[-1] + (slope + _MORE_SLOPE) * reach
         return ceiling
+
+    def outvoted(self) -> FloatArray:
+        """Return the heights (H, W) below which a ray is alone with what it says [m]: 0.2 m under the third-lowest.
+
+        -∞ where fewer than three rays passed: there nothing speaks against a ray.
+        """
+        third = self.height[-1]
+        return np.where(np.isfinite(third), third - _ALONE_M, -np.inf)
 
     def within(self, rows: slice, columns: slice) -> "LowestRays":
         """Return those over a part of the window."""

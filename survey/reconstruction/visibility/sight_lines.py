@@ -13,6 +13,8 @@ _N_LEAST, _BESIDE_M = 8, 6.0
 _N_ASKED = 2_000
 _UNDER_SHARE = 0.9
 _ABOVE_SHARE = 0.9
+# A ray that ends so many standard deviations below the map went somewhere else.
+_OUTLYING_SIGMAS, _MEDIAN_TO_SIGMA = 4.0, 0.6745
 
 
 def checked_origins(points: SurfacePoints) -> FloatArray:
@@ -59,6 +61,32 @@ def checked_origins(points: SurfacePoints) -> FloatArray:
         )
     _refuse_buried(points.xyz, origins)
     return origins
+
+
+def ends_far_below(low_m: FloatArray, sigma_m: FloatArray) -> BoolArray:
+    """Tell which lines of sight end so far below a map that they went somewhere else.
+
+    Parameters
+    ----------
+    low_m : (N,) ndarray
+        How far their ends lie below the map [m]; NaN where it does not reach, of which nothing is told.
+    sigma_m : (N,) ndarray
+        Standard deviations of the ends' heights [m].
+
+    Returns
+    -------
+    (N,) ndarray of bool
+        Those more than four standard deviations below, of the point itself and of the usual distance together.
+
+    Examples
+    --------
+    >>> ends_far_below(np.array([0.0, 0.1, -0.1, 0.1, -0.1, 2.0, -2.0]), np.full(7, 0.02))
+    array([False, False, False, False, False,  True, False])
+    """
+    known = np.isfinite(low_m)
+    spread_m = float(np.median(np.abs(low_m[known]))) / _MEDIAN_TO_SIGMA if known.any() else 0.0
+    far: BoolArray = known & (low_m > _OUTLYING_SIGMAS * np.hypot(spread_m, sigma_m))
+    return far
 
 
 def _refuse_buried(xyz: FloatArray, origins: FloatArray) -> None:

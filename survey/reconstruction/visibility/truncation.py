@@ -15,19 +15,17 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from survey.arrays import BoolArray, FloatArray
+from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import InputError
 from survey.reconstruction.base import ELEVATION, MEASURED, RAY_BOUNDED, Reconstruction
 from survey.reconstruction.lattice.ghost_returns import ghosts
 from survey.reconstruction.lattice.nodes import NodeWindow, bilinear
 from survey.reconstruction.visibility.ceiling import LowestRays, steepness
-from survey.reconstruction.visibility.sight_lines import checked_origins
+from survey.reconstruction.visibility.sight_lines import checked_origins, ends_far_below
 from survey.surface_points import SurfacePoints
 
 _MISS = 0.025
-# A ray that ends so many standard deviations below the map went somewhere else.
-_OUTLYING_SIGMAS, _MEDIAN_TO_SIGMA = 4.0, 0.6745
 
 
 def below_sight_lines(reconstruction: Reconstruction, points: SurfacePoints) -> Reconstruction:
@@ -102,18 +100,10 @@ def _ceiling(reconstruction: Reconstruction, points: SurfacePoints) -> FloatArra
     window = NodeWindow(grid.step_m, 0, 0, *grid.shape)
     corner = np.array([grid.bounds[0], grid.bounds[1], 0.0])
     start, end = origins - corner, points.xyz - corner
-    believed = ~ghosts(points.xyz) & ~_ends_low(bilinear(z, window.coordinates(end[:, :2])), points)
+    low_m = bilinear(z, window.coordinates(end[:, :2])) - points.z
+    believed = ~ghosts(points.xyz) & ~ends_far_below(low_m, points.sigma_z)
     rays = LowestRays.empty(window.shape)
     rays.add(window, start[believed], end[believed], points.sigma_z[believed])
     slope = steepness(z, grid.step_m)
     ceiling = rays.ceiling(np.where(np.isfinite(slope), slope, 0.0))
     return np.ascontiguousarray(ceiling[::-1])
-
-
-def _ends_low(height: FloatArray, points: SurfacePoints) -> BoolArray:
-    """Tell which points lie far below the map; points beyond it are believed."""
-    low = height - points.z
-    known = np.isfinite(low)
-    spread = float(np.median(np.abs(low[known]))) / _MEDIAN_TO_SIGMA if known.any() else 0.0
-    outlying: BoolArray = known & (low > _OUTLYING_SIGMAS * np.hypot(spread, points.sigma_z))
-    return outlying

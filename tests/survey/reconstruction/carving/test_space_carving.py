@@ -40,7 +40,14 @@ def single(prior_m: float) -> tuple[SpaceCarvingKernel, SurfacePoints]:
     """One point, one pass, no dead-band; the surface begins so high that the line of sight is under it."""
     hit = SurfacePoints([[8.0, 2.0, 0.0]], sigma_m=1e-6, origins=[[2.0, 2.0, 1.5]], crs=CRS)
     config = SpaceCarvingConfig(
-        **ONE, n_epochs=2, first_length_m=3.0, last_length_m=0.2, dead_band_m=0.0, decay=1e-3, prior_m=prior_m
+        **ONE,
+        n_epochs=2,
+        ray_rate=0.5,
+        first_length_m=3.0,
+        last_length_m=0.2,
+        dead_band_m=0.0,
+        decay=1e-3,
+        prior_m=prior_m,
     )
     model = SpaceCarvingKernel(config).begin(hit)
     next(model.passes())
@@ -140,7 +147,9 @@ def test_points_can_come_while_it_learns_and_learning_can_be_left() -> None:
     list(islice(model.passes(), 2))
     assert np.isfinite(model.predict(PLACES)).all()
     late = points(600, seed=5)
-    beyond = SurfacePoints(late.xyz + (12.0, 0.0, 0.0), sigma_m=0.01, origins=late.origins, crs=CRS)
+    assert late.origins is not None
+    away = np.array([12.0, 0.0, 0.0])
+    beyond = SurfacePoints(late.xyz + away, sigma_m=0.01, origins=late.origins + away, crs=CRS)
     for k, _ in enumerate(model.passes()):
         if k == 2:
             model.add(beyond)
@@ -246,3 +255,19 @@ def test_what_it_refuses() -> None:
         SpaceCarvingKernel(SpaceCarvingConfig(memory_mb=0.1)).fit(scan)
     with pytest.raises(ValueError, match="must not exceed"):
         SpaceCarvingConfig(first_length_m=0.1)
+
+
+def test_rays_that_end_far_below_the_ground_carve_nothing() -> None:
+    scan = points()
+    rng = np.random.default_rng(6)
+    # Five returns from under the ground, as off a car's side: together they are no ghosts.
+    under = np.column_stack([rng.uniform(10.0, 10.3, 5), rng.uniform(6.0, 6.3, 5), np.full(5, -3.0)])
+    origins = np.tile(SENSOR, (len(scan) + 5, 1))
+    odd = SurfacePoints(np.concatenate([scan.xyz, under]), sigma_m=0.01, origins=origins, crs=CRS)
+    away = PLACES[np.hypot(*(PLACES - (10.1, 6.1)).T) > 1.0]
+    gated, believing, alone = (
+        SpaceCarvingKernel(SpaceCarvingConfig(bounds=False, carve=carve, gate=gate)).fit(odd).predict(away)
+        for carve, gate in ((True, True), (True, False), (False, True))
+    )
+    assert np.abs(gated - alone).max() < 0.02
+    assert np.abs(believing - alone).max() > 0.05

@@ -116,3 +116,16 @@ def test_rays_move_with_the_window() -> None:
     moved = rays.carried(new, WINDOW)
     assert np.array_equal(moved.height[:, :, :15], rays.height[:, :, 6:])
     assert np.isinf(moved.height[:, :, 15:]).all()
+
+
+def test_a_ray_below_the_third_lowest_is_outvoted_where_three_passed() -> None:
+    rays = LowestRays.empty(WINDOW.shape)
+    start = np.tile([-4.0, 0.0, 2.0], (3, 1))
+    end = np.tile([4.0, 0.0, 2.0], (3, 1))
+    start[0, 2] = end[0, 2] = -9.0
+    rays.add(WINDOW, start[:2], end[:2], np.zeros(2))
+    assert (rays.outvoted() == -np.inf).all()
+    rays.add(WINDOW, start[2:], end[2:], np.zeros(1))
+    under = rays.outvoted()[8, 4:16]
+    # 0.2 m below the two that agree, wherever the odd one runs.
+    np.testing.assert_allclose(under, 1.8)
