@@ -61,9 +61,9 @@ class VisualOdometryConfig(Section):
     """Time over which gravity corrects roll and pitch [s]."""
     landmark_attitude_deg: PositiveFloat = 0.5
     """Error of attitude between the poses that saw a landmark [deg]; this and the next three are calibrated."""
-    landmark_scale_sigma: PositiveFloat = 0.025
+    landmark_scale_sigma: PositiveFloat = 0.013
     """Relative error of scale within the window."""
     landmark_pixel_factor: PositiveFloat = 1.7
     """By how much correlated pixel errors exceed independent ones when a point is triangulated."""
-    landmark_floor_m: PositiveFloat = 0.028
+    landmark_floor_m: PositiveFloat = 0.013
     """What remains at the nearest points: corners creep while they are followed [m]."""
