@@ -44,7 +44,7 @@ OFFSET_KNOWN = JointConfig(satellite=SatelliteErrors(sigma_m=1.0, datum_sigma_m=
 UNKNOWN_START = Case("unknown start", aids={**GRAVITY, "start": "unknown"})
 SATELLITE_OFFSET = Case("satellite 1 m off", aids=GRAVITY, satellite_offset_m=1.0, joint=OFFSET_KNOWN)
 LEARNED = replace(
-    LEVEL, name="+ gravity, barometer, kernel learned", gp=GaussianProcessConfig(family="two-scale")
+    LEVEL, name="+ gravity, barometer, kernel learned", gp=GaussianProcessConfig(family="three-scale")
 )
 _REAL_AND_ASSUMED_S = ((60.0, 60.0), (60.0, 1200.0), (300.0, 300.0), (300.0, 60.0), (300.0, 5.0))
 _UNBARRED = Case("statistical sensor")

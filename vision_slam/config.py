@@ -25,8 +25,10 @@ class ImageOdometryErrors(Section):
     """Constant part of the heading error: what a compass beside motors is wrong by [deg]."""
     tilt_sigma_deg: PositiveFloat = 0.17
     """Changing part of the roll and pitch error [deg]."""
-    tilt_bias_sigma_deg: NonNegativeFloat = 0.15
+    tilt_bias_sigma_deg: NonNegativeFloat = 0.2
     """Constant part of it, that of the accelerometer which levels the images [deg]."""
+    climb_sigma_deg: NonNegativeFloat = 0.2
+    """By how much the steps climb too much, all along the drive, for the pitch that the images have [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0
     """Travel over which attitude errors stay correlated [m]."""
     scale_sigma: PositiveFloat = 0.02
@@ -35,7 +37,7 @@ class ImageOdometryErrors(Section):
     """Changing part of that error: one camera hands its scale on from point to point."""
     scale_wander_m: PositiveFloat = 3.5
     """Travel over which it stays correlated [m]."""
-    step_sigma_m: PositiveFloat = 0.01
+    step_sigma_m: PositiveFloat = 0.016
     """Random error, sideways and upwards too, per square root of a metre [m]."""
     turn_sigma_m: NonNegativeFloat = 0.15
     """Random error of turns, per square root of a radian [m]."""
@@ -65,6 +67,8 @@ class LocalizationConfig(Section):
     """Changing part of the roll and pitch error of the odometry [deg]; too small is worse than too large."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.02
     """Constant part of it: the tilt at which the sensor is mounted [deg]."""
+    climb_sigma_deg: NonNegativeFloat = 0.0
+    """By how much the steps climb too much, all along the drive, for the pitch that they come with [deg]."""
     accelerometer_bias_sigma_deg: PositiveFloat = 0.5
     """Tilt that the accelerometer pretends, constant over the drive [deg]; used where there are inertial records."""
     attitude_correlation_m: PositiveFloat = 60.0

@@ -2,6 +2,7 @@
 
 from typing import Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from survey.config import Section
@@ -22,6 +23,7 @@ Family = Literal[
     "rational-quadratic",
     "two-scale",
     "two-scale-matern",
+    "three-scale",
 ]
 
 
@@ -68,7 +70,7 @@ class GaussianProcessConfig(Section):
     """Whether to find the hyperparameters by their likelihood."""
     family: Family = "auto"
     """Covariance function; ``auto`` takes the likeliest (the squared exponential when not fitted); two scales
-    are the sum of two squared exponentials or of two Matérn 3/2."""
+    are the sum of two squared exponentials or of two Matérn 3/2, three that of three squared exponentials."""
     variance_m2: float | None = Field(default=None, gt=0)
     """Prior variance of the surface about its mean [m²]; the place where a fit starts."""
     length_scale_m: float | None = Field(default=None, gt=0)
@@ -109,8 +111,10 @@ class GaussianProcessConfig(Section):
         if self.fit and self.prior_sigma_m is not None:
             raise ValueError("prior_sigma_m is found from the points when fit = true; leave it out")
         second = (self.second_variance_m2, self.second_length_scale_m)
-        if not self.fit and self.family.startswith("two-scale") and None in second:
-            raise ValueError("fit = false with two scales needs second_variance_m2 and second_length_scale_m")
+        if not self.fit and "-scale" in self.family and None in second:
+            raise ValueError(
+                "fit = false with several scales needs second_variance_m2 and second_length_scale_m"
+            )
         return self
 
     def kernel(self) -> Kernel:
@@ -136,7 +140,11 @@ def kernel_of(
     shape: float = 2.0,
     second: tuple[float | None, float | None] = (None, None),
 ) -> Kernel:
-    """Return the covariance function of a family; a missing second scale is a third of the first, a tenth as strong."""
+    """Return the covariance function of a family.
+
+    A missing second scale is a third of the first, a tenth as strong; a third scale lies half-way
+    between the two, by ratios.
+    """
     first = (variance_m2, length_scale_m, anisotropy, angle_deg)
     if family == "matern-3/2":
         return Matern32(*first)
@@ -144,8 +152,12 @@ def kernel_of(
         return Matern52(*first)
     if family == "rational-quadratic":
         return RationalQuadratic(*first, shape=shape)
-    if family in ("two-scale", "two-scale-matern"):
-        kind = SquaredExponential if family == "two-scale" else Matern32
+    if "-scale" in family:
+        kind = Matern32 if family == "two-scale-matern" else SquaredExponential
         variance, length = second[0] or 0.1 * variance_m2, second[1] or length_scale_m / 3.0
-        return Sum(kind(*first), kind(variance, length, anisotropy, angle_deg))
+        parts = [first, (variance, length, anisotropy, angle_deg)]
+        if family == "three-scale":
+            between = (np.sqrt(variance * variance_m2), np.sqrt(length * length_scale_m))
+            parts.insert(1, (float(between[0]), float(between[1]), anisotropy, angle_deg))
+        return Sum(*(kind(*part) for part in parts))
     return SquaredExponential(*first)

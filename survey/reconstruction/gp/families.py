@@ -50,6 +50,8 @@ def likeliest(
     noise_m2: FloatArray,
     config: GaussianProcessConfig,
     shared: SharedCovariance | None = None,
+    *,
+    candidates: tuple[Family, ...] = CANDIDATES,
 ) -> Hyperparameters:
     """Fit the families that `config` allows to at most 640 of the points, and return the likeliest.
 
@@ -64,11 +66,13 @@ def likeliest(
         The family, or ``auto``; starts of the search.
     shared : callable, optional
         Covariance of errors that points have in common; it would pass for terrain.
+    candidates : tuple of str
+        The families that ``auto`` chooses from.
     """
     part = _well_spread(xy)
     together = None if shared is None else shared(part)
     search = _Search.of(xy[part], values[part], noise_m2[part], config.nugget_m, together)
-    families = CANDIDATES if config.family == "auto" else (config.family,)
+    families = candidates if config.family == "auto" else (config.family,)
     fitted = [search.fit(family, config) for family in families]
     return max(fitted, key=lambda found: found.score)
 
@@ -140,7 +144,9 @@ class _Search:
 
     def _limits(self, name: str, value: float) -> tuple[float, float]:
         if "length_scale_m" in name:
-            return float(np.log(2e-3 * self.extent_m)), float(np.log(3.0 * self.extent_m))
+            # A further part that is longer than half the site is a plane, and wants waves that the others need.
+            longest = 0.5 if name[-1] in "23" else 3.0
+            return float(np.log(2e-3 * self.extent_m)), float(np.log(longest * self.extent_m))
         if "angle" in name:
             return value - np.pi, value + np.pi
         return value - np.log(1e4), value + np.log(1e4)

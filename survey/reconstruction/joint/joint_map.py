@@ -8,13 +8,13 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from survey.arrays import FloatArray
+from survey.arrays import FloatArray, IntArray
 from survey.dem import Dem
 from survey.geodesy import same_crs, same_vertical_datum
 from survey.grid import Grid
 from survey.path_error import POSE, PathError
 from survey.reconstruction.base import ELEVATION, Reconstruction, local_datum_m
-from survey.reconstruction.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.config import Family, GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.families import Hyperparameters, likeliest
 from survey.reconstruction.gp.fourier_basis import FourierBasis
@@ -34,6 +34,10 @@ from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.support import support_codes
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
+
+CANDIDATES: tuple[Family, ...] = ("matern-3/2", "two-scale-matern", "three-scale")
+"""What ``family = "auto"`` chooses from. The third scale is for what lies between landforms and the relief underfoot,
+of which landmarks tell so much that two scales go to these, and gaps between swaths would be mapped too boldly."""
 
 _EXTREME = 4.0
 # A slope needs fewer waves than a map.
@@ -150,7 +154,11 @@ class JointTerrain:
         rows = SharedError.full(points, self.path, slope).rows
         residual = points.z - _columns(points.xy) @ plane
         own = _own_variance(points, slope)
-        return likeliest(points.xy, residual, own, config, lambda part: self.path.covariance(rows[part]))
+
+        def shared(part: IntArray) -> FloatArray:
+            return self.path.covariance(rows[part])
+
+        return likeliest(points.xy, residual, own, config, shared, candidates=CANDIDATES)
 
     def _solution(
         self,
