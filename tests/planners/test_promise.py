@@ -12,6 +12,7 @@ from planners.assurance import (
     Believed,
     belief_from_prior,
     belief_from_survey,
+    cautious_belief,
     fewest,
     localized_noise_m,
 )
@@ -92,6 +93,26 @@ def test_the_survey_tells_family_and_noise(rng):
     assert belief.likeliest.noise_m == pytest.approx(0.1, rel=0.25)
 
 
+def test_relief_finer_than_the_samples_is_an_error_of_the_map(rng):
+    terrain, xy = smooth_terrain(), lines(6)
+    sensor = terrain.at(xy) + 0.1 * rng.standard_normal(len(xy))
+    bumps = 0.3 * rng.standard_normal(len(xy))
+    assurance = Assurance(AREA, limit_m=0.5, step_m=10.0)
+    even, bumpy = (belief_from_survey(xy, heights, noise_m=0.1) for heights in (sensor, sensor + bumps))
+    assert assurance.of(xy, even).rmse_m < 0.15
+    # The bumps themselves, known to some 20 %, and as much again for what they hide of the rest.
+    assert 0.24 < assurance.of(xy, bumpy).rmse_m < 0.3 * np.sqrt(2.0)
+
+
+def test_a_prior_is_read_as_roughly_as_it_allows():
+    cells = CoarseCells(coarse(smooth_terrain()), 0.5)
+    cautious = cautious_belief(cells, noise_m=0.1)
+    stated = cautious_belief(cells, noise_m=0.1, assumed="squared-exponential")
+    assert {one.cell.family for one in stated.kernels} == {"squared-exponential"}
+    assert len({one.cell.family for one in cautious.kernels}) == 1
+    assert cautious.growth <= belief_from_prior(cells, noise_m=0.1).growth <= stated.growth
+
+
 def test_further_lines_are_laid_where_they_save_the_most():
     driven = [50.0, 250.0]
     laid = [offset for offset, _ in gaps_filled(driven, 600.0, 4, 4.0)]
@@ -140,6 +161,22 @@ def test_an_adaptive_survey_stops_when_its_promise_holds():
     assert np.sqrt(np.mean((mean[:, 0] - terrain.at(nodes)) ** 2)) <= config.limit_m
 
 
+def test_a_survey_is_not_given_up_for_what_a_prior_makes_one_fear():
+    terrain, rng = smooth_terrain(), stream(9)
+    # As likely as not the terrain is so rough that no thirty swaths would do.
+    fear = Believed(Cell.of("whittle", 80.0, -12.0), 400.0, 0.1, 0.5)
+    belief = Belief((SMOOTH._replace(weight=0.5), fear))
+    survey = survey_adaptively(
+        AREA,
+        belief,
+        AdaptiveConfig(limit_m=0.3048, noise_m=0.1),
+        lambda xy: terrain.at(xy) + 0.1 * rng.standard_normal(len(xy)),
+    )
+    assert survey.holds
+    assert survey.route is not None
+    assert len(survey.route.swaths) <= 8
+
+
 def test_an_adaptive_survey_tells_when_no_survey_would_do():
     terrain, rng = smooth_terrain(), stream(9)
     belief = belief_from_prior(CoarseCells(coarse(terrain), 0.5), noise_m=2.0)
@@ -158,6 +195,11 @@ def test_a_promise_is_kept_on_simulated_terrain_and_states_what_it_assumes():
     assert made.simulated_share >= 0.9
     assert made.reachable_m <= 0.4572
     assert "length scale" in made.assumptions
+    assert "does not exclude" in made.assumptions
+    stated = promise(AREA, coarse(smooth_terrain()), replace(wanted, assumed="squared-exponential"))
+    assert stated.holds
+    assert stated.route.length_m <= made.route.length_m
+    assert "as stated" in stated.assumptions
 
 
 def test_what_is_reachable_is_named_by_its_class():
@@ -171,6 +213,7 @@ def test_what_is_reachable_is_named_by_its_class():
         ({"probability": 1.0}, "between 0 and 1"),
         ({"noise_m": -1.0}, "noise_m is -1.0"),
         ({"limit_m": 0.0}, "limit_m"),
+        ({"assumed": "fractal"}, "no family of covariances"),
     ],
 )
 def test_wishes_out_of_range_are_refused(change, words):

@@ -39,6 +39,7 @@ def test_a_class_is_promised_and_what_was_assumed_is_told(site):
     told = json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
     assert min(told["probability"], told["simulated_share"]) >= 0.9
     assert "learned from the prior" in told["assumed"]
+    assert told["likely_rmse_m"] <= told["rmse_m"]
     assert Route.read(out).length_m == pytest.approx(told["length_m"])
     assert (folder / "promised.png").stat().st_size > 10_000
 
@@ -80,6 +81,10 @@ def test_what_a_promise_decides_itself_is_not_taken_beside_it(site):
     folder, _ = site
     said = firnline(folder, "--require", "class-3", "--swaths", "4", code=4).stderr
     assert "leave out swaths" in said
+    assert (
+        "leave out --assume"
+        in firnline(folder, "--require", "1", "--adaptive", "--assume", "whittle", code=4).stderr
+    )
     assert "leave out settings" in firnline(folder, "--require", "1", "--set", "aids.stakes=2", code=4).stderr
 
 
