@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from survey.arrays import FloatArray
+from survey.arrays import BoolArray, FloatArray
 from survey.camera import Camera
 from survey.sensors import Sightings
 from vision_slam.tracks import Track
@@ -28,7 +28,7 @@ class Landmarks:
     """
 
     def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
-        self._camera, self._config = camera, config
+        self._T_body_camera, self._config = camera.T_body_camera, config
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
         self._frame: list[int] = []
         self._offset: list[FloatArray] = []
@@ -37,25 +37,43 @@ class Landmarks:
 
     def add(self, tracks: list[Track], poses: list[FloatArray], frame_of: dict[int, int]) -> None:
         """Place tracks whose keyframes have these poses; `frame_of` tells the first frame of each keyframe."""
-        config, angle_sigma = self._config, self._config.pixel_sigma / self._focal_px
-        for track in tracks:
-            if track.is_far or len(track.rays) < _LEAST_SIGHTS:
-                continue
-            seen = _intersected(track, poses, self._camera)
-            if seen is None or seen[2] > _GREATEST_ERROR_PX / self._focal_px:
-                continue
-            point, information, _ = seen
-            first, last = poses[track.keyframes[0]], poses[track.keyframes[-1]]
-            arm = last[:3, :3].T @ (point - last[:3, 3])
-            range_m = float(np.linalg.norm(point - first[:3, 3]))
+        kept = [track for track in tracks if not track.is_far and len(track.rays) >= _LEAST_SIGHTS]
+        if not kept:
+            return
+        points, information, error, is_good = _intersected(*self._sights(kept, poses))
+        is_good &= error <= _GREATEST_ERROR_PX / self._focal_px
+        for index in np.flatnonzero(is_good).tolist():
+            first, last = (poses[kept[index].keyframes[end]] for end in (0, -1))
+            range_m = float(np.linalg.norm(points[index] - first[:3, 3]))
             if range_m > _GREATEST_RANGE_M:
                 continue
-            own = last[:3, :3].T @ np.linalg.inv(information) @ last[:3, :3]
-            own *= (config.landmark_pixel_factor * angle_sigma) ** 2
-            self._frame.append(frame_of[track.keyframes[-1]])
+            arm = last[:3, :3].T @ (points[index] - last[:3, 3])
+            self._frame.append(frame_of[kept[index].keyframes[-1]])
             self._offset.append(arm)
-            self._covariance.append(own + _of_poses(arm, config))
+            self._covariance.append(
+                self._own(information[index], last[:3, :3]) + _of_poses(arm, self._config)
+            )
             self._range_m.append(range_m)
+
+    def _sights(
+        self, tracks: list[Track], poses: list[FloatArray]
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return the rays (T, N, 3) of tracks in the window's frame, where they begin, and which there are."""
+        shape = len(tracks), max(len(track.rays) for track in tracks)
+        rays, places, there = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=np.bool_)
+        rays[..., 2] = 1.0
+        eyes = {k: poses[k] @ self._T_body_camera for k in {k for track in tracks for k in track.keyframes}}
+        for row, track in enumerate(tracks):
+            eye = np.array([eyes[k] for k in track.keyframes])
+            rays[row, : len(eye)] = np.einsum("nij,nj->ni", eye[:, :3, :3], np.array(track.rays))
+            places[row, : len(eye)], there[row, : len(eye)] = eye[:, :3, 3], True
+        return rays, places, there
+
+    def _own(self, information: FloatArray, turn: FloatArray) -> FloatArray:
+        """Return the covariance (3, 3) that pixels alone give, in the body frame [m²]."""
+        sigma = self._config.landmark_pixel_factor * self._config.pixel_sigma / self._focal_px
+        own: FloatArray = sigma**2 * (turn.T @ np.linalg.inv(information) @ turn)
+        return own
 
     @property
     def sightings(self) -> Sightings:
@@ -78,25 +96,29 @@ def _of_poses(arm: FloatArray, config: VisualOdometryConfig) -> FloatArray:
 
 
 def _intersected(
-    track: Track, poses: list[FloatArray], camera: Camera
-) -> tuple[FloatArray, FloatArray, float] | None:
-    """Point nearest to all rays by angle, information of its place [1/m² per rad²], RMS angle [rad]."""
-    eyes = [poses[k] @ camera.T_body_camera for k in track.keyframes]
-    rays = np.array([eye[:3, :3] @ ray for eye, ray in zip(eyes, track.rays, strict=True)])
-    places = np.array([eye[:3, 3] for eye in eyes])
-    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-    weight = np.ones(len(rays))
+    rays: FloatArray, places: FloatArray, there: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Intersect the rays (T, N, 3) of each track that are `there` (T, N).
+
+    Returns the point (T, 3) nearest to all rays by angle, the information of its place
+    (T, 3, 3) [1/m² per rad²], the RMS angle [rad], and which of them are points at all.
+    """
+    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
+    is_good, weight = np.ones(len(rays), dtype=np.bool_), there.astype(np.float64)
     for _ in range(3):
-        normal = np.einsum("n,nij->ij", weight, across)
-        if np.linalg.det(normal) < 1e-12 * np.trace(normal) ** 3:
-            return None
-        point = np.linalg.solve(normal, np.einsum("n,nij,nj->i", weight, across, places))
-        distance = np.linalg.norm(point - places, axis=1)
-        if distance.min() < 0.1:
-            return None
-        weight = 1.0 / distance**2
-    information = np.einsum("n,nij->ij", weight, across)
-    if np.linalg.eigvalsh(information)[0] <= 0.0 or ((point - places) * rays).sum(axis=1).min() < 0.0:
-        return None
-    error = np.einsum("nij,nj->ni", across, point - places) / distance[:, None]
-    return point, information, float(np.sqrt(np.mean((error**2).sum(axis=1))))
+        normal = np.einsum("tn,tnij->tij", weight, across)
+        is_good &= np.linalg.det(normal) >= 1e-12 * np.trace(normal, axis1=1, axis2=2) ** 3
+        normal[~is_good] = np.eye(3)
+        told = np.einsum("tn,tni->ti", weight, np.einsum("tnij,tnj->tni", across, places))
+        point = np.linalg.solve(normal, told[..., None])[..., 0]
+        gap = point[:, None] - places
+        distance = np.linalg.norm(gap, axis=2)
+        is_good &= np.where(there, distance, np.inf).min(axis=1) >= 0.1
+        distance = np.maximum(distance, 1e-9)
+        weight = there / distance**2
+    information = np.einsum("tn,tnij->tij", weight, across)
+    is_good &= np.linalg.eigvalsh(information)[:, 0] > 0.0
+    is_good &= np.where(there, (gap * rays).sum(axis=2), np.inf).min(axis=1) >= 0.0
+    error = np.einsum("tnij,tnj->tni", across, gap) / distance[..., None]
+    squares = np.where(there, (error**2).sum(axis=2), 0.0).sum(axis=1)
+    return point, information, np.sqrt(squares / there.sum(axis=1)), is_good
