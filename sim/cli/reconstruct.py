@@ -44,7 +44,9 @@ def reconstruct(
     ] = None,
     rays: Annotated[
         bool,
-        typer.Option("--rays", help="Let lines of sight bound the map from above, and draw its bounds."),
+        typer.Option(
+            "--rays", help="Let lines of sight to the ground bound the map from above, and draw its bounds."
+        ),
     ] = False,
     max_slope: Annotated[
         float | None,

@@ -30,8 +30,8 @@ def reconstruct_scans(
 ) -> None:
     """Stream scans into a map and write mean, standard deviation, bounds and support.
 
-    With `rays` lines of sight bound the map, pictures of mean, width and support are drawn, and
-    ground steeper than `max_slope_deg` for certain is written as ``no_go.tif``.
+    With `rays` lines of sight to the ground bound the map, returns from what overhangs it are left
+    out, pictures of mean, width and support are drawn, and ground steeper than `max_slope_deg` for certain is written as ``no_go.tif``.
     """
     from sim.cli.progress import counted
     from survey.errors import InputError
@@ -41,6 +41,7 @@ def reconstruct_scans(
     from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
     from survey.reconstruction.lattice.field_lattice import FieldLattice
     from survey.reconstruction.lattice.spring_lattice import SpringLattice
+    from survey.reconstruction.visibility.ground import ground
 
     if rays and method == "emap":
         raise InputError(
@@ -58,7 +59,7 @@ def reconstruct_scans(
         model = SpringLattice(SpringLatticeConfig(step_m=step, side_m=None))
     with counted(quiet=quiet) as progress:
         for n_read, scan in enumerate(read_scans(files, crs=crs, sigma_m=sigma_m, track=track), start=1):
-            model.update(scan)
+            model.update(scan.select(ground(scan.xyz)) if rays else scan)
             progress("scans", n_read, max(len(files), n_read))
     grid = model.whole_grid(step) if isinstance(model, SpaceCarvingKernel) else model.whole_grid()
     result = model.grid(grid)
