@@ -43,7 +43,7 @@ from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
-SEEDS = (51, 52, 53)
+SEEDS = (61, 62, 63)
 STATED = JointConfig(satellite=SatelliteErrors(sigma_m=1.0))
 PROFILES: dict[str, Literal["gauss-markov-60", "gauss-markov-300"]] = {
     "tau 60 s": "gauss-markov-60",
@@ -97,7 +97,7 @@ class Outcome:
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    surveys = [_short_survey()] if quick else [_survey(seed) for seed in SEEDS]
+    surveys = [_short_survey()] if quick else [survey_in_images(seed) for seed in SEEDS]
     for survey in surveys:
         yield Row("landmarks", float(len(survey.found.sightings.pose)), "1")
         floor = _floor(survey)
@@ -126,7 +126,8 @@ def _rows(name: str, done: list[Outcome]) -> Iterator[Row]:
     yield Row(f"{name}: vertical error of the path before the map, median", path, "m")
 
 
-def _survey(seed: int) -> Survey:
+def survey_in_images(seed: int) -> Survey:
+    """Return the survey of a seed; its images are rendered and followed where that was not done before."""
     return _read(_simulated(EXAMPLES / "mendenhall_like.toml", SURVEYS / str(seed), (f"seed={seed}",)))
 
 

@@ -2,7 +2,8 @@
 
 Run with ``python -m benchmarks.localization``. Missions are of the statistical fidelity, on seeds used for nothing
 else, and the estimator assumes what is drawn, as if datasheets were right. Two levels of odometry are shown: what the
-statistical fidelity draws unless told otherwise, and what `benchmarks.odometry_errors` measures of images and wheels.
+statistical fidelity draws unless told otherwise, and what `benchmarks.odometry_errors` measures of images and wheels,
+whose heading walks away unless a gyro holds it.
 Nothing is aligned. Errors are over all poses of a run; rows are over runs.
 """
 
@@ -12,6 +13,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import planners
 from benchmarks.report import Row, main
@@ -21,6 +23,9 @@ from sim.statistical import simulate_statistical
 from sim.studies.joint_map import AREA, site
 from survey.arrays import FloatArray
 from survey.recording import Recording
+from survey.sensors import Inertial
+from survey.streams import stream
+from survey.trajectory import Trajectory
 from vision_slam.config import ImageOdometryErrors, LocalizationConfig
 from vision_slam.evaluation import consistency
 from vision_slam.online import OnlinePath, believing, follow
@@ -32,6 +37,7 @@ FIRST_SEED = 51_000
 _JUDGED = ("SBAS", "3 m, tau 60 s")
 _SPACING_M = 150.0
 _INSET = 20.0 / _SPACING_M
+_GYRO_BIAS_DEG_H = 36.0
 
 RECEIVERS: dict[str, dict[str, Any]] = {
     "white 3 m": {"gps_bias_sigma_m": 0.01, "gps_white_sigma_m": 3.0, "gps_correlation_time_s": 60.0},
@@ -47,6 +53,7 @@ ODOMETRY: dict[str, dict[str, Any]] = {
     "odometry as drawn": {},
     "odometry as images give": {
         "yaw_sigma_deg": _IMAGES.yaw_sigma_deg,
+        "heading_walk_deg_sqrt_m": _IMAGES.heading_walk_deg_sqrt_m,
         "tilt_sigma_deg": _IMAGES.tilt_sigma_deg,
         "attitude_correlation_m": _IMAGES.attitude_correlation_m,
         # The wheels hold the scale of images; what is left is theirs: one share, and a random walk.
@@ -105,7 +112,25 @@ def _mission(seed: int, odometry: str, receiver: str, *, ties: int = 0) -> Missi
 def _drawn(mission: MissionConfig) -> tuple[Recording, FloatArray]:
     route = planners.plan(AREA, None, mission.planner)
     recording, real = simulate_statistical(_terrain(), route, mission)
+    if mission.sensors.heading_walk_deg_sqrt_m > 0.0:
+        recording = replace(recording, inertial=_gyro(real.trajectory, mission))
     return recording, real.trajectory.position
+
+
+def _gyro(real: Trajectory, mission: MissionConfig) -> Inertial:
+    """Draw what a gyro says in each second; of an accelerometer there is nothing."""
+    config, rng = mission.assumed, stream(mission.seed, "localization", "gyro")
+    attitude, seconds = Rotation.from_quat(real.quaternion), np.diff(real.time_s)[:, None]
+    turn = (attitude[:-1].inv() * attitude[1:]).as_rotvec()
+    turn *= 1.0 + config.gyro_scale_sigma * rng.standard_normal()
+    noise, walk = np.radians(
+        [config.gyro_noise_deg_sqrt_h / 60.0, config.gyro_bias_walk_deg_h_sqrt_h / 60.0**3]
+    )
+    bias = np.radians(_GYRO_BIAS_DEG_H / 3600.0) * rng.standard_normal(3)
+    drawn = rng.standard_normal((2, *turn.shape))
+    bias = bias + np.cumsum(walk * np.sqrt(seconds) * drawn[0], axis=0)
+    rates = (turn + noise * np.sqrt(seconds) * drawn[1]) / seconds + bias
+    return Inertial(real.time_s[1:], rates, np.zeros_like(rates))
 
 
 def _localized(mission: MissionConfig, recording: Recording, place: FloatArray) -> Run:

@@ -1,13 +1,15 @@
 r"""What the odometry of images is wrong by, and the wheels, on drives that nothing is judged on.
 
 Run with ``python -m benchmarks.odometry_errors``. The figures are what `localization.images` and the wheels' settings
-assume, printed beside; the drives are those of ``examples/glacier_drive.toml`` with the seeds 11 to 13, rendered once and
-kept in the system's folder for temporary files. Errors are estimated minus real. A Gauss–Markov error of standard
+assume, printed beside; the drives are those of ``examples/glacier_drive.toml`` with the seeds 11 to 13, of 280 m, and of
+``examples/mendenhall_like.toml`` with the seeds 51 to 53, of 2.85 km, on which a heading shows whether it walks away. They
+are rendered once and kept in the system's folder for temporary files. Errors are estimated minus real. A Gauss–Markov error of standard
 deviation σ and correlation length Λ changes over a distance d by
 
-.. math:: E (x(t + d) − x(t))^2 = 2 σ² (1 − e^{−d/Λ})
+.. math:: E (x(t + d) − x(t))^2 = 2 σ² (1 − e^{−d/Λ}) + w² d
 
-and its mean over a stretch d has the variance 2 σ² (Λ/d) (1 − (Λ/d)(1 − e^{−d/Λ})).
+where it also walks by w per square root of a metre, and its mean over a stretch d has, without that, the variance
+2 σ² (Λ/d) (1 − (Λ/d)(1 − e^{−d/Λ})).
 """
 
 import subprocess
@@ -19,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from benchmarks.joint_mapping_images import survey_in_images
 from benchmarks.report import Row, main
 from survey.arrays import FloatArray
 from survey.recording import Recording
@@ -28,6 +31,7 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.visual_slam import visual_odometry
 
 SEEDS = (11, 12, 13)
+SURVEYS = (51, 52, 53)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-dev"
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
 _STRETCH_M, _APART_M = 5.0, 60.0
@@ -38,7 +42,12 @@ _TORN = 0.15
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    yield from fitted([_measured(seed) for seed in (SEEDS[:1] if quick else SEEDS)])
+    drives = [_measured(seed) for seed in (SEEDS[:1] if quick else SEEDS)]
+    surveys = [] if quick else [_surveyed(seed) for seed in SURVEYS]
+    yield from fitted(drives + surveys)
+    yield _heading_over(drives + surveys, 60.0)
+    if surveys:
+        yield _heading_over(surveys, 300.0)
 
 
 def simulated_drive(seed: int, drives: Path) -> Path:
@@ -56,6 +65,11 @@ def _measured(seed: int) -> dict[str, FloatArray]:
     recording = Recording.read(made / "recording")
     real = Trajectory.read(made / "truth" / "trajectory.tum", recording.crs)
     return errors_of(recording, visual_odometry(recording).odometry, real)
+
+
+def _surveyed(seed: int) -> dict[str, FloatArray]:
+    survey = survey_in_images(seed)
+    return errors_of(survey.recording, survey.found.odometry, survey.real.trajectory)
 
 
 def errors_of(recording: Recording, odometry: Odometry, real: Trajectory) -> dict[str, FloatArray]:
@@ -97,11 +111,11 @@ def fitted(drives: list[dict[str, FloatArray]]) -> Iterator[Row]:
     yield _beside("heading at the start, by compass", _rms(heading), "deg", images.heading_sigma_deg)
     levelled = np.array([drive["attitude"][:, :2].mean(axis=0) for drive in drives])
     yield _beside("roll and pitch, constant part", _rms(levelled), "deg", images.tilt_bias_sigma_deg)
-    for name, axes, assumed in (
-        ("heading, changing part", [2], images.yaw_sigma_deg),
-        ("roll and pitch, changing part", [0, 1], images.tilt_sigma_deg),
-    ):
-        yield _beside(name, _changing(drives, axes, images.attitude_correlation_m), "deg", assumed)
+    tilt_deg = _changing(drives, [0, 1], images.attitude_correlation_m)
+    yield _beside("roll and pitch, changing part", tilt_deg, "deg", images.tilt_sigma_deg)
+    climb = [drive["aside"][:, 1] @ np.sqrt(drive["length"]) / drive["length"].sum() for drive in drives]
+    climb_deg = float(np.degrees(_rms(np.array(climb))))
+    yield _beside("climb of the steps beyond their pitch", climb_deg, "deg", images.climb_sigma_deg)
     torn = [np.abs(drive["scale"] - np.median(drive["scale"])) > _TORN for drive in drives]
     yield Row("stretches of 5 m that were followed wrongly", float(np.concatenate(torn).sum()), "1")
     scales = [drive["scale"][~bad] for drive, bad in zip(drives, torn, strict=True)]
@@ -144,6 +158,15 @@ def _in_turns(along: FloatArray, drive: dict[str, FloatArray]) -> FloatArray:
     return left
 
 
+def _heading_over(drives: list[dict[str, FloatArray]], far_m: float) -> Row:
+    """How much the error of the heading changes over a distance, beside what is assumed."""
+    images, lag = LocalizationConfig().images, round(far_m / _STRETCH_M)
+    changes = [drive["attitude"][lag:, 2] - drive["attitude"][:-lag, 2] for drive in drives]
+    forgotten = 2.0 * images.yaw_sigma_deg**2 * (1.0 - np.exp(-far_m / images.attitude_correlation_m))
+    assumed = float(np.sqrt(forgotten + images.heading_walk_deg_sqrt_m**2 * far_m))
+    return _beside(f"heading, change over {far_m:.0f} m", _rms(np.concatenate(changes)), "deg", assumed)
+
+
 def _changing(drives: list[dict[str, FloatArray]], axes: list[int], length_m: float) -> float:
     lag = round(_APART_M / _STRETCH_M)
     changes = [drive["attitude"][lag:, axes] - drive["attitude"][:-lag, axes] for drive in drives]
@@ -167,7 +190,7 @@ def _wander(scales: list[FloatArray]) -> tuple[float, float]:
 
 def _beside(name: str, value: float, unit: str, assumed: float) -> Row:
     """Row that holds where no less is assumed than two thirds of what was found; too much is only cautious."""
-    return Row(name, value, unit, f"assumed {assumed:g}", bool(assumed >= value / 1.5))
+    return Row(name, value, unit, f"assumed {assumed:.3g}", bool(assumed >= value / 1.5))
 
 
 def _rms(values: FloatArray) -> float:

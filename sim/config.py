@@ -138,6 +138,8 @@ class SensorConfig(Section):
     """Independent error of the pressure altitude [m]."""
     yaw_sigma_deg: NonNegativeFloat = 0.2
     """Heading error of the odometry [deg]."""
+    heading_walk_deg_sqrt_m: NonNegativeFloat = 0.0
+    """Random walk of that error per square root of a metre [deg]."""
     tilt_sigma_deg: NonNegativeFloat = 0.1
     """Roll and pitch error [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0

@@ -4,7 +4,7 @@ One documented model stands for camera, visual odometry and receivers; missions 
 seconds. The rover keeps to its route exactly. With p the real position, R the real
 attitude and R̂ the sensed one:
 
-* attitude: R̂ differs from R by roll, pitch and yaw that are Ornstein–Uhlenbeck in travel;
+* attitude: R̂ differs from R by roll, pitch and yaw that are Ornstein–Uhlenbeck in travel; yaw may also walk;
 * odometry: step = Rᵀ Δp (1 + s) + w, one scale error s for the mission, w ~ N(0, q² L);
 * GPS, every second: p + antenna + b + ν, b Gauss–Markov in time, vertical errors larger;
 * barometer, every second: height + datum + Gauss–Markov drift + ν;
@@ -119,6 +119,11 @@ def _odometry(
     scale = 1.0 + sensors.scale_sigma * rng.standard_normal()
     steps = np.einsum("nji,nj->ni", rotations(attitude[:-1]), moves) * scale
     steps += sensors.step_sigma_m * np.sqrt(length)[:, None] * rng.standard_normal(steps.shape)
+    if sensors.heading_walk_deg_sqrt_m > 0.0:
+        walked = (
+            np.radians(sensors.heading_walk_deg_sqrt_m) * np.sqrt(length) * rng.standard_normal(len(length))
+        )
+        error[1:, 2] += np.cumsum(walked)
     return Odometry(trajectory.time_s, steps, attitude + error)
 
 
