@@ -132,7 +132,11 @@ def _add_start(system: NormalEquations, recording: Recording, config: Localizati
     for axis in range(3):
         system.add_prior(E + axis, start_m)
     one = np.ones(1)
-    system.add([(unknown(np.zeros(1, dtype=np.int64), HEADING), one)], -back_rad * one, max(heading_rad, _EXACT_RAD) * one)
+    system.add(
+        [(unknown(np.zeros(1, dtype=np.int64), HEADING), one)],
+        -back_rad * one,
+        max(heading_rad, _EXACT_RAD) * one,
+    )
     system.add_prior(GYRO, ANY_RATE_RAD_S)
     for which, sigma_deg in (
         (PITCH_BIAS, config.tilt_bias_sigma_deg),
