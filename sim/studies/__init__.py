@@ -29,6 +29,8 @@ STUDIES: dict[str, str] = {
     "glacier-fig9": "sim.studies.glacier_monte_carlo:glacier_fig9",
     "glacier-fig10": "sim.studies.glacier_monte_carlo:glacier_fig10",
     "glacier-fig11": "sim.studies.glacier_monte_carlo:glacier_fig11",
+    "glacier-fig12": "sim.studies.glacier_surveys:glacier_fig12",
+    "glacier-fig13": "sim.studies.glacier_surveys:glacier_fig13",
     "joint-map-comparison": "sim.studies.joint_map:comparison",
     "emap-fig1": "sim.studies.emap:figure_1",
     "emap-fig2": "sim.studies.emap:figure_2",
