@@ -3,11 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.arrays import FloatArray
+from survey.arrays import FloatArray, IntArray
 from survey.sensors import Compass, GpsFixes
 from vision_slam.sequence import Sensed
 
 _TIME_S = 30.0
+_HOLE_S = 1.5
 _LONG_ENOUGH_M = 20.0
 _OUTLYING_M = 2.0
 
@@ -17,7 +18,8 @@ def attitudes(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> F
 
     The specific force, turned into the frame of the first image and averaged over 30 s to
     either side, points up: driving forces cancel over that time, a constant bias of the
-    accelerometer does not. Heading starts with the compass, or at 0 without one.
+    accelerometer does not. Where the records have a hole, each side is averaged by itself:
+    nobody knows how the body turned in between. Heading starts with the compass, or at 0 without one.
     """
     upright = _upright(rotations, time_s, recording) @ rotations
     attitude: FloatArray = Rotation.from_matrix(upright).as_euler("xyz")
@@ -53,7 +55,7 @@ def _upright(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> Fl
     inertial = recording.inertial
     if inertial is None:
         return np.tile(np.eye(3), (len(time_s), 1, 1))
-    frame = np.searchsorted(time_s, inertial.time_s).clip(0, len(time_s) - 1)
+    frame = _nearest(time_s, inertial.time_s)
     force = np.einsum("nij,nj->ni", rotations[frame], inertial.specific_force_m_s2)
     up = np.column_stack([_averaged(inertial.time_s, axis, time_s) for axis in force.T])
     return _raised(up)
@@ -80,13 +82,22 @@ def _raised(up: FloatArray) -> FloatArray:
 
 
 def _averaged(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
-    """Mean of readings within `_TIME_S` of each moment."""
+    """Mean of readings within `_TIME_S` of each moment, on its side of any hole."""
     total = np.r_[0.0, np.cumsum(values)]
-    first = np.searchsorted(time_s, at_s - _TIME_S)
-    last = np.maximum(np.searchsorted(time_s, at_s + _TIME_S), first + 1).clip(max=len(time_s))
+    edges = np.r_[0, np.flatnonzero(np.diff(time_s) > _HOLE_S) + 1, len(time_s)]
+    side = np.searchsorted(edges, _nearest(time_s, at_s), side="right")
+    first = np.maximum(np.searchsorted(time_s, at_s - _TIME_S), edges[side - 1])
+    last = np.minimum(np.searchsorted(time_s, at_s + _TIME_S), edges[side])
+    last = np.maximum(last, first + 1).clip(max=len(time_s))
     first = np.minimum(first, last - 1)
     mean: FloatArray = (total[last] - total[first]) / (last - first)
     return mean
+
+
+def _nearest(time_s: FloatArray, at_s: FloatArray) -> IntArray:
+    """Index of the time nearest to each moment."""
+    middle = 0.5 * (time_s[1:] + time_s[:-1])
+    return np.searchsorted(middle, at_s)
 
 
 def first_heading(compass: Compass, time_s: float) -> float:
