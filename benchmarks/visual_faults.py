@@ -37,8 +37,8 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.pipeline import for_images, headed, localize_seen, recognised
 from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
-# Everything was chosen on seeds 31 to 33.
-SEEDS = (41, 42)
+# Everything was chosen on seeds 31 to 33, 41 and 42.
+SEEDS = (43, 44)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-faults"
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
 HOOK = ((0.0, 0.0), (20.0, 0.0), (20.0, 10.0), (6.0, 10.0), (6.0, -8.0))
