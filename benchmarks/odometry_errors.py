@@ -113,9 +113,6 @@ def fitted(drives: list[dict[str, FloatArray]]) -> Iterator[Row]:
     yield _beside("roll and pitch, constant part", _rms(levelled), "deg", images.tilt_bias_sigma_deg)
     tilt_deg = _changing(drives, [0, 1], images.attitude_correlation_m)
     yield _beside("roll and pitch, changing part", tilt_deg, "deg", images.tilt_sigma_deg)
-    climb = [drive["aside"][:, 1] @ np.sqrt(drive["length"]) / drive["length"].sum() for drive in drives]
-    climb_deg = float(np.degrees(_rms(np.array(climb))))
-    yield _beside("climb of the steps beyond their pitch", climb_deg, "deg", images.climb_sigma_deg)
     torn = [np.abs(drive["scale"] - np.median(drive["scale"])) > _TORN for drive in drives]
     yield Row("stretches of 5 m that were followed wrongly", float(np.concatenate(torn).sum()), "1")
     scales = [drive["scale"][~bad] for drive, bad in zip(drives, torn, strict=True)]

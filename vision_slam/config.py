@@ -27,8 +27,6 @@ class ImageOdometryErrors(Section):
     """Changing part of the roll and pitch error [deg]."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.2
     """Constant part of it, that of the accelerometer which levels the images [deg]."""
-    climb_sigma_deg: NonNegativeFloat = 0.2
-    """By how much the steps climb too much, all along the drive, for the pitch that the images have [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0
     """Travel over which attitude errors stay correlated [m]."""
     scale_sigma: PositiveFloat = 0.02
@@ -67,8 +65,6 @@ class LocalizationConfig(Section):
     """Changing part of the roll and pitch error of the odometry [deg]; too small is worse than too large."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.02
     """Constant part of it: the tilt at which the sensor is mounted [deg]."""
-    climb_sigma_deg: NonNegativeFloat = 0.0
-    """By how much the steps climb too much, all along the drive, for the pitch that they come with [deg]."""
     accelerometer_bias_sigma_deg: PositiveFloat = 0.5
     """Tilt that the accelerometer pretends, constant over the drive [deg]; used where there are inertial records."""
     attitude_correlation_m: PositiveFloat = 60.0

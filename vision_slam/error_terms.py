@@ -13,7 +13,6 @@ from vision_slam.gravity import gravity_tilt, standing_bias
 from vision_slam.gyro import ANY_RATE_RAD_S, GyroErrors, turned_beyond
 from vision_slam.normal_equations import (
     BIAS,
-    CLIMB,
     DATUM,
     DRIFT,
     FORCE_PITCH,
@@ -141,7 +140,6 @@ def _add_start(system: NormalEquations, recording: Recording, config: Localizati
     for which, sigma_deg in (
         (PITCH_BIAS, config.tilt_bias_sigma_deg),
         (ROLL_BIAS, config.tilt_bias_sigma_deg),
-        (CLIMB, config.climb_sigma_deg),
         (FORCE_PITCH, config.accelerometer_bias_sigma_deg),
         (FORCE_ROLL, config.accelerometer_bias_sigma_deg),
     ):
@@ -234,7 +232,6 @@ def _add_odometry(
             half = 0.5 * answer[:, axis]
             terms += [(unknown(before, which), -half), (unknown(before + 1, which), -half)]
             value = value - half * (along.guess[:-1, which] + along.guess[1:, which])
-        terms.append((np.array(CLIMB), -by_pitch[:, axis]))
         system.add(terms, value, np.hypot(config.step_sigma_m * np.sqrt(length), doubt_m))
     memory = np.exp(-length / config.scale_wander_m)
     system.add_gauss_markov(SCALE, memory, max(config.scale_wander_sigma, _EXACT_SCALE), MEAN_SCALE)

@@ -229,8 +229,7 @@ class _Model:
         variance[_PLACE], variance[_BIAS] = place_sigma_m**2, self._bias
         variance[_DRIFT], variance[_DATUM] = config.barometer_drift_sigma_m**2, _DATUM_SIGMA_M**2
         variance[_HEADING] = heading_sigma_rad**2
-        # Of the pitch only what steps make of it is of use here.
-        variance[_PITCH_BIAS] = (np.radians([config.tilt_bias_sigma_deg, config.climb_sigma_deg]) ** 2).sum()
+        variance[_PITCH_BIAS] = np.radians(config.tilt_bias_sigma_deg) ** 2
         variance[_MEAN_SCALE], variance[_WHEEL_SCALE] = config.scale_sigma**2, config.wheel_scale_sigma**2
         variance[_SKID], variance[_GYRO] = config.wheel_skid_m**2, ANY_RATE_RAD_S**2
         covariance = np.diag(variance)

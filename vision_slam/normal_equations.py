@@ -11,9 +11,9 @@ from survey.arrays import FloatArray, IntArray
 PER_NODE = 13
 """Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), barometer's drift, scale, slow part of yaw, gyro's bias."""
 E, YAW, PITCH, ROLL, BIAS, DRIFT, SCALE, HEADING, GYRO = 0, 3, 4, 5, 6, 9, 10, 11, 12
-MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, CLIMB, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-9, 0)
+MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-8, 0)
 """Unknowns that all nodes share, counted from the end."""
-N_GLOBALS = 9
+N_GLOBALS = 8
 
 Term = tuple[IntArray, FloatArray]
 
