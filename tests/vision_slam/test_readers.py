@@ -158,6 +158,12 @@ def test_a_plain_folder_without_times_is_refused(tmp_path: Path, stems: list[str
         read_sequence(tmp_path)
 
 
+def test_images_without_a_calibration_are_refused(tmp_path: Path) -> None:
+    _stamped(tmp_path / "images", ["1403636579763555584", "1403636579813555456"])
+    with pytest.raises(InputError, match=r"camera\.toml"):
+        read_sequence(tmp_path)
+
+
 def test_a_named_calibration_goes_before_the_layouts(tmp_path: Path) -> None:
     folder = _kitti(tmp_path / "seq")
     own = Camera(
