@@ -31,6 +31,7 @@ STUDIES: dict[str, str] = {
     "glacier-fig11": "sim.studies.glacier_monte_carlo:glacier_fig11",
     "glacier-fig12": "sim.studies.glacier_surveys:glacier_fig12",
     "glacier-fig13": "sim.studies.glacier_surveys:glacier_fig13",
+    "glacier-hyperparameters": "sim.studies.glacier_hyperparameters:glacier_hyperparameters",
     "joint-map-comparison": "sim.studies.joint_map:comparison",
     "emap-fig1": "sim.studies.emap:figure_1",
     "emap-fig2": "sim.studies.emap:figure_2",
