@@ -35,8 +35,10 @@ from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
 from planners.adaptive import AdaptiveConfig, survey_adaptively
 from planners.assurance import belief_from_prior
+from planners.heading import across_marked_grain
 from planners.predict import places
 from planners.promise import Wanted, promise
+from planners.transit import FreeGround
 from sim.executors import done
 from survey import Dem, Grid, Route, SurveyArea
 from survey.arrays import FloatArray
@@ -208,7 +210,12 @@ def _adaptive(site: Site, task: Task) -> Outcome:
         measured.append(heights_at(site, xy, task, len(measured)))
         return measured[-1]
 
-    config = AdaptiveConfig(limit_m=CLASS_3_M, noise_m=task.noise_m, sample_step_m=STEP_M)
+    config = AdaptiveConfig(
+        limit_m=CLASS_3_M,
+        noise_m=task.noise_m,
+        sample_step_m=STEP_M,
+        heading_deg=across_marked_grain(FreeGround(site.area.free), site.prior),
+    )
     survey = survey_adaptively(site.area, belief, config, drive)
     if survey.route is None:
         return Outcome(False, survey.assured.rmse_m, np.nan, np.nan, np.nan, 0)

@@ -57,6 +57,10 @@ class AdaptiveConfig:
     first_probability : float
         Chance, as the prior has it, that the first swaths' spacing would be enough. A gap that proves too
         wide costs a swath that halves it.
+    heading_deg : float, optional
+        Of the swaths, counter-clockwise from east [deg]; across the narrowest width when left out. What is promised
+        takes the terrain to vary alike in all directions: let swaths run across a marked grain
+        (`planners.heading.across_marked_grain`), not along it.
     """
 
     limit_m: float
@@ -66,6 +70,7 @@ class AdaptiveConfig:
     sample_step_m: float = 10.0
     n_first: int = 2
     first_probability: float = 0.8
+    heading_deg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -90,11 +95,13 @@ class Swathes:
     ----------
     area : SurveyArea
         The free ground.
+    heading_deg : float, optional
+        Of the lines [deg]; across the narrowest width when left out.
     """
 
-    def __init__(self, area: SurveyArea) -> None:
+    def __init__(self, area: SurveyArea, heading_deg: float | None = None) -> None:
         self.area = area
-        axis = plan(area, None, LawnmowerConfig(swaths=2)).swaths[0].axis
+        axis = plan(area, None, LawnmowerConfig(swaths=2, heading_deg=heading_deg)).swaths[0].axis
         east, north = axis[1] - axis[0]
         self.along, self.left = axes_of(float(np.degrees(np.arctan2(north, east))))
         outline = np.array(area.free.convex_hull.exterior.coords)
@@ -305,7 +312,7 @@ class _State:
 
     def __init__(self, area: SurveyArea, belief: Belief, config: AdaptiveConfig) -> None:
         self.config, self.belief = config, belief
-        self.lines = Swathes(area)
+        self.lines = Swathes(area, config.heading_deg)
         self.assurance = Assurance(area, config.limit_m, config.sample_step_m, LEARNED)
         self.offsets: list[float] = []
         self.n_further = 0

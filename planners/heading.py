@@ -5,13 +5,15 @@ import shapely
 
 from planners.config import HeadingRule
 from planners.decomposition import swaths_on
-from planners.swaths import narrowest_heading
+from planners.swaths import axes_of, narrowest_heading
 from planners.transit import FreeGround
 from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.errors import InputError
 
 _MOST_EDGES = 24
+_MARKED = 3.0
+"""How much more slopes along one direction vary than along the other where terrain has a marked grain."""
 
 
 def heading_by(
@@ -57,6 +59,38 @@ def heading_by(
         raise InputError(f"the rule {rule} needs a DEM of the ground; give one or choose narrowest.")
     east, north = _gradient_within(dem, ground)
     return _slope(east, north) if rule == "slope" else _grain(east, north)
+
+
+def across_marked_grain(ground: FreeGround, dem: Dem) -> float:
+    """Return the heading across the narrowest width, or square to it where a marked grain runs along it [deg].
+
+    Samples along a swath tell nothing of ridges that run beside it: both the error of a map and what a survey
+    says of that error are the worse for it.
+
+    Parameters
+    ----------
+    ground : FreeGround
+        Where swaths will be laid.
+    dem : Dem
+        Elevations of the ground; coarse ones do.
+
+    Raises
+    ------
+    InputError
+        A DEM without a height on the ground.
+
+    Examples
+    --------
+    >>> from survey.grid import Grid
+    >>> ridges = np.outer(5.0 * np.sin(np.arange(10.0)), np.ones(10))
+    >>> ridges = Dem.on(Grid((0.0, 0.0, 90.0, 90.0), 10.0), ridges)
+    >>> across_marked_grain(FreeGround(shapely.box(0.0, 0.0, 90.0, 90.0)), ridges)
+    90.0
+    """
+    heading_deg = narrowest_heading(ground.polygon)
+    slopes = np.column_stack(_gradient_within(dem, ground))
+    along, across = (float(np.var(slopes @ axis)) for axis in axes_of(heading_deg))
+    return (heading_deg + 90.0) % 180.0 if across > _MARKED * along else heading_deg
 
 
 def _edge_headings(xy: FloatArray) -> FloatArray:

@@ -149,7 +149,9 @@ def _adaptive(
 ) -> None:
     """Plan the first swaths, or the next one after what was driven and measured."""
     from planners.adaptive import AdaptiveConfig, first_swaths, next_swath
+    from planners.heading import across_marked_grain
     from planners.promise import belief_of
+    from planners.transit import FreeGround
     from survey import Route, SurfacePoints
     from survey.errors import ConfigError
 
@@ -158,7 +160,11 @@ def _adaptive(
     if asked.assume is not None:
         raise ConfigError("--adaptive learns the covariance from the survey; leave out --assume.")
     config = AdaptiveConfig(
-        wanted.limit_m, wanted.probability, noise_m=wanted.noise_m, localization_m=wanted.localization_m
+        wanted.limit_m,
+        wanted.probability,
+        noise_m=wanted.noise_m,
+        localization_m=wanted.localization_m,
+        heading_deg=across_marked_grain(FreeGround(area.free), prior),
     )
     if asked.driven is None or asked.measured is None:
         route = first_swaths(area, belief_of(area, prior, wanted), config)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.adaptive import AdaptiveConfig, gaps_filled, survey_adaptively
+from planners.adaptive import AdaptiveConfig, first_swaths, gaps_filled, survey_adaptively
 from planners.assurance import (
     Assurance,
     Belief,
@@ -16,7 +16,9 @@ from planners.assurance import (
     fewest,
     localized_noise_m,
 )
+from planners.heading import across_marked_grain
 from planners.promise import Wanted, promise, reachable_class
+from planners.transit import FreeGround
 from survey import Dem, Grid, SurveyArea
 from survey.errors import ConfigError, InputError
 from survey.reconstruction.gp.kernel_search import Cell, FoundKernel, mapped
@@ -159,6 +161,19 @@ def test_an_adaptive_survey_stops_when_its_promise_holds():
         survey.samples, np.concatenate(heights)[:, None], [FoundKernel(best.cell, best.variance_m2)], nodes
     )
     assert np.sqrt(np.mean((mean[:, 0] - terrain.at(nodes)) ** 2)) <= config.limit_m
+
+
+def test_swaths_of_a_survey_run_across_a_marked_grain():
+    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 50.0, CRS)
+    ridges = Dem.on(grid, np.outer(5.0 * np.sin(np.arange(7.0)), np.ones(7)))
+    ground = FreeGround(AREA.free)
+    assert across_marked_grain(ground, ridges) == 90.0
+    assert across_marked_grain(ground, coarse(smooth_terrain())) == 0.0
+    config = AdaptiveConfig(limit_m=0.3, heading_deg=90.0)
+    for swath in first_swaths(AREA, Belief((SMOOTH,)), config).swaths:
+        (east, north) = np.abs(swath.axis[1] - swath.axis[0])
+        assert east < 1e-9
+        assert north > 200.0
 
 
 def test_a_survey_is_not_given_up_for_what_a_prior_makes_one_fear():
