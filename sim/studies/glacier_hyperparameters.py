@@ -115,7 +115,7 @@ def _drawn(
     figure = Figure(figsize=(FULL_IN, 4.6), layout="constrained")
     axes = figure.subplots()
     limits = LogNorm(float(errors.min()), float(min(errors.max(), 30.0 * errors.min())))
-    shown = axes.pcolormesh(lengths_m, variances, errors, norm=limits, cmap=DEVIATION, shading="nearest")
+    shown = axes.pcolormesh(lengths_m, variances, errors, norm=limits, cmap=DEVIATION, shading="gouraud")
     for marker, (name, (variance, length)) in zip("*sDo", marked.items(), strict=True):
         axes.plot(
             length,
