@@ -157,31 +157,22 @@ def _carve(  # noqa: PLR0917
 def worst_violation(  # noqa: PLR0917
     visited: Visited, i: int, fresh: Fresh, rasters: Rasters, step: Step, decayed: float
 ) -> Violation:
-    """Search a line of sight on the rasters, node distance by node distance, and weigh the worst place exactly.
+    """Search a line of sight on the rasters, and weigh the worst place exactly.
 
-    What it says there counts as far as other lines of sight do not outvote it.
+    The search goes by the pass's own nodes, and about the worst of them by the finest. What the line of
+    sight says there counts as far as others do not outvote it.
     """
     hit, origin = visited.xyz[i], visited.origins[i]
     dx, dy, dz = origin[0] - hit[0], origin[1] - hit[1], origin[2] - hit[2]
     n = int(np.sqrt(dx * dx + dy * dy) / rasters.fine_step_m)
-    highest = step.prior_m + rasters.highest[0] + rasters.highest[1]
-    worst, at = visited.slack_m[i], -1.0
-    for k in range(1, n + 1):
-        u = k / n
-        g = hit[2] + u * dz
-        if g > highest and dz >= 0.0:
-            break
-        x, y = hit[0] + u * dx, hit[1] + u * dy
-        east, north = x - rasters.west_m, y - rasters.south_m
-        if not (_covers(rasters.coarse, rasters.coarse_step_m, east, north)):
-            break
-        above = _on(rasters.fine, rasters.fine_step_m, x, y)
-        above += decayed * _on(rasters.coarse, rasters.coarse_step_m, east, north)
-        depth = step.prior_m + above - g
-        if depth > worst:
-            worst, at = depth, u
-    if at < 0.0:
+    stride = max(int(rasters.coarse_step_m / rasters.fine_step_m), 1)
+    k, depth = _deepest((hit, dx, dy, dz), (1, n, stride), n, rasters, step.prior_m, decayed)
+    if stride > 1 and depth > 0.0:
+        about = max(k - stride + 1, 1), min(k + stride - 1, n), 1
+        k, depth = _deepest((hit, dx, dy, dz), about, n, rasters, step.prior_m, decayed)
+    if depth <= visited.slack_m[i]:
         return Violation(hit[0], hit[1], 0.0)
+    at = k / n
     x, y = hit[0] + at * dx, hit[1] + at * dy
     learned = height_at(visited.latest, x, y) + fresh_height(fresh, x, y)
     exact = step.prior_m + height_at(visited.settled, x, y) + decayed * learned
@@ -190,6 +181,36 @@ def worst_violation(  # noqa: PLR0917
     j_vote = min(int(y / visited.vote_step_m + 0.5), rows - 1)
     depth = exact - max(hit[2] + at * dz, visited.outvoted[j_vote, i_vote])
     return Violation(x, y, depth if depth > visited.slack_m[i] else 0.0)
+
+
+@njit(cache=True, fastmath=FAST, inline="always")
+def _deepest(  # noqa: PLR0917
+    line: tuple[FloatArray, float, float, float],
+    places: tuple[int, int, int],
+    n: int,
+    rasters: Rasters,
+    prior_m: float,
+    decayed: float,
+) -> tuple[int, float]:
+    """Return which of the places first, first + stride … last of n between hit and sensor is deepest on the rasters, and how deep [m]."""
+    hit, dx, dy, dz = line
+    highest = prior_m + rasters.highest[0] + rasters.highest[1]
+    deepest, at = 0.0, 0
+    for k in range(places[0], places[1] + 1, places[2]):
+        u = k / n
+        g = hit[2] + u * dz
+        if g > highest and dz >= 0.0:
+            break
+        x, y = hit[0] + u * dx, hit[1] + u * dy
+        east, north = x - rasters.west_m, y - rasters.south_m
+        if not _covers(rasters.coarse, rasters.coarse_step_m, east, north):
+            break
+        above = _on(rasters.fine, rasters.fine_step_m, x, y)
+        above += decayed * _on(rasters.coarse, rasters.coarse_step_m, east, north)
+        depth = prior_m + above - g
+        if depth > deepest:
+            deepest, at = depth, k
+    return at, deepest
 
 
 @njit(cache=True, fastmath=FAST)
