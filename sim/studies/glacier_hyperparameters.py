@@ -6,7 +6,6 @@ a length, γ is 315 m. Landmarks come from the statistical sensor.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -75,9 +74,10 @@ def _site(*, quick: bool) -> tuple[World, SurfacePoints]:
     world = build_world(mission)
     route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover)
     points = localize(simulate_statistical(world.terrain, route, mission)[0], mission.assumed)[1]
-    inside = np.flatnonzero(world.area.contains(points.xy))
+    points = points.select(world.area.contains(points.xy))
     # Densely solved, so that no pair is out of reach; the paper gives some of its landmarks too.
-    return world, points.select(inside[:: -(-len(inside) // _MOST_POINTS)])
+    every = -(-len(points) // _MOST_POINTS)
+    return world, points.select(np.arange(len(points)) % every == 0)
 
 
 def _given(variance: float, length_m: float) -> GaussianProcessConfig:
@@ -92,7 +92,7 @@ def _given(variance: float, length_m: float) -> GaussianProcessConfig:
 
 def _fitted(world: World, points: SurfacePoints) -> tuple[float, float]:
     learned = GaussianProcessConfig(family="squared-exponential")
-    found: dict[str, Any] = _mapped(world, points, learned).hyperparameters
+    found = _mapped(world, points, learned).hyperparameters
     return float(found["variance_m2"]), float(found["length_scale_m"])
 
 

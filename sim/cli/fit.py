@@ -1,0 +1,33 @@
+"""``firnline fit``: the error model of the statistical fidelity, from drives in images."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.outcome import refusals_told
+
+
+@refusals_told
+def fit(
+    runs: Annotated[list[Path], typer.Argument(help="Run folders of missions in the vision fidelity.")],
+) -> None:
+    """Fit the errors that the statistical fidelity draws to what images were wrong by.
+
+    Prints the section of a mission file; GPS and barometer are not touched. Fit to drives
+    that nothing is judged on.
+
+    For example:
+
+      firnline fit results/runs/glacier-drive/latest > sensors.toml
+    """
+    import tomlkit
+
+    from sim.config import SensorConfig
+    from sim.error_model import errors_of, fitted
+    from survey.store import RunFolder
+
+    found = fitted([errors_of(RunFolder.find(run)) for run in runs]).model_dump(mode="json")
+    usual = SensorConfig().model_dump(mode="json")
+    told = {name: value for name, value in found.items() if value != usual[name]}
+    typer.echo(tomlkit.dumps({"sensors": told}), nl=False)
