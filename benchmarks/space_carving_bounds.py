@@ -3,9 +3,13 @@
 Run: python -m benchmarks.space_carving_bounds [--quick] [--json FILE]
 
 The five terrains are those of the carving study; constants were chosen on seeds 20 to 23, and the rows
-report seeds 1 to 3. A gap is ground farther than half a metre from every point. Real scans: one block of 1 m
-in seven is left out, within 15 m of the sensor, and errors are trimmed by their largest tenth. Ground is what
-the scan's labels say or, without labels, points within 0.4 m of the lowest in 1 m.
+report seeds 1 to 3. A gap is ground farther than half a metre from every point.
+
+Real scans, within 15 m of the sensor: one block of 1 m in seven is left out, four times over, and the map is made
+from all other returns, by what `ground` leaves of them. It is held to the ground in the blocks: what the scan's
+labels say or, without labels, what a progressive morphological filter finds, which has not been used on the way.
+Errors are trimmed by their largest tenth, and shares are of the ground of all four draws. Gates and their
+constants were chosen on draws 11 to 14, the rows report draws 1 to 4.
 """
 
 import os
@@ -14,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, grey_opening
 from scipy.spatial import cKDTree
 
 from benchmarks.report import Row, fastest, main
@@ -26,6 +30,7 @@ from survey.reconstruction.lattice.calibration import left_out_blocks
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.nodes import bilinear
+from survey.reconstruction.visibility.ground import ground
 from survey.reconstruction.visibility.steep_ground import steep_chords
 from survey.surface_points import SurfacePoints
 
@@ -37,6 +42,8 @@ DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared"
 # Grass, dirt, asphalt, concrete, puddle, mud, rubble among the labels of RELLIS-3D.
 GROUND_LABELS = (1, 3, 10, 23, 31, 33, 34)
 TRIMMED = 0.9
+REAL_DRAWS = (1, 2, 3, 4)
+_OPENED_CELL_M = 0.5
 
 
 class Score(NamedTuple):
@@ -91,12 +98,9 @@ def rows(name: str, scores: list[Score]) -> Iterator[Row]:
         yield Row(f"{name}: width of ±5 m surfaces, {where}", papers, "m")
         yield Row.of(f"{name}: width over that of ±5 m surfaces, {where}", ours / papers, "", "<=", 0.5)
     if name in ROUGH:
-        yield Row.of(
-            f"{name}: steep ground, precision within a node, worst", column("precision").min(), "", ">=", 0.95
-        )
-        yield Row(
-            f"{name}: steep ground, precision at the node itself, worst", column("strict_precision").min(), ""
-        )
+        for key, where in (("precision", "within a node"), ("strict_precision", "at the node itself")):
+            title = f"{name}: steep ground, precision {where}, worst"
+            yield Row.of(title, column(key).min(), "", ">=", 0.95)
         yield Row(
             f"{name}: steep ground where no point was, precision", column("unseen_precision").mean(), ""
         )
@@ -201,44 +205,79 @@ def real(quick: bool) -> Iterator[Row]:
     """Ground left out of real scans: errors with and without rays, ceilings and bounds."""
     files = sorted(DATA.glob("rellis_*.npz")) + sorted(DATA.glob("lpm_*.npz"))
     for file in files[:1] if quick else files:
-        points = _ground(file)
-        out = left_out_blocks(points.xy, 1.0, 1.0 / 7.0, 11)
-        train, test = points.select(~out), points.select(out)
-        errors = {}
-        for rays in (False, True):
-            model = FieldLattice(FieldLatticeConfig(step_m=STEP_M, rays=rays), BOUNDS).fit(train)
-            squares = np.sort((model.predict(test.xy) - test.z) ** 2)
-            errors[rays] = float(squares[: int(TRIMMED * len(squares))].mean())
+        draws = [_drawn(*_read(file), draw) for draw in (REAL_DRAWS[:1] if quick else REAL_DRAWS)]
+        free, held = (np.mean([getattr(one, key) for one in draws]) for key in ("free_m2", "held_m2"))
+        covered, valid, within = (
+            np.concatenate([getattr(one, key) for one in draws]) for key in ("covered", "valid", "within")
+        )
         name = file.stem
-        yield Row(f"{name}: trimmed error of ground left out", 1e4 * errors[True], "cm²")
-        worse = 100 * (errors[True] / errors[False] - 1)
-        yield Row.of(f"{name}: rays worsen it by", worse, "%", "<=", 3)
-        ceiling = model._ceiling(model._whole()) + model.where.datum_m
-        at = bilinear(np.where(np.isfinite(ceiling), ceiling, 1e9), model.where.window.coordinates(test.xy))
-        covered = at < 1e8
-        valid = float((test.z <= at)[covered].mean()) if covered.any() else float("nan")
+        yield Row(f"{name}: trimmed error of ground left out", 1e4 * float(held), "cm²")
+        yield Row.of(f"{name}: rays worsen it by", 100 * float(held / free - 1), "%", "<=", 3)
+        worst = max(one.held_m2 / one.free_m2 for one in draws)
+        yield Row(f"{name}: rays worsen it by, worst draw", 100 * (worst - 1), "%")
         yield Row(f"{name}: ground left out that has a ceiling", 100 * float(covered.mean()), "%")
-        yield Row.of(f"{name}: ceiling above ground left out", 100 * valid, "%", ">=", 98)
-        within = (test.z >= model.predict(test.xy, "lower")) & (test.z <= model.predict(test.xy, "upper"))
+        share = float(valid[covered].mean())
+        yield Row.of(f"{name}: ceiling above ground left out", 100 * share, "%", ">=", 98)
+        worst = min(float(one.valid[one.covered].mean()) for one in draws)
+        yield Row(f"{name}: ceiling above ground left out, worst draw", 100 * worst, "%")
         yield Row(f"{name}: ground left out within the bounds", 100 * float(within.mean()), "%")
 
 
-def _ground(file: Path) -> SurfacePoints:
-    """Return the ground's points of a scan within 15 m of its sensor."""
+class Drawn(NamedTuple):
+    """Trimmed errors of the ground left out, without and with rays, and what holds of every point of it."""
+
+    free_m2: float
+    held_m2: float
+    covered: BoolArray
+    valid: BoolArray
+    within: BoolArray
+
+
+def _drawn(points: SurfacePoints, is_ground: BoolArray, draw: int) -> Drawn:
+    """Map what is left of a scan without and with rays, and hold the maps to the ground left out."""
+    out = left_out_blocks(points.xy, 1.0, 1.0 / 7.0, draw)
+    train, test = points.select(~out), points.select(out & is_ground)
+    train = train.select(ground(train.xyz))
+    errors = []
+    for rays in (False, True):
+        model = FieldLattice(FieldLatticeConfig(step_m=STEP_M, rays=rays), BOUNDS).fit(train)
+        squares = np.sort((model.predict(test.xy) - test.z) ** 2)
+        errors.append(float(squares[: int(TRIMMED * len(squares))].mean()))
+    ceiling = model._ceiling(model._whole()) + model.where.datum_m
+    at = bilinear(np.where(np.isfinite(ceiling), ceiling, 1e9), model.where.window.coordinates(test.xy))
+    within = (test.z >= model.predict(test.xy, "lower")) & (test.z <= model.predict(test.xy, "upper"))
+    return Drawn(errors[0], errors[1], at < 1e8, test.z <= at, within)
+
+
+def _read(file: Path) -> tuple[SurfacePoints, BoolArray]:
+    """Return the returns of a scan within 15 m of its sensor, and which of them are ground."""
     with np.load(file) as stored:
         xyz, origin = stored["points"].astype(np.float64), stored["origin"].astype(np.float64)
         label = stored["label"] if "label" in stored.files else None
     near = (np.abs(xyz[:, :2] - origin[:2]) < HALF_M - 1e-6).all(axis=1)
-    if label is None:
-        cells = np.floor(xyz[:, :2]).astype(np.int64)
-        _, index = np.unique(cells, axis=0, return_inverse=True)
-        lowest = np.full(index.max() + 1, np.inf)
-        np.minimum.at(lowest, index.ravel(), xyz[:, 2])
-        near &= xyz[:, 2] < lowest[index.ravel()] + 0.4
-    else:
-        near &= np.isin(label, GROUND_LABELS)
-    origins = np.broadcast_to(origin, xyz[near].shape)
-    return SurfacePoints(xyz[near], sigma_m=0.03, origins=origins, crs=CRS)
+    points = SurfacePoints(xyz[near], sigma_m=0.03, origins=np.broadcast_to(origin, xyz[near].shape), crs=CRS)
+    return points, _opened(points.xyz) if label is None else np.isin(label[near], GROUND_LABELS)
+
+
+def _opened(xyz: FloatArray) -> BoolArray:
+    """Tell ground by a progressive morphological filter (Zhang et al. 2003): openings of 1.5, 2.5, 4.5 and 8.5 m.
+
+    What stands more than 0.3 m above an opening, 0.3 more for every metre that the window grew, and 1 m at most, goes.
+    """
+    cell = np.floor(xyz[:, :2] / _OPENED_CELL_M).astype(np.int64)
+    cell -= cell.min(axis=0)
+    lowest = np.full(cell.max(axis=0) + 1, np.inf)
+    np.minimum.at(lowest, tuple(cell.T), xyz[:, 2])
+    surface = lowest[
+        tuple(distance_transform_edt(np.isinf(lowest), return_distances=False, return_indices=True))
+    ]
+    found, before = np.ones(len(xyz), dtype=bool), 3
+    for width in (3, 5, 9, 17):
+        surface = grey_opening(surface, (width, width))
+        allowed = min(0.3 + 0.3 * (width - before) * _OPENED_CELL_M, 1.0)
+        found &= xyz[:, 2] - surface[tuple(cell.T)] <= allowed
+        before = width
+    return found
 
 
 if __name__ == "__main__":
