@@ -56,6 +56,7 @@ class Score(NamedTuple):
     paper_coverage: float
     paper_width_m: float
     paper_gap_width_m: float
+    widened_m: float
     precision: float
     strict_precision: float
     unseen_precision: float
@@ -97,6 +98,9 @@ def rows(name: str, scores: list[Score]) -> Iterator[Row]:
         yield Row(f"{name}: width, {where}", ours, "m")
         yield Row(f"{name}: width of ±5 m surfaces, {where}", papers, "m")
         yield Row.of(f"{name}: width over that of ±5 m surfaces, {where}", ours / papers, "", "<=", 0.5)
+    widened = column("widened_m").mean()
+    yield Row(f"{name}: width of ±5 m surfaces widened to hold as much, grid", widened, "m")
+    yield Row(f"{name}: width over that of the widened ones, grid", column("width_m").mean() / widened, "")
     if name in ROUGH:
         for key, where in (("precision", "within a node"), ("strict_precision", "at the node itself")):
             title = f"{name}: steep ground, precision {where}, worst"
@@ -140,6 +144,9 @@ def score(trial: Trial, quick: bool) -> Score:
         float(((low <= ground) & (ground <= high)).mean()),
         float((high - low).mean()),
         float((high - low)[gap].mean()),
+        float(
+            (high - low).mean() + 2.0 * np.quantile(np.maximum(low - ground, ground - high), within.mean())
+        ),
         *_steepness(held, trial),
         trial.errors(free.predict),
         trial.errors(held.predict),
