@@ -30,7 +30,7 @@ from survey.reconstruction.gp.resolution import (
 )
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior, waves_at
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
-from survey.reconstruction.joint.shared_error import SharedError, dominant_modes, side_by_side
+from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
 from survey.reconstruction.support import support_codes
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
@@ -147,7 +147,7 @@ class JointTerrain:
     def _hyperparameters(
         self, points: SurfacePoints, slope: FloatArray, plane: FloatArray
     ) -> Hyperparameters:
-        config = self.config
+        config, bow = self.config, self._bow_columns(points)
         if not config.fit:
             family = "squared-exponential" if config.family == "auto" else config.family
             return Hyperparameters(family, config.kernel(), config.nugget_m or 0.0, 0.0)
@@ -156,9 +156,17 @@ class JointTerrain:
         own = _own_variance(points, slope)
 
         def shared(part: IntArray) -> FloatArray:
-            return self.path.covariance(rows[part])
+            return self.path.covariance(rows[part]) + (bow[part] * self._bow_rad**2) @ bow[part].T
 
         return likeliest(points.xy, residual, own, config, shared, candidates=CANDIDATES)
+
+    @property
+    def _bow_rad(self) -> float:
+        return float(np.radians(self.joint.bow_sigma_deg))
+
+    def _bow_columns(self, points: SurfacePoints) -> FloatArray:
+        """Return what the points' heights answer to bowing (N, 2), or nothing (N, 0) where there is none."""
+        return bow_levers(points) if self._bow_rad > 0.0 else np.zeros((len(points), 0))
 
     def _solution(
         self,
@@ -177,9 +185,11 @@ class JointTerrain:
         basis, tail = self._waves(found, site, points.xy, noise, memory_mb)
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(noise + tail))
         trend = PolynomialTrend("plane", basis.box)
-        columns, n_path = trend.columns(points.xy), shared.rows.shape[1]
+        columns, bow = trend.columns(points.xy), self._bow_columns(points)
         has_offset = cells is not None and cells.datum_sigma_m > 0.0
-        more = np.column_stack([columns, np.zeros((len(points), int(has_offset)))])
+        more = np.column_stack([columns, bow, np.zeros((len(points), int(has_offset)))])
+        bowing = np.full(bow.shape[1], self._bow_rad)
+        before = shared.rows.shape[1], bow.shape[1]
         strengths = amplitudes(found.kernel, basis)
         posterior = JointPosterior.given(
             basis,
@@ -187,11 +197,11 @@ class JointTerrain:
             data,
             (
                 side_by_side(shared.rows, more),
-                _with_more(shared.information, more.shape[1], cells),
+                _with_more(shared.information, columns.shape[1], bowing, cells),
             ),
             None
             if cells is None
-            else _functionals(cells, trend, cells.features(basis, strengths), datum, n_path),
+            else _functionals(cells, trend, cells.features(basis, strengths), datum, before),
         )
         return JointSolution(self, points, found, shared, basis, trend, tail, datum, posterior, cells, noise)
 
@@ -382,21 +392,22 @@ class JointSolution:
 
 
 def _functionals(
-    cells: SatelliteCells, trend: PolynomialTrend, waves: FloatArray, datum: float, n_path: int
+    cells: SatelliteCells, trend: PolynomialTrend, waves: FloatArray, datum: float, n_others: tuple[int, int]
 ) -> Functionals:
-    """Return the cells as rows: their waves, nothing of the path, the plane at their centres, the satellite's offset."""
-    more = trend.columns(cells.centre)
+    """Return the cells as rows: their waves, the plane at their centres, the satellite's offset; nothing of path and bow."""
+    n_path, n_bow = n_others
+    more = np.column_stack([trend.columns(cells.centre), np.zeros((len(cells), n_bow))])
     if cells.datum_sigma_m > 0.0:
         more = np.column_stack([more, np.ones(len(cells))])
     before = sparse.csr_array((len(cells), n_path))
     return Functionals(waves, side_by_side(before, more), cells.height - datum, cells.covariance)
 
 
-def _with_more(information: Any, n_more: int, cells: SatelliteCells | None) -> Any:
-    """Return the prior information with that of the plane, which is none, and of the satellite's offset."""
-    own = np.zeros(n_more)
+def _with_more(information: Any, n_plane: int, bowing_rad: FloatArray, cells: SatelliteCells | None) -> Any:
+    """Return the prior information with that of the plane, which is none, of the bow and of the satellite's offset."""
+    own = np.r_[np.zeros(n_plane), bowing_rad**-2.0]
     if cells is not None and cells.datum_sigma_m > 0.0:
-        own[-1] = cells.datum_sigma_m**-2
+        own = np.r_[own, cells.datum_sigma_m**-2]
     blocks: Any = [information, sparse.diags_array(own)]
     return sparse.csr_array(sparse.block_diag(blocks))
 

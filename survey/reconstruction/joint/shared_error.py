@@ -89,6 +89,20 @@ def height_levers(points: SurfacePoints, slope: FloatArray) -> FloatArray:
     return np.column_stack([above, *turns])
 
 
+def bow_levers(points: SurfacePoints) -> FloatArray:
+    """Return how far ahead of its pose each point lies, and how far aside, to either side (N, 2) [m].
+
+    What a camera sees may lie too high or too low by a share of either, on all of a drive alike: lens and
+    mounting are never known exactly. Swaths then look like ridges, and the gaps between them like valleys.
+    """
+    origins, heading = points.origins, points.heading_rad
+    assert origins is not None
+    assert heading is not None
+    x, y, _ = (points.xyz - origins).T
+    cosine, sine = np.cos(heading), np.sin(heading)
+    return np.column_stack([cosine * x + sine * y, np.abs(cosine * y - sine * x)])
+
+
 def side_by_side(*blocks: Any) -> Any:
     """Return matrices of as many rows, sparse or not, as one sparse one."""
     parts: Any = blocks
