@@ -1,6 +1,5 @@
 """The EMap paper's figures and its table, with OctoMap, springs and the field lattice side by side."""
 
-import csv
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
@@ -26,9 +25,9 @@ from sim.studies.emap_runs import (
     run,
 )
 from sim.studies.emap_world import N_RUNS, N_SCANS, RANGE_M, SCAN_STEP_M, Drive, sine_hills, utilities
+from sim.studies.products import write_csv, write_figure
 from survey.arrays import FloatArray
-from survey.figures.style import DENSITY, ELEVATION, ERROR, FULL_IN, INK, ROVERS, png_bytes, styled
-from survey.io.files import replacing
+from survey.figures.style import DENSITY, ELEVATION, ERROR, FULL_IN, INK, ROVERS, styled
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.nodes import NodeWindow
@@ -56,8 +55,8 @@ def figure_1(folder: Path, *, quick: bool, progress: Progress) -> None:
     window = NodeWindow.around(place, SIDE_M, STEP_M)
     surfaces = {"Surface": sine_hills(window.xy)}
     surfaces |= {name: model.heights(window.xy) for name, model in models.items()}
-    _write_csv(folder / "rms_error.csv", ("method", "rms_error_m"), _rms_rows(surfaces))
-    _write_figure(folder / "surface.png", _draw_surfaces(surfaces, window))
+    write_csv(folder / "rms_error.csv", ("method", "rms_error_m"), _rms_rows(surfaces))
+    write_figure(folder / "surface.png", _draw_surfaces(surfaces, window))
 
 
 def figure_2(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -70,21 +69,21 @@ def figure_2(folder: Path, *, quick: bool, progress: Progress) -> None:
         progress("scans", k, n_scans)
     density = counts / (np.pi * np.diff(edges**2))
     rows = zip(edges[:-1], edges[1:], counts, density, strict=True)
-    _write_csv(folder / "hits.csv", ("from_m", "to_m", "hits_per_scan", "hits_per_m2"), rows)
-    _write_figure(folder / "hits.png", _draw_hits(edges, counts, density))
+    write_csv(folder / "hits.csv", ("from_m", "to_m", "hits_per_scan", "hits_per_m2"), rows)
+    write_figure(folder / "hits.png", _draw_hits(edges, counts, density))
 
 
 def table_1(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Score ten runs under four utility functions, split into seen, gap and outside (Table 1)."""
     runs = list(_runs(METHODS, quick, progress))
-    _write_csv(folder / "table.csv", _TABLE, _table_rows(runs))
+    write_csv(folder / "table.csv", _TABLE, _table_rows(runs))
     parts = [
         (method, part, *_mean_and_std([float(np.nanmean(scores[method].parts[part])) for scores in runs]))
         for method in METHODS
         for part in ("seen", "gap", "outside")
     ]
-    _write_csv(folder / "parts.csv", ("method", "part", "mse_cm2", "std_cm2"), parts)
-    _write_figure(folder / "table.png", _draw_table(runs))
+    write_csv(folder / "parts.csv", ("method", "part", "mse_cm2", "std_cm2"), parts)
+    write_figure(folder / "table.png", _draw_table(runs))
 
 
 def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -93,12 +92,12 @@ def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
     mse = {m: 1e4 * np.mean([s[m].squared_m2 for s in runs], axis=0) / _n_scans(quick) for m in runs[0]}
     edges = np.geomspace(1e-3, 1e4, 36)
     counts = [np.histogram(np.maximum(values, edges[0]), edges)[0] for values in mse.values()]
-    _write_csv(
+    write_csv(
         folder / "histogram.csv",
         ("from_cm2", "to_cm2", *mse),
         zip(edges[:-1], edges[1:], *counts, strict=True),
     )
-    _write_figure(folder / "histogram.png", _draw_histogram(edges, mse))
+    write_figure(folder / "histogram.png", _draw_histogram(edges, mse))
 
 
 def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -106,12 +105,12 @@ def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:
     runs = list(_runs((OCTOMAP, EMAP, FIELD), quick, progress, n_runs=3))
     curves = {m: np.mean([s[m].weighted["Gaussian"] for s in runs], axis=0) for m in runs[0]}
     distance = SCAN_STEP_M * np.arange(_n_scans(quick), dtype=np.float64)
-    _write_csv(
+    write_csv(
         folder / "along_the_drive.csv",
         ("distance_m", *curves),
         zip(distance, *curves.values(), strict=True),
     )
-    _write_figure(folder / "along_the_drive.png", _draw_curves(distance, curves))
+    write_figure(folder / "along_the_drive.png", _draw_curves(distance, curves))
 
 
 def figure_6(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -126,8 +125,8 @@ def figure_6(folder: Path, *, quick: bool, progress: Progress) -> None:
         seconds = [_median_seconds(model, scans) for model in (springs, FieldLattice(config))]
         rows.append((n * n, *(1e3 * s for s in seconds)))
         progress("sizes", k, len(sides))
-    _write_csv(folder / "time_per_scan.csv", ("nodes", "springs_cpu_ms", "field_cpu_ms"), rows)
-    _write_figure(folder / "time_per_scan.png", _draw_times(np.array(rows)))
+    write_csv(folder / "time_per_scan.csv", ("nodes", "springs_cpu_ms", "field_cpu_ms"), rows)
+    write_figure(folder / "time_per_scan.png", _draw_times(np.array(rows)))
 
 
 def range_extension(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -146,13 +145,13 @@ def range_extension(folder: Path, *, quick: bool, progress: Progress) -> None:
     curves = {method: 1e4 * top / bottom for method, (top, bottom) in sums.items()}
     allowed = curves[OCTOMAP][0]
     reach = {m: float(thresholds[curve <= allowed].max(initial=0.0)) for m, curve in curves.items()}
-    _write_csv(
+    write_csv(
         folder / "error_against_threshold.csv",
         ("r_s_m", *curves),
         zip(thresholds, *curves.values(), strict=True),
     )
-    _write_csv(folder / "range.csv", ("method", "r_m_m"), reach.items())
-    _write_figure(folder / "range.png", _draw_range(thresholds, curves, allowed))
+    write_csv(folder / "range.csv", ("method", "r_m_m"), reach.items())
+    write_figure(folder / "range.png", _draw_range(thresholds, curves, allowed))
 
 
 def _n_scans(quick: bool) -> int:
@@ -225,19 +224,6 @@ def _mean_and_std(values: Sequence[float]) -> tuple[float, float]:
 def _rms_rows(surfaces: Mapping[str, FloatArray]) -> Iterator[tuple[str, float]]:
     for name, heights in list(surfaces.items())[1:]:
         yield name, float(np.sqrt(np.mean((heights - surfaces["Surface"]) ** 2)))
-
-
-def _write_csv(path: Path, heading: Sequence[str], rows: object) -> None:
-    with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(heading)
-        for row in rows:  # type: ignore[attr-defined]  # any iterable of rows
-            writer.writerow([f"{x:.6g}" if isinstance(x, float) else x for x in row])
-
-
-def _write_figure(path: Path, figure: Figure) -> None:
-    with replacing(path) as draft:
-        draft.write_bytes(png_bytes(figure))
 
 
 @styled

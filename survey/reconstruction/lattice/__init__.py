@@ -1,5 +1,5 @@
 """Terrain on the nodes of a lattice, kept up to date scan by scan.
 
 Begin with `field_lattice`, a Gaussian field, and `spring_lattice`, the EMap; `stencil`,
-`coarsening`, `multigrid` and `solver` are their arithmetic.
+`point_sums`, `coarsening`, `multigrid` and `solver` are their arithmetic.
 """

@@ -6,9 +6,10 @@ from typing import Self
 import numpy as np
 
 from survey.arrays import FloatArray
-from survey.reconstruction.lattice import stencil as kernel
+from survey.reconstruction.lattice import point_sums
 from survey.reconstruction.lattice.nodes import NodeWindow
-from survey.reconstruction.lattice.stencil import Draws
+from survey.reconstruction.lattice.point_sums import Draws
+from survey.reconstruction.lattice.stencil import EAST, NORTH, NORTH_EAST, NORTH_WEST, apply
 
 
 @dataclass(eq=False)
@@ -49,8 +50,8 @@ class Information:
     def add(self, points: FloatArray) -> None:
         """Add points (N, 4): lattice coordinates u and v, height above the datum [m] and weight 1/σ² [1/m²]."""
         self.n_points += len(points)
-        kernel.add_points(points, self.stencil, self.rhs, self.draws, self.n_points)
-        kernel.add_moments(points, self.moments)
+        point_sums.add_points(points, self.stencil, self.rhs, self.draws, self.n_points)
+        point_sums.add_moments(points, self.moments)
 
     def carried(self, new: NodeWindow, old: NodeWindow, z: FloatArray) -> "Information":
         """Return the sums on another window.
@@ -64,13 +65,13 @@ class Information:
         rhs = self.rhs
         if leaving.size > leaving[kept].size:
             pulled = np.empty_like(z)
-            kernel.apply(self.stencil, (0.0, 0.0, 0.0), np.zeros((0, 0, 0)), leaving, pulled)
+            apply(self.stencil, (0.0, 0.0, 0.0), np.zeros((0, 0, 0)), leaving, pulled)
             rhs = rhs - pulled
         draws = np.zeros((*new.shape, self.draws.shape[2]), dtype=np.float32)
         draws[old.within(new)] = self.draws[kept]
         stencil, rhs = _without_loose_ends(new.carried(self.stencil, old)), new.carried(rhs, old)
         moments = np.zeros((3, 4))
-        kernel.add_moments_of_sums(stencil, rhs, moments)
+        point_sums.add_moments_of_sums(stencil, rhs, moments)
         return Information(stencil, rhs, draws, moments, self.n_points)
 
     def part(self, rows: slice, columns: slice) -> tuple[FloatArray, FloatArray]:
@@ -116,8 +117,8 @@ def plane_heights(plane: FloatArray, rows: slice, columns: slice) -> FloatArray:
 
 def _without_loose_ends(stencil: FloatArray) -> FloatArray:
     """Cut couplings to nodes beyond the window, in place."""
-    stencil[kernel.EAST, :, -1] = 0.0
-    stencil[kernel.NORTH, -1] = 0.0
-    stencil[kernel.NORTH_EAST, -1], stencil[kernel.NORTH_EAST, :, -1] = 0.0, 0.0
-    stencil[kernel.NORTH_WEST, -1], stencil[kernel.NORTH_WEST, :, 0] = 0.0, 0.0
+    stencil[EAST, :, -1] = 0.0
+    stencil[NORTH, -1] = 0.0
+    stencil[NORTH_EAST, -1], stencil[NORTH_EAST, :, -1] = 0.0, 0.0
+    stencil[NORTH_WEST, -1], stencil[NORTH_WEST, :, 0] = 0.0, 0.0
     return stencil
