@@ -2,7 +2,7 @@
 
 Run: python -m benchmarks.space_carving [--quick] [--json FILE]
 
-Terrains, settings and gates were chosen on seeds 100 and 101 and on blocks 11 and 12 of the real scans; what is
+Terrains, settings and gates were chosen on seeds 100 to 105 and on blocks 11 to 16 of the real scans; what is
 printed comes from seeds 0, 1 and 2 and from other blocks. The peer is scikit-learn's Gaussian process with its
 hyperparameters given, so that none of its time goes into finding them. Whether bounds hold, and what they cost,
 is `benchmarks.space_carving_bounds`.
