@@ -13,10 +13,13 @@ from survey.io.files import replacing
 
 _WIDEST_PX = 480
 _FASTER = 4.0
+_MOST_FRAMES = 900
 
 
 def write_preview(frames: Frames, path: Path) -> None:
     """Write a video (MPEG-4, .mp4) of frames at half size, four times as fast as they were taken.
+
+    Of a long drive every so many frames are shown, 900 in all.
 
     Raises
     ------
@@ -31,8 +34,10 @@ def write_preview(frames: Frames, path: Path) -> None:
         writer = cv2.VideoWriter(str(draft), code, min(rate_hz, 60.0), (width, height))
         if not writer.isOpened():
             raise InputError(f"{path} cannot be written as a video; look at the contact sheet instead.")
-        for k in range(len(frames)):
-            writer.write(_coloured(_small(frames[k], _WIDEST_PX)))
+        for k in np.unique(
+            np.linspace(0, len(frames) - 1, min(len(frames), _MOST_FRAMES)).round().astype(int)
+        ):
+            writer.write(_coloured(_small(frames[int(k)], _WIDEST_PX)))
         writer.release()
 
 
