@@ -2,10 +2,10 @@ r"""Batch smoother: the slowly growing error of the odometry, told from everythi
 
 At nodes k along the path the unknowns are the errors (estimated minus real) of position
 e, yaw ψ, of its slow part η, pitch θ, roll φ and scale s, the GPS bias b, the barometer's
-drift c and the gyro's bias β; the constant parts of pitch, roll and scale, the
-wheels' scale ω and skidding χ, the accelerometer's bias a and
-the barometer's datum c₀ are common to all. With L the travel between nodes, t the time, and
-(u, v) = how the step answers to yaw and pitch:
+drift c and the gyro's bias β; the constant parts of pitch, roll and scale, the wheels' scale
+ω and skidding χ, the accelerometer's bias a and the barometer's datum c₀ are common to all.
+With L the travel between nodes, t the time, and (u, v) = how the step answers to yaw and
+pitch:
 
     e_{k+1} − e_k  = ψ̄ u + θ̄ v + s̄ d + w,           w ~ N(0, q² L + q_t² |Δψ|)
     θ_{k+1} − κ    = a (θ_k − κ) + n,  a = exp(−L/Λ)  n ~ N(0, σ_θ² (1 − a²));  φ, s, ψ about η alike
