@@ -90,13 +90,22 @@ class Window:
         for factor in factors:
             if factor is not None:
                 graph.add(factor)
-        solved = gtsam.LevenbergMarquardtOptimizer(graph, values, self._optimizer).optimize()
+        solved = self._optimized(graph, values)
         for k in free:
             self.poses[k] = solved.atPose3(keys[k]).matrix()
         for track, factor, level in zip(tracks, factors, self._level(tracks), strict=True):
             if factor is not None:
                 self._take_point(track, factor.point(solved), level)
         return self._agree(tracks, [factor is not None for factor in factors])
+
+    def _optimized(self, graph: Any, values: Any) -> Any:
+        """Return the most likely poses; the first guesses where a direction lies behind a camera that saw it."""
+        try:
+            return gtsam.LevenbergMarquardtOptimizer(graph, values, self._optimizer).optimize()
+        except RuntimeError as error:
+            if "Cheirality" not in str(error):
+                raise
+            return values
 
     def _posed(self, free: list[int], held: list[int]) -> tuple[Any, Any]:
         """Return the graph of what wheels and gyro say, and first guesses of the poses."""

@@ -314,6 +314,18 @@ def test_corners_that_jump_do_not_bend_the_window(camera: Camera) -> None:
     assert all(agree[5:])
 
 
+def test_a_horizon_that_turns_with_the_camera_leaves_the_poses_and_is_mostly_given_up(camera: Camera) -> None:
+    """Drops on the lens or noise: twenty corners stay where they are in the image while the gyro turns by 170 degrees."""
+    window = Window(camera, VisualOdometryConfig())
+    window.add(_pose(0.0), None)
+    window.add(_pose(0.25, 170.0), Motion(0.25, _pose(0.0, 170.0)[:3, :3], 0.25))
+    ahead = np.column_stack([np.ones(20), 0.01 * np.arange(20), np.full(20, 0.05)])
+    rays = ahead / np.linalg.norm(ahead, axis=1, keepdims=True) @ camera.T_body_camera[:3, :3]
+    agree = window.solve([Track(np.zeros(2), [0, 1], [ray, ray]) for ray in rays])
+    assert np.array_equal(window.poses[1], _pose(0.25, 170.0))
+    assert sum(agree) < 5
+
+
 def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None:
     folder = real_data / "seq_kitti_mini" / "KITTI_sequence_1"
     if not folder.is_dir():
