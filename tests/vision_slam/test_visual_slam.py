@@ -319,11 +319,11 @@ def test_a_horizon_that_turns_with_the_camera_leaves_the_poses_and_is_mostly_giv
     window = Window(camera, VisualOdometryConfig())
     window.add(_pose(0.0), None)
     window.add(_pose(0.25, 170.0), Motion(0.25, _pose(0.0, 170.0)[:3, :3], 0.25))
-    ahead = np.column_stack([np.ones(20), 0.01 * np.arange(20), np.full(20, 0.05)])
+    ahead = np.column_stack([np.ones(20), 0.005 * np.arange(20), np.full(20, 0.05)])
     rays = ahead / np.linalg.norm(ahead, axis=1, keepdims=True) @ camera.T_body_camera[:3, :3]
     agree = window.solve([Track(np.zeros(2), [0, 1], [ray, ray]) for ray in rays])
     assert np.array_equal(window.poses[1], _pose(0.25, 170.0))
-    assert sum(agree) < 5
+    assert sum(agree) < 10
 
 
 def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None:
