@@ -11,8 +11,9 @@ terrain judged on here was used for no setting; its families were.
 
 Of the real ground, ``real`` are the twenty windows on which an earlier rule for learning the covariance failed, so that
 they were known before the present one was made; it was chosen on twelve windows elsewhere on the same square kilometre.
-``real, turned`` are twenty windows that nothing was judged on before: other corners, and east for north, so that
-swaths cross the ground the other way. All of them overlap.
+``real, turned`` are twenty windows in other corners, and east for north, so that swaths cross the ground the other way.
+That swaths run across a marked grain was chosen on eight more windows, after surveys of the first three turned ones had
+been seen to break their promise or to be refused. All windows overlap.
 
 Surveys are kept as they finish (FIRNLINE_PROMISE_SURVEYS, a file of JSON lines); a run that was ended goes on where it
 was. FIRNLINE_PROMISE_N is the number of DEMs of each family and noise, 100 when left out; an eighth of them is also
