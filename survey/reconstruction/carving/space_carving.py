@@ -67,7 +67,7 @@ class SpaceCarvingKernel(TerrainModel):
     configuration tells the readings. Wu's kernel is divided by 4, so that it is 1 at 0.
 
     The bounds are no bounds in the sense of a probability: in gaps all three surfaces are drawn
-    by the same kernels and share their error; of the study's piles of rubble 75 % lies
+    by the same kernels and share their error; of the study's piles of rubble 77 % lies
     within. `FieldLattice` states honest ones. The standard deviation is
     that of a normal distribution whose 95 % they would hold.
 
