@@ -200,8 +200,12 @@ def run_once(mission: Path, runs: Path, settings: Sequence[str]) -> tuple[Path, 
             [*command, "--workers", "2", "-q", *words], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
         ) as process:
             memory = list(_memory_mb(process))
-            _, _, usage = os.wait4(process.pid, 0) if process.returncode is None else (0, 0, None)
-            assert usage is not None
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise RuntimeError(
+                f"{mission.name} in {runs} ended with code {process.returncode}; see its words above."
+            )
         wall_s, quarter = time.monotonic() - began, max(memory[: len(memory) // 4 + 1])
         cost = {
             "wall_s": wall_s,
@@ -284,7 +288,7 @@ def _around_the_prior(points: SurfacePoints, survey: Survey) -> Reconstruction:
     return reconstruct(points.select(inside), survey.nodes, survey.prior)
 
 
-def _fixes(survey: Survey, profile: Literal["white", "gauss-markov-60"] | str, draw: int) -> GpsFixes | None:
+def _fixes(survey: Survey, profile: Literal["white", "gauss-markov-60"], draw: int) -> GpsFixes | None:
     """Read a receiver anew along the way that was really driven."""
     path = survey.real.trajectory
     still = np.zeros_like(path.position)
