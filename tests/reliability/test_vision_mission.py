@@ -51,6 +51,7 @@ FAULTS = {
     "GPS outage": {"component": "gps", "failure": "off", "from_s": 10.0, "until_s": 310.0},
     "whiteout of 60 images": {"component": "camera", "failure": "whiteout", "from_s": 20.0, "until_s": 35.0},
     "slip": {"component": "tracks", "failure": "slippery", "from_s": 30.0, "until_s": 38.0, "strength": 0.15},
+    "kidnapped": {"component": "start", "failure": "kidnapped", "strength": 10.0},
 }
 
 
