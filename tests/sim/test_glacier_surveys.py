@@ -1,6 +1,7 @@
 """The paper's two surveys in images: their missions, and small ones through the whole study."""
 
 import csv
+import os
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ def test_the_study_runs_the_example():
 
 
 @pytest.mark.slow
+@pytest.mark.skipif("FIRNLINE_DRIVES" not in os.environ, reason="minutes of driving: set FIRNLINE_DRIVES=1")
 def test_both_surveys_are_driven_mapped_and_drawn(tmp_path):
     for name in ("glacier-fig12", "glacier-fig13"):
         (tmp_path / name).mkdir()
