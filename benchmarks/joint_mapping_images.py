@@ -19,23 +19,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
+from benchmarks.image_surveys import Outcome, Profile, Survey, fixes_along, judged, on_the_real_path
 from benchmarks.report import Row, main
-from sim.gps import GpsReceiver
-from sim.motion import Motion
-from sim.sensor_config import GpsConfig, InstrumentsConfig
 from survey.area import SurveyArea
-from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.grid import Grid
-from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
+from survey.reconstruction import GaussianProcessConfig, reconstruct
 from survey.reconstruction.config import JointConfig, SatelliteErrors
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.recording import Recording
-from survey.sensors import GpsFixes
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
 from survey.truth import Truth
 from vision_slam import LocalizationConfig, visual_slam
 from vision_slam.pipeline import localize_seen
@@ -46,7 +39,7 @@ SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
 SEEDS = (61, 62, 63)
 STATED = JointConfig(satellite=SatelliteErrors(sigma_m=1.0), bow_sigma_deg=0.3)
 """Landmarks of the development surveys rose by 0.35 degrees ahead, and sank by 0.15 aside."""
-PROFILES: dict[str, Literal["gauss-markov-60", "gauss-markov-300"]] = {
+PROFILES: dict[str, Profile] = {
     "tau 60 s": "gauss-markov-60",
     "tau 300 s": "gauss-markov-300",
 }
@@ -73,27 +66,6 @@ CASES = (
     Case("+ gravity, barometer", level=True),
     Case("+ 4 stakes", level=True, stakes=True),
 )
-
-
-@dataclass(frozen=True)
-class Survey:
-    """A drive whose images were turned into odometry and sightings, with the world it took place in."""
-
-    recording: Recording
-    found: VisualOdometry
-    real: Truth
-    prior: Dem
-    nodes: Grid
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a map came out: errors [m], never debiased, and its coverage; and the path's vertical error [m]."""
-
-    rmse_m: float
-    offset_m: float
-    coverage: float
-    path_m: float
 
 
 def measure(quick: bool) -> Iterator[Row]:
@@ -183,11 +155,9 @@ def _read_by(module: Path) -> list[Path]:
     return sorted(found)
 
 
-def _mapped(
-    survey: Survey, case: Case, profile: Literal["gauss-markov-60", "gauss-markov-300"], draw: int
-) -> Outcome:
+def _mapped(survey: Survey, case: Case, profile: Profile, draw: int) -> Outcome:
     """Localize and map a survey with a receiver of its own luck."""
-    kept: dict[str, Any] = {"gps": _fixes(survey, profile, draw), "base": None}
+    kept: dict[str, Any] = {"gps": fixes_along(survey, profile, 1000 + draw), "base": None}
     if not case.level:
         kept |= {"inertial": None, "barometer": None, "base_barometer": None}
     if not case.stakes:
@@ -198,49 +168,16 @@ def _mapped(
     if case.errors == "joint":
         assert trajectory.error is not None
         found = JointTerrain(trajectory.error, prior, learned, STATED).map(points, survey.nodes)
-        return _judged(found.reconstruction, survey.real, trajectory)
+        return judged(found.reconstruction, survey.real, trajectory)
     if case.errors == "independent":
         points = replace(points, covariance=points.own_covariance)
-    return _judged(reconstruct(points, survey.nodes, prior, config=learned), survey.real, trajectory)
+    return judged(reconstruct(points, survey.nodes, prior, config=learned), survey.real, trajectory)
 
 
 def _floor(survey: Survey) -> Outcome:
-    """Map the landmarks as they lie when the path is known: what is left is theirs, and the gaps' between swaths."""
-    path, seen, gates = survey.real.trajectory, survey.found.sightings, ASSUMED
-    times = survey.found.odometry.time_s[seen.pose]
-    place = np.column_stack([np.interp(times, path.time_s, axis) for axis in path.position.T])
-    turn = Slerp(path.time_s, Rotation.from_quat(path.quaternion))(
-        times.clip(max=path.time_s[-1])
-    ).as_matrix()
-    covariance = turn @ seen.covariance @ turn.transpose(0, 2, 1)
-    kept = (seen.range_m > gates.landmark_min_range_m) & (
-        np.linalg.eigvalsh(covariance)[:, -1] <= gates.landmark_max_sigma_m**2
-    )
-    xyz = place + np.einsum("nij,nj->ni", turn, seen.offset)
-    points = SurfacePoints(xyz[kept], covariance=covariance[kept], crs=survey.prior.crs)
-    return _judged(reconstruct(points, survey.nodes), survey.real, path)
-
-
-def _fixes(
-    survey: Survey, profile: Literal["gauss-markov-60", "gauss-markov-300"], draw: int
-) -> GpsFixes | None:
-    """Read a receiver anew along the way that was really driven."""
-    path = survey.real.trajectory
-    still = np.zeros_like(path.position)
-    motion = Motion(path.time_s, path.position, path.quaternion, still, still, still[:, :2])
-    config = InstrumentsConfig(gps=GpsConfig(profile=profile))
-    receiver = GpsReceiver(config, survey.recording.antenna_height_m, 1000 + draw)
-    return receiver.sense(motion, path.position[0])[0]
-
-
-def _judged(result: Reconstruction, real: Truth, path: Trajectory) -> Outcome:
-    """Compare a map with the whole terrain, snow relief and all."""
-    error = result.mean.elevation - real.dem.at(result.mean.xy).reshape(result.mean.shape)
-    within = np.abs(error) <= 1.959964 * result.std.elevation
-    height = np.interp(path.time_s, real.trajectory.time_s, real.trajectory.position[:, 2])
-    vertical: FloatArray = path.position[:, 2] - height
-    rmse, path_m = (float(np.sqrt(np.mean(values**2))) for values in (error, vertical))
-    return Outcome(rmse, float(error.mean()), float(within.mean()), path_m)
+    """Map the landmarks as they lie when the path is known: no more can be told of the gaps between the swaths."""
+    points = on_the_real_path(survey, ASSUMED)
+    return judged(reconstruct(points, survey.nodes), survey.real, survey.real.trajectory)
 
 
 if __name__ == "__main__":

@@ -16,16 +16,13 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
-from scipy.spatial.transform import Rotation, Slerp
 
+from benchmarks.image_surveys import Outcome, Profile, Survey, fixes_along, judged, on_the_real_path
 from benchmarks.report import Row, main
-from sim.gps import GpsReceiver
-from sim.motion import Motion
-from sim.sensor_config import GpsConfig, InstrumentsConfig
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.dem import Dem
@@ -37,7 +34,6 @@ from survey.recording import Recording
 from survey.route import Route
 from survey.sensors import GpsFixes
 from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
 from survey.truth import Truth
 from vision_slam import LocalizationConfig
 from vision_slam.onboard import read_seen
@@ -53,7 +49,7 @@ PLANNERS = {
 }
 WHITE = LocalizationConfig(gps_bias_sigma_m=0.1, gps_white_sigma_m=3.0)
 LASTING = LocalizationConfig(gps_bias_sigma_m=3.0, gps_white_sigma_m=1.0, gps_correlation_time_s=300.0)
-RECEIVERS: dict[str, tuple[Literal["white", "gauss-markov-60"], LocalizationConfig]] = {
+RECEIVERS: dict[str, tuple[Profile, LocalizationConfig]] = {
     "white GPS": ("white", WHITE),
     "GPS of 60 s": ("gauss-markov-60", LASTING),
 }
@@ -64,26 +60,11 @@ _MEMORY_MB = 2000.0
 
 
 @dataclass(frozen=True)
-class Survey:
-    """A mission that was driven, and what it took."""
+class Mission(Survey):
+    """A survey as a mission's folder holds it, and what it took."""
 
     folder: Path
-    recording: Recording
-    found: VisualOdometry
-    real: Truth
-    prior: Dem
-    nodes: Grid
     cost: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Errors of a map [m], never debiased, its coverage, and the path's vertical error [m]."""
-
-    rmse_m: float
-    offset_m: float
-    coverage: float
-    path_m: float
 
 
 def measure(quick: bool) -> Iterator[Row]:
@@ -94,7 +75,7 @@ def measure(quick: bool) -> Iterator[Row]:
         yield from _mapped(planner, surveys)
 
 
-def _driven(planner: str, surveys: list[Survey], *, quick: bool) -> Iterator[Row]:
+def _driven(planner: str, surveys: list[Mission], *, quick: bool) -> Iterator[Row]:
     """Yield how the drives went, what they saw, and what they took."""
     drives = [read_json(survey.folder / "2-simulate" / "drive.json", "the drive") for survey in surveys]
     yield Row.of(
@@ -127,14 +108,18 @@ def _driven(planner: str, surveys: list[Survey], *, quick: bool) -> Iterator[Row
     yield Row(f"{planner}: growth of it over the last three quarters of a mission", growth, "MB")
 
 
-def _mapped(planner: str, surveys: list[Survey]) -> Iterator[Row]:
+def _mapped(planner: str, surveys: list[Mission]) -> Iterator[Row]:
     """Yield what the maps are worth, each treatment beside the others."""
-    floor = [_judged(_on_the_real_path(survey), survey.real) for survey in surveys]
+    known = [_around_the_prior(on_the_real_path(survey, LASTING), survey) for survey in surveys]
+    floor = [
+        judged(found, survey.real, survey.real.trajectory)
+        for found, survey in zip(known, surveys, strict=True)
+    ]
     yield from _rows(f"{planner}, landmarks on the real path", floor)
     for name, (profile, assumed) in RECEIVERS.items():
         maps: dict[str, list[Outcome]] = {"joint": [], "joint, 4 stakes": [], "independent": []}
         for draw, survey in enumerate(surveys):
-            fixes = _fixes(survey, profile, draw)
+            fixes = fixes_along(survey, profile, 2000 + draw)
             for treatment, done in maps.items():
                 done.append(_treated(survey, fixes, assumed, treatment))
         for treatment, done in maps.items():
@@ -168,7 +153,7 @@ def _bars(planner: str, treatment: str, receiver: str, done: list[Outcome]) -> I
         yield Row.of(f"{name}: share within 0.28 m", float(np.mean(rmse <= 0.28)), "1", ">=", 0.9)
 
 
-def _survey(planner: str, seed: int, *, quick: bool) -> Survey:
+def _survey(planner: str, seed: int, *, quick: bool) -> Mission:
     example = EXAMPLES / ("short_drive.toml" if quick else "mendenhall_like.toml")
     chosen = (f"seed={seed}", *PLANNERS[planner], *(_SHORT if quick else ()))
     runs = MISSIONS / (f"short-{seed}" if quick else f"{planner}-{seed}")
@@ -178,13 +163,13 @@ def _survey(planner: str, seed: int, *, quick: bool) -> Survey:
     area = SurveyArea.read(folder / "1-plan" / "area.gpkg")
     xmin, _, xmax, _ = area.bounds
     nodes = Grid.over(area.bounds, (xmax - xmin) / 80.0, prior.crs)
-    return Survey(
-        folder,
+    return Mission(
         replace(recording, frames=None, camera=None),
         read_seen(folder / "2-simulate" / "recording" / "onboard"),
         Truth.read(folder / "2-simulate" / "truth"),
         prior,
         nodes,
+        folder,
         cost,
     )
 
@@ -237,7 +222,7 @@ def _resident_mb(pid: str) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _deviation(survey: Survey) -> FloatArray:
+def _deviation(survey: Mission) -> FloatArray:
     """Distance (N,) of the driven path from the planned one [m]."""
     route = Route.read(survey.folder / "2-simulate" / "driven_route.geojson")
     line = shapely.LineString(route.path())
@@ -260,54 +245,16 @@ def _treated(survey: Survey, fixes: GpsFixes | None, assumed: LocalizationConfig
     path, points, _ = localize_seen(replace(survey.recording, **kept), survey.found, assumed)
     if treatment == "independent":
         points = replace(points, covariance=points.own_covariance)
-        return _judged(_around_the_prior(points, survey), survey.real, path)
+        return judged(_around_the_prior(points, survey), survey.real, path)
     assert path.error is not None
     found = JointTerrain(path.error, survey.prior).map(points, survey.nodes)
-    return _judged(found.reconstruction, survey.real, path)
-
-
-def _on_the_real_path(survey: Survey) -> Reconstruction:
-    """Map the landmarks as they lie when the path is known: what is left is theirs, and the gaps' between swaths."""
-    path, seen = survey.real.trajectory, survey.found.sightings
-    times = survey.found.odometry.time_s[seen.pose].clip(max=path.time_s[-1])
-    place = np.column_stack([np.interp(times, path.time_s, axis) for axis in path.position.T])
-    turn = Slerp(path.time_s, Rotation.from_quat(path.quaternion))(times).as_matrix()
-    covariance = turn @ seen.covariance @ turn.transpose(0, 2, 1)
-    kept = (seen.range_m > LASTING.landmark_min_range_m) & (
-        np.linalg.eigvalsh(covariance)[:, -1] <= LASTING.landmark_max_sigma_m**2
-    )
-    xyz = place + np.einsum("nij,nj->ni", turn, seen.offset)
-    return _around_the_prior(
-        SurfacePoints(xyz[kept], covariance=covariance[kept], crs=survey.prior.crs), survey
-    )
+    return judged(found.reconstruction, survey.real, path)
 
 
 def _around_the_prior(points: SurfacePoints, survey: Survey) -> Reconstruction:
     """Map points around the satellite's elevations, each with an error of its own."""
     inside = np.isfinite(survey.prior.at(points.xy))
     return reconstruct(points.select(inside), survey.nodes, survey.prior)
-
-
-def _fixes(survey: Survey, profile: Literal["white", "gauss-markov-60"], draw: int) -> GpsFixes | None:
-    """Read a receiver anew along the way that was really driven."""
-    path = survey.real.trajectory
-    still = np.zeros_like(path.position)
-    motion = Motion(path.time_s, path.position, path.quaternion, still, still, still[:, :2])
-    config = InstrumentsConfig(gps=GpsConfig(profile=profile))
-    receiver = GpsReceiver(config, survey.recording.antenna_height_m, 2000 + draw)
-    return receiver.sense(motion, path.position[0])[0]
-
-
-def _judged(result: Reconstruction, real: Truth, path: Trajectory | None = None) -> Outcome:
-    """Compare a map with the whole terrain, snow relief and all."""
-    error = result.mean.elevation - real.dem.at(result.mean.xy).reshape(result.mean.shape)
-    within = np.abs(error) <= 1.959964 * result.std.elevation
-    vertical = np.zeros(1)
-    if path is not None:
-        height = np.interp(path.time_s, real.trajectory.time_s, real.trajectory.position[:, 2])
-        vertical = path.position[:, 2] - height
-    rmse, path_m = (float(np.sqrt(np.mean(values**2))) for values in (error, vertical))
-    return Outcome(rmse, float(error.mean()), float(within.mean()), path_m)
 
 
 if __name__ == "__main__":
