@@ -122,13 +122,14 @@ def test_two_runs_and_one_killed_twenty_times_agree_to_the_byte(tmp_path, nurser
     assert {name.split("/")[0] for name in expected} >= {f"{n}-{s}" for n, s in enumerate(STAGES, start=1)}
 
     moments = random.Random(20261121)
-    kills = 0
+    kills, done = 0, 0
     while kills < 20:
         child = nursery.start(tmp_path / "killed")
         if nursery.ended(within_s=moments.uniform(0.0, 0.9) * whole_s) is not None:
             # It came to its end first: the next kills hit a new run of the same mission.
             assert products(tmp_path / "killed") == expected
-            (tmp_path / "killed").rename(tmp_path / f"done-{kills}")
+            (tmp_path / "killed").rename(tmp_path / f"done-{done}")
+            done += 1
             continue
         os.kill(child, signal.SIGKILL)
         nursery.ended(within_s=60.0)
