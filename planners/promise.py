@@ -25,8 +25,10 @@ from planners.assurance import (
     fewest,
 )
 from planners.config import LawnmowerConfig, WavyConfig
+from planners.heading import across_marked_grain
 from planners.planning import plan
 from planners.predict import places
+from planners.transit import FreeGround
 from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.dem import Dem
@@ -170,7 +172,7 @@ def promise(area: SurveyArea, prior: Dem, wanted: Wanted) -> Promise:
     cells is extrapolated through the roughest of four families of covariance that the cells do not exclude: on smooth
     terrain that is more swaths than it takes. A survey that plans itself while it is driven (`planners.adaptive`) learns
     the family from the first swaths instead. Small relief upon a smooth surface, which no cell shows, and errors that
-    samples share are not in it.
+    samples share are not in it. Swaths run across a marked grain of the prior.
     """
     with threadpool_limits(1):
         cells = _cells(area, prior, wanted)
@@ -180,7 +182,9 @@ def promise(area: SurveyArea, prior: Dem, wanted: Wanted) -> Promise:
         proving_ground = _ProvingGround(area, cells, belief, wanted)
         assurance = Assurance(area, wanted.limit_m, wanted.sample_step_m, LEARNED)
         best: Promise | None = None
-        for shape in _patterns(belief):
+        # A covariance that is alike in all directions is blind to ridges that run beside the swaths.
+        heading_deg = across_marked_grain(FreeGround(area.free), prior)
+        for shape in _patterns(belief, heading_deg):
             tried = _proven(shape, assurance, (belief, likely), proving_ground, wanted)
             if best is None or _is_better(tried, best):
                 best = tried
@@ -223,11 +227,11 @@ def _is_better(one: Promise, other: Promise) -> bool:
     return one.predicted.probability > other.predicted.probability
 
 
-def _patterns(belief: Belief) -> Iterator[Pattern]:
+def _patterns(belief: Belief, heading_deg: float) -> Iterator[Pattern]:
     """Wavy swaths, and straight ones that end before the border."""
     wavelength_m = WavyConfig(swaths=1).wavelength_scales * belief.slope_length_m
-    yield WavyConfig(swaths=1, wavelength_m=wavelength_m)
-    yield LawnmowerConfig(swaths=1, inset_share=0.5)
+    yield WavyConfig(swaths=1, wavelength_m=wavelength_m, heading_deg=heading_deg)
+    yield LawnmowerConfig(swaths=1, inset_share=0.5, heading_deg=heading_deg)
 
 
 def _proven(

@@ -217,6 +217,16 @@ def test_a_promise_is_kept_on_simulated_terrain_and_states_what_it_assumes():
     assert "as stated" in stated.assumptions
 
 
+def test_swaths_promised_run_across_a_marked_grain():
+    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 50.0, CRS)
+    ridges = Dem.on(grid, np.outer(5.0 * np.sin(np.arange(7.0)), np.ones(7)))
+    made = promise(AREA, ridges, Wanted(1.0, noise_m=0.1, n_simulations=10, prior_sigma_m=0.5))
+    for swath in made.route.swaths:
+        (east, north) = np.abs(swath.axis[1] - swath.axis[0])
+        assert east < 1e-9
+        assert north > 200.0
+
+
 def test_what_is_reachable_is_named_by_its_class():
     assert "0.3048 m" in str(reachable_class(0.25))
     assert reachable_class(0.5) is None
