@@ -13,7 +13,7 @@ from sim.montecarlo_config import StudyConfig
 from sim.montecarlo_summary import Row, curves, minimum_swaths
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, png_bytes, styled
 from survey.io.files import replacing
-from survey.reporting.page import Picture
+from survey.reporting.pictures import Picture
 from survey.reporting.words import number, percent
 from survey.scoring.standards import map_classes
 

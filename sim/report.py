@@ -2,7 +2,6 @@
 
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from survey.arrays import FloatArray
 from survey.io.documents import read_json
 from survey.io.tables import read_table
 from survey.recording import Recording
-from survey.reporting import write_report
+from survey.reporting import OnBoard, Surveyed, write_report
 from survey.store import RunFolder
 from survey.truth import Truth
 from vision_slam.pictures import tracks_on_frames
@@ -26,9 +25,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
     area = survey.SurveyArea.read(plan / "area.gpkg")
     route = survey.Route.read(run.folder("simulate") / "driven_route.geojson")
     localization = run.folder("score") / "localization.json"
-    return write_report(
-        folder,
-        title=run.path.parent.name,
+    surveyed = Surveyed(
         area=area,
         prior=survey.Dem.read(plan / "prior.tif"),
         truth=truth.dem,
@@ -38,23 +35,28 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         trajectory=survey.Trajectory.read(localized / "trajectory.csv", truth.dem.crs),
         reference_trajectory=truth.trajectory,
         points=survey.SurfacePoints.read(localized / "surface_points.gpkg"),
-        **_seen(run),
+        on_board=_on_board(run.folder("simulate")),
+    )
+    return write_report(
+        folder,
+        surveyed,
+        title=run.path.parent.name,
         localization=read_json(localization, "the localization error") if localization.exists() else None,
         config_text=(run.path / "config.toml").read_text(encoding="utf-8"),
         provenance=_provenance(run),
     )
 
 
-def _seen(run: RunFolder) -> dict[str, Any]:
-    """Return what there is to show of a drive that has images: tracks, a video, and what was believed on the way."""
-    recording = Recording.read(run.folder("simulate") / "recording")
+def _on_board(simulated: Path) -> OnBoard | None:
+    """Return what there is to show of a drive that has images."""
+    recording = Recording.read(simulated / "recording")
     if recording.frames is None:
-        return {}
-    return {
-        "tracks": tracks_on_frames(recording),
-        "video": animated(recording.frames),
-        "believed": _believed(run.folder("simulate") / "believed.csv"),
-    }
+        return None
+    return OnBoard(
+        tracks=tracks_on_frames(recording),
+        video=animated(recording.frames),
+        believed=_believed(simulated / "believed.csv"),
+    )
 
 
 def _believed(file: Path) -> FloatArray | None:

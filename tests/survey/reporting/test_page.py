@@ -1,13 +1,17 @@
 """The page: whole in itself, the same each time, honest in words, safe whatever the text."""
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
+from io import BytesIO
 
 import pytest
+from PIL import Image
 
 from survey.errors import InputError
-from survey.reporting import write_report
+from survey.reporting import Surveyed, write_report
 from survey.reporting.page import _write
+from survey.reporting.pictures import Picture
 
 FIGURES = {
     "map", "terrain", "std", "support", "landmarks", "error", "profile", "calibration", "histogram", "distance", "trajectory", "path", "path_error",
@@ -37,36 +41,34 @@ class Outline(HTMLParser):
         return [attributes for tag, attributes in self.tags if tag == name]
 
 
-def arguments(site, scored):
-    return {
-        "title": TITLE,
-        "area": site.area,
-        "prior": site.prior,
-        "truth": site.truth,
-        "route": site.route,
-        "reconstruction": site.reconstruction,
-        "score": scored,
-    }
+def surveyed(site, scored):
+    return Surveyed(
+        area=site.area,
+        prior=site.prior,
+        truth=site.truth,
+        route=site.route,
+        reconstruction=site.reconstruction,
+        score=scored,
+        trajectory=site.trajectory,
+        reference_trajectory=site.reference_trajectory,
+        points=site.points,
+    )
 
 
-def extras(site):
-    return {
-        "trajectory": site.trajectory,
-        "reference_trajectory": site.reference_trajectory,
-        "points": site.points,
-        "localization": {"ate_rmse_m": 0.3123, "n_loops": 2},
-        "config_text": CONFIG,
-        "provenance": {"numpy": "2.4.6", "Seed": "7"},
-    }
+def write(folder, survey):
+    return write_report(
+        folder,
+        survey,
+        title=TITLE,
+        localization={"ate_rmse_m": 0.3123, "n_loops": 2},
+        config_text=CONFIG,
+        provenance={"numpy": "2.4.6", "Seed": "7"},
+    )
 
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory, site, scored):
-    return write_report(
-        tmp_path_factory.mktemp("run") / "6-report",
-        **arguments(site, scored),
-        **extras(site),
-    )
+    return write(tmp_path_factory.mktemp("run") / "6-report", surveyed(site, scored))
 
 
 @pytest.fixture(scope="module")
@@ -133,22 +135,34 @@ def test_results_settings_and_provenance_are_shown(page):
 
 
 def test_the_same_survey_gives_the_same_bytes(report, tmp_path, site, scored):
-    again = write_report(tmp_path / "again", **arguments(site, scored), **extras(site))
+    again = write(tmp_path / "again", surveyed(site, scored))
     assert again.read_bytes() == report.read_bytes()
     for path in (report.parent / "figures").iterdir():
         assert path.read_bytes() == (again.parent / "figures" / path.name).read_bytes()
 
 
 def test_what_was_not_given_is_left_out(tmp_path, site, scored):
-    page = write_report(tmp_path / "report", **(arguments(site, scored) | {"prior": None}))
+    bare = replace(
+        surveyed(site, scored), prior=None, trajectory=None, reference_trajectory=None, points=None
+    )
+    page = write_report(tmp_path / "report", bare, title=TITLE)
     figures = {path.stem for path in (page.parent / "figures").iterdir()}
     assert figures == FIGURES - {"trajectory", "path", "path_error", "landmarks"}
     assert "Localization" not in page.read_text(encoding="utf-8")
 
 
+def test_a_video_is_shown_at_its_own_size():
+    video = BytesIO()
+    images = [Image.new("RGB", (40, 30), (grey, grey, grey)) for grey in (0, 120, 240)]
+    images[0].save(video, "WEBP", save_all=True, append_images=images[1:])
+    shown = Picture(video.getvalue(), "images of a drive", "What the camera saw.")
+    assert shown.size == (40, 30)
+    assert shown.source.startswith("data:image/webp;base64,")
+
+
 def test_a_folder_without_parent_is_refused(tmp_path, site, scored):
     with pytest.raises(InputError, match="no parent folder"):
-        write_report(tmp_path / "missing" / "report", **arguments(site, scored))
+        write(tmp_path / "missing" / "report", surveyed(site, scored))
 
 
 def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
