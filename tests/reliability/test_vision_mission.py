@@ -1,7 +1,11 @@
-"""A whole mission in images, with faults: it ends in a named state, and its path claims what it knows."""
+"""A whole mission in images: killed at random it ends with the same products, and faults leave an honest path."""
 
 import os
+import random
+import signal
+import time
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +15,7 @@ from sim.mission import run_mission
 from sim.runs import open_run
 from survey.config import validated
 from survey.io.documents import read_json
+from tests.reliability.test_same_bytes import Nursery, products
 
 pytestmark = [
     pytest.mark.reliability,
@@ -18,7 +23,7 @@ pytestmark = [
     pytest.mark.timeout(3600),
     pytest.mark.skipif(
         "FIRNLINE_DRIVES" not in os.environ,
-        reason="minutes of driving: set FIRNLINE_DRIVES=1",
+        reason="minutes of driving: set FIRNLINE_DRIVES to a number of kills, e.g. 10",
     ),
 ]
 
@@ -53,6 +58,47 @@ FAULTS = {
     "slip": {"component": "tracks", "failure": "slippery", "from_s": 30.0, "until_s": 38.0, "strength": 0.15},
     "kidnapped": {"component": "start", "failure": "kidnapped", "strength": 10.0},
 }
+
+
+def test_a_mission_killed_at_random_has_the_same_products(tmp_path):
+    # 20 m on a side: two swaths and what joins them, in half a minute.
+    (tmp_path / "m.toml").write_text(MISSION.replace("526055.0, 6478050.0", "526045.0, 6478044.0"))
+    nursery = Nursery(tmp_path / "m.toml")
+    try:
+        began = time.monotonic()
+        expected = whole_run(nursery, tmp_path / "whole")
+        whole_s, moments = time.monotonic() - began, random.Random(20261121)
+        kills = 0
+        while kills < int(os.environ["FIRNLINE_DRIVES"]):
+            run = nursery.start(tmp_path / "killed")
+            if nursery.ended(within_s=moments.uniform(0.0, 0.9) * whole_s) is not None:
+                # It came to its end first: the next kills hit a new run of the same mission.
+                assert products(tmp_path / "killed") == expected
+                (tmp_path / "killed").rename(tmp_path / f"done-{kills}")
+                continue
+            computers = onboard_computers(run) if kills % 2 else []
+            os.kill(computers[0] if computers else run, signal.SIGKILL)
+            # Without its computer a run ends by itself, and names why.
+            assert nursery.ended(within_s=60.0) != 0
+            kills += 1
+        assert whole_run(nursery, tmp_path / "killed") == expected
+    finally:
+        nursery.process.stdin.close()
+        nursery.process.wait()
+        nursery.process.stdout.close()
+    assert not [p for p in (tmp_path / "killed").rglob("*") if p.name.endswith(".partial")]
+
+
+def whole_run(nursery: Nursery, runs: Path) -> dict[str, bytes]:
+    nursery.start(runs)
+    assert nursery.ended(within_s=1200.0) == 0
+    return products(runs)
+
+
+def onboard_computers(run: int) -> list[int]:
+    """Return the process ids of what a run has started beside itself to look at images."""
+    children = Path(f"/proc/{run}/task/{run}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
 @pytest.mark.parametrize("fault", FAULTS)
