@@ -1,5 +1,6 @@
 """``firnline localize``: path and landmarks from a recording."""
 
+import json
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,15 +91,12 @@ def localize(
     images takes its times from frames.csv (time_s,file), times.txt or the names of the files, its
     calibration from camera.toml, and wheels.csv and inertial.csv where they are there.
     """
-    import json
-
-    from sim.cli.progress import counted
     from vision_slam.drives import open_drive
-    from vision_slam.outputs import pictures_of, refuse_existing, write_localization, write_pictures
+    from vision_slam.outputs import refuse_existing
 
     refuse_existing(out, force=force)
     if viewer is not None:
-        from vision_slam.viewer import refuse_without_rerun, write_rrd
+        from vision_slam.viewer import refuse_without_rerun
 
         refuse_without_rerun()
     drive = open_drive(
@@ -110,18 +108,40 @@ def localize(
         gps_shift_s=gps_shift,
         scale_from_m=scale_from,
     )
-    assumed = drive.assumed(settings or [])
     judge = None if reference is None else drive.read_reference(reference)
+    localized, seconds = _timed(drive, settings or [], quiet=quiet)
+    compared = drive.compared(localized, judge)
+    _write(out, viewer, drive, localized, compared)
+    _tell(_told(drive, localized, compared, seconds), out, as_json=as_json)
+
+
+def _timed(drive: "Drive", settings: list[str], *, quiet: bool) -> "tuple[Localized, float]":
+    """Return path and landmarks, and the seconds that they took."""
+    from sim.cli.progress import counted
+
+    assumed = drive.assumed(settings)
     began = perf_counter()
     with counted(quiet=quiet) as progress:
         localized = drive.localized(assumed, progress)
-    seconds = perf_counter() - began
-    compared = drive.compared(localized, judge)
+    return localized, perf_counter() - began
+
+
+def _write(
+    out: Path, viewer: Path | None, drive: "Drive", localized: "Localized", compared: "Compared | None"
+) -> None:
+    """Write files and pictures, and what rerun's viewer shows where that is wanted."""
+    from vision_slam.outputs import pictures_of, write_localization, write_pictures
+
     write_localization(out, localized)
     write_pictures(out, pictures_of(localized, drive.sensed, drive.gps, compared))
     if viewer is not None:
+        from vision_slam.viewer import write_rrd
+
         write_rrd(viewer, localized, drive.sensed)
-    told = _told(drive, localized, compared, seconds)
+
+
+def _tell(told: dict[str, Any], out: Path, *, as_json: bool) -> None:
+    """Print the account, for people or as JSON."""
     if as_json:
         typer.echo(json.dumps(told, indent=2))
         return

@@ -1,6 +1,5 @@
 """``firnline plan``: a route for an area, with a picture and what is expected of it."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,10 +9,7 @@ from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
-    import planners
-    import survey
     from sim.cli.plan_promise import Asked
-    from survey.reconstruction.gp.kernels import Kernel
 
 
 @refusals_told
@@ -140,48 +136,67 @@ def plan(
     """
     asked = {"swaths": swaths, "spacing_m": spacing, "budget_m": budget, "rmse_m": rmse}
     given = {name: value for name, value in asked.items() if value is not None}
+    site = {"prior": prior, "crs": crs, "no_go": no_go}
+    limits = {"rovers": rovers, "max_slope": max_slope}
     if source.suffix == ".toml":
-        from sim.cli.mission_file import run_until, tell
-        from survey.errors import ConfigError
-
-        if given or any(option is not None for option in (prior, crs, rovers, max_slope, no_go)):
-            raise ConfigError(
-                f"{source} is a mission, which says all that itself; change it with --set, as in --set planner.swaths=6."
-            )
+        _refuse_beside_a_mission(source, given | site | limits)
         if require is not None:
-            from sim.cli.plan_foresight import tell_ways
-            from sim.runs import read_mission
-
-            tell_ways(read_mission(source, settings or []), require, probability, as_json=as_json)
-            return
-        _, run = run_until(source, "plan", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
-        tell(run, as_json=as_json)
-        return
-    if require is not None:
+            _tell_ways(source, require, probability, settings, as_json=as_json)
+        else:
+            _plan_mission(source, runs, settings, as_json=as_json, quiet=quiet, verbose=verbose)
+    elif require is not None:
         from sim.cli.plan_promise import Asked
 
-        _refuse_beside_a_promise(
-            given, pattern=pattern, rovers=rovers, max_slope=max_slope, settings=None if joint else settings
+        others = limits | {"pattern": pattern, "settings": None if joint else settings}
+        _refuse_beside_a_promise(given, **others)
+        promise = Asked(require, probability, noise, localization, prior_sigma, assume, driven, measured)
+        sought = (source, prior, crs, no_go)
+        _promise(*sought, promise, settings or [], out, joint=joint, adaptive=adaptive, as_json=as_json)
+    else:
+        from sim.cli.plan_area import plan_area, read_area, tell_route
+
+        wanted = _wanted({"pattern": pattern, **(given or {"swaths": 4})}, rovers, max_slope)
+        area, dem = read_area(source, prior, crs, no_go)
+        route = plan_area(area, dem, wanted, settings or [], out, quiet=quiet)
+        tell_route(route, out, as_json=as_json)
+
+
+def _refuse_beside_a_mission(source: Path, given: dict[str, Any]) -> None:
+    """Refuse what a mission says itself."""
+    from survey.errors import ConfigError
+
+    if any(option is not None for option in given.values()):
+        raise ConfigError(
+            f"{source} is a mission, which says all that itself; change it with --set, as in --set planner.swaths=6."
         )
-        asked_for = Asked(require, probability, noise, localization, prior_sigma, assume, driven, measured)
-        _promise(
-            *_read(source, prior, crs, no_go),
-            asked_for,
-            settings or [],
-            out,
-            joint=joint,
-            adaptive=adaptive,
-            as_json=as_json,
-        )
-        return
-    wanted: dict[str, Any] = {"planner": {"pattern": pattern, **(given or {"swaths": 4})}}
+
+
+def _tell_ways(
+    source: Path, require: str, probability: float, settings: list[str] | None, *, as_json: bool
+) -> None:
+    from sim.cli.plan_foresight import tell_ways
+    from sim.runs import read_mission
+
+    tell_ways(read_mission(source, settings or []), require, probability, as_json=as_json)
+
+
+def _plan_mission(
+    source: Path, runs: Path, settings: list[str] | None, *, as_json: bool, quiet: bool, verbose: int
+) -> None:
+    from sim.cli.mission_file import run_until, tell
+
+    _, run = run_until(source, "plan", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
+    tell(run, as_json=as_json)
+
+
+def _wanted(planner: dict[str, Any], rovers: int | None, max_slope: float | None) -> dict[str, Any]:
+    """Return the options as sections of a mission."""
+    wanted: dict[str, Any] = {"planner": planner}
     if rovers is not None:
         wanted["fleet"] = {"rovers": rovers}
     if max_slope is not None:
         wanted["rover"] = {"max_pitch_deg": max_slope, "max_roll_deg": max_slope}
-    area, dem = _read(source, prior, crs, no_go)
-    route = _plan_area(area, dem, wanted, settings or [], out, quiet=quiet)
-    _tell(route, out, as_json=as_json)
+    return wanted
 
 
 def _refuse_beside_a_promise(given: dict[str, Any], **others: Any) -> None:
@@ -198,8 +213,10 @@ def _refuse_beside_a_promise(given: dict[str, Any], **others: Any) -> None:
 
 
 def _promise(
-    area: "survey.SurveyArea",
-    prior: "survey.Dem | None",
+    source: Path,
+    prior: Path | None,
+    crs: str | None,
+    no_go: Path | None,
     asked: "Asked",
     settings: list[str],
     out: Path,
@@ -209,116 +226,17 @@ def _promise(
     as_json: bool,
 ) -> None:
     """Plan what promises a class, with errors of the path that are shared or independent."""
+    from sim.cli.plan_area import read_area
     from sim.cli.plan_foresight import plan_joint
     from sim.cli.plan_promise import plan_promised
     from survey.errors import ConfigError, InputError
 
-    if prior is None:
+    area, dem = read_area(source, prior, crs, no_go)
+    if dem is None:
         raise InputError("a promise needs to know how the terrain varies; give a coarse DEM with --prior.")
     if not joint:
-        plan_promised(area, prior, asked, out, adaptive=adaptive, as_json=as_json)
+        plan_promised(area, dem, asked, out, adaptive=adaptive, as_json=as_json)
         return
     if adaptive:
         raise ConfigError("--joint foresees a whole survey; leave out --adaptive.")
-    plan_joint(area, prior, asked, settings, out, as_json=as_json)
-
-
-def _read(
-    source: Path, prior: Path | None, crs: str | None, no_go: Path | None
-) -> "tuple[survey.SurveyArea, survey.Dem | None]":
-    """Read the area, less the ground that a raster marks, and what is known of it, in one CRS."""
-    import survey
-    from planners.traversability import without_marked
-
-    dem = None if prior is None else survey.Dem.read(prior)
-    area = survey.SurveyArea.read(source, crs=crs if dem is None or crs is not None else dem.crs)
-    if dem is not None:
-        area.require_crs(dem.crs, "the prior")
-    if no_go is not None:
-        area = without_marked(area, survey.Dem.read(no_go))
-    return area, dem
-
-
-def _plan_area(
-    area: "survey.SurveyArea",
-    dem: "survey.Dem | None",
-    wanted: dict[str, Any],
-    settings: list[str],
-    out: Path,
-    *,
-    quiet: bool,
-) -> "survey.Route":
-    """Plan, and write the route and its picture."""
-    import planners
-    from sim.cli.progress import counted
-    from survey.config import Section, validated, with_overrides
-
-    class Wanted(Section):
-        planner: planners.PlannerConfig
-        rover: planners.Rover = planners.Rover()
-        fleet: planners.Fleet = planners.Fleet()
-
-    config = validated(Wanted, with_overrides(wanted, settings), "the options")
-    with counted(quiet=quiet) as progress:
-        progress("learning how the terrain varies", 0, 1)
-        kernel = None if dem is None else _kernel(dem, area)
-        progress("learning how the terrain varies", 1, 1)
-        route = planners.plan(
-            area,
-            dem,
-            config.planner,
-            rover=config.rover,
-            fleet=config.fleet,
-            kernel=kernel,
-            progress=progress,
-        )
-    route.write(out)
-    _draw(route, area, dem, kernel, planners.drivable(area, config.rover, dem), out.with_suffix(".png"))
-    return route
-
-
-def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
-    """Return the covariance that the prior speaks for; None, with the reason told, when it is too coarse."""
-    import planners
-    from survey.errors import InputError
-
-    try:
-        return planners.terrain_kernel(dem, area)
-    except InputError as error:
-        typer.echo(f"firnline: no error is predicted: {error}", err=True)
-        return None
-
-
-def _draw(
-    route: "survey.Route",
-    area: "survey.SurveyArea",
-    dem: "survey.Dem | None",
-    kernel: "Kernel | None",
-    site: "planners.Drivable",
-    path: Path,
-) -> None:
-    import planners
-    from survey import figures
-    from survey.io.files import replacing
-
-    std = None
-    if kernel is not None and "rmse_m" in route.prediction:
-        std = planners.predict_error(route, area, kernel, noise_m=0.1).std
-    pieces = [piece.polygon for piece in site.left_out]
-    figure = figures.plan_map(area, route, terrain=dem, std=std, left_out=pieces)
-    with replacing(path) as file:
-        file.write_bytes(figures.png_bytes(figure))
-
-
-def _tell(route: "survey.Route", out: Path, *, as_json: bool) -> None:
-    """Print what is expected of the route, for people or as JSON."""
-    picture = out.with_suffix(".png")
-    if as_json:
-        content = {"route": str(out), "picture": str(picture), "length_m": route.length_m, **route.prediction}
-        typer.echo(json.dumps(content, indent=2))
-        return
-    typer.echo(
-        f"{len(route.swaths)} swaths, {route.length_m:.0f} m in all, written to {out}, drawn in {picture}"
-    )
-    for name, value in route.prediction.items():
-        typer.echo(f"  predicted {name} = {value:.6g}")
+    plan_joint(area, dem, asked, settings, out, as_json=as_json)

@@ -1,13 +1,16 @@
 """``firnline reconstruct``: a map from measured points."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import refusals_told
-from sim.cli.reconstruct_scans import SCAN_METHODS, draw_and_mark, reconstruct_scans
+from sim.cli.reconstruct_scans import SCAN_METHODS, map_of_scans
+
+if TYPE_CHECKING:
+    import survey
 
 
 @refusals_told
@@ -79,58 +82,51 @@ def reconstruct(
 
       firnline reconstruct mine.toml
     """
-    from survey.errors import InputError
-
     source = sources[0]
-    if len(sources) > 1 and method not in SCAN_METHODS:
-        raise InputError(
-            f"{len(sources)} files were named, and the method {method!r} maps one; name one, or take carving, emap or field."
-        )
-    if max_slope is not None and not rays:
-        raise InputError(
-            "ground that is too steep for certain is told from bounds; add --rays to --max-slope."
-        )
+    _refuse_at_odds(sources, method, rays=rays, max_slope_deg=max_slope)
     if source.suffix == ".toml":
         from sim.cli.mission_file import run_until, tell
 
         _, run = run_until(source, "reconstruct", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         tell(run, as_json=as_json)
         return
+    _refuse_existing(out, force=force)
+    if method in SCAN_METHODS:
+        result, origin = map_of_scans(sources, method, grid, crs, sigma, trajectory, rays=rays, quiet=quiet)
+    else:
+        step_m = 1.0 if grid is None else grid
+        result, origin = _map_of_points(source, prior, step_m, method, value, crs, sigma, rays=rays)
+    out.mkdir(parents=True, exist_ok=True)
+    result.write(out)
+    if rays:
+        _draw_and_mark(result, out, max_slope)
+    _tell(result, origin, out, as_json=as_json)
+
+
+def _refuse_at_odds(sources: list[Path], method: str, *, rays: bool, max_slope_deg: float | None) -> None:
+    """Refuse options that ask for what the method does not do."""
+    from survey.errors import InputError
+
+    if len(sources) > 1 and method not in SCAN_METHODS:
+        raise InputError(
+            f"{len(sources)} files were named, and the method {method!r} maps one; name one, or take carving, emap or field."
+        )
+    if max_slope_deg is not None and not rays:
+        raise InputError(
+            "ground that is too steep for certain is told from bounds; add --rays to --max-slope."
+        )
+
+
+def _refuse_existing(out: Path, *, force: bool) -> None:
+    from survey.errors import InputError
+
     if (out / "dem.tif").exists() and not force:
         raise InputError(
             f"{out / 'dem.tif'} exists; choose another folder with --out or add --force to replace it."
         )
-    if method in SCAN_METHODS:
-        reconstruct_scans(
-            sources,
-            method,
-            grid,
-            crs=crs,
-            sigma_m=sigma,
-            trajectory=trajectory,
-            out=out,
-            quiet=quiet,
-            as_json=as_json,
-            rays=rays,
-            max_slope_deg=max_slope,
-        )
-    else:
-        _reconstruct_points(
-            source,
-            prior,
-            1.0 if grid is None else grid,
-            method,
-            value,
-            crs,
-            sigma,
-            out,
-            as_json=as_json,
-            rays=rays,
-            max_slope_deg=max_slope,
-        )
 
 
-def _reconstruct_points(
+def _map_of_points(
     source: Path,
     prior: Path | None,
     step_m: float,
@@ -138,12 +134,10 @@ def _reconstruct_points(
     value: str | None,
     crs: str | None,
     sigma_m: float | None,
-    out: Path,
     *,
-    as_json: bool,
     rays: bool,
-    max_slope_deg: float | None,
-) -> None:
+) -> "tuple[survey.Reconstruction, str]":
+    """Return the map of the points in a file, and what it was made by."""
     import survey
     from survey.reconstruction.base import ELEVATION
 
@@ -158,14 +152,30 @@ def _reconstruct_points(
         value=value or ELEVATION,
         rays=rays,
     )
-    out.mkdir(parents=True, exist_ok=True)
-    result.write(out)
-    if rays:
-        draw_and_mark(result, out, max_slope_deg)
+    return result, f"by {result.method}"
+
+
+def _draw_and_mark(result: "survey.Reconstruction", out: Path, max_slope_deg: float | None) -> None:
+    """Write pictures of mean, width and support, and the ground that is too steep for certain."""
+    from survey.figures import png_bytes, route_map, support_map
+    from survey.figures.bounds import width_map
+    from survey.io.files import replacing
+    from survey.reconstruction.visibility.steep_ground import steep_ground
+
+    figures = {"mean": route_map(result.mean), "width": width_map(result), "support": support_map(result)}
+    for name, figure in figures.items():
+        with replacing(out / f"{name}.png") as draft:
+            draft.write_bytes(png_bytes(figure))
+    if max_slope_deg is not None:
+        steep_ground(result, max_slope_deg).write(out / "no_go.tif")
+
+
+def _tell(result: "survey.Reconstruction", origin: str, out: Path, *, as_json: bool) -> None:
+    """Print what was made, for people or as JSON."""
     if as_json:
         typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
         return
     rows, columns = result.mean.shape
-    typer.echo(f"{rows} × {columns} nodes by {result.method}, written to {out / 'dem.tif'}")
+    typer.echo(f"{rows} × {columns} nodes {origin}, written to {out / 'dem.tif'}")
     for name, setting in result.hyperparameters.items():
         typer.echo(f"  {name} = {setting:.6g}" if isinstance(setting, float) else f"  {name} = {setting}")

@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 if TYPE_CHECKING:
     from survey.reconstruction.base import Reconstruction
+    from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
+    from survey.reconstruction.lattice.field_lattice import FieldLattice
+    from survey.reconstruction.lattice.spring_lattice import SpringLattice
 
 SCAN_METHODS = ("carving", "emap", "field")
 _STEP_M = 0.25
@@ -14,33 +15,21 @@ _STEP_M = 0.25
 _THIN_M = 0.1
 
 
-def reconstruct_scans(
+def map_of_scans(
     sources: list[Path],
     method: str,
     step_m: float | None,
-    *,
     crs: str | None,
     sigma_m: float | None,
     trajectory: Path | None,
-    out: Path,
+    *,
+    rays: bool,
     quiet: bool,
-    as_json: bool,
-    rays: bool = False,
-    max_slope_deg: float | None = None,
-) -> None:
-    """Stream scans into a map and write mean, standard deviation, bounds and support.
-
-    With `rays` lines of sight to the ground bound the map, returns from what overhangs it are left
-    out, pictures of mean, width and support are drawn, and ground steeper than `max_slope_deg` for certain is written as ``no_go.tif``.
-    """
+) -> "tuple[Reconstruction, str]":
+    """Stream scans into a map, and tell how many; with `rays` returns from what overhangs the ground are left out."""
     from sim.cli.progress import counted
     from survey.errors import InputError
     from survey.io.scans import Track, read_scans, scan_files
-    from survey.reconstruction.carving.config import SpaceCarvingConfig
-    from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
-    from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
-    from survey.reconstruction.lattice.field_lattice import FieldLattice
-    from survey.reconstruction.lattice.spring_lattice import SpringLattice
     from survey.reconstruction.visibility.ground import ground
 
     if rays and method == "emap":
@@ -49,43 +38,33 @@ def reconstruct_scans(
         )
     files = scan_files(sources)
     track = None if trajectory is None else Track.read(trajectory)
-    step = step_m or _STEP_M
-    model: FieldLattice | SpaceCarvingKernel | SpringLattice
-    if method == "field":
-        model = FieldLattice(FieldLatticeConfig(step_m=step, rays=rays))
-    elif method == "carving":
-        model = SpaceCarvingKernel(SpaceCarvingConfig(thin_m=_THIN_M))
-    else:
-        model = SpringLattice(SpringLatticeConfig(step_m=step, side_m=None))
+    model = _model(method, step_m or _STEP_M, rays=rays)
     with counted(quiet=quiet) as progress:
         for n_read, scan in enumerate(read_scans(files, crs=crs, sigma_m=sigma_m, track=track), start=1):
             model.update(scan.select(ground(scan.xyz)) if rays else scan)
             progress("scans", n_read, max(len(files), n_read))
-    grid = model.whole_grid(step) if isinstance(model, SpaceCarvingKernel) else model.whole_grid()
-    result = model.grid(grid)
-    out.mkdir(parents=True, exist_ok=True)
-    result.write(out)
-    if rays:
-        draw_and_mark(result, out, max_slope_deg)
-    if as_json:
-        typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
-        return
-    rows, columns = result.mean.shape
-    typer.echo(f"{rows} × {columns} nodes from {model.n_scans_} scans, written to {out / 'dem.tif'}")
-    for name, setting in result.hyperparameters.items():
-        typer.echo(f"  {name} = {setting:.6g}")
+    return _gridded(model, step_m or _STEP_M), f"from {model.n_scans_} scans"
 
 
-def draw_and_mark(result: "Reconstruction", out: Path, max_slope_deg: float | None) -> None:
-    """Write pictures of mean, width and support, and the ground that is too steep for certain."""
-    from survey.figures import png_bytes, route_map, support_map
-    from survey.figures.bounds import width_map
-    from survey.io.files import replacing
-    from survey.reconstruction.visibility.steep_ground import steep_ground
+def _model(method: str, step_m: float, *, rays: bool) -> "FieldLattice | SpaceCarvingKernel | SpringLattice":
+    """Return the empty map that a method fills."""
+    from survey.reconstruction.carving.config import SpaceCarvingConfig
+    from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
+    from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
+    from survey.reconstruction.lattice.field_lattice import FieldLattice
+    from survey.reconstruction.lattice.spring_lattice import SpringLattice
 
-    figures = {"mean": route_map(result.mean), "width": width_map(result), "support": support_map(result)}
-    for name, figure in figures.items():
-        with replacing(out / f"{name}.png") as draft:
-            draft.write_bytes(png_bytes(figure))
-    if max_slope_deg is not None:
-        steep_ground(result, max_slope_deg).write(out / "no_go.tif")
+    if method == "field":
+        return FieldLattice(FieldLatticeConfig(step_m=step_m, rays=rays))
+    if method == "carving":
+        return SpaceCarvingKernel(SpaceCarvingConfig(thin_m=_THIN_M))
+    return SpringLattice(SpringLatticeConfig(step_m=step_m, side_m=None))
+
+
+def _gridded(model: "FieldLattice | SpaceCarvingKernel | SpringLattice", step_m: float) -> "Reconstruction":
+    """Return all that was mapped, on its own grid or, for kernels without one, on nodes so far apart."""
+    from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
+
+    if isinstance(model, SpaceCarvingKernel):
+        return model.grid(model.whole_grid(step_m))
+    return model.grid(model.whole_grid())
