@@ -17,7 +17,7 @@ from planners.informative import variance_driven
 from planners.predict import ErrorModel, terrain_kernel
 from planners.rover import Crew, Fleet, Rover, depots
 from planners.transit import FreeGround
-from planners.traversability import drivable
+from planners.traversability import Drivable, drivable
 from planners.wavy import slope_length_m
 from survey.area import SurveyArea
 from survey.dem import Dem
@@ -112,10 +112,7 @@ def plan(
     model = None
     if kernel is not None:
         model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=sample_step_m)
-    site = drivable(area, crew.rover, prior)
-    left_out_share = site.left_out_share(area)
-    if left_out_share > _LEAST_TOLD:
-        logger.warning("%.1f %% of the area is left out: %s", min(100.0 * left_out_share, 99.9), site)
+    site, left_out_share = _site(area, crew)
     # Matrices of some hundred rows: spinning threads would only slow them down.
     with nullcontext() if model is None else threadpool_limits(1):
         route = _route(site.within(area), config, model, crew, progress)
@@ -123,6 +120,15 @@ def plan(
         if model is not None and not isinstance(config, SteeredConfig):
             facts["rmse_m"] = model.rmse_m(route)
     return replace(route, prediction=facts)
+
+
+def _site(area: SurveyArea, crew: Crew) -> tuple[Drivable, float]:
+    """Return where the rover can be, and the share of the area where it cannot, which is told."""
+    site = drivable(area, crew.rover, crew.dem)
+    left_out_share = site.left_out_share(area)
+    if left_out_share > _LEAST_TOLD:
+        logger.warning("%.1f %% of the area is left out: %s", min(100.0 * left_out_share, 99.9), site)
+    return site, left_out_share
 
 
 def _require_able(config: PlannerConfig, crew: Crew) -> None:

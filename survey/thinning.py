@@ -75,20 +75,7 @@ def most_informative(
         raise InputError(
             f"thinning to {n} points on a terrain of {variance_m2:g} m² over {length_scale_m:g} m; all must be above 0."
         )
-    told = _on_nodes(points, bounds, variance_m2, length_scale_m)
-    gains = np.concatenate([_gains(told, block) for block in _blocks(len(points))])
-    heap = [(-gain, index) for index, gain in enumerate(gains.tolist())]
-    heapq.heapify(heap)
-    chosen: list[int] = []
-    while heap and len(chosen) < n:
-        _, index = heapq.heappop(heap)
-        now = float(_gains(told, np.array([index]))[0])
-        if heap and now < -heap[0][0]:  # others have told it meanwhile: it must wait
-            heapq.heappush(heap, (-now, index))
-            continue
-        chosen.append(index)
-        _take(told, index)
-    return np.array(chosen, dtype=np.int64)
+    return _chosen(_on_nodes(points, bounds, variance_m2, length_scale_m), n)
 
 
 class _Told(NamedTuple):
@@ -104,6 +91,23 @@ class _Told(NamedTuple):
     """(N, 4) w, of those nodes."""
     variance: FloatArray
     """r (N,) [m²]."""
+
+
+def _chosen(told: _Told, n: int) -> IntArray:
+    """Take the point of the largest gain `n` times; a gain is told anew only when it comes first, for it never grows."""
+    gains = np.concatenate([_gains(told, block) for block in _blocks(len(told.node))])
+    heap = [(-gain, index) for index, gain in enumerate(gains.tolist())]
+    heapq.heapify(heap)
+    chosen: list[int] = []
+    while heap and len(chosen) < n:
+        _, index = heapq.heappop(heap)
+        now = float(_gains(told, np.array([index]))[0])
+        if heap and now < -heap[0][0]:  # others have told it meanwhile: it must wait
+            heapq.heappush(heap, (-now, index))
+            continue
+        chosen.append(index)
+        _take(told, index)
+    return np.array(chosen, dtype=np.int64)
 
 
 def _on_nodes(

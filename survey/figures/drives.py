@@ -2,6 +2,7 @@
 
 import numpy as np
 import shapely
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -55,9 +56,7 @@ def executed_route(
     if area is not None:
         draw_area(axes, area, veil=False)
     handles += axes.plot(*planned.T, color=MUTED, linewidth=4.0, alpha=0.45, label="Planned")
-    if believed is not None:
-        handles += axes.plot(*believed[:, :2].T, color=CLAIM, linewidth=0.9, label="Believed while driving")
-    handles += axes.plot(*driven[:, :2].T, color=ESTIMATE, linewidth=1.4, label="Driven")
+    handles += _draw_both(axes, driven[:, :2], None if believed is None else believed[:, :2])
     handles += axes.plot(*driven[0, :2], "o", color=INK, markersize=5, label="Start")
     draw_scale_and_north(drawing)
     axes.set_title("Driven against planned path")
@@ -90,28 +89,31 @@ def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray 
     """
     figure = Figure(figsize=(FULL_IN, 2.4), layout="constrained")
     axes = figure.subplots()
-    off = _distances(route, driven)
-    if believed is not None:
-        thought = _distances(route, believed)
-        axes.plot(_travelled(believed), thought, color=CLAIM, linewidth=0.9, label="Believed while driving")
-    axes.plot(_travelled(driven), off, color=ESTIMATE, linewidth=1.2, label="Driven")
+    travelled_off = _travelled_and_off(route, driven)
+    _draw_both(axes, travelled_off, None if believed is None else _travelled_and_off(route, believed))
+    travelled, off = travelled_off.T
     worst = float(np.percentile(off, 95.0))
     axes.set_title(
         f"Distance from the planned path: mean {off.mean():.2f} m, 95 % within {worst:.2f} m, most {off.max():.2f} m"
     )
     axes.set(xlabel="Distance driven [m]", ylabel="Distance from route [m]")
-    axes.set_xlim(0.0, max(float(_travelled(driven)[-1]), 1e-3))
+    axes.set_xlim(0.0, max(float(travelled[-1]), 1e-3))
     axes.set_ylim(bottom=0.0)
     axes.grid(visible=True, axis="y")
     axes.legend(loc="upper left", ncols=2)
     return figure
 
 
-def _distances(route: Route, path: FloatArray) -> FloatArray:
-    distances: FloatArray = shapely.distance(shapely.LineString(route.path()), shapely.points(path[:, :2]))
-    return distances
+def _draw_both(axes: Axes, driven: FloatArray, believed: FloatArray | None) -> list[Line2D]:
+    """Draw lines (N, 2) of what was driven over what was believed; return what the legend shows."""
+    drawn: list[Line2D] = []
+    if believed is not None:
+        drawn += axes.plot(*believed.T, color=CLAIM, linewidth=0.9, label="Believed while driving")
+    return drawn + axes.plot(*driven.T, color=ESTIMATE, linewidth=1.4, label="Driven")
 
 
-def _travelled(path: FloatArray) -> FloatArray:
-    travelled: FloatArray = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
-    return travelled
+def _travelled_and_off(route: Route, path: FloatArray) -> FloatArray:
+    """Return (N, 2): how far the rover had driven, and how far from its route it was then [m]."""
+    travelled = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
+    off = shapely.distance(shapely.LineString(route.path()), shapely.points(path[:, :2]))
+    return np.column_stack([travelled, off])

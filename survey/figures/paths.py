@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from survey.arrays import BoolArray, FloatArray, IntArray
-from survey.figures.cartography import add_colour_bar, draw_scale_and_north, grouped, map_figure
+from survey.figures.cartography import MapFigure, add_colour_bar, draw_scale_and_north, grouped, map_figure
 from survey.figures.style import (
     CLAIM,
     DEVIATION,
@@ -76,28 +76,8 @@ def path_map(
     shown = [line[:, :2] for line in (position, fixes, reference) if line is not None]
     drawing = map_figure(FULL_IN, _bounds(np.vstack(shown)), legend=True)
     axes = drawing.maps[0]
-    handles: list[Line2D] = []
-    if landmarks is not None and len(landmarks):
-        every = -(-len(landmarks) // _MOST_LANDMARKS)
-        sigma = np.full(len(landmarks), 1.0) if landmark_sigma_m is None else landmark_sigma_m
-        limits = Normalize(0.0, max(float(np.percentile(sigma, 98.0)), 1e-6))
-        x, y, _ = landmarks[::every].T
-        dots = axes.scatter(
-            x, y, c=sigma[::every], s=3.0, linewidths=0, cmap=DEVIATION, norm=limits, zorder=1
-        )
-        add_colour_bar(dots, drawing, "σ of a landmark's elevation [m]", extend="max")
-    else:
-        drawing.bar.set_visible(False)
-    if fixes is not None:
-        handles += axes.plot(*fixes[:, :2].T, ".", color=CLAIM, markersize=2.5, alpha=0.6, label="GPS fixes")
-    if reference is not None:
-        handles += axes.plot(
-            *reference[:, :2].T, color=REFERENCE, linewidth=1.0, dashes=(4, 2), label="Reference"
-        )
-    handles += axes.plot(*position[:, :2].T, color=ESTIMATE, linewidth=1.3, label="Estimated path")
-    if is_lost is not None and is_lost.any():
-        where = np.where(is_lost[:, None], position[:, :2], np.nan)
-        handles += axes.plot(*where.T, color=NO_GO, linewidth=4.0, alpha=0.5, label="Lost")
+    _draw_landmarks(drawing, landmarks, landmark_sigma_m)
+    handles = _draw_lines(axes, position, fixes, reference, is_lost)
     if covariance is not None:
         handles.append(_draw_ellipses(axes, position, covariance))
     handles += axes.plot(*position[0, :2], "o", color=INK, markersize=5, label="Start")
@@ -109,6 +89,42 @@ def path_map(
         axes.set(xlabel="Forward at the start [m]", ylabel="Left at the start [m]")
     drawing.figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
     return drawing.figure
+
+
+def _draw_landmarks(drawing: MapFigure, landmarks: FloatArray | None, sigma_m: FloatArray | None) -> None:
+    """Draw landmarks in the colour of their σ, no more than can be told apart; without any there is no colour bar."""
+    if landmarks is None or not len(landmarks):
+        drawing.bar.set_visible(False)
+        return
+    every = -(-len(landmarks) // _MOST_LANDMARKS)
+    sigma = np.full(len(landmarks), 1.0) if sigma_m is None else sigma_m
+    limits = Normalize(0.0, max(float(np.percentile(sigma, 98.0)), 1e-6))
+    x, y, _ = landmarks[::every].T
+    dots = drawing.maps[0].scatter(
+        x, y, c=sigma[::every], s=3.0, linewidths=0, cmap=DEVIATION, norm=limits, zorder=1
+    )
+    add_colour_bar(dots, drawing, "σ of a landmark's elevation [m]", extend="max")
+
+
+def _draw_lines(
+    axes: Axes,
+    position: FloatArray,
+    fixes: FloatArray | None,
+    reference: FloatArray | None,
+    is_lost: BoolArray | None,
+) -> list[Line2D]:
+    """Draw fixes, reference and path, where it is lost too; return what the legend shows."""
+    drawn: list[Line2D] = []
+    if fixes is not None:
+        drawn += axes.plot(*fixes[:, :2].T, ".", color=CLAIM, markersize=2.5, alpha=0.6, label="GPS fixes")
+    if reference is not None:
+        x, y = reference[:, :2].T
+        drawn += axes.plot(x, y, color=REFERENCE, linewidth=1.0, dashes=(4, 2), label="Reference")
+    drawn += axes.plot(*position[:, :2].T, color=ESTIMATE, linewidth=1.3, label="Estimated path")
+    if is_lost is not None and is_lost.any():
+        where = np.where(is_lost[:, None], position[:, :2], np.nan)
+        drawn += axes.plot(*where.T, color=NO_GO, linewidth=4.0, alpha=0.5, label="Lost")
+    return drawn
 
 
 def _bounds(xy: FloatArray) -> tuple[float, float, float, float]:
