@@ -83,6 +83,11 @@ class Nodes:
         return self.summed(np.linalg.norm(np.diff(self.reckoned, axis=0), axis=1))
 
     @property
+    def rolled(self) -> FloatArray:
+        """Travel as wheels count it (K - 1,), back again where the rover reverses [m]."""
+        return self.summed(signed_travel(self.odometry))
+
+    @property
     def turned_rad(self) -> FloatArray:
         """Sum of the turns of heading, to either side, from node to node."""
         return self.summed(np.abs(np.diff(np.unwrap(self.odometry.attitude_rad[:, 2]))))
@@ -123,6 +128,11 @@ class Nodes:
         total = np.zeros((len(node), values.shape[1]))
         np.add.at(total, inverse, values)
         return node.astype(np.int64), total / count[:, None], count.astype(np.float64)
+
+
+def signed_travel(odometry: Odometry) -> FloatArray:
+    """Return the lengths of the steps (N - 1,) [m], negative where the rover reverses."""
+    return np.copysign(np.linalg.norm(odometry.step, axis=1), odometry.step[:, 0])
 
 
 def _add_start(system: NormalEquations, recording: Recording, config: LocalizationConfig) -> None:
@@ -197,16 +207,16 @@ def _add_wheels(
     before = np.flatnonzero((times[:-1] >= wheels.time_s[0] - 1.0) & (times[1:] <= wheels.time_s[-1] + 1.0))
     before = before[before > 0]  # tracks spin when they set off
     rolled = np.diff(np.interp(times, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m)))[before]
-    length, turned_rad = along.travel[before], along.turned_rad[before]
+    length, ahead, turned_rad = along.travel[before], along.rolled[before], along.turned_rad[before]
     varies = config.wheel_skid_m * np.sqrt(turned_rad)
     sigma = np.hypot(config.wheel_step_sigma_m * np.sqrt(length), varies)
     scale = np.hypot(config.scale_wander_sigma, np.hypot(config.scale_sigma, config.wheel_scale_sigma))
     expected = np.hypot(np.hypot(sigma, config.wheel_skid_m * turned_rad), scale * length)
-    off = rolled - length
+    off = rolled - ahead
     contradiction[before] = np.where(np.abs(off) > _DOUBTED * expected, np.abs(off), 0.0)
-    half = -0.5 * length
+    half = -0.5 * ahead
     terms = [
-        (np.array(WHEEL_SCALE), length),
+        (np.array(WHEEL_SCALE), ahead),
         (np.array(SKID), turned_rad),
         (unknown(before, SCALE), half),
         (unknown(before + 1, SCALE), half),

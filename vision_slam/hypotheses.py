@@ -126,10 +126,10 @@ class Hypotheses:
         self._update(_SEES_HEIGHT, innovation, self._model.height_variance)
 
     def roll(self, rolled_m: float, step_m: float, turned_rad: float) -> None:
-        """Compare the wheels' travel with the odometry's, unless they spin."""
+        """Compare the wheels' travel with the odometry's, both negative in reverse, unless they spin."""
         sees = np.zeros(_N_STATES)
         sees[[_WHEEL_SCALE, _SCALE, _SKID]] = step_m, -step_m, turned_rad
-        variance = self._model.roll_variance(step_m, turned_rad)
+        variance = self._model.roll_variance(abs(step_m), turned_rad)
         innovation = (rolled_m - step_m) - self._mean @ sees
         if np.abs(innovation).min() < _SPINS * np.sqrt(sees @ self._covariance @ sees + variance):
             self._update(sees, innovation, variance)

@@ -9,7 +9,7 @@ from survey.recording import Recording
 from survey.streams import stream
 from survey.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.error_terms import differenced_fixes, differenced_heights, turned_back
+from vision_slam.error_terms import differenced_fixes, differenced_heights, signed_travel, turned_back
 from vision_slam.gyro import GyroErrors, turned_beyond
 from vision_slam.hypotheses import GyroTurn
 from vision_slam.particle_filter import ParticleFilter
@@ -127,13 +127,14 @@ class _Walk:
         assert odometry is not None
         seconds = np.diff(moments_s, prepend=odometry.time_s[0])
         along = [*path.T, np.unwrap(odometry.attitude_rad[:, 2])]
+        along.append(np.r_[0.0, np.cumsum(signed_travel(odometry))])
         for errors in (odometry.step_sigma_m, odometry.turn_sigma_rad):
             squares = np.zeros(len(odometry.step)) if errors is None else errors**2
             along.append(np.r_[0.0, np.cumsum(squares)])
         moved = _at(moments_s, odometry.time_s, np.column_stack(along))
         moved = np.diff(moved, axis=0, prepend=moved[:1])
-        self._step, self._turned_rad = moved[:, :3], moved[:, 3]
-        self._unseen = np.sqrt(np.maximum(moved[:, 4:], 0.0))
+        self._step, self._turned_rad, self._travel_m = moved[:, :3], moved[:, 3], moved[:, 4]
+        self._unseen = np.sqrt(np.maximum(moved[:, 5:], 0.0))
         turning_m = config.turn_sigma_m * np.sqrt(np.abs(self._turned_rad))
         self._unseen[:, 0] = np.hypot(self._unseen[:, 0], turning_m)
         self._beyond_rad = _beyond(recording, moments_s, config)
@@ -154,7 +155,8 @@ class _Walk:
         turn = GyroTurn(beyond_rad, float(self._turned_rad[k])) if np.isfinite(beyond_rad) else None
         filtered.move(self._step[k], self._seconds[k], self._unseen[k, 0], self._unseen[k, 1], turn)
         if self._rolled is not None and np.isfinite(self._rolled[k]):
-            filtered.roll(float(self._rolled[k]), self._step[k], float(self._turned_rad[k]))
+            told = self._rolled[k], self._travel_m[k], self._turned_rad[k]
+            filtered.roll(*(float(value) for value in told))
 
 
 def _beyond(recording: Recording, moments_s: FloatArray, config: LocalizationConfig) -> FloatArray:

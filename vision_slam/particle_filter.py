@@ -124,11 +124,14 @@ class ParticleFilter:
         if self._n_jumps:
             self._contradicted_s += seconds
 
-    def roll(self, rolled_m: float, step: FloatArray, turned_rad: float) -> None:
-        """Let the wheels, which rolled so far during the last step, in a turn by so much, tell of its scale."""
+    def roll(self, rolled_m: float, travel_m: float, turned_rad: float) -> None:
+        """Let the wheels, which rolled so far during the last step, in a turn by so much, tell of its scale.
+
+        Both are negative where the rover reverses.
+        """
         for story in (self._here, self._elsewhere):
             if story is not None:
-                story.roll(rolled_m, float(np.linalg.norm(step)), abs(turned_rad))
+                story.roll(rolled_m, travel_m, abs(turned_rad))
 
     def correct(self, fix: FloatArray) -> bool:
         """Weigh the particles by a fix (3,) [m]; tell whether it was believed."""

@@ -11,7 +11,8 @@ pitch:
     θ_{k+1} − κ    = a (θ_k − κ) + n,  a = exp(−L/Λ)  n ~ N(0, σ_θ² (1 − a²));  φ, s, ψ about η alike
     η_{k+1} − η_k  = n                                (walk of the heading, where images tell it)
     g_k            = β̄ Δt − (ψ_{k+1} − ψ_k) + ν       (turn of the gyro beyond the odometry's)
-    W_k − L_k      = L_k (ω − s̄) + χ |Δψ| + ν          (travel of the wheels)
+    W_k − D_k      = D_k (ω − s̄) + χ |Δψ| + ν          (travel of the wheels, D that of the odometry,
+                                                        both back again where the rover reverses)
     p̃_k − z_k      = e_k − b_k + ν                     (GPS, ν white, b Gauss–Markov in time)
     p̃_{z,k} − h_k  = e_{z,k} − c_k − c₀ + ν            (barometer)
     θ̃_k − θ(g)_k   = θ_k − a_θ + ν                     (gravity; roll alike)

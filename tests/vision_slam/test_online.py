@@ -170,6 +170,35 @@ def test_wheels_hold_a_scale_that_wanders() -> None:
     assert (np.array(sigmas[1]) < 0.9 * np.array(sigmas[0])).all()
 
 
+def test_a_rover_that_reverses_does_not_contradict_its_wheels() -> None:
+    """Every third stretch of 20 m is driven backwards, and the wheels count back."""
+    recording, place = _drive()
+    odometry = recording.odometry
+    assert odometry is not None
+    ahead = np.where(np.arange(len(odometry.step)) // 20 % 3 == 1, -1.0, 1.0)
+    rng = np.random.default_rng(2)
+    wander = _gauss_markov(len(ahead), 0.05, float(np.exp(-1.0 / 6.0)), rng, 1)
+    told = replace(odometry, step=odometry.step * ahead[:, None] * (1.0 + wander))
+    moved = np.diff(place, axis=0) * ahead[:, None]
+    shift = np.vstack([np.zeros(3), np.cumsum(moved, axis=0)]) - place
+    fixes = replace(recording.gps, position=recording.gps.position + shift)
+    travel = 1.02 * np.r_[0.0, np.cumsum(ahead)]
+    config = CONFIG.model_copy(update={"scale_wander_sigma": 0.05, "scale_sigma": 0.02})
+    without = replace(recording, odometry=told, gps=fixes, barometer=None)
+    with_wheels = replace(without, wheels=Wheels(odometry.time_s, travel, travel))
+    variance = []
+    for sensed in (without, with_wheels):
+        reckoned = _reckoned(sensed)
+        paths = (follow(sensed, reckoned, config), smooth(sensed, reckoned, config))
+        variance.append([path.covariance[:, 0, 0].mean() for path in paths])
+        for path in paths:
+            off = (path.position - place - shift)[20:, 0] / np.sqrt(path.covariance[20:, 0, 0])
+            # Four standard deviations of the worst of 240 places that share most of their error.
+            assert np.abs(off).max() < 4.0
+    # Wheels that were taken for spinning would tell nothing in the filter, and doubt the odometry in the smoother.
+    assert (np.array(variance[1]) < 0.95 * np.array(variance[0])).all()
+
+
 def test_localization_tells_both_what_was_known_then_and_what_is_known_now() -> None:
     recording, place = _drive()
     seen = Sightings([50], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
