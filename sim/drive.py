@@ -278,7 +278,7 @@ class _Run:
                     self._believed.append((self._states[-1].time_s, *belief.xy.tolist(), belief.heading_rad))
             ending = self._ending()
             if ending is not None:
-                last = self._read()
+                last = self._read(Motion.of(self._recent))
                 self._log.add(last)
                 self._seen = None if navigator is None else navigator.finish(last)
                 return ending
@@ -321,13 +321,13 @@ class _Run:
         if image is not None:
             writer.add(time_s, image)
             self._frame_times.append(time_s)
-        readings = self._read()
+        readings = self._read(motion)
         self._log.add(readings)
         return replace(readings, frame=None if image is None else (time_s, image))
 
-    def _read(self) -> Readings:
+    def _read(self, motion: Motion) -> Readings:
         """Read the instruments up to now, and forget motion that nobody reads any more."""
-        readings = self._instruments.read(Motion.of(self._recent))
+        readings = self._instruments.read(motion)
         kept_from = min(self._next_frame_s, self._recent[-1].time_s) - _KEPT_S
         self._recent = [state for state in self._recent if state.time_s >= kept_from]
         faults = self._faults

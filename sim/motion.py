@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -51,7 +52,12 @@ class Motion:
 
     def rotation_at(self, time_s: FloatArray) -> Rotation:
         """Return the attitude at times within the stretch."""
-        return Slerp(self.time_s, self.rotation)(np.clip(time_s, self.time_s[0], self.time_s[-1]))
+        return self._turning(np.clip(time_s, self.time_s[0], self.time_s[-1]))
+
+    @cached_property
+    def _turning(self) -> Slerp:
+        """What gives attitudes in between; the camera and all instruments ask it."""
+        return Slerp(self.time_s, self.rotation)
 
     def rolled_at(self, time_s: FloatArray) -> FloatArray:
         """Return what the tracks have unrolled (M, 2) at times within the stretch [m]."""

@@ -1,6 +1,8 @@
 """A calibrated camera on a rover, and the images that it took."""
 
+from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -292,10 +294,16 @@ def read_image(path: str | Path) -> Image:
 _END_MARKS = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}
 
 
+_MOST_WAITING = 4
+"""Images that may wait to be written: what bounds the memory."""
+
+
 class FrameWriter:
     """Writes images one by one into a folder as lossless PNG, and their list when all are there.
 
-    A folder without ``frames.csv`` is half-written.
+    A folder without ``frames.csv`` is half-written. A thread compresses while the next image is
+    made, so that an image must not be changed once it is added; what cannot be written is told
+    a few images later, or at the end.
 
     Examples
     --------
@@ -311,18 +319,25 @@ class FrameWriter:
         self._folder = Path(folder)
         self._folder.mkdir(parents=True, exist_ok=True)
         self._rows: list[str] = []
+        self._thread = ThreadPoolExecutor(1)
+        self._waiting: deque[Future[None]] = deque()
 
     def add(self, time_s: float, image: Image) -> None:
-        """Write one more image."""
+        """Write one more image, soon."""
+        name = f"{len(self._rows):06d}.png"
+        self._rows.append(f"{float(time_s)!r},{name}")
+        if len(self._waiting) == _MOST_WAITING:
+            self._waiting.popleft().result()
+        self._waiting.append(self._thread.submit(self._write, name, time_s, image))
+
+    def _write(self, name: str, time_s: float, image: Image) -> None:
         import cv2
 
-        name = f"{len(self._rows):06d}.png"
         # Level 1 is half as fast to read and nearly as small: noise does not compress.
         whole, content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         if not whole:
             raise InputError(f"the frame at {time_s} s could not be written as PNG; it must be 8-bit.")
         (self._folder / name).write_bytes(content.tobytes())
-        self._rows.append(f"{float(time_s)!r},{name}")
 
     def __enter__(self) -> Self:
         return self
@@ -331,6 +346,9 @@ class FrameWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Write the list, unless something went wrong."""
+        self._thread.shutdown(cancel_futures=kind is not None)
         if kind is None:
+            for written in self._waiting:
+                written.result()
             with replacing(self._folder / "frames.csv") as draft:
                 draft.write_text("\n".join(["time_s,file", *self._rows]) + "\n", encoding="utf-8")

