@@ -51,8 +51,9 @@ _LENGTHS_PER_DOUBLING = 2
 # Four covariances hold nearly all of what the samples leave open.
 _MOST_KERNELS = 4
 _LEAST_WEIGHT = 0.01
-# A family is excluded where the cells are less likely under all of it, by this factor, than under the best.
-_EXCLUDED = 0.02
+# A family is excluded where the cells are less likely under all of it, by this factor, than under the best. It takes
+# much: on real ground one valley decides the likelihood of coarse cells, and tells little of the relief between them.
+_EXCLUDED = 0.001
 # Samples of a cluster, counted along the way from its first one, and how many clusters a covariance is learned from.
 _LAGS = np.array([0, 1, 3, 7])
 _MOST_CLUSTERS = 60
