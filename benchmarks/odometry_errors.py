@@ -17,13 +17,21 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.joint_mapping_images import survey_in_images
 from benchmarks.report import Row, main
-from survey.arrays import FloatArray
+from sim.error_model import (
+    STRETCH_M,
+    OdometryErrors,
+    changed,
+    changing,
+    odometry_errors,
+    rms,
+)
+from survey.arrays import BoolArray, FloatArray
 from survey.recording import Recording
 from survey.sensors import Odometry
 from survey.trajectory import Trajectory
@@ -34,10 +42,28 @@ SEEDS = (11, 12, 13)
 SURVEYS = (51, 52, 53)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-dev"
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
-_STRETCH_M, _APART_M = 5.0, 60.0
 _STRAIGHT_RAD = 0.1
-# Stretches farther from the others than this were followed wrongly: they are counted apart, not fitted.
-_TORN = 0.15
+
+
+class Drive(NamedTuple):
+    """The errors of a drive's odometry, and what its wheels rolled too far in every 5 m [m]."""
+
+    errors: OdometryErrors
+    wheels_m: FloatArray
+
+    @classmethod
+    def of(cls, recording: Recording, odometry: Odometry, real: Trajectory) -> Self:
+        """Hold odometry and wheels against the real path."""
+        errors, wheels = odometry_errors(odometry, real), recording.wheels
+        assert wheels is not None
+        rolled = np.interp(errors.mark_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m))
+        return cls(errors, np.diff(rolled) - errors.length_m)
+
+    @property
+    def is_straight(self) -> BoolArray:
+        """Which stretches turn little."""
+        straight: BoolArray = self.errors.turned_rad < _STRAIGHT_RAD
+        return straight
 
 
 def measure(quick: bool) -> Iterator[Row]:
@@ -60,115 +86,77 @@ def simulated_drive(seed: int, drives: Path) -> Path:
     return made
 
 
-def _measured(seed: int) -> dict[str, FloatArray]:
+def _measured(seed: int) -> Drive:
     made = simulated_drive(seed, DRIVES)
     recording = Recording.read(made / "recording")
     real = Trajectory.read(made / "truth" / "trajectory.tum", recording.crs)
-    return errors_of(recording, visual_odometry(recording).odometry, real)
+    return Drive.of(recording, visual_odometry(recording).odometry, real)
 
 
-def _surveyed(seed: int) -> dict[str, FloatArray]:
+def _surveyed(seed: int) -> Drive:
     survey = survey_in_images(seed)
-    return errors_of(survey.recording, survey.found.odometry, survey.real.trajectory)
+    return Drive.of(survey.recording, survey.found.odometry, survey.real.trajectory)
 
 
-def errors_of(recording: Recording, odometry: Odometry, real: Trajectory) -> dict[str, FloatArray]:
-    """Return the errors of one drive: attitude every 5 m [deg], and of every 5 m scale, steps, wheels and turns."""
-    times = odometry.time_s
-    place = np.column_stack([np.interp(times, real.time_s, axis) for axis in real.position.T])
-    turns = Slerp(real.time_s, Rotation.from_quat(real.quaternion))(times.clip(*real.time_s[[0, -1]]))
-    attitude = turns.as_euler("xyz")
-    off = odometry.attitude_rad - attitude
-    off = np.unwrap((off + np.pi) % (2.0 * np.pi) - np.pi, axis=0)
-    moves = np.einsum("nji,nj->ni", turns.as_matrix()[:-1], np.diff(place, axis=0))
-    travel = np.r_[0.0, np.cumsum(np.linalg.norm(moves, axis=1))]
-    marks = np.unique(np.searchsorted(travel, np.arange(0.0, travel[-1], _STRETCH_M)))
-    length = np.diff(travel[marks])
-
-    def summed(steps: FloatArray) -> FloatArray:
-        return np.diff(np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])[marks], axis=0)
-
-    wrong = summed(odometry.step - moves)
-    assert recording.wheels is not None
-    wheels = recording.wheels
-    rolled = np.interp(times, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m))
-    turned = np.abs(np.diff(np.unwrap(attitude[:, 2])))
-    at = np.arange(0.0, travel[-1], _STRETCH_M)
-    return {
-        "attitude": np.degrees(np.column_stack([np.interp(at, travel, axis) for axis in off.T])),
-        "scale": wrong[:, 0] / length,
-        "aside": wrong[:, 1:] / np.sqrt(length)[:, None],
-        "length": length,
-        "wheels": np.diff(rolled[marks]) - length,
-        "turned": np.diff(np.r_[0.0, np.cumsum(turned)][marks]),
-    }
-
-
-def fitted(drives: list[dict[str, FloatArray]]) -> Iterator[Row]:
+def fitted(drives: list[Drive]) -> Iterator[Row]:
     """Yield what a model of such errors has to assume, beside what ours does."""
     images, config = LocalizationConfig().images, LocalizationConfig()
-    heading = np.array([drive["attitude"][0, 2] for drive in drives])
-    yield _beside("heading at the start, by compass", _rms(heading), "deg", images.heading_sigma_deg)
-    levelled = np.array([drive["attitude"][:, :2].mean(axis=0) for drive in drives])
-    yield _beside("roll and pitch, constant part", _rms(levelled), "deg", images.tilt_bias_sigma_deg)
-    tilt_deg = _changing(drives, [0, 1], images.attitude_correlation_m)
+    errors = [drive.errors for drive in drives]
+    heading = np.array([error.attitude_deg[0, 2] for error in errors])
+    yield _beside("heading at the start, by compass", rms(heading), "deg", images.heading_sigma_deg)
+    levelled = np.array([error.attitude_deg[:, :2].mean(axis=0) for error in errors])
+    yield _beside("roll and pitch, constant part", rms(levelled), "deg", images.tilt_bias_sigma_deg)
+    tilt_deg = changing(errors, [0, 1], images.attitude_correlation_m)
     yield _beside("roll and pitch, changing part", tilt_deg, "deg", images.tilt_sigma_deg)
-    torn = [np.abs(drive["scale"] - np.median(drive["scale"])) > _TORN for drive in drives]
-    yield Row("stretches of 5 m that were followed wrongly", float(np.concatenate(torn).sum()), "1")
-    scales = [drive["scale"][~bad] for drive, bad in zip(drives, torn, strict=True)]
-    mean = _rms(np.array([scale.mean() for scale in scales]))
+    n_torn = sum(int(error.is_torn.sum()) for error in errors)
+    yield Row("stretches of 5 m that were followed wrongly", float(n_torn), "1")
+    scales = [error.scale[~error.is_torn] for error in errors]
+    mean = rms(np.array([scale.mean() for scale in scales]))
     yield _beside("scale, over a drive", 100.0 * mean, "%", 100.0 * images.scale_sigma)
     sigma, length_m = _wander(scales)
     yield _beside("scale, changing part", 100.0 * sigma, "%", 100.0 * images.scale_wander_sigma)
     yield Row("scale, correlation length", length_m, "m", f"assumed {images.scale_wander_m:g}")
-    aside = np.concatenate([drive["aside"][~bad] for drive, bad in zip(drives, torn, strict=True)])
-    yield _beside("sideways and upwards, per root metre", _rms(aside), "m", images.step_sigma_m)
-    turns = [_in_turns(drive["scale"] * drive["length"], drive) for drive in drives]
+    aside = np.concatenate([error.aside[~error.is_torn] for error in errors])
+    yield _beside("sideways and upwards, per root metre", rms(aside), "m", images.step_sigma_m)
+    turns = [_in_turns(drive.errors.scale * drive.errors.length_m, drive) for drive in drives]
     yield _beside(
-        "turns, along the way, per root radian", _rms(np.concatenate(turns)), "m", images.turn_sigma_m
+        "turns, along the way, per root radian", rms(np.concatenate(turns)), "m", images.turn_sigma_m
     )
     yield from _wheels(drives, config)
 
 
-def _wheels(drives: list[dict[str, FloatArray]], config: LocalizationConfig) -> Iterator[Row]:
+def _wheels(drives: list[Drive], config: LocalizationConfig) -> Iterator[Row]:
     shares, noise, skid = [], [], []
     for drive in drives:
-        straight = drive["turned"] < _STRAIGHT_RAD
-        share = float((drive["wheels"][straight]).sum() / drive["length"][straight].sum())
-        left = drive["wheels"] - share * drive["length"]
+        straight, length = drive.is_straight, drive.errors.length_m
+        share = float(drive.wheels_m[straight].sum() / length[straight].sum())
+        left = drive.wheels_m - share * length
         shares.append(share)
-        noise.append(_rms(left[straight] / np.sqrt(drive["length"][straight])))
-        skid.append(_in_turns(drive["wheels"], drive))
+        noise.append(rms(left[straight] / np.sqrt(length[straight])))
+        skid.append(_in_turns(drive.wheels_m, drive))
     yield _beside(
-        "wheels: share that lasts", 100.0 * _rms(np.array(shares)), "%", 100.0 * config.wheel_scale_sigma
+        "wheels: share that lasts", 100.0 * rms(np.array(shares)), "%", 100.0 * config.wheel_scale_sigma
     )
-    yield _beside("wheels: random, per root metre", _rms(np.array(noise)), "m", config.wheel_step_sigma_m)
-    skidding = _rms(np.concatenate(skid))
+    yield _beside("wheels: random, per root metre", rms(np.array(noise)), "m", config.wheel_step_sigma_m)
+    skidding = rms(np.concatenate(skid))
     yield _beside("wheels: skidding per root radian", skidding, "m", config.wheel_skid_m)
 
 
-def _in_turns(along: FloatArray, drive: dict[str, FloatArray]) -> FloatArray:
+def _in_turns(along: FloatArray, drive: Drive) -> FloatArray:
     """Return what a length is off by in turns, beyond its share on the straight, per root radian."""
-    straight = drive["turned"] < _STRAIGHT_RAD
-    share = float(along[straight].sum() / drive["length"][straight].sum())
-    left: FloatArray = (along - share * drive["length"])[~straight] / np.sqrt(drive["turned"][~straight])
+    straight, length = drive.is_straight, drive.errors.length_m
+    share = float(along[straight].sum() / length[straight].sum())
+    left: FloatArray = (along - share * length)[~straight] / np.sqrt(drive.errors.turned_rad[~straight])
     return left
 
 
-def _heading_over(drives: list[dict[str, FloatArray]], far_m: float) -> Row:
+def _heading_over(drives: list[Drive], far_m: float) -> Row:
     """How much the error of the heading changes over a distance, beside what is assumed."""
-    images, lag = LocalizationConfig().images, round(far_m / _STRETCH_M)
-    changes = [drive["attitude"][lag:, 2] - drive["attitude"][:-lag, 2] for drive in drives]
+    images = LocalizationConfig().images
+    change = float(np.sqrt(changed([drive.errors for drive in drives], [2], far_m)))
     forgotten = 2.0 * images.yaw_sigma_deg**2 * (1.0 - np.exp(-far_m / images.attitude_correlation_m))
     assumed = float(np.sqrt(forgotten + images.heading_walk_deg_sqrt_m**2 * far_m))
-    return _beside(f"heading, change over {far_m:.0f} m", _rms(np.concatenate(changes)), "deg", assumed)
-
-
-def _changing(drives: list[dict[str, FloatArray]], axes: list[int], length_m: float) -> float:
-    lag = round(_APART_M / _STRETCH_M)
-    changes = [drive["attitude"][lag:, axes] - drive["attitude"][:-lag, axes] for drive in drives]
-    mean_square = float(np.mean(np.concatenate(changes) ** 2))
-    return float(np.sqrt(mean_square / (2.0 * (1.0 - np.exp(-_APART_M / length_m)))))
+    return _beside(f"heading, change over {far_m:.0f} m", change, "deg", assumed)
 
 
 def _wander(scales: list[FloatArray]) -> tuple[float, float]:
@@ -178,7 +166,7 @@ def _wander(scales: list[FloatArray]) -> tuple[float, float]:
     next_one = float(np.mean(np.concatenate([x[1:] * x[:-1] for x in off])))
     # Means over neighbouring stretches d covary by (σ Λ/d)² (1 − e^(−d/Λ))².
     lengths_m = np.geomspace(0.5, 60.0, 400)
-    ratio = lengths_m / _STRETCH_M
+    ratio = lengths_m / STRETCH_M
     kept = 1.0 - np.exp(-1.0 / ratio)
     own = 2.0 * ratio * (1.0 - ratio * kept)
     best = int(np.argmin(np.abs((ratio * kept) ** 2 / own - next_one / variance)))
@@ -188,10 +176,6 @@ def _wander(scales: list[FloatArray]) -> tuple[float, float]:
 def _beside(name: str, value: float, unit: str, assumed: float) -> Row:
     """Row that holds where no less is assumed than two thirds of what was found; too much is only cautious."""
     return Row(name, value, unit, f"assumed {assumed:.3g}", bool(assumed >= value / 1.5))
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 if __name__ == "__main__":

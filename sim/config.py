@@ -142,6 +142,8 @@ class SensorConfig(Section):
     """Random walk of that error per square root of a metre [deg]."""
     tilt_sigma_deg: NonNegativeFloat = 0.1
     """Roll and pitch error [deg]."""
+    tilt_bias_sigma_deg: NonNegativeFloat = 0.0
+    """Constant part of it [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0
     """Travel over which they stay correlated [m]."""
     scale_sigma: NonNegativeFloat = 0.004

@@ -4,7 +4,8 @@ One documented model stands for camera, visual odometry and receivers; missions 
 seconds. The rover keeps to its route exactly. With p the real position, R the real
 attitude and R̂ the sensed one:
 
-* attitude: R̂ differs from R by roll, pitch and yaw that are Ornstein–Uhlenbeck in travel; yaw may also walk;
+* attitude: R̂ differs from R by roll, pitch and yaw that are Ornstein–Uhlenbeck in travel; yaw may also
+  walk, and roll and pitch have a constant part;
 * odometry: step = Rᵀ Δp (1 + s) + w, one scale error s for the mission, w ~ N(0, q² L);
 * GPS, every second: p + antenna + b + ν, b Gauss–Markov in time, vertical errors larger;
 * barometer, every second: height + datum + Gauss–Markov drift + ν;
@@ -124,6 +125,8 @@ def _odometry(
             np.radians(sensors.heading_walk_deg_sqrt_m) * np.sqrt(length) * rng.standard_normal(len(length))
         )
         error[1:, 2] += np.cumsum(walked)
+    if sensors.tilt_bias_sigma_deg > 0.0:
+        error[:, :2] += np.radians(sensors.tilt_bias_sigma_deg) * rng.standard_normal(2)
     return Odometry(trajectory.time_s, steps, attitude + error)
 
 
