@@ -70,7 +70,7 @@ class Mission(Survey):
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
     for planner in list(PLANNERS)[: 1 if quick else None]:
-        surveys = [_survey(planner, seed, quick=quick) for seed in (SEEDS[:1] if quick else SEEDS)]
+        surveys = [survey_of(planner, seed, quick=quick) for seed in (SEEDS[:1] if quick else SEEDS)]
         yield from _driven(planner, surveys, quick=quick)
         yield from _mapped(planner, surveys)
 
@@ -121,7 +121,7 @@ def _mapped(planner: str, surveys: list[Mission]) -> Iterator[Row]:
         for draw, survey in enumerate(surveys):
             fixes = fixes_along(survey, profile, 2000 + draw)
             for treatment, done in maps.items():
-                done.append(_treated(survey, fixes, assumed, treatment))
+                done.append(treated(survey, fixes, assumed, treatment))
         for treatment, done in maps.items():
             yield from _rows(f"{planner}, {treatment}, {name}", done)
             yield from _bars(planner, treatment, name, done)
@@ -153,7 +153,8 @@ def _bars(planner: str, treatment: str, receiver: str, done: list[Outcome]) -> I
         yield Row.of(f"{name}: share within 0.28 m", float(np.mean(rmse <= 0.28)), "1", ">=", 0.9)
 
 
-def _survey(planner: str, seed: int, *, quick: bool) -> Mission:
+def survey_of(planner: str, seed: int, *, quick: bool) -> Mission:
+    """Return a mission of the benchmark; it is driven where that was not done before."""
     example = EXAMPLES / ("short_drive.toml" if quick else "mendenhall_like.toml")
     chosen = (f"seed={seed}", *PLANNERS[planner], *(_SHORT if quick else ()))
     runs = MISSIONS / (f"short-{seed}" if quick else f"{planner}-{seed}")
@@ -237,7 +238,7 @@ def _landmarks(found: VisualOdometry) -> tuple[int, int]:
     return int(exact.sum()), int(far.sum())
 
 
-def _treated(survey: Survey, fixes: GpsFixes | None, assumed: LocalizationConfig, treatment: str) -> Outcome:
+def treated(survey: Survey, fixes: GpsFixes | None, assumed: LocalizationConfig, treatment: str) -> Outcome:
     """Localize and map a survey with a receiver of its own luck."""
     kept: dict[str, Any] = {"gps": fixes, "base": None}
     if treatment != "joint, 4 stakes":
