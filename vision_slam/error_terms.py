@@ -132,7 +132,8 @@ class Nodes:
 
 def signed_travel(odometry: Odometry) -> FloatArray:
     """Return the lengths of the steps (N - 1,) [m], negative where the rover reverses."""
-    return np.copysign(np.linalg.norm(odometry.step, axis=1), odometry.step[:, 0])
+    travel: FloatArray = np.copysign(np.linalg.norm(odometry.step, axis=1), odometry.step[:, 0])
+    return travel
 
 
 def _add_start(system: NormalEquations, recording: Recording, config: LocalizationConfig) -> None:
