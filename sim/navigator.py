@@ -4,16 +4,20 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim.drive import Belief, Start
 from sim.instruments import Readings
 from survey.arrays import FloatArray
+from survey.sensors import Inertial, Odometry
 from survey.streams import stream
 from vision_slam import LocalizationConfig
-from vision_slam.onboard import OnboardOdometry
+from vision_slam.gyro import turned_beyond
+from vision_slam.hypotheses import GyroTurn
+from vision_slam.onboard import OnboardOdometry, joined
 from vision_slam.particle_filter import ParticleFilter
 from vision_slam.pipeline import for_images
-from vision_slam.visual_slam import VisualOdometry
+from vision_slam.visual_slam import BRIDGED, FramePose, VisualOdometry
 
 _SURVEYED_DEG = 1.0
 """How well the heading at the start is known [deg]."""
@@ -52,7 +56,9 @@ class OnboardComputer:
         self._filter = ParticleFilter(assumed, stream(seed, "navigator"), start=start.position)
         self._odometry = OnboardOdometry(start.camera)
         self._fixes: list[tuple[float, FloatArray]] = []
+        self._inertial: list[Inertial] = []
         self._pose: FloatArray | None = None
+        self._blind_m = 0.0
         self._heading_rad = start.heading_rad
         self._known = Known(0.0, start.position[:2], start.heading_rad)
 
@@ -60,7 +66,7 @@ class OnboardComputer:
         """Take the readings since the last call in, and say where the rover was at the newest image that is done."""
         self._sense(readings)
         for frame, pose in self._odometry.poses():
-            self._known = self._moved_to(frame.time_s, pose)
+            self._known = self._moved_to(frame, pose)
         return self._known
 
     def finished(self, readings: Readings) -> VisualOdometry | None:
@@ -75,22 +81,46 @@ class OnboardComputer:
             self._odometry.look(image, time_s)
         if readings.gps is not None:
             self._fixes += zip(readings.gps.time_s.tolist(), readings.gps.position, strict=True)
+        if readings.inertial is not None:
+            self._inertial.append(readings.inertial)
 
-    def _moved_to(self, time_s: float, pose: FloatArray) -> Known:
-        """Move the particles by what an image told, and weigh them by the fixes until then."""
+    def _moved_to(self, frame: FramePose, pose: FloatArray) -> Known:
+        """Move the particles by what an image and the gyro told, and weigh them by the fixes until then."""
+        time_s = frame.time_s
         if self._pose is None:
             self._heading_rad -= _heading(pose)
         else:
             cosine, sine = np.cos(self._heading_rad), np.sin(self._heading_rad)
             east, north, up = pose[:3, 3] - self._pose[:3, 3]
             step = np.array([cosine * east - sine * north, sine * east + cosine * north, up])
-            self._filter.move(step, time_s - self._known.time_s)
+            unseen_m = self._unseen_m(float(np.linalg.norm(step)), frame.health.is_visual)
+            turn = self._turn_by_gyro(time_s, np.array([self._pose, pose]))
+            self._filter.move(step, time_s - self._known.time_s, unseen_m, turn=turn)
         self._pose = pose
         while self._fixes and self._fixes[0][0] <= time_s:
             self._filter.correct(self._fixes.pop(0)[1] - self._antenna)
         found = self._filter.estimate()
         heading = self._heading_rad + _heading(pose) + found.heading_rad
         return Known(time_s, found.position[:2], heading)
+
+    def _unseen_m(self, length_m: float, is_visual: bool) -> float:
+        """Error of a step that wheels and gyro bridged [m]: a share of the whole way since images told the last."""
+        before_m = self._blind_m
+        self._blind_m = 0.0 if is_visual else before_m + length_m
+        return BRIDGED * float(np.sqrt(max(self._blind_m**2 - before_m**2, 0.0)))
+
+    def _turn_by_gyro(self, time_s: float, poses: FloatArray) -> GyroTurn | None:
+        """Return what the gyro turned beyond two poses (2, 4, 4), from the newest that is known to this moment."""
+        while self._inertial and self._inertial[0].time_s[-1] < self._known.time_s - _KEPT_S:
+            self._inertial.pop(0)
+        recent = joined(self._inertial)
+        if recent is None or time_s <= self._known.time_s:
+            return None
+        attitude = Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")
+        odometry = Odometry(np.array([self._known.time_s, time_s]), np.zeros((1, 3)), attitude)
+        beyond_rad = float(turned_beyond(recent, odometry)[0])
+        turned_rad = float(np.angle(np.exp(1j * (attitude[1, 2] - attitude[0, 2]))))
+        return GyroTurn(beyond_rad, turned_rad) if np.isfinite(beyond_rad) else None
 
 
 class Aboard(Protocol):

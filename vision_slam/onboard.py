@@ -1,6 +1,7 @@
 """Visual odometry while the drive goes on: the same numbers as of the whole recording afterwards."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
@@ -92,7 +93,7 @@ class OnboardOdometry:
             self._look_at_next()
         if self._sight is None or len(self._sight.slam.frames) < 2:
             return None
-        whole = _Sensed(self._camera, _joined(self._wheels), _joined(self._inertial), _joined(self._compass))
+        whole = _Sensed(self._camera, joined(self._wheels), joined(self._inertial), joined(self._compass))
         return self._sight.delivered(whole)
 
     def _is_ready(self) -> bool:
@@ -123,10 +124,10 @@ class OnboardOdometry:
         n = 1
         while n < len(parts) and parts[-n].time_s[0] > self._at_s - _KEPT_S:
             n += 1
-        return _joined(parts[-n:])
+        return joined(parts[-n:])
 
 
-def _joined(parts: list[Records]) -> Records | None:
+def joined(parts: Sequence[Records]) -> Records | None:
     """Return readings of one kind as one record."""
     if not parts:
         return None

@@ -6,17 +6,20 @@ import signal
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sim.apart import Apart, navigating
 from sim.config import MissionConfig
 from sim.drive import Ending, Start, simulate_vision
 from sim.instruments import Readings
+from sim.navigator import OnboardComputer
 from survey.camera import Camera
 from survey.config import validated
 from survey.errors import InputError
 from survey.recording import Recording
+from survey.sensors import Inertial
 from tests.sim.test_drive import ground, route
-from vision_slam import visual_odometry
+from vision_slam import LocalizationConfig, visual_odometry
 from vision_slam.onboard import read_seen
 
 WAY = route((6.0, 12.0), (10.5, 12.0), (10.5, 14.0))
@@ -81,6 +84,23 @@ def test_what_was_seen_on_board_is_what_the_recording_tells_afterwards(drives):
     assert on_board.health == afterwards.health
     np.testing.assert_array_equal(on_board.is_lost, afterwards.is_lost)
     assert sum(frame.is_visual for frame in on_board.health) > 20
+
+
+def test_what_images_do_not_tell_the_filter_hears_from_the_gyro_and_of_how_unsure_a_bridged_step_is():
+    camera = Camera("pinhole", 8, 6, [[8, 0, 4], [0, 8, 3], [0, 0, 1]], np.zeros(5), np.eye(4))
+    computer = OnboardComputer(Start(camera, np.zeros(3), 0.0), LocalizationConfig(), 1.0, 1)
+    times = np.arange(1, 81) / 80.0
+    rates, force = np.tile([0.0, 0.0, 0.2], (80, 1)), np.tile([0.0, 0.0, 9.81], (80, 1))
+    computer._sense(Readings(inertial=Inertial(times, rates, force)))
+    poses = np.array([np.eye(4), np.eye(4)])
+    poses[1, :3, :3] = Rotation.from_euler("z", 0.05).as_matrix()
+    turn = computer._turn_by_gyro(0.5, poses)
+    assert (turn.beyond_rad, turn.turned_rad) == pytest.approx((0.05, 0.05))
+    assert computer._turn_by_gyro(3.0, poses) is None
+    steps = [computer._unseen_m(0.25, is_visual) for is_visual in (True, False, False, False, True)]
+    # What was bridged errs by one share of the whole of it: 5 % of 0.75 m.
+    assert np.hypot.reduce(steps) == pytest.approx(0.05 * 0.75)
+    assert steps[0] == steps[-1] == 0.0
 
 
 def test_a_computer_that_dies_is_told_of_in_one_sentence():
