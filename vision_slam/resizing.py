@@ -55,7 +55,7 @@ def by_wheels(poses: FloatArray, told: list[Told]) -> FloatArray:
         return np.ones(len(poses))
     last = told[int(np.flatnonzero(np.isfinite(rolled))[-1])]
     rolled *= last.scale / np.array([step.scale for step in told])
-    travel = np.r_[0.0, np.cumsum(seen)]
+    travel: FloatArray = np.r_[0.0, np.cumsum(seen)]
     counts = np.isfinite(rolled) & (seen > 0.0) & ~_turns(poses, travel)
     ratio = np.log(np.where(counts, rolled, 1.0).clip(1e-6) / np.where(counts, seen, 1.0))
     counts &= np.abs(ratio - np.median(ratio[counts] if counts.any() else 0.0)) < _SLIPS
