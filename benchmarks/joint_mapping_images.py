@@ -124,7 +124,7 @@ def _simulated(mission: Path, runs: Path, settings: tuple[str, ...]) -> Path:
 
 def _read(run: Path) -> Survey:
     recording = Recording.read(run / "2-simulate" / "recording")
-    found = _seen(run, recording)
+    found = seen(run, recording)
     real, prior = Truth.read(run / "2-simulate" / "truth"), Dem.read(run / "1-plan" / "prior.tif")
     xmin, ymin, xmax, ymax = SurveyArea.read(run / "1-plan" / "area.gpkg").bounds
     step = (xmax - xmin) / 80.0
@@ -134,14 +134,23 @@ def _read(run: Path) -> Survey:
     return Survey(replace(recording, frames=None, camera=None), found, real, prior, nodes)
 
 
-def _seen(run: Path, recording: Recording) -> VisualOdometry:
+def seen(run: Path, recording: Recording) -> VisualOdometry:
     """Return what the images say, kept for as long as the code that reads them stays the same."""
-    code = b"".join(path.read_bytes() for path in _read_by(Path(visual_slam.__file__)))
-    kept = run.parent / f"seen-{hashlib.sha256(code).hexdigest()[:12]}.pickle"
+    kept = _kept(run)
     if not kept.exists():
-        kept.write_bytes(pickle.dumps(visual_odometry(recording)))
+        keep(run, visual_odometry(recording))
     found: VisualOdometry = pickle.loads(kept.read_bytes())
     return found
+
+
+def keep(run: Path, found: VisualOdometry) -> None:
+    """Keep what the images of a run say."""
+    _kept(run).write_bytes(pickle.dumps(found))
+
+
+def _kept(run: Path) -> Path:
+    code = b"".join(path.read_bytes() for path in _read_by(Path(visual_slam.__file__)))
+    return run.parent / f"seen-{hashlib.sha256(code).hexdigest()[:12]}.pickle"
 
 
 def _read_by(module: Path) -> list[Path]:

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from benchmarks.joint_mapping_images import keep
 from benchmarks.report import Row, main
 from survey.arrays import FloatArray
 from survey.camera import Frames, Image
@@ -122,6 +123,8 @@ def _driven(folder: Path, config: VisualOdometryConfig | None = None) -> dict[st
     clocked = _Clocked(recording.frames)
     recording = replace(recording, frames=Frames(recording.frames.time_s, clocked))
     found = visual_odometry(recording, config, clocked.done)
+    if config is None:
+        keep(folder.parent, found)
     seconds = np.array(clocked.seconds[1:])
     times = found.odometry.time_s
     place, turn = _reference(folder / "truth" / "trajectory.tum", times, recording)
