@@ -53,6 +53,12 @@ STUDIES: dict[str, str] = {
 }
 """Name of the study, in the order of the papers → where its function stands, ``module:function``."""
 
+LONG: dict[str, str] = {
+    "glacier-fig12": "two surveys of 2.7 km in images, about 25 minutes of CPU each; they go on where they were stopped",
+    "glacier-fig13": "the same two surveys, which are driven once",
+}
+"""Studies that take more than half an hour, and why."""
+
 
 def study(name: str) -> Study:
     """Return the function that makes a study.

@@ -6,7 +6,6 @@ terrain is shown, with a Gaussian process fitted to each survey; and the paper's
 """
 
 import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -54,8 +53,8 @@ CALLED = GivenMap(method="given", name="gamma = 315 read as 315 m", variance_m2=
 
 def glacier_fig10(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Mean error of both patterns against swaths on every family, with the limits of the classes drawn."""
-    rows = _studied("glacier-fig10", FAMILIES, (FITTED,), quick, progress)
-    study = _study("glacier-fig10", FAMILIES, (FITTED,), quick)
+    rows = _studied(folder, FAMILIES, (FITTED,), quick, progress)
+    study = _study(folder.name, FAMILIES, (FITTED,), quick)
     write_rows(folder / "summary.csv", rows)
     write_rows(folder / "minimum_swaths.csv", side_by_side(minimum_swaths(rows, study), rows))
     _write(folder / "error_against_swaths.png", all_families(rows))
@@ -65,11 +64,9 @@ def glacier_fig11(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Mean error on the paper's kind of terrain with the limit of Class 3, by three readings of its Gaussian process."""
     maps = (FITTED, PRINTED, CALLED)
     kinds = (PAPERS_KIND, FAMILIES[2])
-    rows = _studied("glacier-fig11", kinds, maps, quick, progress)
+    rows = _studied(folder, kinds, maps, quick, progress)
     write_rows(folder / "summary.csv", rows)
-    write_rows(
-        folder / "minimum_swaths.csv", minimum_swaths(rows, _study("glacier-fig11", kinds, maps, quick))
-    )
+    write_rows(folder / "minimum_swaths.csv", minimum_swaths(rows, _study(folder.name, kinds, maps, quick)))
     by_kind = {kind.name: [row for row in rows if row["terrain"] == kind.name] for kind in kinds}
     _write(folder / "error_and_class_3.png", error_curves(by_kind, LIMIT_M, top_m=10.0))
 
@@ -138,16 +135,15 @@ def _study(name: str, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: b
 
 
 def _studied(
-    name: str, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: bool, progress: Progress
+    folder: Path, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: bool, progress: Progress
 ) -> list[Row]:
-    """Run a study in a folder that is thrown away, and return its summary."""
-    study = _study(name, kinds, maps, quick)
-    place = Path(tempfile.mkdtemp(prefix="firnline-"))
-    try:
-        run_study(study, place / name, watch=lambda done, total: progress("trials", done, total))
-        return summary(place / name / "trials.parquet", study)
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
+    """Run a study, from where it was stopped, and return its summary; its trials are not kept."""
+    study = _study(folder.name, kinds, maps, quick)
+    place = folder / ("unfinished-quick" if quick else "unfinished")
+    run_study(study, place, watch=lambda done, total: progress("trials", done, total))
+    rows = summary(place / "trials.parquet", study)
+    shutil.rmtree(place)
+    return rows
 
 
 def side_by_side(minimum: Sequence[Row], rows: Sequence[Row]) -> list[Row]:
