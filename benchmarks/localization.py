@@ -58,8 +58,8 @@ ODOMETRY: dict[str, dict[str, Any]] = {
         "heading_walk_deg_sqrt_m": _IMAGES.heading_walk_deg_sqrt_m,
         "tilt_sigma_deg": _IMAGES.tilt_sigma_deg,
         "attitude_correlation_m": _IMAGES.attitude_correlation_m,
-        # The wheels hold the scale of images; what is left is theirs: one share, and a random walk.
-        "scale_sigma": LocalizationConfig().wheel_scale_sigma,
+        # The wheels hold the scale of images from metre to metre; their random walk is what they leave of it.
+        "scale_sigma": _IMAGES.scale_sigma,
         "step_sigma_m": float(np.hypot(_IMAGES.step_sigma_m, LocalizationConfig().wheel_step_sigma_m)),
     },
 }

@@ -23,21 +23,21 @@ class ImageOdometryErrors(Section):
     """Heading error that is not: its random walk per square root of a metre [deg]."""
     heading_sigma_deg: NonNegativeFloat = 5.0
     """Constant part of the heading error: what a compass beside motors is wrong by [deg]."""
-    tilt_sigma_deg: PositiveFloat = 0.17
+    tilt_sigma_deg: PositiveFloat = 0.15
     """Changing part of the roll and pitch error [deg]."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.2
     """Constant part of it, that of the accelerometer which levels the images [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0
     """Travel over which attitude errors stay correlated [m]."""
-    scale_sigma: PositiveFloat = 0.02
+    scale_sigma: PositiveFloat = 0.012
     """Relative error of the scale over a whole drive."""
-    scale_wander_sigma: NonNegativeFloat = 0.026
+    scale_wander_sigma: NonNegativeFloat = 0.02
     """Changing part of that error: one camera hands its scale on from point to point."""
-    scale_wander_m: PositiveFloat = 3.5
+    scale_wander_m: PositiveFloat = 3.0
     """Travel over which it stays correlated [m]."""
-    step_sigma_m: PositiveFloat = 0.016
+    step_sigma_m: PositiveFloat = 0.012
     """Random error, sideways and upwards too, per square root of a metre [m]."""
-    turn_sigma_m: NonNegativeFloat = 0.15
+    turn_sigma_m: NonNegativeFloat = 0.2
     """Random error of turns, per square root of a radian [m]."""
 
 
