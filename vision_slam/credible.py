@@ -18,6 +18,7 @@ _REFUTED_SIGMAS = 5.0
 _OUTLYING_M = 2.0
 _LAGS_S = np.arange(0.5, 4.01, 0.5)
 _CONVINCING = 10.0
+_SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
 
 
 def with_credible_start(
@@ -64,7 +65,10 @@ def lateness_s(recording: Recording, path: FloatArray, config: LocalizationConfi
     nobody can know, but in turns the path and its fixes part. Delays of half a second to
     four are tried on the smoother's own likelihood; one is believed if it gains a log
     likelihood of 10, and if a longer one gains less. Fixes that jump have to be gone before.
+    The receiver's memory is taken as the assumed one or as what fits better of its half, its
+    quarter and its eighth: errors that forget faster than they may look like a delay in turns.
     """
+    config = _with_likeliest_memory(recording, path, config)
     least = log_evidence(recording, path, config)
     gains = [log_evidence(_earlier(recording, lag), path, config) - least for lag in _LAGS_S]
     best = int(np.argmax(gains))
@@ -92,6 +96,17 @@ def without_repeats(gps: GpsFixes) -> GpsFixes:
         return gps
     logger.warning("%d fixes repeat the one before to the last digit and are left out", int((~new).sum()))
     return replace(gps, time_s=gps.time_s[new], position=gps.position[new])
+
+
+def _with_likeliest_memory(
+    recording: Recording, path: FloatArray, config: LocalizationConfig
+) -> LocalizationConfig:
+    """Return the assumptions with the correlation time of the fixes that makes them likeliest."""
+    tried = [
+        config.model_copy(update={"gps_correlation_time_s": share * config.gps_correlation_time_s})
+        for share in _SHORTER_MEMORIES
+    ]
+    return max(tried, key=lambda one: log_evidence(recording, path, one))
 
 
 def _earlier(recording: Recording, lag_s: float) -> Recording:

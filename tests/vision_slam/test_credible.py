@@ -16,24 +16,26 @@ SITE = CRS("EPSG:32608")
 CONFIG = LocalizationConfig()
 
 
-def _drive(late_s: float = 0.0, seed: int = 3) -> tuple[Recording, FloatArray]:
-    """A round of 40 m radius at 1 m/s with fixes as the configuration has them, and its real path."""
-    times = np.arange(0.0, 150.0, 1.0)
+def _drive(
+    late_s: float = 0.0, seed: int = 3, config: LocalizationConfig = CONFIG, radius_m: float = 40.0
+) -> tuple[Recording, FloatArray]:
+    """Most of a round at 1 m/s with fixes as the configuration has them, and its real path."""
+    times = np.arange(0.0, 3.75 * radius_m, 1.0)
 
     def place(at_s: FloatArray) -> FloatArray:
-        angle = np.maximum(at_s, 0.0) / 40.0
-        return 40.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle), np.zeros_like(angle)])
+        angle = np.maximum(at_s, 0.0) / radius_m
+        return radius_m * np.column_stack([np.sin(angle), 1.0 - np.cos(angle), np.zeros_like(angle)])
 
     path = place(times)
-    attitude = np.column_stack([np.zeros_like(times), np.zeros_like(times), times / 40.0])
+    attitude = np.column_stack([np.zeros_like(times), np.zeros_like(times), times / radius_m])
     steps = np.einsum("nji,nj->ni", rotations(attitude[:-1]), np.diff(path, axis=0))
     rng = np.random.default_rng(seed)
-    memory, bias, biases = np.exp(-1.0 / CONFIG.gps_correlation_time_s), rng.standard_normal(3), []
+    memory, bias, biases = np.exp(-1.0 / config.gps_correlation_time_s), rng.standard_normal(3), []
     for _ in times:
         bias = memory * bias + np.sqrt(1.0 - memory**2) * rng.standard_normal(3)
-        biases.append(CONFIG.gps_bias_sigma_m * bias)
+        biases.append(config.gps_bias_sigma_m * bias)
     fixes = (
-        place(times - late_s) + np.array(biases) + CONFIG.gps_white_sigma_m * rng.standard_normal(path.shape)
+        place(times - late_s) + np.array(biases) + config.gps_white_sigma_m * rng.standard_normal(path.shape)
     )
     gps = GpsFixes(times, fixes)
     return Recording(SITE, path[0], gps, odometry=Odometry(times, steps, attitude)), path
@@ -63,6 +65,13 @@ def test_a_start_elsewhere_is_taken_for_unknown(caplog: pytest.LogCaptureFixture
 def test_fixes_in_time_stay_where_they_are(seed: int) -> None:
     recording, path = _drive(seed=seed)
     assert lateness_s(recording, path, CONFIG) == 0.0
+
+
+def test_fixes_that_forget_sooner_than_assumed_are_not_taken_for_late() -> None:
+    minute = CONFIG.model_copy(update={"gps_bias_sigma_m": 3.0, "gps_correlation_time_s": 60.0})
+    recording, path = _drive(seed=10, config=minute, radius_m=160.0)
+    longer = minute.model_copy(update={"gps_correlation_time_s": 480.0})
+    assert lateness_s(recording, path, longer) == 0.0
 
 
 def test_late_fixes_are_moved_back() -> None:
