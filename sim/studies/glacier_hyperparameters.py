@@ -31,6 +31,7 @@ SEED = 20_113
 ALPHA, GAMMA = 10.0, 315.0
 _STEP_M = 15.0
 _MOST_POINTS = 1500
+_TICKS_M = (0.2, 0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0)
 _NUGGET_M = 0.15
 """Relief of snow too fine to be mapped, which the paper's noise of a landmark stands for [m]."""
 
@@ -39,7 +40,7 @@ def glacier_hyperparameters(folder: Path, *, quick: bool, progress: Progress) ->
     """Try variances and length scales, and hold the paper's and the fitted ones beside the best."""
     world, points = _site(quick=quick)
     n = 5 if quick else 9
-    variances, lengths_m = np.geomspace(0.1, 1000.0, n), np.geomspace(8.0, 500.0, n + 2)
+    variances, lengths_m = np.geomspace(0.1, 1e5, n), np.geomspace(8.0, 500.0, n + 2)
     errors = np.empty((len(variances), len(lengths_m)))
     for index, variance in enumerate(variances.tolist()):
         errors[index] = [_rmse_m(world, points, _given(variance, length)) for length in lengths_m.tolist()]
@@ -129,6 +130,7 @@ def _drawn(
         )
     axes.set(xscale="log", yscale="log", xlabel="Length scale [m]", ylabel="Variance α [m²]")
     axes.set_title("Error of the map against the terrain")
-    figure.colorbar(shown, label="RMSE [m]", extend="max")
+    bar = figure.colorbar(shown, label="RMSE [m]", extend="max", ticks=_TICKS_M, format="%g")
+    bar.minorticks_off()
     figure.legend(loc="outside lower center", ncols=len(marked))
     return figure
