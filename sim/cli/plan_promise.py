@@ -11,6 +11,7 @@ from sim.cli.outcome import NOT_MET
 
 if TYPE_CHECKING:
     import survey
+    from planners.adaptive import AdaptiveConfig
     from planners.promise import Promise, Wanted
     from survey.reconstruction.gp.kernel_search import Family
     from survey.reconstruction.gp.kernels import Kernel
@@ -148,11 +149,10 @@ def _adaptive(
     as_json: bool,
 ) -> None:
     """Plan the first swaths, or the next one after what was driven and measured."""
-    from planners.adaptive import AdaptiveConfig, first_swaths, next_swath
+    from planners.adaptive import AdaptiveConfig, first_swaths
     from planners.heading import across_marked_grain
     from planners.promise import belief_of
     from planners.transit import FreeGround
-    from survey import Route, SurfacePoints
     from survey.errors import ConfigError
 
     if (asked.driven is None) != (asked.measured is None):
@@ -166,26 +166,37 @@ def _adaptive(
         localization_m=wanted.localization_m,
         heading_deg=across_marked_grain(FreeGround(area.free), prior),
     )
-    if asked.driven is None or asked.measured is None:
-        route = first_swaths(area, belief_of(area, prior, wanted), config)
-        route.write(out)
-        draw(route, area, prior, out)
-        _tell(
-            {
-                "route": str(out),
-                "picture": str(out.with_suffix(".png")),
-                "swaths": len(route.swaths),
-                "length_m": route.length_m,
-                "next": "drive and measure them, then ask again with --driven and --measured",
-            },
-            as_json=as_json,
-        )
+    if asked.driven is not None and asked.measured is not None:
+        _go_on(area, prior, asked.driven, asked.measured, config, out, as_json=as_json)
         return
-    points = SurfacePoints.read(asked.measured, crs=str(area.crs))
-    advice = next_swath(area, Route.read(asked.driven), points.xy, points.xyz[:, 2], config)
+    route = first_swaths(area, belief_of(area, prior, wanted), config)
+    facts = {
+        "swaths": len(route.swaths),
+        "length_m": route.length_m,
+        "next": "drive and measure them, then ask again with --driven and --measured",
+    }
+    _tell(_written(route, area, prior, out) | facts, as_json=as_json)
+
+
+def _go_on(
+    area: "survey.SurveyArea",
+    prior: "survey.Dem",
+    driven: Path,
+    measured: Path,
+    config: "AdaptiveConfig",
+    out: Path,
+    *,
+    as_json: bool,
+) -> None:
+    """Plan the next swath, say that none is needed, or end with exit code 5 where none would help."""
+    from planners.adaptive import next_swath
+    from survey import Route, SurfacePoints
+
+    points = SurfacePoints.read(measured, crs=str(area.crs))
+    advice = next_swath(area, Route.read(driven), points.xy, points.xyz[:, 2], config)
     if not advice.holds:
         typer.echo(
-            f"firnline: no further swaths would keep {wanted.limit_m:.4g} m with {wanted.probability:.0%}; "
+            f"firnline: no further swaths would keep {config.limit_m:.4g} m with {config.probability:.0%}; "
             f"the densest would err {advice.assured.rmse_m:.3g} m.",
             err=True,
         )
@@ -194,14 +205,17 @@ def _adaptive(
     if advice.route is None:
         _tell({"done": "the promise holds, drive no more", **facts}, as_json=as_json)
         return
-    advice.route.write(out)
-    draw(advice.route, area, prior, out)
-    facts = {
-        "route": str(out),
-        "picture": str(out.with_suffix(".png")),
-        "length_m": advice.route.length_m,
-    } | facts
-    _tell(facts, as_json=as_json)
+    files = _written(advice.route, area, prior, out)
+    _tell({**files, "length_m": advice.route.length_m, **facts}, as_json=as_json)
+
+
+def _written(
+    route: "survey.Route", area: "survey.SurveyArea", prior: "survey.Dem", out: Path
+) -> dict[str, Any]:
+    """Write a route and its picture; return where they are."""
+    route.write(out)
+    draw(route, area, prior, out)
+    return {"route": str(out), "picture": str(out.with_suffix(".png"))}
 
 
 def draw(
