@@ -14,6 +14,8 @@ from vision_slam.smoother import log_evidence
 logger = logging.getLogger(__name__)
 
 _LONG_ENOUGH_M = 10.0
+# Fixes of 3 m that last a minute lay a start within 7 m by so long a way; over kilometres a path bends by more.
+_HOLDS_SHAPE_M = 300.0
 _REFUTED_SIGMAS = 5.0
 _OUTLYING_M = 2.0
 _LAGS_S = np.arange(0.5, 4.01, 0.5)
@@ -24,7 +26,7 @@ _SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
 def with_credible_start(
     recording: Recording, path: FloatArray, time_s: FloatArray, config: LocalizationConfig
 ) -> tuple[Recording, LocalizationConfig]:
-    """Take a surveyed start for unknown where the fixes of the whole drive put it elsewhere.
+    """Take a surveyed start for unknown where the fixes of the first 300 m put it elsewhere.
 
     The path's shape is laid on the fixes by turn and shift, and fixes that jump count
     little. Its start then must lie within five standard deviations of a fix from the one
@@ -114,7 +116,9 @@ def _earlier(recording: Recording, lag_s: float) -> Recording:
 
 
 def _laid_start(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> FloatArray | None:
-    """Return where the path starts when laid on the fixes; None where it is too short to have a heading."""
+    """Return where the path starts when its beginning is laid on the fixes; None where it is too short to have a heading."""
+    travel = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
+    path, time_s = path[travel <= _HOLDS_SHAPE_M], time_s[travel <= _HOLDS_SHAPE_M]
     inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
     x, y, up = (np.interp(gps.time_s[inside], time_s, axis) for axis in path.T)
     z = x - path[0, 0] + 1j * (y - path[0, 1])

@@ -61,6 +61,17 @@ def test_a_start_elsewhere_is_taken_for_unknown(caplog: pytest.LogCaptureFixture
     assert "the fixes put the start 3" in caplog.text or "the fixes put the start 2" in caplog.text
 
 
+def test_a_path_that_bends_on_a_long_drive_does_not_refute_its_start() -> None:
+    times = np.arange(0.0, 2000.0, 1.0)
+    along = np.column_stack([times, np.zeros_like(times), np.zeros_like(times)])
+    bent = np.cumsum(
+        np.column_stack([np.ones_like(times), times * np.radians(9.0) / 2000.0, 0.0 * times]), axis=0
+    )
+    fixes = along + CONFIG.gps_white_sigma_m * np.random.default_rng(3).standard_normal(along.shape)
+    recording = Recording(SITE, along[0], GpsFixes(times, fixes))
+    assert with_credible_start(recording, bent - bent[0], times, CONFIG)[0] is recording
+
+
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_fixes_in_time_stay_where_they_are(seed: int) -> None:
     recording, path = _drive(seed=seed)
