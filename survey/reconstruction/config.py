@@ -23,6 +23,7 @@ Family = Literal[
     "rational-quadratic",
     "two-scale",
     "two-scale-matern",
+    "two-scale-mixed",
     "three-scale",
 ]
 
@@ -72,7 +73,8 @@ class GaussianProcessConfig(Section):
     """Whether to find the hyperparameters by their likelihood."""
     family: Family = "auto"
     """Covariance function; ``auto`` takes the likeliest (the squared exponential when not fitted); two scales
-    are the sum of two squared exponentials or of two Matérn 3/2, three that of three squared exponentials."""
+    are the sum of two squared exponentials, of two Matérn 3/2 or of one of each, the smooth one first; three that of three
+    squared exponentials."""
     variance_m2: float | None = Field(default=None, gt=0)
     """Prior variance of the surface about its mean [m²]; the place where a fit starts."""
     length_scale_m: float | None = Field(default=None, gt=0)
@@ -156,10 +158,11 @@ def kernel_of(
         return RationalQuadratic(*first, shape=shape)
     if "-scale" in family:
         kind = Matern32 if family == "two-scale-matern" else SquaredExponential
+        finer = SquaredExponential if family in ("two-scale", "three-scale") else Matern32
         variance, length = second[0] or 0.1 * variance_m2, second[1] or length_scale_m / 3.0
         parts = [first, (variance, length, anisotropy, angle_deg)]
         if family == "three-scale":
             between = (np.sqrt(variance * variance_m2), np.sqrt(length * length_scale_m))
             parts.insert(1, (float(between[0]), float(between[1]), anisotropy, angle_deg))
-        return Sum(*(kind(*part) for part in parts))
+        return Sum(*(kind(*part) for part in parts[:-1]), finer(*parts[-1]))
     return SquaredExponential(*first)

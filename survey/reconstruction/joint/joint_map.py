@@ -31,12 +31,13 @@ from survey.reconstruction.gp.resolution import (
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior, waves_at
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
+from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.support import support_codes
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 
-CANDIDATES: tuple[Family, ...] = ("matern-3/2", "two-scale-matern", "three-scale")
-"""What ``family = "auto"`` chooses from. The third scale is for what lies between landforms and the relief underfoot,
+CANDIDATES: tuple[Family, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
+"""What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,
 of which landmarks tell so much that two scales go to these, and gaps between swaths would be mapped too boldly."""
 
 _EXTREME = 4.0
@@ -100,7 +101,8 @@ class JointTerrain:
     Notes
     -----
     Linear in the path's error: horizontal errors must be small beside the length scale.
-    Points are taken to err independently but for the path.
+    But for the path, points are taken to err independently; relief between the waves that are
+    kept is noise that neighbours share, by as much as `with_shared_relief` says.
     """
 
     path: PathError
@@ -183,7 +185,8 @@ class JointTerrain:
         datum = local_datum_m(points.z)
         site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
         basis, tail = self._waves(found, site, points.xy, noise, memory_mb)
-        data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(noise + tail))
+        total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
+        data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
         trend = PolynomialTrend("plane", basis.box)
         columns, bow = trend.columns(points.xy), self._bow_columns(points)
         has_offset = cells is not None and cells.datum_sigma_m > 0.0
