@@ -27,6 +27,8 @@ class ImageOdometryErrors(Section):
     """Changing part of the roll and pitch error [deg]."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.2
     """Constant part of it, that of the accelerometer which levels the images [deg]."""
+    levelling_sigma_deg: PositiveFloat | None = 0.15
+    """What it differs from that accelerometer's by: steps climb by 0.12 degrees more than their pitch says [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0
     """Travel over which attitude errors stay correlated [m]."""
     scale_sigma: PositiveFloat = 0.012
@@ -67,6 +69,9 @@ class LocalizationConfig(Section):
     """Constant part of it: the tilt at which the sensor is mounted [deg]."""
     accelerometer_bias_sigma_deg: PositiveFloat = 0.5
     """Tilt that the accelerometer pretends, constant over the drive [deg]; used where there are inertial records."""
+    levelling_sigma_deg: PositiveFloat | None = None
+    """By how much the odometry's constant tilt differs from what that accelerometer pretends, if the odometry was
+    levelled by it [deg]; gravity then says nothing new. None where it was levelled by other means."""
     attitude_correlation_m: PositiveFloat = 60.0
     """Travel over which attitude errors stay correlated [m]."""
     scale_sigma: PositiveFloat = 0.004

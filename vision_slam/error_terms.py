@@ -57,7 +57,7 @@ def add_terms(
     _add_odometry(system, along, config, doubt_m)
     _add_gps(system, recording, along, config)
     _add_barometer(system, recording, along, config)
-    _add_gravity(system, recording, along)
+    _add_gravity(system, recording, along, config)
 
 
 @dataclass(frozen=True)
@@ -330,20 +330,29 @@ def _add_barometer(
     system.add(terms, mean[:, 0], left.barometer_white_sigma_m / np.sqrt(count))
 
 
-def _add_gravity(system: NormalEquations, recording: Recording, along: Nodes) -> None:
+def _add_gravity(
+    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
+) -> None:
     """Add roll and pitch from gravity, with the scatter that the readings themselves show.
 
     The scatter is taken about each node's mean and from node to node, whichever is
-    larger: jolts that last would otherwise be believed.
+    larger: jolts that last would otherwise be believed. An odometry that the same readings
+    levelled has them in it already, and better averaged than here: it shares their bias, and
+    what standing still tells of that is all there is to add.
     """
     if recording.inertial is None:
         return
+    # The bias of what gravity tells is that of the reading: θ(g) = θ + a.
+    biases, doubt_deg = ((ROLL, FORCE_ROLL), (PITCH, FORCE_PITCH)), 0.0
+    if config.levelling_sigma_deg is not None:
+        biases, doubt_deg = ((ROLL, ROLL_BIAS), (PITCH, PITCH_BIAS)), config.levelling_sigma_deg
     standing = standing_bias(recording.inertial, along.odometry.time_s[0])
     if standing is not None:
-        # The bias of what gravity tells is that of the reading: θ(g) = θ + a.
-        for which, value in ((FORCE_ROLL, standing.roll_rad), (FORCE_PITCH, standing.pitch_rad)):
-            one = np.ones(1)
-            system.add([(np.array([which]), one)], value * one, standing.sigma_rad * one)
+        sigma = np.hypot(standing.sigma_rad, np.radians(doubt_deg)) * np.ones(1)
+        for (_, bias), value in zip(biases, (standing.roll_rad, standing.pitch_rad), strict=True):
+            system.add([(np.array([bias]), np.ones(1))], value * np.ones(1), sigma)
+    if config.levelling_sigma_deg is not None:
+        return
     tilt = gravity_tilt(recording.inertial, along.odometry)
     times, attitude = along.odometry.time_s, along.odometry.attitude_rad
     sensed = np.column_stack(
@@ -355,7 +364,7 @@ def _add_gravity(system: NormalEquations, recording: Recording, along: Nodes) ->
     if len(sensed) < 2:
         return
     node, mean, count = along.averaged(tilt.time_s, sensed)
-    for column, which, bias in ((0, ROLL, FORCE_ROLL), (1, PITCH, FORCE_PITCH)):
+    for column, (which, bias) in enumerate(biases):
         sigma = _scatter(sensed[:, column], mean[:, column], count)
         many = np.ones(len(node))
         terms: list[Term] = [(unknown(node, which), many), (np.array(bias), -many)]

@@ -17,7 +17,9 @@ pitch:
     p̃_{z,k} − h_k  = e_{z,k} − c_k − c₀ + ν            (barometer)
     θ̃_k − θ(g)_k   = θ_k − a_θ + ν                     (gravity; roll alike)
 
-Gravity bounds the errors of roll and pitch; nothing bounds that of a heading from images. All
+Gravity bounds the errors of roll and pitch; nothing bounds that of a heading from images. An
+odometry that was levelled by the same accelerometer has gravity in it already: its rows are
+left out, so that no reading counts twice. All
 noise is Gaussian, and all is linear but for the turn of the steps, which are turned anew
 until the heading stays: a sparse least-squares solve gives the posterior under the model.
 Its whole information is handed on: whatever is made of the path knows what its parts share.

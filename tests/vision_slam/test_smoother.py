@@ -1,13 +1,15 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from survey import InputError
 from survey.recording import Recording
-from survey.sensors import Barometer, GpsFixes, Odometry, Sightings
+from survey.sensors import Barometer, GpsFixes, Inertial, Odometry, Sightings
 from vision_slam import LocalizationConfig, localize
 from vision_slam.pipeline import dead_reckoning
 from vision_slam.rotation import rotations, turned
-from vision_slam.smoother import smooth
+from vision_slam.smoother import SmoothedPath, smooth
 
 CRS = "EPSG:32608"
 
@@ -132,3 +134,26 @@ def test_sightings_must_belong_to_poses():
             None,
             sightings,
         )
+
+
+def test_gravity_says_nothing_new_of_an_odometry_that_it_levelled():
+    """Jolted readings tilt a path whose odometry came level by other means, and none that they levelled themselves."""
+    time_s, position, attitude = circle()
+    odometry = odometry_of(time_s, position, attitude)
+    up = np.einsum("nji,j->ni", rotations(attitude), [0.0, 0.0, 9.81])
+    jolts = 0.3 * np.random.default_rng(1).standard_normal((len(time_s), 3))
+    inertial = Inertial(time_s, np.zeros((len(time_s), 3)), up + jolts)
+    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry, inertial=inertial)
+    reckoned = dead_reckoning(odometry, position[0])
+    other = smooth(recording, reckoned, LocalizationConfig())
+    levelled = smooth(recording, reckoned, LocalizationConfig(levelling_sigma_deg=0.15))
+    # An exact odometry stays as it is, to rounding; jolts of 1.8 degrees, ten a node, tilt the other by a tenth.
+    np.testing.assert_allclose(levelled.attitude_rad[:, :2], attitude[:, :2], atol=1e-6)
+    assert np.degrees(np.abs(other.attitude_rad[:, :2] - attitude[:, :2]).max()) > 0.03
+    # What it claims is no less than without an accelerometer.
+    roll = levelled.covariance[:, 5, 5]
+    assert (roll >= (1.0 - 1e-6) * smooth_without(recording, reckoned).covariance[:, 5, 5]).all()
+
+
+def smooth_without(recording: Recording, reckoned: np.ndarray) -> SmoothedPath:
+    return smooth(replace(recording, inertial=None), reckoned, LocalizationConfig())
