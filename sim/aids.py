@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from planners.transit import FreeGround
 from sim.config import AidsConfig, MissionConfig
@@ -87,11 +88,20 @@ def _inertial(trajectory: Trajectory, attitude_rad: FloatArray, mission: Mission
     bias = aids.accelerometer_bias_m_s2 * rng.standard_normal(3)
     jolts = aids.accelerometer_white_m_s2 * rng.standard_normal(body.shape)
     rates = np.gradient(np.unwrap(attitude_rad, axis=0), times, axis=0)
+    if mission.sensors.heading_walk_deg_sqrt_m > 0.0:  # the gyro is to hold the heading: no turn may be lost
+        rates = _mean_rates(attitude_rad, times)
     driving = Inertial(times, rates, body + bias + jolts)
     if not aids.turn_at_start:
         return driving
     noise = _STILL_SHARE * aids.accelerometer_white_m_s2
     return _after_turning(driving, attitude_rad[0], bias, noise, rng)
+
+
+def _mean_rates(attitude_rad: FloatArray, times: FloatArray) -> FloatArray:
+    """Return the mean rates of turn (N, 3) over the time before each moment, as a gyro tells them."""
+    body = Rotation.from_euler("xyz", attitude_rad)
+    turned = (body[:-1].inv() * body[1:]).as_rotvec()
+    return np.vstack([np.zeros(3), turned / np.diff(times)[:, None]])
 
 
 def _after_turning(

@@ -9,7 +9,7 @@ import typer
 from planners import LawnmowerConfig
 from sim.aids import with_way_home
 from sim.cli.plan_foresight import tell_ways
-from sim.config import AidsConfig, MissionConfig, RandomTerrain, SatelliteConfig
+from sim.config import AidsConfig, MissionConfig, RandomTerrain, SatelliteConfig, SensorConfig
 from sim.foresight import cheapest, foresee, ways_to_meet
 from sim.statistical import simulate_statistical
 from sim.world import World
@@ -17,6 +17,7 @@ from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.recording import Recording
 from survey.truth import Truth
 from vision_slam.gravity import standing_bias
+from vision_slam.gyro import turned_beyond
 
 CRS = "EPSG:32608"
 AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), CRS)
@@ -87,6 +88,14 @@ def test_the_turn_at_the_start_tells_the_bias_of_the_accelerometer():
     assert found.pitch_rad == pytest.approx(-bias[0], abs=1.5e-3)
     assert found.roll_rad == pytest.approx(bias[1], abs=1.5e-3)
     assert standing_bias(replace(recording.inertial), -100.0) is None
+
+
+def test_the_gyro_tells_every_turn_where_the_heading_walks():
+    sensors = SensorConfig(yaw_sigma_deg=0.0, tilt_sigma_deg=0.0, heading_walk_deg_sqrt_m=1e-6)
+    config = mission(accelerometer=True).model_copy(update={"sensors": sensors})
+    recording, _ = simulate_statistical(terrain(), route(), config)
+    # Right angles within a second are among the turns; what the heading walks is 1e-5 degrees.
+    assert np.abs(turned_beyond(recording.inertial, recording.odometry)).max() < 1e-6
 
 
 def test_the_base_station_shares_most_of_the_error():
