@@ -1,14 +1,24 @@
-"""What the benchmarks of surveys in images share: receivers read anew, landmarks on the real path, maps judged."""
+"""What the benchmarks of surveys in images share: drives read, receivers read anew, maps judged and told of."""
 
-from dataclasses import dataclass
+import hashlib
+import pickle
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from benchmarks.report import Row
 from sim.gps import GpsReceiver
 from sim.motion import Motion
 from sim.sensor_config import GpsConfig, InstrumentsConfig
+from survey.area import SurveyArea
 from survey.arrays import FloatArray
 from survey.dem import Dem
 from survey.grid import Grid
@@ -18,9 +28,11 @@ from survey.sensors import GpsFixes
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 from survey.truth import Truth
-from vision_slam import LocalizationConfig
-from vision_slam.visual_slam import VisualOdometry
+from vision_slam import LocalizationConfig, visual_slam
+from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
 Profile = Literal["white", "gauss-markov-60", "gauss-markov-300"]
 
 
@@ -77,3 +89,73 @@ def judged(result: Reconstruction, real: Truth, path: Trajectory) -> Outcome:
     vertical: FloatArray = path.position[:, 2] - height
     rmse, path_m = (float(np.sqrt(np.mean(values**2))) for values in (error, vertical))
     return Outcome(rmse, float(error.mean()), float(within.mean()), path_m)
+
+
+def rows_of(name: str, done: Sequence[Outcome]) -> Iterator[Row]:
+    """Tell of several surveys: errors, coverage, path."""
+    rmse, coverage = np.array([out.rmse_m for out in done]), np.array([out.coverage for out in done])
+    yield Row(f"{name}: RMSE, median", float(np.median(rmse)), "m")
+    yield Row(f"{name}: RMSE, worst", float(rmse.max()), "m")
+    offset = float(np.sqrt(np.mean([out.offset_m**2 for out in done])))
+    yield Row(f"{name}: site-mean error, RMS", offset, "m")
+    yield Row(f"{name}: coverage of 95 %, mean", float(coverage.mean()), "1")
+    yield Row(f"{name}: coverage of 95 %, worst survey", float(coverage.min()), "1")
+    path = float(np.median([out.path_m for out in done]))
+    yield Row(f"{name}: vertical error of the path before the map, median", path, "m")
+
+
+def survey_in_images(seed: int) -> Survey:
+    """Return the development survey of a seed; it is driven, and its images followed, where that was not done before."""
+    run = _simulated(EXAMPLES / "mendenhall_like.toml", SURVEYS / str(seed), (f"seed={seed}",))
+    recording = Recording.read(run / "2-simulate" / "recording")
+    return survey_at(run, recording, seen(run, recording))
+
+
+def survey_at(run: Path, recording: Recording, found: VisualOdometry) -> Survey:
+    """Return the survey of a run's folder, to be judged on 80 nodes a side."""
+    real, prior = Truth.read(run / "2-simulate" / "truth"), Dem.read(run / "1-plan" / "prior.tif")
+    bounds = SurveyArea.read(run / "1-plan" / "area.gpkg").bounds
+    nodes = Grid.over(bounds, (bounds[2] - bounds[0]) / 80.0, prior.crs)
+    return Survey(replace(recording, frames=None, camera=None), found, real, prior, nodes)
+
+
+def _simulated(mission: Path, runs: Path, settings: tuple[str, ...]) -> Path:
+    """Return the run's folder; render where that was not done before."""
+    found = sorted(runs.glob("*/latest/2-simulate/drive.json"))
+    if not found:
+        chosen = [word for text in settings for word in ("--set", text)]
+        command = [sys.executable, "-m", "sim.cli.main", "simulate", str(mission), "--runs", str(runs)]
+        subprocess.run([*command, *chosen], check=True, capture_output=True, stdin=subprocess.DEVNULL)
+        found = sorted(runs.glob("*/latest/2-simulate/drive.json"))
+    return found[0].parents[1]
+
+
+def seen(run: Path, recording: Recording) -> VisualOdometry:
+    """Return what the images say, kept for as long as the code that reads them stays the same."""
+    kept = _kept(run)
+    if not kept.exists():
+        keep(run, visual_odometry(recording))
+    found: VisualOdometry = pickle.loads(kept.read_bytes())
+    return found
+
+
+def keep(run: Path, found: VisualOdometry) -> None:
+    """Keep what the images of a run say."""
+    _kept(run).write_bytes(pickle.dumps(found))
+
+
+def _kept(run: Path) -> Path:
+    code = b"".join(path.read_bytes() for path in _read_by(Path(visual_slam.__file__)))
+    return run.parent / f"seen-{hashlib.sha256(code).hexdigest()[:12]}.pickle"
+
+
+def _read_by(module: Path) -> list[Path]:
+    """Return a module's file and those of its package that it imports, directly or through others, in order."""
+    found, waiting = set(), [module]
+    while waiting:
+        found.add(path := waiting.pop())
+        names = re.findall(
+            rf"^\s*from {path.parent.name}\.(\w+) import", path.read_text("utf-8"), re.MULTILINE
+        )
+        waiting += {path.with_name(f"{name}.py") for name in names} - found
+    return sorted(found)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.joint_mapping_images import seen
+from benchmarks.image_surveys import seen
 from benchmarks.odometry_errors import simulated_drive
 from benchmarks.report import Row, main
 from sim.gauss_markov import gauss_markov

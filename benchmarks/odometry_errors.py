@@ -23,7 +23,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from benchmarks.joint_mapping_images import seen, survey_in_images
+from benchmarks.image_surveys import seen, survey_in_images
 from benchmarks.report import Row, main
 from sim.error_model import (
     STRETCH_M,

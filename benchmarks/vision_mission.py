@@ -21,12 +21,18 @@ from typing import Any
 import numpy as np
 import shapely
 
-from benchmarks.image_surveys import Outcome, Profile, Survey, fixes_along, judged, on_the_real_path
+from benchmarks.image_surveys import (
+    Outcome,
+    Profile,
+    Survey,
+    fixes_along,
+    judged,
+    on_the_real_path,
+    rows_of,
+    survey_at,
+)
 from benchmarks.report import Row, main
-from survey.area import SurveyArea
 from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.grid import Grid
 from survey.io.documents import read_json
 from survey.reconstruction import Reconstruction, reconstruct
 from survey.reconstruction.joint.joint_map import JointTerrain
@@ -34,7 +40,6 @@ from survey.recording import Recording
 from survey.route import Route
 from survey.sensors import GpsFixes
 from survey.surface_points import SurfacePoints
-from survey.truth import Truth
 from vision_slam import LocalizationConfig
 from vision_slam.onboard import read_seen
 from vision_slam.pipeline import localize_seen
@@ -115,7 +120,7 @@ def _mapped(planner: str, surveys: list[Mission]) -> Iterator[Row]:
         judged(found, survey.real, survey.real.trajectory)
         for found, survey in zip(known, surveys, strict=True)
     ]
-    yield from _rows(f"{planner}, landmarks on the real path", floor)
+    yield from rows_of(f"{planner}, landmarks on the real path", floor)
     for name, (profile, assumed) in RECEIVERS.items():
         maps: dict[str, list[Outcome]] = {"joint": [], "joint, 4 stakes": [], "independent": []}
         for draw, survey in enumerate(surveys):
@@ -123,19 +128,8 @@ def _mapped(planner: str, surveys: list[Mission]) -> Iterator[Row]:
             for treatment, done in maps.items():
                 done.append(treated(survey, fixes, assumed, treatment))
         for treatment, done in maps.items():
-            yield from _rows(f"{planner}, {treatment}, {name}", done)
+            yield from rows_of(f"{planner}, {treatment}, {name}", done)
             yield from _bars(planner, treatment, name, done)
-
-
-def _rows(name: str, done: list[Outcome]) -> Iterator[Row]:
-    rmse = np.array([out.rmse_m for out in done])
-    yield Row(f"{name}: RMSE, median", float(np.median(rmse)), "m")
-    yield Row(f"{name}: RMSE, worst", float(rmse.max()), "m")
-    offset = float(np.sqrt(np.mean([out.offset_m**2 for out in done])))
-    yield Row(f"{name}: site-mean error, RMS", offset, "m")
-    yield Row(f"{name}: coverage of 95 %, mean", float(np.mean([out.coverage for out in done])), "1")
-    path = float(np.median([out.path_m for out in done]))
-    yield Row(f"{name}: vertical error of the path before the map, median", path, "m")
 
 
 def _bars(planner: str, treatment: str, receiver: str, done: list[Outcome]) -> Iterator[Row]:
@@ -160,19 +154,8 @@ def survey_of(planner: str, seed: int, *, quick: bool) -> Mission:
     runs = MISSIONS / (f"short-{seed}" if quick else f"{planner}-{seed}")
     folder, cost = run_once(example, runs, chosen)
     recording = Recording.read(folder / "2-simulate" / "recording")
-    prior = Dem.read(folder / "1-plan" / "prior.tif")
-    area = SurveyArea.read(folder / "1-plan" / "area.gpkg")
-    xmin, _, xmax, _ = area.bounds
-    nodes = Grid.over(area.bounds, (xmax - xmin) / 80.0, prior.crs)
-    return Mission(
-        replace(recording, frames=None, camera=None),
-        read_seen(folder / "2-simulate" / "recording" / "onboard"),
-        Truth.read(folder / "2-simulate" / "truth"),
-        prior,
-        nodes,
-        folder,
-        cost,
-    )
+    survey = survey_at(folder, recording, read_seen(folder / "2-simulate" / "recording" / "onboard"))
+    return Mission(**vars(survey), folder=folder, cost=cost)
 
 
 def run_once(mission: Path, runs: Path, settings: Sequence[str]) -> tuple[Path, dict[str, float]]:

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from benchmarks.joint_mapping_images import keep
+from benchmarks.image_surveys import keep
 from benchmarks.report import Row, main
 from survey.arrays import FloatArray
 from survey.camera import Frames, Image
