@@ -17,13 +17,15 @@ from vision_slam.hypotheses import GyroTurn
 from vision_slam.onboard import OnboardOdometry, joined
 from vision_slam.particle_filter import ParticleFilter
 from vision_slam.pipeline import for_images
-from vision_slam.visual_slam import BRIDGED, FramePose, VisualOdometry
+from vision_slam.visual_slam import FramePose, VisualOdometry
 
 _SURVEYED_DEG = 1.0
 """How well the heading at the start is known [deg]."""
 LATE_FRAMES = 2
 """Frames by which the answer that is steered by is late, so that the next one can be taken in the meantime."""
 _KEPT_S = 5.0
+# Relative error of a way that wheels and gyro bridged, as visual odometry tells it afterwards.
+_BRIDGED = 0.05
 
 
 class Known(NamedTuple):
@@ -107,7 +109,7 @@ class OnboardComputer:
         """Error of a step that wheels and gyro bridged [m]: a share of the whole way since images told the last."""
         before_m = self._blind_m
         self._blind_m = 0.0 if is_visual else before_m + length_m
-        return BRIDGED * float(np.sqrt(max(self._blind_m**2 - before_m**2, 0.0)))
+        return _BRIDGED * float(np.sqrt(max(self._blind_m**2 - before_m**2, 0.0)))
 
     def _turn_by_gyro(self, time_s: float, poses: FloatArray) -> GyroTurn | None:
         """Return what the gyro turned beyond two poses (2, 4, 4), from the newest that is known to this moment."""

@@ -14,15 +14,13 @@ _WHEEL_SIGMA = 0.03
 # What rough ground makes of the height over 25 m, measured on drives over ground that is known.
 _HEIGHT_SIGMA, _HEIGHT_SIGMA_OVER_M = 0.016, 25.0
 _OUTLYING, _MOST = 0.1, 0.06
-# Tracks rest on what stands out: by so much the ground of those drives lay lower on the mean.
-_RIDES_M = 0.007
 
 
 class SlipWatch:
     r"""Compares the wheels' travel from keyframe to keyframe with what images make of it.
 
     One camera sees shapes, not sizes; but the ground just ahead must lie as far below the
-    camera as it is mounted, and 7 mm for its roughness, h₀. If the map puts it h below, its lengths are too short by
+    camera as it is mounted, h₀. If the map puts it h below, its lengths are too short by
     c = log(h₀ / h). Rough ground makes that err by a tenth, 1.6 % over 25 m, so that it tells
     slowly, as a Kalman filter weighs it, by how much wheels that are good to 3 % count too
     little, s. Beyond 6 % the height is not believed.
@@ -81,7 +79,7 @@ class SlipWatch:
         seen = height - float(np.median(points[near, 2]))
         if not 0.3 * height < seen < 3.0 * height:
             return
-        size = float(np.log((height + _RIDES_M) / seen))
+        size = float(np.log(height / seen))
         self._size += _share(travel_m, _MEMORY_M) * (size - self._size)
         if not self.is_slipping and self._n_seen > _SETTLED:
             noise = _HEIGHT_SIGMA**2 * _HEIGHT_SIGMA_OVER_M / travel_m

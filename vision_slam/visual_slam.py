@@ -17,7 +17,6 @@ from vision_slam.features import Pixels, detect
 from vision_slam.health import FrameHealth, image_health
 from vision_slam.motion import Motion, MotionSensors
 from vision_slam.resection import resected
-from vision_slam.resizing import Told, by_wheels, resized
 from vision_slam.sequence import Sensed
 from vision_slam.slip import SlipWatch
 from vision_slam.tracks import Track, followed
@@ -26,7 +25,7 @@ from vision_slam.visual_config import VisualOdometryConfig
 from vision_slam.window import Window, half_turned
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
-BRIDGED = 0.05  # relative error of the travel that wheels alone tell, beyond their scale
+_BRIDGED = 0.05  # relative error of the travel that wheels alone tell, beyond their scale
 _STILL_PX = 0.3
 _ROLLS_M = 0.02
 _LEAST_FAR = 10
@@ -69,7 +68,6 @@ class VisualSlam:
         self._tracks: list[Track] = []
         self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
         self._slip = SlipWatch(camera.T_body_camera[2, 3])
-        self._told: list[Told] = []
         self._image: Image | None = None
         self._grey: Image | None = None
         self._pose = np.eye(4) if start is None else start
@@ -107,11 +105,6 @@ class VisualSlam:
     def holds_heading(self) -> bool:
         """Whether mountains are in sight: near ground alone lets the heading drift slowly."""
         return sum(track.is_far for track in self._tracks) >= _LEAST_FAR
-
-    @property
-    def resizing(self) -> FloatArray:
-        """What lengths about each keyframe (K,) are to be multiplied by, now that the wheels' scale is known better."""
-        return by_wheels(np.array(self.window.poses), self._told)
 
     def pose(self, frame: FramePose) -> FloatArray:
         """Return the body's pose (4, 4) at a frame, by what is known of its keyframe now."""
@@ -256,7 +249,6 @@ class VisualSlam:
             seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
             told = self._slip.travel_m(rolled, seen if health.is_visual else None)
             self._since = replace(self._since, travel_m=told)
-        self._told.append(Told(self._since.travel_m, self._slip.scale))
         self.window.add(self._pose, self._since)
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
@@ -303,7 +295,6 @@ def _joined(first: Motion | None, second: Motion) -> Motion:
 class VisualOdometry:
     """What images gave: the same types as an odometry that was processed elsewhere.
 
-    Where there are wheels its lengths are theirs, on the straight and by their scale as known in the end.
     ``health`` holds one entry a frame; ``is_lost`` says where the pose rests on wheels and
     gyro for too long to be believed, or on nothing.
     """
@@ -402,12 +393,10 @@ def _delivered(slam: VisualSlam, sightings: Sightings, drive: Sensed) -> VisualO
     poses = np.array([slam.pose(frame) for frame in slam.frames])
     times = np.array([frame.time_s for frame in slam.frames])
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
-    factor = slam.resizing[[frame.keyframe for frame in slam.frames]]
-    steps *= factor[1:, None]
     health = tuple(frame.health for frame in slam.frames)
     attitude = attitudes(poses[:, :3, :3], times, drive)
     odometry = Odometry(times, steps, attitude, step_sigma_m=_unseen(steps, health))
-    return VisualOdometry(odometry, resized(sightings, factor), health, _lost(poses, health))
+    return VisualOdometry(odometry, sightings, health, _lost(poses, health))
 
 
 def _unseen(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:
@@ -417,7 +406,7 @@ def _unseen(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:
     edges = np.flatnonzero(np.diff(np.r_[False, is_blind, False]))
     sigma = np.zeros(len(length))
     for first, end in edges.reshape(-1, 2).tolist():
-        sigma[first:end] = BRIDGED * length[first:end] * (end - first) ** 0.5
+        sigma[first:end] = _BRIDGED * length[first:end] * (end - first) ** 0.5
     return sigma
 
 

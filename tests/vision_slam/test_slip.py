@@ -5,7 +5,7 @@ import pytest
 
 from vision_slam.slip import SlipWatch
 
-GROUND = np.column_stack([np.linspace(0.5, 2.0, 12), np.zeros(12), np.full(12, -0.007)])
+GROUND = np.column_stack([np.linspace(0.5, 2.0, 12), np.zeros(12), np.zeros(12)])
 
 
 def _settled() -> SlipWatch:
