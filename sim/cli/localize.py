@@ -15,58 +15,68 @@ if TYPE_CHECKING:
     from vision_slam.outputs import Compared, Localized
 
 
+_Source = Annotated[
+    Path,
+    typer.Argument(help="Recording, ROS bag, or folder in KITTI, TUM, EuRoC layout or of images with times."),
+]
+_Camera = Annotated[
+    Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
+]
+_Topic = Annotated[
+    list[str] | None, typer.Option("--topic", help="Topic of a bag to take, where several would do.")
+]
+_Gps = Annotated[
+    Path | None, typer.Option("--gps", help="Fixes recorded beside the images: NMEA, .gpx or .csv.")
+]
+_Crs = Annotated[
+    str | None,
+    typer.Option(
+        "--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."
+    ),
+]
+_GpsShift = Annotated[
+    float,
+    typer.Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
+]
+_ScaleFrom = Annotated[
+    float | None,
+    typer.Option(
+        "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
+    ),
+]
+_Reference = Annotated[
+    Path | None,
+    typer.Option("--reference", help="Path to judge by (.tum or .csv), not shown to the estimator."),
+]
+_Viewer = Annotated[
+    Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
+]
+_Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override what is assumed, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0.",
+    ),
+]
+_Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")]
+_Force = Annotated[bool, typer.Option("--force", help="Replace a localization that is there.")]
+
+
 @refusals_told
 def localize(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="Recording, ROS bag, or folder in KITTI, TUM, EuRoC layout or of images with times."
-        ),
-    ],
-    camera: Annotated[
-        Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
-    ] = None,
-    topic: Annotated[
-        list[str] | None, typer.Option("--topic", help="Topic of a bag to take, where several would do.")
-    ] = None,
-    gps: Annotated[
-        Path | None, typer.Option("--gps", help="Fixes recorded beside the images: NMEA, .gpx or .csv.")
-    ] = None,
-    crs: Annotated[
-        str | None,
-        typer.Option(
-            "--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."
-        ),
-    ] = None,
-    gps_shift: Annotated[
-        float,
-        typer.Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
-    ] = 0.0,
-    scale_from: Annotated[
-        float | None,
-        typer.Option(
-            "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
-        ),
-    ] = None,
-    reference: Annotated[
-        Path | None,
-        typer.Option("--reference", help="Path to judge by (.tum or .csv), not shown to the estimator."),
-    ] = None,
-    viewer: Annotated[
-        Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Override what is assumed, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")
-    ] = Path("localization"),
-    force: Annotated[bool, typer.Option("--force", help="Replace a localization that is there.")] = False,
+    source: _Source,
+    camera: _Camera = None,
+    topic: _Topic = None,
+    gps: _Gps = None,
+    crs: _Crs = None,
+    gps_shift: _GpsShift = 0.0,
+    scale_from: _ScaleFrom = None,
+    reference: _Reference = None,
+    viewer: _Viewer = None,
+    settings: _Settings = None,
+    out: _Out = Path("localization"),
+    force: _Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

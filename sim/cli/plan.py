@@ -12,95 +12,105 @@ if TYPE_CHECKING:
     from sim.cli.plan_promise import Asked
 
 
+_Source = Annotated[
+    Path, typer.Argument(help="Area (GeoJSON, GeoPackage, KML, Shapefile) or mission file (TOML).")
+]
+_Prior = Annotated[Path | None, typer.Option("--prior", help="Coarse elevation raster of the area.")]
+_Pattern = Annotated[
+    str,
+    typer.Option(
+        "--pattern",
+        help="lawnmower, wavy, piecewise-continuous, random-wander, variance-driven, or best (by predicted error).",
+    ),
+]
+_Swaths = Annotated[
+    int | None, typer.Option("--swaths", help="Number of swaths; 4 when nothing else is asked.")
+]
+_Spacing = Annotated[
+    float | None,
+    typer.Option("--spacing", help="Ground sample spacing: the largest distance between swaths [m]."),
+]
+_Budget = Annotated[float | None, typer.Option("--budget", help="Metres to drive (best, variance-driven).")]
+_Rmse = Annotated[
+    float | None, typer.Option("--rmse", help="Predicted error to reach [m] (best, variance-driven).")
+]
+_Crs = Annotated[
+    str | None,
+    typer.Option(
+        "--crs", help="CRS to plan in, such as EPSG:32608; that of the prior or the file by default."
+    ),
+]
+_Rovers = Annotated[int | None, typer.Option("--rovers", help="Number of rovers that share the area.")]
+_MaxSlope = Annotated[
+    float | None,
+    typer.Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
+]
+_NoGo = Annotated[
+    Path | None,
+    typer.Option("--no-go", help="Raster that is 1 where nobody is to drive, as reconstruct writes it."),
+]
+_Require = Annotated[
+    str | None,
+    typer.Option("--require", help="Promise this: class-1, class-2, class-3 or an RMSE [m]; needs --prior."),
+]
+_Probability = Annotated[float, typer.Option("--probability", help="How sure the promise is to be.")]
+_Noise = Annotated[float, typer.Option("--noise", help="Error of a sample's height, for the promise [m].")]
+_Localization = Annotated[
+    float,
+    typer.Option("--localization", help="Error of the rover's place east and north, for the promise [m]."),
+]
+_PriorSigma = Annotated[
+    float, typer.Option("--prior-sigma", help="Error of a cell of the prior, for the promise [m].")
+]
+_Assume = Annotated[
+    str | None,
+    typer.Option(
+        "--assume",
+        help="Family of the terrain's covariance, where it is known (squared-exponential, matern-5/2, matern-3/2, whittle); else the promise rests on the roughest that the prior does not exclude.",
+    ),
+]
+_Joint = Annotated[
+    bool,
+    typer.Option(
+        "--joint",
+        help="Foresee the errors that the rover's path shares, from its sensors and aids (--set): so many swaths with so many stakes.",
+    ),
+]
+_Adaptive = Annotated[
+    bool, typer.Option("--adaptive", help="Plan swath by swath: the first two, or the next one.")
+]
+_Driven = Annotated[Path | None, typer.Option("--driven", help="Route driven so far (adaptive).")]
+_Measured = Annotated[Path | None, typer.Option("--measured", help="Points measured so far (adaptive).")]
+_Out = Annotated[
+    Path,
+    typer.Option("--out", "-o", help="Route to write (.geojson, .gpkg); its picture is put beside it."),
+]
+
+
 @refusals_told
 def plan(
-    source: Annotated[
-        Path, typer.Argument(help="Area (GeoJSON, GeoPackage, KML, Shapefile) or mission file (TOML).")
-    ],
-    prior: Annotated[
-        Path | None, typer.Option("--prior", help="Coarse elevation raster of the area.")
-    ] = None,
-    pattern: Annotated[
-        str,
-        typer.Option(
-            "--pattern",
-            help="lawnmower, wavy, piecewise-continuous, random-wander, variance-driven, or best (by predicted error).",
-        ),
-    ] = "lawnmower",
-    swaths: Annotated[
-        int | None, typer.Option("--swaths", help="Number of swaths; 4 when nothing else is asked.")
-    ] = None,
-    spacing: Annotated[
-        float | None,
-        typer.Option("--spacing", help="Ground sample spacing: the largest distance between swaths [m]."),
-    ] = None,
-    budget: Annotated[
-        float | None, typer.Option("--budget", help="Metres to drive (best, variance-driven).")
-    ] = None,
-    rmse: Annotated[
-        float | None, typer.Option("--rmse", help="Predicted error to reach [m] (best, variance-driven).")
-    ] = None,
-    crs: Annotated[
-        str | None,
-        typer.Option(
-            "--crs", help="CRS to plan in, such as EPSG:32608; that of the prior or the file by default."
-        ),
-    ] = None,
-    rovers: Annotated[
-        int | None, typer.Option("--rovers", help="Number of rovers that share the area.")
-    ] = None,
-    max_slope: Annotated[
-        float | None,
-        typer.Option("--max-slope", help="Steepest ground of the prior that the rover may be on [deg]."),
-    ] = None,
-    no_go: Annotated[
-        Path | None,
-        typer.Option("--no-go", help="Raster that is 1 where nobody is to drive, as reconstruct writes it."),
-    ] = None,
-    require: Annotated[
-        str | None,
-        typer.Option(
-            "--require", help="Promise this: class-1, class-2, class-3 or an RMSE [m]; needs --prior."
-        ),
-    ] = None,
-    probability: Annotated[float, typer.Option("--probability", help="How sure the promise is to be.")] = 0.9,
-    noise: Annotated[
-        float, typer.Option("--noise", help="Error of a sample's height, for the promise [m].")
-    ] = 0.1,
-    localization: Annotated[
-        float,
-        typer.Option(
-            "--localization", help="Error of the rover's place east and north, for the promise [m]."
-        ),
-    ] = 0.0,
-    prior_sigma: Annotated[
-        float, typer.Option("--prior-sigma", help="Error of a cell of the prior, for the promise [m].")
-    ] = 1.0,
-    assume: Annotated[
-        str | None,
-        typer.Option(
-            "--assume",
-            help="Family of the terrain's covariance, where it is known (squared-exponential, matern-5/2, matern-3/2, whittle); else the promise rests on the roughest that the prior does not exclude.",
-        ),
-    ] = None,
-    joint: Annotated[
-        bool,
-        typer.Option(
-            "--joint",
-            help="Foresee the errors that the rover's path shares, from its sensors and aids (--set): so many swaths with so many stakes.",
-        ),
-    ] = False,
-    adaptive: Annotated[
-        bool, typer.Option("--adaptive", help="Plan swath by swath: the first two, or the next one.")
-    ] = False,
-    driven: Annotated[Path | None, typer.Option("--driven", help="Route driven so far (adaptive).")] = None,
-    measured: Annotated[
-        Path | None, typer.Option("--measured", help="Points measured so far (adaptive).")
-    ] = None,
-    out: Annotated[
-        Path,
-        typer.Option("--out", "-o", help="Route to write (.geojson, .gpkg); its picture is put beside it."),
-    ] = Path("route.geojson"),
+    source: _Source,
+    prior: _Prior = None,
+    pattern: _Pattern = "lawnmower",
+    swaths: _Swaths = None,
+    spacing: _Spacing = None,
+    budget: _Budget = None,
+    rmse: _Rmse = None,
+    crs: _Crs = None,
+    rovers: _Rovers = None,
+    max_slope: _MaxSlope = None,
+    no_go: _NoGo = None,
+    require: _Require = None,
+    probability: _Probability = 0.9,
+    noise: _Noise = 0.1,
+    localization: _Localization = 0.0,
+    prior_sigma: _PriorSigma = 1.0,
+    assume: _Assume = None,
+    joint: _Joint = False,
+    adaptive: _Adaptive = False,
+    driven: _Driven = None,
+    measured: _Measured = None,
+    out: _Out = Path("route.geojson"),
     runs: Runs = RUNS,
     settings: Settings = None,
     as_json: Json = False,

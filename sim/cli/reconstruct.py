@@ -13,55 +13,61 @@ if TYPE_CHECKING:
     import survey
 
 
+_Sources = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), or LiDAR scans and folders of them "
+        "(npz, LAS/LAZ, PLY, ROS 2) for carving, emap and field."
+    ),
+]
+_Prior = Annotated[Path | None, typer.Option("--prior", help="Coarse elevation raster to build around.")]
+_Grid = Annotated[
+    float | None,
+    typer.Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
+]
+_Method = Annotated[str, typer.Option("--method", help="gp, dense or tin; carving, emap or field for scans.")]
+_Value = Annotated[
+    str | None, typer.Option("--value", help="Map this sampled quantity instead of elevation.")
+]
+_Crs = Annotated[str | None, typer.Option("--crs", help="CRS of points that carry none, e.g. EPSG:32608.")]
+_Sigma = Annotated[
+    float | None, typer.Option("--sigma", help="Standard deviation of points that state none [m].")
+]
+_Trajectory = Annotated[
+    Path | None,
+    typer.Option("--trajectory", help="Where the scanner was (TUM), for scans that do not say."),
+]
+_Rays = Annotated[
+    bool,
+    typer.Option(
+        "--rays", help="Let lines of sight to the ground bound the map from above, and draw its bounds."
+    ),
+]
+_MaxSlope = Annotated[
+    float | None,
+    typer.Option(
+        "--max-slope",
+        help="With --rays: write no_go.tif, the ground that the bounds show to be steeper [deg].",
+    ),
+]
+_Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")]
+_Force = Annotated[bool, typer.Option("--force", help="Replace a reconstruction that is there.")]
+
+
 @refusals_told
 def reconstruct(
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), or LiDAR scans and folders of them "
-            "(npz, LAS/LAZ, PLY, ROS 2) for carving, emap and field."
-        ),
-    ],
-    prior: Annotated[
-        Path | None, typer.Option("--prior", help="Coarse elevation raster to build around.")
-    ] = None,
-    grid: Annotated[
-        float | None,
-        typer.Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
-    ] = None,
-    method: Annotated[
-        str, typer.Option("--method", help="gp, dense or tin; carving, emap or field for scans.")
-    ] = "gp",
-    value: Annotated[
-        str | None, typer.Option("--value", help="Map this sampled quantity instead of elevation.")
-    ] = None,
-    crs: Annotated[
-        str | None, typer.Option("--crs", help="CRS of points that carry none, e.g. EPSG:32608.")
-    ] = None,
-    sigma: Annotated[
-        float | None, typer.Option("--sigma", help="Standard deviation of points that state none [m].")
-    ] = None,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option("--trajectory", help="Where the scanner was (TUM), for scans that do not say."),
-    ] = None,
-    rays: Annotated[
-        bool,
-        typer.Option(
-            "--rays", help="Let lines of sight to the ground bound the map from above, and draw its bounds."
-        ),
-    ] = False,
-    max_slope: Annotated[
-        float | None,
-        typer.Option(
-            "--max-slope",
-            help="With --rays: write no_go.tif, the ground that the bounds show to be steeper [deg].",
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")
-    ] = Path("reconstruction"),
-    force: Annotated[bool, typer.Option("--force", help="Replace a reconstruction that is there.")] = False,
+    sources: _Sources,
+    prior: _Prior = None,
+    grid: _Grid = None,
+    method: _Method = "gp",
+    value: _Value = None,
+    crs: _Crs = None,
+    sigma: _Sigma = None,
+    trajectory: _Trajectory = None,
+    rays: _Rays = False,
+    max_slope: _MaxSlope = None,
+    out: _Out = Path("reconstruction"),
+    force: _Force = False,
     runs: Runs = RUNS,
     settings: Settings = None,
     as_json: Json = False,
