@@ -63,7 +63,8 @@ FAULTS = {
     "GPS outage": {"component": "gps", "failure": "off", "from_s": 20.0, "until_s": 320.0},
     "whiteout of 60 images": {"component": "camera", "failure": "whiteout", "from_s": 20.0, "until_s": 35.0},
     "slip": {"component": "tracks", "failure": "slippery", "from_s": 30.0, "until_s": 38.0, "strength": 0.15},
-    "kidnapped": {"component": "start", "failure": "kidnapped", "strength": 10.0},
+    "started elsewhere": {"component": "start", "failure": "kidnapped", "strength": 10.0},
+    "carried with all off": {"component": "rover", "failure": "carried", "from_s": 20.0, "until_s": 30.0},
 }
 
 
