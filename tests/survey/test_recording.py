@@ -69,9 +69,13 @@ def test_frames_written_during_the_drive_stay(tmp_path):
 
 
 def test_a_frame_that_cannot_be_written_is_told_at_the_latest_in_the_end(tmp_path):
-    with pytest.raises(FileNotFoundError), FrameWriter(tmp_path / "frames") as writer:
-        (tmp_path / "frames").rmdir()
-        writer.add(0.0, np.zeros((4, 6), np.uint8))
+    def write_where_the_folder_is_gone() -> None:
+        with FrameWriter(tmp_path / "frames") as writer:
+            (tmp_path / "frames").rmdir()
+            writer.add(0.0, np.zeros((4, 6), np.uint8))
+
+    with pytest.raises(FileNotFoundError):
+        write_where_the_folder_is_gone()
     assert not (tmp_path / "frames").exists()
 
 
