@@ -1,7 +1,7 @@
 """Other patterns at the site of the paper's survey: error and drive of wavy swaths and tie lines beside the paper's two.
 
-Run with ``python -m benchmarks.drawn_patterns``. Surveys are drawn with the error model that ``firnline fit`` found for drives in
-images (``benchmarks.fidelities``), at 20 sites of ``examples/mendenhall_like.toml`` whose seeds nothing was chosen on
+Run with ``python -m benchmarks.drawn_patterns``. Surveys are drawn with the error model that was fitted to drives in
+images (see ``benchmarks.fidelities``), at 20 sites of ``examples/mendenhall_like.toml`` whose seeds nothing was chosen on
 (``FIRNLINE_PATTERN_SITES`` takes fewer); every pattern surveys all of them, with the snow's relief on the ground and the
 receiver of the mission. No pattern here was driven in images but the first two.
 """

@@ -1,7 +1,7 @@
 """Both fidelities beside each other: where surveys in images fall among drawn ones of the same sites.
 
-Run with ``python -m benchmarks.fidelities``. The error model of the statistical fidelity is what ``firnline fit`` found on
-six development surveys; nothing is fitted here. Along the routes of the lawnmower missions of ``benchmarks.vision_mission``
+Run with ``python -m benchmarks.fidelities``. The error model of the statistical fidelity is what the fit behind
+``firnline fit`` found on six development surveys; nothing is fitted here. Along the routes of the lawnmower missions of ``benchmarks.vision_mission``
 (``FIRNLINE_MISSION_SEEDS`` takes fewer), over the ground that was really there and with the same kind of receiver and the
 same satellite cells, surveys are drawn again and again (``FIRNLINE_DRAWS`` of each site) and go through the same joint
 estimate. No error is debiased.
@@ -42,7 +42,7 @@ IMAGES = SensorConfig(
     landmark_cross_sigma_m=(0.0111, 0.00366),
     landmark_along_sigma_m=(0.0775, 0.000571),
 )
-"""What ``firnline fit`` printed for the surveys of the seeds 51 to 53, 61 and 62 and the mission of seed 81."""
+"""What `sim.error_model.fitted` made of the surveys of the seeds 51 to 53, 61 and 62 and the mission of seed 81."""
 AIDS = AidsConfig(accelerometer=True, turn_at_start=False)
 RECEIVER = "GPS of 60 s"
 N_DRAWS = int(os.environ.get("FIRNLINE_DRAWS", "12"))
