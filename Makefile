@@ -1,4 +1,4 @@
-# Two commands do everything: `make demo` runs a survey on real elevations, `make test` runs the tests.
+# Two commands do everything: `make demo` runs a survey on real elevations and a drive in images, `make test` runs the tests.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,6 +7,7 @@ BIN := $(VENV)/bin
 
 demo: $(VENV)/.ready
 	$(BIN)/firnline run examples/srtm_ridge.toml
+	$(BIN)/firnline run examples/short_drive.toml
 
 test: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto
