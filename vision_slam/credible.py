@@ -67,14 +67,16 @@ def lateness_s(recording: Recording, path: FloatArray, config: LocalizationConfi
     nobody can know, but in turns the path and its fixes part. Delays of half a second to
     four are tried on the smoother's own likelihood; one is believed if it gains a log
     likelihood of 10, and if a longer one gains less. Fixes that jump have to be gone before.
-    The receiver's memory is taken as the assumed one or as what fits better of its half, its
-    quarter and its eighth: errors that forget faster than they may look like a delay in turns.
+    Errors that forget faster than was assumed may look like a delay; so the gain is also asked
+    for with the assumed memory or its half, quarter or eighth, whichever fits best with each.
     """
-    config = _with_likeliest_memory(recording, path, config)
     least = log_evidence(recording, path, config)
     gains = [log_evidence(_earlier(recording, lag), path, config) - least for lag in _LAGS_S]
     best = int(np.argmax(gains))
     if gains[best] < _CONVINCING or best == len(gains) - 1:
+        return 0.0
+    late = _with_any_memory(_earlier(recording, _LAGS_S[best]), path, config)
+    if late - _with_any_memory(recording, path, config) < _CONVINCING:
         return 0.0
     logger.warning(
         "the fixes come about %.1f s late (a log likelihood of %.0f more); they are moved back in time",
@@ -100,15 +102,13 @@ def without_repeats(gps: GpsFixes) -> GpsFixes:
     return replace(gps, time_s=gps.time_s[new], position=gps.position[new])
 
 
-def _with_likeliest_memory(
-    recording: Recording, path: FloatArray, config: LocalizationConfig
-) -> LocalizationConfig:
-    """Return the assumptions with the correlation time of the fixes that makes them likeliest."""
-    tried = [
-        config.model_copy(update={"gps_correlation_time_s": share * config.gps_correlation_time_s})
+def _with_any_memory(recording: Recording, path: FloatArray, config: LocalizationConfig) -> float:
+    """Return the log evidence with the correlation time of the fixes that makes it largest."""
+    assumed_s = config.gps_correlation_time_s
+    return max(
+        log_evidence(recording, path, config.model_copy(update={"gps_correlation_time_s": share * assumed_s}))
         for share in _SHORTER_MEMORIES
-    ]
-    return max(tried, key=lambda one: log_evidence(recording, path, one))
+    )
 
 
 def _earlier(recording: Recording, lag_s: float) -> Recording:
