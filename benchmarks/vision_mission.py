@@ -5,6 +5,10 @@ lawnmower swaths and by two piecewise-continuous ones, with seeds that no settin
 names others, or fewer: ``71,72``). Each is run once, with two processes, and kept in the system's folder for temporary
 files; whole runs that stand there are read. Along every driven path receivers are read anew: 3 m without memory, and 3 m
 that last a minute, assumed to last five. No error is debiased, and no place is recognised by hand.
+
+``independent`` is the paper's treatment, around the satellite's elevations; ``landmarks on the real path`` is what that
+treatment makes of a path without error, and no floor of the joint estimate. Folders that stand may have been driven by
+an earlier version: they are named by their seed alone.
 """
 
 import json

@@ -91,7 +91,8 @@ def existing_file(path: str | Path, what: str) -> Path:
     if not file.exists():
         raise InputError(f"{what} {file} does not exist; check the path.")
     if not file.is_file():
-        raise InputError(f"{what} {file} is a folder; name a file.")
+        found = "a folder" if file.is_dir() else "no regular file"
+        raise InputError(f"{what} {file} is {found}; name a file.")
     if file.stat().st_size == 0:
         raise InputError(f"{what} {file} is empty (0 bytes); get it again from where it came.")
     if not os.access(file, os.R_OK):
