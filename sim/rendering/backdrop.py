@@ -6,7 +6,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from sim.rendering.compiled import Doubles, Floats, scalar
+from sim.rendering.compiled import Doubles, Floats, Ints, entry, i32, row_loop, scalar, u32
 from sim.scene_config import AppearanceConfig
 from sim.scenery import wavy
 from survey.arrays import FloatArray
@@ -93,3 +93,43 @@ def backdrop_radiance(
     low = faces[face, j, i] + (faces[face, j, i + 1] - faces[face, j, i]) * a
     high = faces[face, j + 1, i] + (faces[face, j + 1, i + 1] - faces[face, j + 1, i]) * a
     return low + (high - low) * b
+
+
+@row_loop
+def backdrop_row(
+    n: int,
+    pixel: Ints,
+    ux: Floats,
+    uy: Floats,
+    slope: Floats,
+    faces: Floats,
+    rows: int,
+    columns: int,
+    distance: float,
+    x: float,
+    y: float,
+    z: float,
+    painted: Floats,
+) -> None:
+    """Do the same for the `n` rays of a row that are listed; `faces` without its axes."""
+    for k in range(n):
+        c = u32(pixel[k])
+        east, north = float(ux[c]), float(uy[c])
+        along = x * east + y * north
+        reach = math.sqrt(max(distance * distance - x * x - y * y + along * along, 0.0)) - along
+        px, py = x + reach * east, y + reach * north
+        rise = z / distance + float(slope[c]) * reach / distance
+        is_across = abs(px) > abs(py)
+        face = (i32(0) if px > 0 else i32(2)) if is_across else (i32(1) if py > 0 else i32(3))
+        tangent = (py if is_across else -px) / (px if is_across else py)
+        u = min(max((tangent + 1.0) * 0.5 * columns - 0.5, 0.0), columns - 1.001)
+        v = min(max((rise - _SLOPES[0]) * (rows - 1) / (_SLOPES[1] - _SLOPES[0]), 0.0), rows - 1.001)
+        i, j = i32(u), i32(v)
+        a, b = u - i, v - j
+        p = i32(i32(i32(i32(face * i32(rows)) + j) * i32(columns)) + i)
+        low = faces[entry(p)]
+        low += (faces[entry(i32(p + i32(1)))] - low) * a
+        p = i32(p + i32(columns))
+        high = faces[entry(p)]
+        high += (faces[entry(i32(p + i32(1)))] - high) * a
+        painted[k] = low + (high - low) * b

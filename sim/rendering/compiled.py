@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import get_num_threads, njit
+from llvmlite import ir
+from numba import get_num_threads, njit, types
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
+from numba.extending import intrinsic
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
@@ -21,6 +23,7 @@ Doubles = npt.NDArray[np.float64]
 f32 = np.float32
 i32 = np.int32
 u32 = np.uint32
+u64 = np.uint64
 
 
 class _NoAlias(CompilerBase):
@@ -40,6 +43,25 @@ by_share = njit(**_FAST, nogil=True)
 # Without the flag, which is internal to numba, frames take 2.6 times as long and look the same.
 row_loop = njit(**_FAST, pipeline_class=_NoAlias) if "noalias" in dir(Flags) else scalar
 
+_EXACT: dict[str, Any] = _FAST | {"fastmath": {"contract", "nnan", "ninf", "nsz"}}
+row_loop_in_order = njit(**_EXACT, pipeline_class=_NoAlias) if "noalias" in dir(Flags) else njit(**_EXACT)
+"""The same, but sums are made in the order in which they are written."""
+
+
+def _fused(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c of single precision, rounded once where the processor can."""
+    del typing_context, a, b, c
+
+    def build(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+        single = ir.FloatType()
+        kind = ir.FunctionType(single, [single] * 3)
+        return builder.call(builder.module.declare_intrinsic("llvm.fmuladd.f32", (), kind), arguments)
+
+    return types.float32(types.float32, types.float32, types.float32), build
+
+
+fused: Callable[..., Any] = intrinsic(_fused)
+
 
 def share_out(kernel: Callable[..., None], *arguments: Any) -> None:
     """Run a `by_share` loop on as many threads as numba may use; what they write does not overlap."""
@@ -51,6 +73,12 @@ def share_out(kernel: Callable[..., None], *arguments: Any) -> None:
         shares = [pool.submit(kernel, worker, n_workers, *arguments) for worker in range(n_workers)]
         for share in shares:
             share.result()
+
+
+@inlined
+def entry(index: int) -> np.uint32:
+    """Return an index that is not negative in the form that gathers take 16 at a time."""
+    return u32(u32(index) & u32(0x7FFFFFFF))
 
 
 @inlined

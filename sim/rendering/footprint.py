@@ -11,13 +11,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.rendering.compiled import Floats, Ints, Words, f32, hash32, i32, inlined, row_loop, u32
+from sim.rendering.compiled import (
+    Floats,
+    Ints,
+    Words,
+    entry,
+    f32,
+    fused,
+    hash32,
+    i32,
+    inlined,
+    row_loop,
+    row_loop_in_order,
+    u32,
+    u64,
+)
 from sim.rendering.rays import RowRays
 
 LATTICE_M = 6.0
 """Side of the triangles in which the texture keeps one position."""
 GRAIN_FROM_M = 0.012
 """Footprint below which the grain of the snow is seen."""
+_AT_ONCE = 64
+"""Pixels of a row whose taps are read together, as many as the one with most of them has."""
 
 
 class Footprints(NamedTuple):
@@ -63,6 +79,26 @@ class Footprints(NamedTuple):
     jump0: Ints
     """Hashed numbers of the two corners."""
     jump1: Ints
+
+
+class Aim(NamedTuple):
+    """Where the taps of one tile are read, pixel by pixel."""
+
+    scale: Floats
+    """Texels per metre, of the level that is read."""
+    shift: Floats
+    x0: Floats
+    """Middle of the footprint in the copy of the first corner, and of the second."""
+    y0: Floats
+    x1: Floats
+    y1: Floats
+    share0: Floats
+    """Weight of one tap of each copy."""
+    share1: Floats
+    cells: Ints
+    """One less than the side of the level, a mask."""
+    start: Ints
+    """Of the level's words."""
 
 
 @inlined
@@ -146,51 +182,75 @@ def lattice(n: int, at: Footprints) -> None:
 
 
 @row_loop
-def read_tile(
-    tap: int,
+def aim(
     n: int,
     at: Footprints,
     weight: Floats,
     jump: Ints,
     taps: Ints,
     level: Ints,
-    words: Words,
     starts: Ints,
     mask: int,
     per_m: float,
     gain: float,
+    to: Aim,
+    x: Floats,
+    y: Floats,
+    share: Floats,
 ) -> None:
-    """Add one tap of a tile, moved by a corner's hash, to the texture; one word holds 2 × 2 texels."""
-    half, zero = f32(0.5), f32(0)
-    per, amplitude = f32(per_m), f32(gain)
+    """Work out, once for all taps, where one corner's copy of a tile is read and what each tap weighs."""
+    half, per, amplitude = f32(0.5), f32(per_m), f32(gain)
     for k in range(n):
-        count = taps[k]
-        offset = (f32(tap) - half * f32(count - i32(1))) * at.spacing_m[k]
-        share = weight[k] * amplitude / f32(count) if tap < count else zero
         lv = level[k]
-        cells = i32(mask) >> lv
-        scale = per / f32(i32(1) << lv)
-        h = u32(jump[k])
+        scale = per / f32(i32(i32(1) << lv))
         # A texel of a coarser level sits half a fine texel to the side.
-        x = (
-            (at.x[k] + at.ux[k] * offset + f32(i32(h & u32(2047))) * f32(0.01)) * scale
-            - half
-            + half * scale / per
-        )
-        y = (
-            (at.y[k] + at.uy[k] * offset + f32(i32((h >> u32(11)) & u32(2047))) * f32(0.01)) * scale
-            - half
-            + half * scale / per
-        )
-        fx, fy = np.floor(x), np.floor(y)
-        a, b = x - fx, y - fy
-        i, j = i32(fx) & cells, i32(fy) & cells
-        word = words[u32(j * (cells + i32(1)) + i + starts[u32(lv)])]
-        p0, p1 = f32(i32(word & u32(255))), f32(i32((word >> u32(8)) & u32(255)))
-        p2, p3 = f32(i32((word >> u32(16)) & u32(255))), f32(i32(word >> u32(24)))
-        p0 += (p1 - p0) * a
-        p2 += (p3 - p2) * a
-        at.texture[k] += share * (p0 + (p2 - p0) * b - f32(128))
+        to.scale[k], to.shift[k] = scale, half * scale / per - half
+        to.cells[k], to.start[k] = i32(i32(mask) >> lv), starts[u32(lv)]
+        h = u32(jump[k])
+        x[k] = at.x[k] + f32(i32(h & u32(2047))) * f32(0.01)
+        y[k] = at.y[k] + f32(i32((h >> u32(11)) & u32(2047))) * f32(0.01)
+        share[k] = weight[k] * amplitude / f32(taps[k])
+
+
+@row_loop_in_order
+def read_tile(n: int, at: Footprints, taps: Ints, to: Aim, words: Words) -> None:
+    """Add all taps of both corners' copies of a tile to the texture."""
+    half, zero, one = f32(0.5), f32(0), i32(1)
+    for first in range(0, n, _AT_ONCE):
+        last = min(first + _AT_ONCE, n)
+        most = i32(1)
+        for q in range(last - first):
+            most = max(most, taps[u64(first + q)])
+        for tap in range(most):
+            for q in range(last - first):
+                k = u64(first + q)
+                count = taps[k]
+                offset = (f32(tap) - half * f32(i32(count - one))) * at.spacing_m[k]
+                is_read = i32(tap) < count
+                scale, shift, cells, start = to.scale[k], to.shift[k], to.cells[k], to.start[k]
+                x = fused(fused(at.ux[k], offset, to.x0[k]), scale, shift)
+                y = fused(fused(at.uy[k], offset, to.y0[k]), scale, shift)
+                first_copy = _tile_at(x, y, cells, start, words)
+                x = fused(fused(at.ux[k], offset, to.x1[k]), scale, shift)
+                y = fused(fused(at.uy[k], offset, to.y1[k]), scale, shift)
+                second_copy = _tile_at(x, y, cells, start, words)
+                texture = at.texture[k] + (to.share0[k] if is_read else zero) * first_copy
+                at.texture[k] = texture + (to.share1[k] if is_read else zero) * second_copy
+
+
+@inlined
+def _tile_at(x: np.float32, y: np.float32, cells: np.int32, start: np.int32, words: Words) -> np.float32:
+    """Interpolate a level of a tile; one word holds 2 × 2 texels."""
+    low = u32(255)
+    fx, fy = np.floor(x), np.floor(y)
+    a, b = x - fx, y - fy
+    i, j = i32(i32(fx) & cells), i32(i32(fy) & cells)
+    word = words[entry(i32(i32(i32(j * i32(cells + i32(1))) + i) + start))]
+    p0, p1 = i32(word & low), i32((word >> u32(8)) & low)
+    p2, p3 = i32((word >> u32(16)) & low), i32(word >> u32(24))
+    south = f32(i32(p1 - p0)) * a + f32(p0)
+    north = f32(i32(p3 - p2)) * a + f32(p2)
+    return (north - south) * b + (south - f32(128))
 
 
 @row_loop
@@ -213,22 +273,19 @@ def read_map(
         long = at.length_m[k] > f32(0.6)
         offset = (f32(tap) - half) * half * at.length_m[k] if long else zero
         share = half if long else (one if tap == 0 else zero)
-        lv = u32(at.map_level[k])
+        lv = entry(at.map_level[k])
         columns, rows = widths[lv], heights[lv]
-        scale = per_step / f32(i32(1) << i32(lv))
+        scale = per_step / f32(i32(i32(1) << i32(lv)))
         shift = half - half * scale / per_step
         r = at.range_m[k] + offset
         u = min(max((ox + at.ux[k] * r) * scale - shift, zero), f32(columns) - f32(1.001))
         v = min(max((oy + at.uy[k] * r) * scale - shift, zero), f32(rows) - f32(1.001))
         i, j = i32(u), i32(v)
         a, b = u - f32(i), v - f32(j)
-        p = i32(starts[lv] + j * columns + i)
-        k0, k1, k2, k3 = (
-            words[u32(p)],
-            words[u32(p + 1)],
-            words[u32(p + columns)],
-            words[u32(p + columns + 1)],
-        )
+        p = i32(i32(starts[lv] + i32(j * columns)) + i)
+        k0, k1 = words[entry(p)], words[entry(i32(p + i32(1)))]
+        p = i32(p + columns)
+        k2, k3 = words[entry(p)], words[entry(i32(p + i32(1)))]
         w3 = a * b * share
         w1, w2 = a * share - w3, b * share - w3
         w0 = share - w1 - w2 - w3

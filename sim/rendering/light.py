@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from sim.rendering.backdrop import HAZE_RADIANCE, Backdrop, backdrop_radiance
-from sim.rendering.compiled import Doubles, f32, row_loop, scalar
+from sim.rendering.compiled import Doubles, Ints, f32, row_loop, scalar
 from sim.rendering.footprint import Footprints
 from sim.rendering.ground_map import AMBIENT_UNIT, DIRECT_UNIT
 from sim.rendering.rays import RowRays
@@ -53,12 +53,20 @@ def shade(n: int, at: Footprints, in_shade: float, haze_m: float) -> None:
 
 @scalar
 def add_shadow_and_water(
-    n: int, at: Footprints, rays: RowRays, origin: Doubles, light: Light, scenery: Backdrop
+    n: int,
+    at: Footprints,
+    special: Ints,
+    rays: RowRays,
+    origin: Doubles,
+    light: Light,
+    scenery: Backdrop,
 ) -> None:
-    """Correct the few pixels that lie in the rover's shadow or on water."""
+    """Correct the few pixels that lie in the rover's shadow or on water; only those that are marked may."""
     has_box = light.box_half_m[0] > 0.0
-    around = (light.box_half_m**2).sum() + 0.1
+    around = shadow_width_m2(light)
     for k in range(n):
+        if special[k] == 0:
+            continue
         c, shadow = at.pixel[k], 0.0
         if has_box and at.range_m[k] < OWN_SHADOW_REACH_M:
             # Only what lies near the line from the sun through the box can be in its shadow.
@@ -81,6 +89,12 @@ def add_shadow_and_water(
             )
             radiance += (pool - radiance) * at.water[k]
         at.radiance[k] = hazed(radiance, at.path_m[k], light.haze_m)
+
+
+@scalar
+def shadow_width_m2(light: Light) -> float:
+    """Square of the distance from the line through the box to the sun within which all of its shadow lies."""
+    return (light.box_half_m**2).sum() + 0.1
 
 
 @scalar

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.rendering.compiled import Floats, scalar
-from sim.rendering.footprint import Footprints
+from sim.rendering.footprint import Aim, Footprints
 from sim.rendering.light import shade
 from sim.rendering.renderer import Renderer
 from sim.rendering.rows import Scene, read_surface
@@ -41,11 +41,12 @@ def plan_view(
 @scalar
 def _fill(scene: Scene, corner: FloatArray, texel_m: float, radiance: Floats) -> None:
     rows, columns = radiance.shape
-    f, n = np.zeros((18, columns), np.float32), np.zeros((8, columns), np.int32)
+    f, n = np.zeros((26, columns), np.float32), np.zeros((10, columns), np.int32)
     at = Footprints(
         f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8], f[9], f[10], f[11], f[12], f[13], f[14], f[15],
         f[16], f[17], n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7],
     )  # fmt: skip
+    to = Aim(f[18], f[19], f[20], f[21], f[22], f[23], f[24], f[25], n[8], n[9])
     level, grain_level, map_level = 0, 0, 0
     while 0.01 * 2**level < 0.99 * texel_m:
         level += 1
@@ -62,6 +63,6 @@ def _fill(scene: Scene, corner: FloatArray, texel_m: float, radiance: Floats) ->
             at.range_m[c] = c * texel_m
             at.x[c], at.y[c] = origin[0] + c * texel_m, origin[1]
         at.texture[:], at.direct[:], at.ambient[:], at.water[:] = 0.0, 0.0, 0.0, 0.0
-        read_surface(columns, at, scene, origin)
+        read_surface(columns, at, to, scene, origin)
         shade(columns, at, _IN_SHADE, _NO_HAZE_M)
         radiance[row] = at.radiance

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.rendering.compiled import Doubles, Floats, by_share, f32, i32, row_loop, u32
+from sim.rendering.compiled import Doubles, Floats, by_share, entry, f32, i32, row_loop
 from sim.rendering.surface import Surface
 
 NEAR_HORIZON = 0.15
@@ -87,9 +87,10 @@ def _profile(
         v = min(max(v0 + dv * ranges[k], f32(0)), v_end)
         i, j = i32(u), i32(v)
         a, b = u - f32(i), v - f32(j)
-        p = i32(j * i32(columns) + i)
-        z0, z1 = flat[u32(p)], flat[u32(p + 1)]
-        z2, z3 = flat[u32(p + i32(columns))], flat[u32(p + i32(columns) + 1)]
+        p = i32(i32(j * i32(columns)) + i)
+        z0, z1 = flat[entry(p)], flat[entry(i32(p + i32(1)))]
+        p = i32(p + i32(columns))
+        z2, z3 = flat[entry(p)], flat[entry(i32(p + i32(1)))]
         south = z0 + (z1 - z0) * a
         north = z2 + (z3 - z2) * a
         heights[k] = south + (north - south) * b - eye
