@@ -8,7 +8,7 @@ import numpy as np
 from survey.arrays import FloatArray
 from survey.errors import InputError
 from survey.recording import Recording
-from survey.sensors import GpsFixes, Sightings
+from survey.sensors import GpsFixes
 from survey.surface_points import SurfacePoints
 from survey.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
@@ -19,6 +19,7 @@ from vision_slam.pipeline import (
     localize_by_images,
     with_visual_odometry,
 )
+from vision_slam.resizing import resized
 from vision_slam.visual_slam import VisualOdometry
 
 _LONG_ENOUGH_M = 20.0
@@ -83,12 +84,12 @@ def scale_by_fixes(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> tuple
 
 def scaled(found: VisualOdometry, factor: float) -> VisualOdometry:
     """Return the same motion and landmarks, `factor` times as large."""
-    o, s = found.odometry, found.sightings
+    o = found.odometry
     unseen_m = None if o.step_sigma_m is None else factor * o.step_sigma_m
     return replace(
         found,
         odometry=replace(o, step=factor * o.step, step_sigma_m=unseen_m),
-        sightings=Sightings(s.pose, factor * s.offset, factor**2 * s.covariance, factor * s.range_m),
+        sightings=resized(found.sightings, np.full(len(o.time_s), factor)),
     )
 
 

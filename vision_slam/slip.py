@@ -40,8 +40,13 @@ class SlipWatch:
         self._height_m = height_m
         self._log_scale, self._variance = 0.0, _WHEEL_SIGMA**2
         self._size = self._usual_ratio = 0.0
-        self._n_seen = 0
+        self._n_seen, self._slid = 0, 1.0
         self.is_slipping = False
+
+    @property
+    def share(self) -> float:
+        """What the wheels' travel is to be multiplied by before images tell: where they spin, they go on to."""
+        return self.scale * (self._slid if self.is_slipping else 1.0)
 
     @property
     def scale(self) -> float:
@@ -64,6 +69,7 @@ class SlipWatch:
         is_new = self._n_seen > _SETTLED and ratio < self._usual_ratio - _SLIPPING
         self.is_slipping = ratio < -_SLIPPING and (self.is_slipping or is_new)
         if self.is_slipping:
+            self._slid = min(seen_m / told_m, 1.0)
             return seen_m * float(np.exp(_share(seen_m, _MEMORY_M) * self._size))
         self._usual_ratio += _share(rolled_m, _RATIO_MEMORY_M) * (ratio - self._usual_ratio)
         return told_m

@@ -17,6 +17,7 @@ from vision_slam.features import Pixels, detect
 from vision_slam.health import FrameHealth, image_health
 from vision_slam.motion import Motion, MotionSensors
 from vision_slam.resection import resected
+from vision_slam.resizing import beneath, resized, resizing
 from vision_slam.sequence import Sensed
 from vision_slam.slip import SlipWatch
 from vision_slam.tracks import Track, followed
@@ -65,6 +66,7 @@ class VisualSlam:
         self.window = Window(camera, self.config)
         self.frames: list[FramePose] = []
         self.finished: list[Track] = []
+        self.rolled_m: list[float] = []
         self._tracks: list[Track] = []
         self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
         self._slip = SlipWatch(camera.T_body_camera[2, 3])
@@ -131,7 +133,7 @@ class VisualSlam:
         if motion.rotation is not None:
             step[:3, :3] = motion.rotation
         if motion.travel_m is not None:
-            step[:3, 3] = half_turned(step[:3, :3]) @ [self._slip.scale * motion.travel_m, 0.0, 0.0]
+            step[:3, 3] = half_turned(step[:3, :3]) @ [self._slip.share * motion.travel_m, 0.0, 0.0]
         elif len(self.frames) == 1:
             step[:3, 3] = [1.0, 0.0, 0.0]
         predicted: FloatArray = self._pose @ step
@@ -245,6 +247,7 @@ class VisualSlam:
     def _add_keyframe(self, enhanced: Image, health: FrameHealth) -> None:
         assert self._since is not None
         rolled = self._since.travel_m
+        self.rolled_m.append(np.nan if rolled is None else rolled)
         if rolled is not None:
             seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
             told = self._slip.travel_m(rolled, seen if health.is_visual else None)
@@ -295,7 +298,8 @@ def _joined(first: Motion | None, second: Motion) -> Motion:
 class VisualOdometry:
     """What images gave: the same types as an odometry that was processed elsewhere.
 
-    ``health`` holds one entry a frame; ``is_lost`` says where the pose rests on wheels and
+    Where there are wheels its lengths are told by them and by the ground that it stood on, all
+    along. ``health`` holds one entry a frame; ``is_lost`` says where the pose rests on wheels and
     gyro for too long to be believed, or on nothing.
     """
 
@@ -393,10 +397,16 @@ def _delivered(slam: VisualSlam, sightings: Sightings, drive: Sensed) -> VisualO
     poses = np.array([slam.pose(frame) for frame in slam.frames])
     times = np.array([frame.time_s for frame in slam.frames])
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
+    keyframe, placed = np.array([frame.keyframe for frame in slam.frames]), np.array(slam.window.poses)
+    # Without a gyro the path bends up and down too much for the ground to tell.
+    height_m = 0.0 if drive.inertial is None else float(slam.camera.T_body_camera[2, 3])
+    ground = beneath(placed, sightings, keyframe[sightings.pose], height_m)
+    factor = resizing(placed, np.array(slam.rolled_m), ground)[keyframe]
+    steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
     attitude = attitudes(poses[:, :3, :3], times, drive)
     odometry = Odometry(times, steps, attitude, step_sigma_m=_unseen(steps, health))
-    return VisualOdometry(odometry, sightings, health, _lost(poses, health))
+    return VisualOdometry(odometry, resized(sightings, factor), health, _lost(poses, health))
 
 
 def _unseen(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:

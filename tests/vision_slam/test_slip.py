@@ -70,3 +70,12 @@ def test_a_height_that_cannot_be_is_not_believed() -> None:
         watch.travel_m(0.25, 0.25)
         watch.observe(GROUND - [0.0, 0.0, 0.3], 0.25)
     assert watch.scale == pytest.approx(0.94, abs=0.003)
+
+
+def test_wheels_that_spin_are_expected_to_go_on_spinning() -> None:
+    watch = _settled()
+    assert watch.share == watch.scale
+    watch.travel_m(0.25, 0.05)
+    assert watch.share == pytest.approx(0.2 * watch.scale, rel=0.01)
+    watch.travel_m(0.25, 0.25)
+    assert watch.share == watch.scale
