@@ -6,6 +6,7 @@ the two might overlap. The arrays that the row loops get never do; `row_loop` sa
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,10 +70,17 @@ def share_out(kernel: Callable[..., None], *arguments: Any) -> None:
     if n_workers == 1:
         kernel(0, 1, *arguments)
         return
-    with ThreadPoolExecutor(n_workers) as pool:
-        shares = [pool.submit(kernel, worker, n_workers, *arguments) for worker in range(n_workers)]
-        for share in shares:
-            share.result()
+    helpers = _helpers(n_workers - 1)
+    shares = [helpers.submit(kernel, worker, n_workers, *arguments) for worker in range(1, n_workers)]
+    kernel(0, n_workers, *arguments)
+    for share in shares:
+        share.result()
+
+
+@lru_cache(maxsize=1)
+def _helpers(n: int) -> ThreadPoolExecutor:
+    """Threads that stay: to start them anew for every frame would cost more than to wake them."""
+    return ThreadPoolExecutor(n, "renders")
 
 
 @inlined
