@@ -5,9 +5,10 @@ was carried or switched off, the path is torn: what follows keeps its shape, and
 anybody's guess. Each piece is then laid where its fixes say, or onto the ground that it shares
 with what came before; a piece that neither can place is lost, and says so.
 
-All this is done after the drive. The ground could be recognised on board too, from the images of the last 5 m; but
-every metre of the way so far is then compared with each of the 40 m after the tear, which takes the longer the
-longer the way was. What the filter on board has to go by is fixes.
+All this is done after the drive. On board, `recognition` finds the last view again where the rover is still in
+front of it. The ground of the whole way could be recognised too, from the images of the last 5 m; but every metre
+of it is then compared with each of the 40 m after the tear, which takes the longer the longer the way was. What the
+filter on board has to go by is fixes.
 """
 
 from dataclasses import dataclass, replace
@@ -49,7 +50,9 @@ def torn_at(recording: Sensed, found: VisualOdometry) -> IntArray:
     for k in (np.flatnonzero(gap > _HOLE_S) + 1).tolist():
         inside = counted[(counted > times[k - 1]) & (counted < times[k])]
         hole = float(np.diff(np.concatenate([times[k - 1 : k], inside, times[k : k + 1]])).max())
-        if hole > _HOLE_S and (gap[k - 1] > _FORGOTTEN_S or not found.health[k].is_visual):
+        health = found.health[k]
+        is_forgotten = gap[k - 1] > _FORGOTTEN_S and not health.is_recognised
+        if hole > _HOLE_S and (is_forgotten or not health.is_visual):
             torn.append(k)
     return np.array(torn, dtype=np.int64)
 

@@ -52,11 +52,7 @@ def resected(
         # From a wide basin to a narrow one, so that a bad prediction does not reject good points.
         width = angle_sigma * max(3.0, 24.0 * 0.6**iteration)
         weight = (1.0 + (error**2).sum(axis=1) / width**2) ** -2 / angle_sigma**2
-        # û changes by û × dθ with the turn and by -(I - û ûᵀ) Rᵀ dt / distance with the shift.
-        jacobian = np.zeros((len(points), 3, 6))
-        jacobian[:, :, :3] = _skew(expected)
-        across = np.eye(3) - expected[:, :, None] * expected[:, None, :]
-        jacobian[:, :, 3:] = -(across / distance[:, None, None]) * (~is_far)[:, None, None]
+        jacobian = _jacobian(expected, distance, is_far)
         normal = np.einsum("n,nki,nkj->ij", weight, jacobian, jacobian)
         right = np.einsum("n,nki,nk->i", weight, jacobian, error)
         normal[:3, :3] += np.eye(3) / turn_sigma**2
@@ -72,6 +68,27 @@ def resected(
     pose[:3, :3], pose[:3, 3] = rotation, place
     expected, _ = _expected(rotation, place, points, is_far)
     return pose, np.linalg.norm(rays - expected, axis=1)
+
+
+def resection_information(
+    pose: FloatArray, points: FloatArray, is_far: BoolArray, angle_sigma: float
+) -> FloatArray:
+    """Return what rays to known points tell of a camera's pose (6, 6): of its turn and shift in its own frame.
+
+    Points, far points and errors are those of `resected`; its prediction is not in it.
+    """
+    jacobian = _jacobian(*_expected(pose[:3, :3], pose[:3, 3], points, is_far), is_far)
+    information: FloatArray = np.einsum("nki,nkj->ij", jacobian, jacobian) / angle_sigma**2
+    return information
+
+
+def _jacobian(expected: FloatArray, distance: FloatArray, is_far: BoolArray) -> FloatArray:
+    """Return how û changes (N, 3, 6): by û × dθ with the turn, by -(I - û ûᵀ) Rᵀ dt / distance with the shift."""
+    jacobian = np.zeros((len(expected), 3, 6))
+    jacobian[:, :, :3] = _skew(expected)
+    across = np.eye(3) - expected[:, :, None] * expected[:, None, :]
+    jacobian[:, :, 3:] = -(across / distance[:, None, None]) * (~is_far)[:, None, None]
+    return jacobian
 
 
 def _expected(

@@ -16,7 +16,7 @@ _CREEP, _ROLLED, _GROUND = 0.01, 0.015, 0.02
 _WHEELS_SIGMA, _HEIGHT_SIGMA = 0.03, 0.005
 _ANY, _MOST = 1.0, 0.06
 _DOUBTED, _ROUNDS = 3.0, 8
-_LEAST_ROLLED_M, _LEAST_TRAVEL_M = 0.02, 1e-3
+_LEAST_ROLLED_M, _LEAST_TRAVEL_M, _LEAST_STOOD_M = 0.02, 1e-3, 10.0
 # The ground that a body stands on, in heights of its camera; what keyframes saw that are further off has drifted.
 _BENEATH, _LEAST_POINTS, _JUST_SEEN = 0.5, 4, 40
 # Tracks rest on what stands out: on drives over ground that is known, a fifth of it lay higher than they.
@@ -41,7 +41,7 @@ def resizing(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> Flo
 
     Wheels are asked on the straight; where they spin, the loss leaves them out. That they are
     off by more than 6 % is not believed: the camera is mounted otherwise than said then.
-    Without any wheels the size stays what it is.
+    Without any wheels, or with less than 10 m of ground, the size stays what it is.
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ def resizing(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> Flo
     """
     seen = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).clip(min=_LEAST_TRAVEL_M)
     rolled, n = np.abs(rolled_m), len(seen)
-    tells = rolled > _LEAST_ROLLED_M
-    if not tells.any():
+    tells, stands = rolled > _LEAST_ROLLED_M, np.flatnonzero(np.isfinite(ground[1:]))
+    if not tells.any() or seen[stands].sum() < _LEAST_STOOD_M:
         return np.ones(len(poses))
-    straight, stands = np.flatnonzero(tells & ~_turns(poses, seen)), np.flatnonzero(np.isfinite(ground[1:]))
+    straight = np.flatnonzero(tells & ~_turns(poses, seen))
     step = sparse.eye_array(n, format="csr")
     design = sparse.vstack(
         [

@@ -1,6 +1,7 @@
 """Corners followed from image to image."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -57,3 +58,13 @@ def followed(
     inside = ((landed > margin) & (landed < np.array([width, height]) - 1 - margin)).all(axis=1)
     came_back = np.linalg.norm(back - pixels, axis=1) < config.round_trip_px
     return landed, (found.ravel() > 0) & (found_back.ravel() > 0) & came_back & inside
+
+
+def moved_as_one(before: FloatArray, now: FloatArray, angle: float) -> BoolArray:
+    """Tell which unit rays (N, 3) moved as some rigid motion of the camera would have it, to an angle [rad]."""
+    first, second = (np.ascontiguousarray(rays[:, :2] / rays[:, 2:]) for rays in (before, now))
+    cv2.setRNGSeed(0)  # RANSAC draws; the same images shall give the same bytes
+    found: Any = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.999, angle)
+    mask = found[1]
+    agree: BoolArray = np.zeros(len(before), dtype=bool) if mask is None else mask.ravel() > 0
+    return agree

@@ -2,9 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
-import cv2
 import numpy as np
 
 from survey.arrays import BoolArray, FloatArray
@@ -14,19 +12,18 @@ from survey.sensors import Odometry, Sightings
 from vision_slam.attitude import attitudes, upright_start
 from vision_slam.enhance import Enhancer, grey_of
 from vision_slam.features import Pixels, detect
-from vision_slam.health import FrameHealth, image_health
+from vision_slam.health import Doubt, FrameHealth, bridged_sigma_m, image_health, is_lost
 from vision_slam.motion import Motion, MotionSensors
+from vision_slam.recognition import LastViews
 from vision_slam.resection import resected
 from vision_slam.resizing import beneath, resized, resizing
 from vision_slam.sequence import Sensed
 from vision_slam.slip import SlipWatch
-from vision_slam.tracks import Track, followed
+from vision_slam.tracks import Track, followed, moved_as_one
 from vision_slam.triangulation import Landmarks
 from vision_slam.visual_config import VisualOdometryConfig
 from vision_slam.window import Window, half_turned
 
-_LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
-_BRIDGED = 0.05  # relative error of the travel that wheels alone tell, beyond their scale
 _STILL_PX = 0.3
 _ROLLS_M = 0.02
 _LEAST_FAR = 10
@@ -76,6 +73,8 @@ class VisualSlam:
         self._step = np.eye(4)
         self._since: Motion | None = None
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
+        self._doubt = Doubt(self.config.n_features)
+        self._views = LastViews(camera, self.config)
 
     def step(self, image: Image, time_s: float, motion: Motion | None) -> FramePose:
         """Take the next image and the motion since the one before, which the first has not."""
@@ -93,8 +92,16 @@ class VisualSlam:
         self._keep(pixels, agree if health.is_visual else np.zeros_like(agree))
         self._since = _joined(self._since, motion)
         self._step = np.linalg.inv(self._pose) @ pose
+        self._views.moved(motion)
         self._pose, self._image = pose, enhanced
-        if self._deserves_keyframe(pose):
+        met = (
+            self._views.recognised(enhanced, pose, self.window.poses) if self._may_recognise(health) else None
+        )
+        if met is not None:
+            self._pose = met.pose
+            self._since = Motion(self._since.seconds, None, None)  # the wheels shall not undo it
+            health = replace(health, n_followed=0, n_inliers=met.n_agree, is_visual=True)
+        if met is not None or self._deserves_keyframe(pose):
             self._add_keyframe(enhanced, health)
         return self._reported(time_s, health)
 
@@ -206,13 +213,8 @@ class VisualSlam:
         if came.sum() < self.config.least_inliers:
             return np.zeros_like(came)
         before = self.camera.rays(np.array([track.pixel for track in self._tracks])[came])
-        after = self._rays(pixels[came])
-        first, second = (np.ascontiguousarray(rays[:, :2] / rays[:, 2:]) for rays in (before, after))
-        cv2.setRNGSeed(0)  # RANSAC draws; the same images shall give the same bytes
-        found: Any = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.999, 1.0 / self._focal_px)
-        mask = found[1]
         agree = came.copy()
-        agree[came] = False if mask is None else mask.ravel() > 0
+        agree[came] = moved_as_one(before, self._rays(pixels[came]), 1.0 / self._focal_px)
         return agree
 
     def _judged(self, health: FrameHealth, came: BoolArray, agree: BoolArray) -> FrameHealth:
@@ -223,8 +225,13 @@ class VisualSlam:
             and n_inliers >= config.least_inliers
             and n_inliers >= config.least_inlier_ratio * n_followed
             and n_inliers >= config.least_kept_ratio * len(self._tracks)
+            and not self._doubt.remains(n_inliers, self._slip.is_slipping)
         )
         return replace(health, n_followed=n_followed, n_inliers=n_inliers, is_visual=is_visual)
+
+    def _may_recognise(self, health: FrameHealth) -> bool:
+        is_clear = health.entropy_bits >= self.config.least_entropy_bits
+        return is_clear and not health.is_visual and not self._doubt.is_on
 
     def _keep(self, pixels: Pixels, agree: BoolArray) -> None:
         kept = []
@@ -261,6 +268,8 @@ class VisualSlam:
             self._keep(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
             self._pose = self.window.poses[-1]
         self._watch_size()
+        if health.is_visual:
+            self._views.keep(self.window.newest, enhanced, self.window.poses)
         self._replenish(enhanced, health)
 
     def _watch_size(self) -> None:
@@ -298,8 +307,8 @@ def _joined(first: Motion | None, second: Motion) -> Motion:
 class VisualOdometry:
     """What images gave: the same types as an odometry that was processed elsewhere.
 
-    Where there are wheels its lengths are told by them and by the ground that it stood on, all
-    along. ``health`` holds one entry a frame; ``is_lost`` says where the pose rests on wheels and
+    Where there are wheels and a gyro its lengths are told by wheels and by the ground that it
+    stood on, all along. ``health`` holds one entry a frame; ``is_lost`` says where the pose rests on wheels and
     gyro for too long to be believed, or on nothing.
     """
 
@@ -405,25 +414,5 @@ def _delivered(slam: VisualSlam, sightings: Sightings, drive: Sensed) -> VisualO
     steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
     attitude = attitudes(poses[:, :3, :3], times, drive)
-    odometry = Odometry(times, steps, attitude, step_sigma_m=_unseen(steps, health))
-    return VisualOdometry(odometry, resized(sightings, factor), health, _lost(poses, health))
-
-
-def _unseen(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:
-    """Error of steps (N - 1,) that wheels and gyro bridged [m]: a share of the way, the same for as long as it lasts."""
-    length = np.linalg.norm(steps, axis=1)
-    is_blind = np.array([not frame.is_visual for frame in health[1:]], dtype=bool)
-    edges = np.flatnonzero(np.diff(np.r_[False, is_blind, False]))
-    sigma = np.zeros(len(length))
-    for first, end in edges.reshape(-1, 2).tolist():
-        sigma[first:end] = _BRIDGED * length[first:end] * (end - first) ** 0.5
-    return sigma
-
-
-def _lost(poses: FloatArray, health: tuple[FrameHealth, ...]) -> BoolArray:
-    travel = np.r_[0.0, np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)]
-    blind_m, lost = 0.0, []
-    for index, (length, frame) in enumerate(zip(travel.tolist(), health, strict=True)):
-        blind_m = 0.0 if frame.is_visual or index == 0 else blind_m + length
-        lost.append(blind_m > _LOST_M)
-    return np.array(lost)
+    odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
+    return VisualOdometry(odometry, resized(sightings, factor), health, is_lost(poses, health))

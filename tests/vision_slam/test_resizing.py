@@ -45,9 +45,11 @@ def test_wheels_that_count_too_much_all_along_are_found_out_by_the_ground() -> N
     np.testing.assert_allclose(factor[:-1] * creep, 1.03 ** (1.0 / 37.0), atol=0.001)
 
 
-def test_without_ground_the_wheels_tell() -> None:
+def test_in_a_hole_of_the_ground_the_wheels_tell() -> None:
     creep = np.linspace(1.02, 0.99, N)
-    factor = resizing(_poses(STEP_M * creep), np.full(N, STEP_M), NO_GROUND)
+    ground = _ground(creep)
+    ground[100:300] = np.nan
+    factor = resizing(_poses(STEP_M * creep), np.full(N, STEP_M), ground)
     np.testing.assert_allclose(factor[:-1] * creep, 1.0, atol=0.001)
 
 
@@ -59,9 +61,11 @@ def test_in_a_hole_of_the_wheels_the_ground_tells() -> None:
     np.testing.assert_allclose(factor[:-1] * creep, 1.0, atol=0.001)
 
 
-def test_without_any_wheels_the_size_stays_what_it_is() -> None:
-    poses = _poses(np.full(N, STEP_M))
+def test_without_wheels_or_ground_the_size_stays_what_it_is() -> None:
+    poses, rolled = _poses(np.full(N, STEP_M)), np.full(N, 1.1 * STEP_M)
     assert resizing(poses, np.full(N, np.nan), _ground(np.full(N, 1.1))).tolist() == [1.0] * (N + 1)
+    assert resizing(poses, rolled, NO_GROUND).tolist() == [1.0] * (N + 1)
+    assert resizing(poses, rolled, np.where(np.arange(N + 1) < 40, -0.1, np.nan)).tolist() == [1.0] * (N + 1)
     assert resizing(poses[:1], np.zeros(0), NO_GROUND[:1]).tolist() == [1.0]
 
 
@@ -84,13 +88,12 @@ def test_a_mounting_that_cannot_be_is_not_believed() -> None:
 
 
 def test_standing_turning_on_the_spot_and_reversing_change_no_size() -> None:
-    stands = np.arange(N) // 50 % 3 == 1
+    stands, ground = np.arange(N) // 50 % 3 == 1, _ground(np.full(N, 1.01))
     length = STEP_M * np.where(stands, 0.0, 1.0)
-    rolled = 1.01 * length * np.where(np.arange(N) > 300, -1.0, 1.0)
-    factor = resizing(_poses(length), rolled, NO_GROUND)
-    np.testing.assert_allclose(factor, 1.01, rtol=1e-4)
+    rolled = length / 1.01 * np.where(np.arange(N) > 300, -1.0, 1.0)
+    np.testing.assert_allclose(resizing(_poses(length), rolled, ground), 1.0 / 1.01, rtol=1e-3)
     on_the_spot = _poses(np.full(N, 1e-4), 0.05 * np.arange(N, dtype=np.float64))
-    np.testing.assert_allclose(resizing(on_the_spot, np.full(N, 0.03), NO_GROUND), 1.0, rtol=1e-6)
+    assert resizing(on_the_spot, np.full(N, 0.03), ground).tolist() == [1.0] * (N + 1)
 
 
 def _strip(z_m: float) -> FloatArray:
