@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from survey.arrays import BoolArray, FloatArray
+from survey.arrays import BoolArray, FloatArray, IntArray
 from survey.camera import Camera, Image
 from survey.errors import InputError
 from survey.sensors import Odometry, Sightings
@@ -17,7 +17,9 @@ from vision_slam.motion import Motion, MotionSensors
 from vision_slam.recognition import LastViews
 from vision_slam.resection import resected
 from vision_slam.resizing import beneath, resized, resizing
+from vision_slam.rotation import rotations
 from vision_slam.sequence import Sensed
+from vision_slam.skyline import Skyline
 from vision_slam.slip import SlipWatch
 from vision_slam.tracks import Track, followed, moved_as_one
 from vision_slam.triangulation import Landmarks
@@ -366,6 +368,7 @@ class Sight:
         self._blank = np.zeros((drive.camera.height, drive.camera.width), np.uint8)
         self._before_s = start_s
         self._landmarks = Landmarks(drive.camera, self.slam.config)
+        self._skyline = Skyline(drive.camera)
         self._frame_of: dict[int, int] = {}
         self._n_frames = 0
 
@@ -393,16 +396,17 @@ class Sight:
         if ended:
             slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
             self._landmarks.add(ended, slam.window.poses, self._frame_of)
+            self._skyline.add(ended)
 
     def delivered(self, drive: Sensed) -> VisualOdometry:
         """Return what all images gave, levelled by the inertial records of the whole drive."""
         slam = self.slam
         slam.finished += slam.live_tracks
         self._place_ended(slam.window.newest)
-        return _delivered(slam, self._landmarks.sightings, drive)
+        return _delivered(slam, self._landmarks.sightings, self._skyline, drive)
 
 
-def _delivered(slam: VisualSlam, sightings: Sightings, drive: Sensed) -> VisualOdometry:
+def _delivered(slam: VisualSlam, sightings: Sightings, skyline: Skyline, drive: Sensed) -> VisualOdometry:
     poses = np.array([slam.pose(frame) for frame in slam.frames])
     times = np.array([frame.time_s for frame in slam.frames])
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
@@ -414,5 +418,18 @@ def _delivered(slam: VisualSlam, sightings: Sightings, drive: Sensed) -> VisualO
     steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
     attitude = attitudes(poses[:, :3, :3], times, drive)
+    attitude[:, 2] -= skyline.drift_rad(*_levelled(slam, poses, attitude))
     odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
     return VisualOdometry(odometry, resized(sightings, factor), health, is_lost(poses, health))
+
+
+def _levelled(
+    slam: VisualSlam, poses: FloatArray, attitude_rad: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return turns (K, 3, 3) and places (K, 3) of the keyframes, upright, and the keyframe that each frame hangs on."""
+    keyframes, first, of_frame = np.unique(
+        [frame.keyframe for frame in slam.frames], return_index=True, return_inverse=True
+    )
+    assert len(keyframes) == len(slam.window.poses)
+    turned = attitude_rad[first] - [0.0, 0.0, attitude_rad[0, 2]]
+    return rotations(turned), poses[first, :3, 3], of_frame
