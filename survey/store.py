@@ -5,6 +5,7 @@ A folder without ``.partial`` is whole. The run's name is made of its configurat
 its input files, so an edited mission gets a folder of its own.
 """
 
+import fcntl
 import hashlib
 import json
 import os
@@ -81,7 +82,7 @@ class RunFolder:
         Raises
         ------
         InputError
-            When the folder cannot be made or written to.
+            When the folder cannot be made or written to, or another process is at work in it.
         """
         run = cls(cls.place(runs, name, config_text, inputs))
         try:
@@ -90,8 +91,9 @@ class RunFolder:
             raise InputError(
                 f"the run folder {run.path} cannot be made ({error.strerror}); choose another place with --runs."
             ) from error
-        for leftover in [*run.path.glob("*.partial"), *run.path.glob(".*")]:
-            shutil.rmtree(leftover, ignore_errors=True)
+        with run._held():
+            for leftover in [*run.path.glob("*.partial"), *run.path.glob(".*")]:
+                shutil.rmtree(leftover, ignore_errors=True)
         if not run._manifest_file.exists():
             _write_text(run.path / "config.toml", config_text)
             run._save(
@@ -136,11 +138,21 @@ class RunFolder:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Path]:
-        """Yield an empty folder for a stage's files; it becomes the stage's own when all went well."""
+        """Yield an empty folder for a stage's files; it becomes the stage's own when all went well.
+
+        No other process may open the run meanwhile: two would clear away each other's drafts.
+        """
+        with self._held():
+            began = time.perf_counter()
+            with self._drafted(name) as draft:
+                yield draft
+            self._record(name, time.perf_counter() - began)
+
+    @contextmanager
+    def _drafted(self, name: str) -> Iterator[Path]:
         target = self.folder(name)
         draft = target.with_name(f"{target.name}.partial")
         shutil.rmtree(draft, ignore_errors=True)
-        began = time.perf_counter()
         try:
             draft.mkdir()
             yield draft
@@ -155,7 +167,24 @@ class RunFolder:
         except BaseException:
             shutil.rmtree(draft, ignore_errors=True)
             raise
-        self._record(name, time.perf_counter() - began)
+
+    @contextmanager
+    def _held(self) -> Iterator[None]:
+        """Keep other processes out of the run; one that is killed keeps nobody out."""
+        folder = os.open(self.path, os.O_RDONLY)
+        try:
+            self._lock(folder)
+            yield
+        finally:
+            os.close(folder)
+
+    def _lock(self, folder: int) -> None:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(
+                f"another process is working on the run {self.path}; wait for it, stop it, or choose another place with --runs."
+            ) from error
 
     def verify(self, stage: str) -> None:
         """Refuse when a file of a finished stage is missing or differs from what was written."""

@@ -42,6 +42,15 @@ def test_a_leftover_of_a_killed_stage_is_cleared(tmp_path):
     assert not (run.path / "1-plan.partial").exists()
 
 
+def test_a_run_that_is_worked_on_is_opened_by_nobody_else(tmp_path):
+    run = opened(tmp_path)
+    with run.stage("plan") as folder:
+        (folder / "a.txt").write_text("a")
+        with pytest.raises(InputError, match="another process is working on the run"):
+            opened(tmp_path)
+    assert (opened(tmp_path).folder("plan") / "a.txt").read_text() == "a"
+
+
 def test_killed_between_rename_and_manifest_is_still_whole(tmp_path):
     run = opened(tmp_path)
     folder = run.folder("plan")
