@@ -37,7 +37,7 @@ from vision_slam.visual_slam import visual_odometry
 from vision_slam.window import half_turned
 
 # The settings were chosen on seeds 11 to 13 and 21 to 25. With seed 28 the rover is stuck on a hummock for good after
-# 13.5 m: no drive to take shares of the way of; its odometry ends 0.64 m off, as it did before.
+# 13.5 m: no drive to take shares of the way of; its odometry ends 0.64 m off.
 SEEDS = (26, 27, 29, 30, 31)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"

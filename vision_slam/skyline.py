@@ -64,7 +64,7 @@ class Skyline:
     Notes
     -----
     The drift is that since the first image. It needs the whole drive: what holds a heading is
-    mostly seen after it. Without mountains in sight for more than 12 m there is none. On
+    mostly seen after it, and lengths in metres. Without mountains in sight for more than 12 m there is none. On
     development surveys it takes a fifth to a half off what the heading changes by over 100 m
     and more, and nothing off shorter ones; where ridges hide behind the ground nearby, the
     heading drifts on. What it leaves is measured as the walk of the heading, and has no

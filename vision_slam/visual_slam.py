@@ -310,8 +310,9 @@ class VisualOdometry:
     """What images gave: the same types as an odometry that was processed elsewhere.
 
     Where there are wheels and a gyro its lengths are told by wheels and by the ground that it
-    stood on, all along. ``health`` holds one entry a frame; ``is_lost`` says where the pose rests on wheels and
-    gyro for too long to be believed, or on nothing.
+    stood on, all along; where there are wheels its heading is held by far ridges. ``health``
+    holds one entry a frame; ``is_lost`` says where the pose rests on wheels and gyro for too
+    long to be believed, or on nothing.
     """
 
     odometry: Odometry
@@ -418,7 +419,8 @@ def _delivered(slam: VisualSlam, sightings: Sightings, skyline: Skyline, drive: 
     steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
     attitude = attitudes(poses[:, :3, :3], times, drive)
-    attitude[:, 2] -= skyline.drift_rad(*_levelled(slam, poses, attitude))
+    if drive.wheels is not None:  # how near ridges may be is known in metres, which images alone do not have
+        attitude[:, 2] -= skyline.drift_rad(*_levelled(slam, poses, attitude))
     odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
     return VisualOdometry(odometry, resized(sightings, factor), health, is_lost(poses, health))
 
