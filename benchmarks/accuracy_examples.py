@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.formulas import (
+from survey.scoring.standards.formulas import (
     FOOT_M,
     accuracy_r,
     accuracy_z,
@@ -23,8 +23,8 @@ from survey.scoring.formulas import (
     rmse_v,
     vva_limit_m,
 )
-from survey.scoring.intervals import rmse_factors
-from survey.scoring.standards import CONTOURS, SPOT_HEIGHTS, map_classes
+from survey.scoring.standards.intervals import rmse_factors
+from survey.scoring.standards.standards import CONTOURS, SPOT_HEIGHTS, map_classes
 
 
 class Example(NamedTuple):

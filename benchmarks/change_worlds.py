@@ -7,16 +7,16 @@ import numpy as np
 import shapely
 from scipy.fft import irfft2, rfft2
 
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.grid import Grid
-from survey.reconstruction.config import GaussianProcessConfig
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-from survey.reconstruction.gp.kernels import SquaredExponential
 from survey.reconstruction.gp.volume import quadrature
-from survey.scoring.change import VolumeChange, change, change_of_models
-from survey.streams import stream
-from survey.surface_points import SurfacePoints
+from survey.scoring.change.change import VolumeChange, change, change_of_models
 
 UTM = "EPSG:32608"
 

@@ -15,8 +15,8 @@ from benchmarks.fidelities import mission_of, site_of, surveyed
 from benchmarks.report import Row, main
 from benchmarks.vision_mission import CLASS_3_M, PLANNERS
 from planners import plan
-from sim.mission import steered
-from survey.arrays import FloatArray
+from sim.mission.stages import steered
+from survey.core.arrays import FloatArray
 
 PATTERNS: dict[str, tuple[str, ...]] = {
     "lawnmower, 4": ("planner.swaths=4",),

@@ -14,10 +14,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 import planners
 from survey import Dem, Grid, Route, SurveyArea
-from survey.arrays import FloatArray
-from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
-from survey.reconstruction.gp.stationary import Stationary
-from survey.streams import stream
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.covariance.stationary import Stationary
 from survey.terrain import random_dem
 
 SIDE_M = 600.0

@@ -17,16 +17,16 @@ from benchmarks.image_surveys import Outcome, fixes_along, judged
 from benchmarks.report import Row, main
 from benchmarks.vision_mission import EXAMPLES, RECEIVERS, SEEDS, survey_of, treated
 from planners import plan
-from sim.config import AidsConfig, MissionConfig, SensorConfig
-from sim.gps import GPS_PROFILES
-from sim.runs import read_mission
-from sim.scenery import fine_terrain
-from sim.statistical import simulate_statistical
-from sim.world import World, build_world
-from survey.dem import Dem
-from survey.grid import Grid
+from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
+from sim.instruments.gps import GPS_PROFILES
+from sim.mission.runs import read_mission
+from sim.simulate.statistical import simulate_statistical
+from sim.world.scenery import fine_terrain
+from sim.world.site import World, build_world
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Route
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.route import Route
 from vision_slam import localize
 from vision_slam.pipeline import for_images
 
@@ -42,7 +42,7 @@ IMAGES = SensorConfig(
     landmark_cross_sigma_m=(0.0111, 0.00366),
     landmark_along_sigma_m=(0.0775, 0.000571),
 )
-"""What `sim.error_model.fitted` made of the surveys of the seeds 51 to 53, 61 and 62 and the mission of seed 81."""
+"""What `sim.simulate.error_model.fitted` made of the surveys of the seeds 51 to 53, 61 and 62 and the mission of seed 81."""
 AIDS = AidsConfig(accelerometer=True, turn_at_start=False)
 RECEIVER = "GPS of 60 s"
 N_DRAWS = int(os.environ.get("FIRNLINE_DRAWS", "12"))

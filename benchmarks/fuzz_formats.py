@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.format_samples import SAMPLES, mutated, put
-from survey.errors import FirnlineError
+from survey.core.errors import FirnlineError
 
 SLOWEST_S = 10.0
 LARGEST_BYTES = 2 * 10**9

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Row, cpu_seconds
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 
 Points = tuple[FloatArray, FloatArray, FloatArray]
 Predict = Callable[[FloatArray], Any]

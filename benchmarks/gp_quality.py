@@ -14,14 +14,14 @@ from scipy.spatial import cKDTree
 
 from benchmarks.landmarks import FIELDS, SIZE_M, Site, landmarks
 from benchmarks.report import Row, main
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.grid import Grid
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
-from survey.reconstruction.gp.kernels import SquaredExponential, Sum
+from survey.reconstruction.gp.covariance.kernels import SquaredExponential, Sum
 from survey.reconstruction.gp.process import conditioned
-from survey.streams import stream
-from survey.surface_points import SurfacePoints
 from survey.terrain import ice_micro_relief, random_dem, squared_exponential_field
 
 CRS = "EPSG:32608"

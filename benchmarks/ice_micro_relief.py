@@ -17,9 +17,9 @@ from scipy.special import gammaln
 from scipy.stats import skew
 
 from benchmarks.report import Row, main
-from survey.arrays import FloatArray
-from survey.grid import Grid
-from survey.streams import stream
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.grid import Grid
 from survey.terrain import ice_micro_relief
 from survey.terrain.micro_relief import (
     ACROSS_CRESTS_M,

@@ -15,21 +15,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row
-from sim.gps import GpsReceiver
-from sim.motion import Motion
-from sim.sensor_config import GpsConfig, InstrumentsConfig
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.grid import Grid
+from sim.config.sensors import GpsConfig, InstrumentsConfig
+from sim.instruments.gps import GpsReceiver
+from sim.vehicle.motion import Motion
+from survey.core.arrays import FloatArray
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.recording import Recording
+from survey.data.sensors import GpsFixes
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
+from survey.data.truth import Truth
 from survey.reconstruction import Reconstruction
-from survey.recording import Recording
-from survey.sensors import GpsFixes
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
-from survey.truth import Truth
-from vision_slam import LocalizationConfig, visual_slam
-from vision_slam.visual_slam import VisualOdometry, visual_odometry
+from vision_slam import LocalizationConfig
+from vision_slam.odometry import visual_slam
+from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"

@@ -12,8 +12,8 @@ import numpy as np
 
 import planners
 from benchmarks.report import Row, fastest, main
-from sim.statistical import simulate_statistical
-from sim.studies.joint_map import (
+from sim.simulate.statistical import simulate_statistical
+from sim.studies.glacier.joint_map import (
     AREA,
     CASES,
     CRS,
@@ -28,13 +28,13 @@ from sim.studies.joint_map import (
     site,
     survey_once,
 )
-from survey.grid import Grid
+from survey.data.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.config import JointConfig, SatelliteErrors
+from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
 from survey.reconstruction.joint.joint_map import JointTerrain
 from vision_slam import localize
+from vision_slam.fusion.smoother import smooth
 from vision_slam.pipeline import dead_reckoning
-from vision_slam.smoother import smooth
 
 FIRST_SEED = 6000
 TAUS_S = (60.0, 300.0)

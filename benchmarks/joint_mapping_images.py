@@ -27,12 +27,12 @@ from benchmarks.image_surveys import (
 )
 from benchmarks.report import Row, main
 from benchmarks.vision_mission import LASTING, survey_of
-from survey.errors import CapacityError
+from survey.core.errors import CapacityError
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.config import JointConfig, SatelliteErrors
+from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
 from vision_slam.pipeline import localize_seen
 
 SEEDS = tuple(int(seed) for seed in os.environ.get("FIRNLINE_SURVEY_SEEDS", "71,72,73").split(","))

@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation, Slerp
 import planners
 import survey
 from benchmarks.report import Row, main
-from sim.config import MissionConfig
-from sim.statistical import simulate_statistical
-from sim.world import World, build_world
-from survey.arrays import IntArray
-from survey.recording import Recording
-from survey.thinning import most_informative
-from survey.truth import Truth
+from sim.config.mission import MissionConfig
+from sim.simulate.statistical import simulate_statistical
+from sim.world.site import World, build_world
+from survey.core.arrays import IntArray
+from survey.data.recording import Recording
+from survey.data.thinning import most_informative
+from survey.data.truth import Truth
 
 N_KEPT = 150
 GRID_STEP_M = 4.0

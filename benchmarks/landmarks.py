@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import finufft
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.streams import stream
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
 
 SIZE_M = 600.0
 RELIEF_M = 25.0

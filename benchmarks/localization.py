@@ -19,21 +19,21 @@ from scipy.stats import norm
 import planners
 from benchmarks.report import Row, main
 from planners import LawnmowerConfig
-from sim.config import AidsConfig, MissionConfig, RandomTerrain, SensorConfig
-from sim.statistical import simulate_statistical
-from sim.studies.joint_map import AREA, site
-from survey.arrays import FloatArray
-from survey.path_error import POSE
-from survey.recording import Recording
-from survey.sensors import Inertial
-from survey.streams import stream
-from survey.trajectory import Trajectory
+from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SensorConfig
+from sim.simulate.statistical import simulate_statistical
+from sim.studies.glacier.joint_map import AREA, site
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.path_error import POSE
+from survey.data.recording import Recording
+from survey.data.sensors import Inertial
+from survey.data.trajectory import Trajectory
 from vision_slam.config import ImageOdometryErrors, LocalizationConfig
 from vision_slam.evaluation import consistency
-from vision_slam.online import OnlinePath, believing, follow
-from vision_slam.particle_filter import ParticleFilter
+from vision_slam.fusion.online import OnlinePath, believing, follow
+from vision_slam.fusion.particle_filter import ParticleFilter
+from vision_slam.fusion.smoother import SmoothedPath, smooth
 from vision_slam.pipeline import dead_reckoning
-from vision_slam.smoother import SmoothedPath, smooth
 
 FIRST_SEED = 51_000
 _JUDGED = ("SBAS", "3 m, tau 60 s")

@@ -16,17 +16,17 @@ import numpy as np
 from benchmarks.image_surveys import seen
 from benchmarks.odometry_errors import simulated_drive
 from benchmarks.report import Row, main
-from sim.gauss_markov import gauss_markov
-from survey.arrays import FloatArray
-from survey.recording import Recording
-from survey.sensors import GpsFixes
-from survey.streams import stream
-from survey.trajectory import Trajectory
+from sim.instruments.gauss_markov import gauss_markov
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.recording import Recording
+from survey.data.sensors import GpsFixes
+from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.online import believing, follow
+from vision_slam.fusion.online import believing, follow
+from vision_slam.fusion.smoother import smooth
+from vision_slam.odometry.visual_slam import VisualOdometry
 from vision_slam.pipeline import dead_reckoning, for_images, headed
-from vision_slam.smoother import smooth
-from vision_slam.visual_slam import VisualOdometry
 
 SEEDS = (21, 22, 23, 24, 25)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"

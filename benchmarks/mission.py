@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.report import Row, fastest, main
 from planners import LawnmowerConfig
-from sim.config import MissionConfig, RandomTerrain
-from sim.statistical import simulate_statistical
+from sim.config.mission import MissionConfig, RandomTerrain
+from sim.simulate.statistical import simulate_statistical
 from survey import Dem, Grid, Leg, Route
 from vision_slam import localize
 

@@ -21,10 +21,10 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.report import Row, cpu_seconds, main
 from sim.executors import Engine, done
-from sim.montecarlo import run_study
-from sim.montecarlo_config import RandomKind, SearchedMap, StudyConfig
-from sim.trials import Block, World, blocks_of, routes, samples_of, survey_block
-from survey.arrays import FloatArray
+from sim.montecarlo.config import RandomKind, SearchedMap, StudyConfig
+from sim.montecarlo.study import run_study
+from sim.montecarlo.trials import Block, World, blocks_of, routes, samples_of, survey_block
+from survey.core.arrays import FloatArray
 
 SWATHS = tuple(range(1, 11))
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.image_surveys import seen, survey_in_images
 from benchmarks.report import Row, main
-from sim.error_model import (
+from sim.simulate.error_model import (
     STRETCH_M,
     OdometryErrors,
     changed,
@@ -33,10 +33,10 @@ from sim.error_model import (
     odometry_errors,
     rms,
 )
-from survey.arrays import BoolArray, FloatArray
-from survey.recording import Recording
-from survey.sensors import Odometry
-from survey.trajectory import Trajectory
+from survey.core.arrays import BoolArray, FloatArray
+from survey.data.recording import Recording
+from survey.data.sensors import Odometry
+from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 
 SEEDS = (11, 12, 13)

@@ -9,16 +9,16 @@ from shapely import LineString, Polygon
 
 import planners
 from benchmarks.report import Row, cpu_seconds, fastest, main
-from planners.decomposition import swaths_on, unswept
-from planners.energy import Mobility, predicted
-from planners.fleet import share
-from planners.ordering import connect
-from planners.transit import FreeGround
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.route import Leg
-from survey.streams import stream
+from planners.driving.energy import Mobility, predicted
+from planners.driving.fleet import share
+from planners.driving.ordering import connect
+from planners.ground.transit import FreeGround
+from planners.swaths.decomposition import swaths_on, unswept
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.streams import stream
+from survey.data.area import SurveyArea
+from survey.data.route import Leg
 
 SPACING_M = 20.0
 HEADING_DEG = 90.0

@@ -36,18 +36,18 @@ from threadpoolctl import threadpool_limits
 import planners
 from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
-from planners.adaptive import AdaptiveConfig, survey_adaptively
-from planners.assurance import belief_from_prior
-from planners.heading import across_marked_grain
-from planners.predict import places
-from planners.promise import Wanted, promise
-from planners.transit import FreeGround
+from planners.ground.transit import FreeGround
+from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
+from planners.guarantee.assurance import belief_from_prior
+from planners.guarantee.guarantee import Wanted, promise
+from planners.prediction.predict import places
+from planners.swaths.heading import across_marked_grain
 from sim.executors import done
 from survey import Dem, Grid, Route, SurveyArea
-from survey.arrays import FloatArray
-from survey.reconstruction.gp.kernel_search import Family as CovarianceFamily
-from survey.reconstruction.gp.kernel_search import KernelSearch, mapped
-from survey.streams import stream
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.reconstruction.gp.selection.kernel_search import Family as CovarianceFamily
+from survey.reconstruction.gp.selection.kernel_search import KernelSearch, mapped
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells
 

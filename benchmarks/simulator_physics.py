@@ -7,20 +7,20 @@ from scipy.signal import welch
 
 from benchmarks.report import Row, cpu_seconds, main
 from planners import Rover
-from sim.drive_config import PhysicsConfig
-from sim.energy_balance import EnergyBalance
-from sim.gps import GPS_PROFILES, GpsReceiver
-from sim.motion import Motion
-from sim.pursuit import PurePursuit
-from sim.rover import ContactRover
-from sim.scene_config import SceneryConfig
-from sim.scenery import FineTerrain, fine_terrain
-from sim.sensor_config import GpsConfig, InertialConfig, InstrumentsConfig
-from sim.sensors import InertialUnit
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.grid import Grid
-from survey.streams import stream
+from sim.config.drive import PhysicsConfig
+from sim.config.scene import SceneryConfig
+from sim.config.sensors import GpsConfig, InertialConfig, InstrumentsConfig
+from sim.instruments.gps import GPS_PROFILES, GpsReceiver
+from sim.instruments.sensors import InertialUnit
+from sim.vehicle.energy_balance import EnergyBalance
+from sim.vehicle.motion import Motion
+from sim.vehicle.pursuit import PurePursuit
+from sim.vehicle.rover import ContactRover
+from sim.world.scenery import FineTerrain, fine_terrain
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.dem import Dem
+from survey.data.grid import Grid
 from survey.terrain import random_dem
 
 ROVER = Rover(mass_kg=18.0, idle_w=20.0)

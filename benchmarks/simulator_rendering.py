@@ -13,19 +13,19 @@ import numpy as np
 import pybullet
 
 from benchmarks.report import Row, cpu_seconds, main
-from sim.appearance import grain_tile, surface_tile
-from sim.camera import rover_camera
+from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
+from sim.instruments.camera import rover_camera
 from sim.rendering import Renderer, RoverBox
 from sim.rendering.plan_view import plan_view
 from sim.rendering.reference import brute_force_depth
-from sim.scene_config import AppearanceConfig, ImagingConfig, SceneryConfig
-from sim.scenery import FineTerrain, fine_terrain
-from sim.studies.glacier_images import clahe_yields, compare_with_photographs, gains, mountain_trap
-from sim.studies.snow_scenes import SKIES, Scene, at_contrast
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.grid import Grid
-from survey.streams import stream
+from sim.studies.glacier.images import clahe_yields, compare_with_photographs, gains, mountain_trap
+from sim.studies.glacier.snow_scenes import SKIES, Scene, at_contrast
+from sim.world.appearance import grain_tile, surface_tile
+from sim.world.scenery import FineTerrain, fine_terrain
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.dem import Dem
+from survey.data.grid import Grid
 from survey.terrain import squared_exponential_field
 
 SEED = 77

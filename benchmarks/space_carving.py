@@ -17,14 +17,14 @@ from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 from benchmarks.report import Row, cpu_seconds, fastest, main
 from benchmarks.terrain_lattice_honesty import BLOCK_M, REAL_SIGMA_M, SHARE
 from benchmarks.terrain_lattice_honesty import _real_scans as real_scans
-from sim.studies.carving import REGIMES, ROUGH, SEEDS, errors
-from sim.studies.carving_world import CRS, HALF_M, N_TRAIN, TERRAINS, Trial
-from survey.arrays import FloatArray
+from sim.studies.carving.bounds_and_timing import REGIMES, ROUGH, SEEDS, errors
+from sim.studies.carving.world import CRS, HALF_M, N_TRAIN, TERRAINS, Trial
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 from survey.reconstruction.lattice.calibration import left_out_blocks
-from survey.streams import stream
-from survey.surface_points import SurfacePoints
 
 PACKAGES = ("numpy", "scipy", "numba", "scikit-learn")
 N_PEER = 3000

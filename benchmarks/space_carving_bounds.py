@@ -22,17 +22,17 @@ from scipy.ndimage import distance_transform_edt, grey_opening
 from scipy.spatial import cKDTree
 
 from benchmarks.report import Row, fastest, main
-from sim.studies.carving_world import CRS, HALF_M, TERRAINS, Trial
-from survey.arrays import BoolArray, FloatArray
+from sim.studies.carving.world import CRS, HALF_M, TERRAINS, Trial
+from survey.core.arrays import BoolArray, FloatArray
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 from survey.reconstruction.lattice.calibration import left_out_blocks
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.nodes import bilinear
-from survey.reconstruction.visibility.ground import ground
-from survey.reconstruction.visibility.steep_ground import steep_chords
-from survey.surface_points import SurfacePoints
+from survey.reconstruction.line_of_sight.ground import ground
+from survey.reconstruction.line_of_sight.steep_ground import steep_chords
+from survey.reconstruction.nodes import bilinear
 
 PACKAGES = ("numpy", "scipy", "numba")
 BOUNDS = (-HALF_M, -HALF_M, HALF_M, HALF_M)

@@ -17,7 +17,7 @@ from benchmarks.accuracy_examples import Example, examples, paper_tables, stored
 from benchmarks.change_worlds import Judged, World, landlab_pair, model_pair, raster_pair
 from benchmarks.format_samples import SAMPLES, flipped, put, truncated
 from benchmarks.report import Row, main
-from survey.errors import FirnlineError
+from survey.core.errors import FirnlineError
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 # Seeds that nothing was chosen by.

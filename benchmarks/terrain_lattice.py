@@ -17,16 +17,16 @@ import numpy as np
 
 from benchmarks.report import Row, cpu_seconds, fastest, main
 from benchmarks.terrain_lattice_honesty import honesty
-from sim.studies.emap_octomap import OctoMapSurface
-from sim.studies.emap_runs import EMAP, FIELD, OCTOMAP, OCTOMAP_COARSE, SCENARIOS, RunScore, below, run
-from sim.studies.emap_world import N_RUNS, N_SCANS, Drive
-from survey.arrays import FloatArray
+from sim.studies.emap.octomap import OctoMapSurface
+from sim.studies.emap.runs import EMAP, FIELD, OCTOMAP, OCTOMAP_COARSE, SCENARIOS, RunScore, below, run
+from sim.studies.emap.world import N_RUNS, N_SCANS, Drive
+from survey.core.arrays import FloatArray
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.solver import Operator, solve
+from survey.reconstruction.lattice.multigrid.solver import Operator, solve
 from survey.reconstruction.lattice.spring_lattice import nearest_nodes
 from survey.reconstruction.lattice.stiffness import Stiffness
-from survey.surface_points import SurfacePoints
 
 PACKAGES = ("numpy", "scipy", "numba", "octomap-python")
 AGAINST_OCTOMAP = {"Raw": 50.0, "Nearest": 90.0, "Gaussian": 90.0, "CDF": 90.0}
@@ -155,7 +155,7 @@ from pathlib import Path
 import numpy as np
 from benchmarks.terrain_lattice import FIXED
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.surface_points import SurfacePoints
+from survey.data.surface_points import SurfacePoints
 n, rng = int(sys.argv[1]), np.random.default_rng(0)
 def fitted(side, n_points):
     xyz = np.column_stack([rng.uniform(0.0, side, (n_points, 2)), rng.normal(size=n_points)])

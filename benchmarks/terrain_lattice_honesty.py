@@ -8,14 +8,14 @@ import numpy as np
 from scipy.ndimage import generic_filter
 
 from benchmarks.report import Row
-from sim.studies.emap_world import Drive, sine_hills
-from survey.arrays import BoolArray, FloatArray
-from survey.dem import Dem
-from survey.grid import Grid
+from sim.studies.emap.world import Drive, sine_hills
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.streams import stream
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.calibration import left_out_blocks
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.streams import stream
-from survey.surface_points import SurfacePoints
 from survey.terrain.random_fields import fractional_brownian, matern_field, squared_exponential_field
 
 BLOCK_M, SHARE, THIN_M = 1.0, 0.15, 0.5

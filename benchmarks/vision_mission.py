@@ -37,19 +37,19 @@ from benchmarks.image_surveys import (
     survey_at,
 )
 from benchmarks.report import Row, main
-from survey.arrays import FloatArray
-from survey.errors import CapacityError
-from survey.io.documents import read_json
+from survey.core.arrays import FloatArray
+from survey.core.documents import read_json
+from survey.core.errors import CapacityError
+from survey.data.recording import Recording
+from survey.data.route import Route
+from survey.data.sensors import GpsFixes
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import Reconstruction, reconstruct
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.recording import Recording
-from survey.route import Route
-from survey.sensors import GpsFixes
-from survey.surface_points import SurfacePoints
 from vision_slam import LocalizationConfig
-from vision_slam.onboard import read_seen
+from vision_slam.odometry.onboard import read_seen
+from vision_slam.odometry.visual_slam import VisualOdometry
 from vision_slam.pipeline import localize_seen
-from vision_slam.visual_slam import VisualOdometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MISSIONS = Path(tempfile.gettempdir()) / "firnline-missions"

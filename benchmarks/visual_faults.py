@@ -22,20 +22,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row, main
-from sim.config import MissionConfig
-from sim.drive import simulate_vision
-from sim.fault_config import FaultConfig
-from sim.faults import Faults
-from sim.world import build_world
-from survey.arrays import BoolArray, FloatArray
-from survey.camera import Frames, Image
-from survey.config import validated
-from survey.recording import Recording
-from survey.route import Leg, Route
-from survey.trajectory import Trajectory
+from sim.config.faults import FaultConfig
+from sim.config.mission import MissionConfig
+from sim.simulate.faults import Faults
+from sim.simulate.vision import simulate_vision
+from sim.world.site import build_world
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.config import validated
+from survey.data.camera import Frames, Image
+from survey.data.recording import Recording
+from survey.data.route import Leg, Route
+from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
+from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
 from vision_slam.pipeline import for_images, headed, localize_seen, recognised
-from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
 # Everything was chosen on seeds 31 to 33, 41 and 42.
 SEEDS = (43, 44)

@@ -23,18 +23,18 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.image_surveys import keep
 from benchmarks.report import Row, main
-from survey.arrays import FloatArray
-from survey.camera import Frames, Image
-from survey.dem import Dem
-from survey.recording import Recording
-from survey.trajectory import Trajectory
+from survey.core.arrays import FloatArray
+from survey.data.camera import Frames, Image
+from survey.data.dem import Dem
+from survey.data.recording import Recording
+from survey.data.trajectory import Trajectory
 from vision_slam.evaluation import absolute_errors_m
-from vision_slam.motion import MotionSensors
-from vision_slam.readers import read_sequence
-from vision_slam.sequence import scaled_by_first
-from vision_slam.visual_config import VisualOdometryConfig
-from vision_slam.visual_slam import visual_odometry
-from vision_slam.window import half_turned
+from vision_slam.inertial.motion import MotionSensors
+from vision_slam.io.readers import read_sequence
+from vision_slam.io.sequence import scaled_by_first
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.visual_slam import visual_odometry
+from vision_slam.odometry.window import half_turned
 
 # The settings were chosen on seeds 11 to 13 and 21 to 25. With seed 28 the rover is stuck on a hummock for good after
 # 13.5 m: no drive to take shares of the way of; its odometry ends 0.64 m off.

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from survey.dem import Dem
+from survey.data.dem import Dem
 from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.coregistration import coregister
+from survey.scoring.change.coregistration import coregister
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

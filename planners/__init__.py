@@ -1,6 +1,5 @@
 """Planners of survey routes: patterns of swaths, their choice by predicted error, and steering while driving."""
 
-from planners.choose import Choice, choose
 from planners.config import (
     BestConfig,
     LawnmowerConfig,
@@ -10,15 +9,16 @@ from planners.config import (
     VarianceDrivenConfig,
     WavyConfig,
 )
-from planners.energy import Mobility
-from planners.piecewise_continuous import PiecewiseContinuousSteering
+from planners.driving.energy import Mobility
+from planners.driving.rover import Fleet, Rover
+from planners.ground.traversability import Drivable, LeftOut, RoverLimits, drivable
 from planners.planning import plan
-from planners.predict import ErrorModel, PredictedError, predict_error, terrain_kernel
-from planners.random_wander import RandomWanderSteering
-from planners.rollout import rollout, steering_of
-from planners.rover import Fleet, Rover
-from planners.steering import Attitude, Band, Steering, SteeringState, attitude_sensor
-from planners.traversability import Drivable, LeftOut, RoverLimits, drivable
+from planners.prediction.choose import Choice, choose
+from planners.prediction.predict import ErrorModel, PredictedError, predict_error, terrain_kernel
+from planners.steering.piecewise_continuous import PiecewiseContinuousSteering
+from planners.steering.random_wander import RandomWanderSteering
+from planners.steering.rollout import rollout, steering_of
+from planners.steering.steering import Attitude, Band, Steering, SteeringState, attitude_sensor
 
 __all__ = [
     "Attitude",

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
-from survey.config import Section
+from survey.core.config import Section
 
 Corner = Literal["south-west", "south-east", "north-west", "north-east"]
 HeadingRule = Literal["narrowest", "fewest-swaths", "slope", "grain"]
@@ -101,7 +101,7 @@ class PiecewiseContinuousConfig(SteeredConfig):
     """The glacier paper's second pattern (Eq. 10): steepest ascent or descent about a swath, switched at random.
 
     The paper leaves step, candidates, switching and bounds open; these are the values
-    read into it. The route is made while driving: see `planners.steering`.
+    read into it. The route is made while driving: see `planners.steering.steering`.
     """
 
     pattern: Literal["piecewise-continuous"] = "piecewise-continuous"

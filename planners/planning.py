@@ -7,23 +7,23 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from planners.base import swath_route
-from planners.choose import Progress, choose
 from planners.config import BestConfig, PlannerConfig, SteeredConfig, VarianceDrivenConfig, WavyConfig
-from planners.energy import predicted
-from planners.fleet import departures
-from planners.heading import heading_by
-from planners.informative import variance_driven
-from planners.predict import ErrorModel, terrain_kernel
-from planners.rover import Crew, Fleet, Rover, depots
-from planners.transit import FreeGround
-from planners.traversability import Drivable, drivable
-from planners.wavy import slope_length_m
-from survey.area import SurveyArea
-from survey.dem import Dem
-from survey.errors import ConfigError, InputError
-from survey.reconstruction.gp.kernels import Kernel
-from survey.route import Route
+from planners.driving.energy import predicted
+from planners.driving.fleet import departures
+from planners.driving.rover import Crew, Fleet, Rover, depots
+from planners.ground.transit import FreeGround
+from planners.ground.traversability import Drivable, drivable
+from planners.layout import swath_route
+from planners.prediction.choose import Progress, choose
+from planners.prediction.informative import variance_driven
+from planners.prediction.predict import ErrorModel, terrain_kernel
+from planners.swaths.heading import heading_by
+from planners.swaths.wavy import slope_length_m
+from survey.core.errors import ConfigError, InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Route
+from survey.reconstruction.gp.covariance.kernels import Kernel
 
 logger = logging.getLogger(__name__)
 

@@ -4,11 +4,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sim.config import MissionConfig
-    from sim.mission import run_mission
-    from sim.runs import open_run, read_mission
-    from sim.statistical import simulate_statistical
-    from sim.world import World, build_world
+    from sim.config.mission import MissionConfig
+    from sim.mission.runs import open_run, read_mission
+    from sim.mission.stages import run_mission
+    from sim.simulate.statistical import simulate_statistical
+    from sim.world.site import World, build_world
 
 __all__ = [
     "MissionConfig",
@@ -21,13 +21,13 @@ __all__ = [
 ]
 
 _HOME = {
-    "MissionConfig": "sim.config",
-    "World": "sim.world",
-    "build_world": "sim.world",
-    "open_run": "sim.runs",
-    "read_mission": "sim.runs",
-    "run_mission": "sim.mission",
-    "simulate_statistical": "sim.statistical",
+    "MissionConfig": "sim.config.mission",
+    "World": "sim.world.site",
+    "build_world": "sim.world.site",
+    "open_run": "sim.mission.runs",
+    "read_mission": "sim.mission.runs",
+    "run_mission": "sim.mission.stages",
+    "simulate_statistical": "sim.simulate.statistical",
 }
 
 

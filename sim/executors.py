@@ -16,7 +16,7 @@ from itertools import islice
 from typing import Any, Literal, TypeVar
 from urllib.parse import urlparse
 
-from survey.errors import ConfigError, InputError
+from survey.core.errors import ConfigError, InputError
 
 Engine = Literal["serial", "processes", "dask"]
 P = TypeVar("P", bound=Hashable)

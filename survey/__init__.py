@@ -1,18 +1,18 @@
 """The foundation of firnline: the nouns of a survey, terrain reconstruction, scoring, formats, figures."""
 
 from survey import terrain
-from survey.area import SurveyArea
-from survey.camera import Camera, Frames
-from survey.dem import Dem
-from survey.errors import CapacityError, ConfigError, FirnlineError, InputError
-from survey.grid import Grid
+from survey.core.errors import CapacityError, ConfigError, FirnlineError, InputError
+from survey.data.area import SurveyArea
+from survey.data.camera import Camera, Frames
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.recording import Recording
+from survey.data.route import Leg, Route
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
+from survey.data.truth import Truth
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
-from survey.recording import Recording
-from survey.route import Leg, Route
 from survey.scoring import Score, score
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
-from survey.truth import Truth
 
 __all__ = [
     "Camera",

@@ -2,10 +2,10 @@
 
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import TrajectoryError, trajectory_error
-from vision_slam.particle_filter import ParticleFilter
+from vision_slam.fusion.particle_filter import ParticleFilter
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.visual_slam import VisualSlam, visual_odometry
 from vision_slam.pipeline import localize
-from vision_slam.visual_config import VisualOdometryConfig
-from vision_slam.visual_slam import VisualSlam, visual_odometry
 
 __all__ = [
     "LocalizationConfig",

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from survey.config import Section
+from survey.core.config import Section
 
 _UNKNOWN_START_M = 100.0
 _UNKNOWN_HEADING_DEG = 5.0

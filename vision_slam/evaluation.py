@@ -7,10 +7,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import gammaincinv
 
-from survey.arrays import FloatArray, IntArray
-from survey.errors import InputError
-from survey.geodesy import same_crs
-from survey.trajectory import Trajectory
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import InputError
+from survey.core.geodesy import same_crs
+from survey.data.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

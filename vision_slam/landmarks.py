@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.recording import Recording
-from survey.surface_points import SurfacePoints
-from survey.thinning import most_informative
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.recording import Recording
+from survey.data.surface_points import SurfacePoints
+from survey.data.thinning import most_informative
 from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.pose_constraints import pose_jacobian
+from vision_slam.fusion.smoother import SmoothedPath
 from vision_slam.rotation import rotations
-from vision_slam.smoother import SmoothedPath
-from vision_slam.ties import pose_jacobian
 
 
 def placed_landmarks(recording: Recording, path: SmoothedPath, config: LocalizationConfig) -> SurfacePoints:

@@ -5,23 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.recording import Recording
-from survey.sensors import Odometry
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
-from vision_slam.attitude import heading_correction
-from vision_slam.closures import closures_by_images
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.recording import Recording
+from survey.data.sensors import Odometry
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.credible import lateness_s, with_credible_start, without_repeats
+from vision_slam.fusion.online import believing, follow
+from vision_slam.fusion.sanity_checks import lateness_s, with_credible_start, without_repeats
+from vision_slam.fusion.smoother import SmoothedPath, smooth
+from vision_slam.inertial.attitude import heading_correction
 from vision_slam.landmarks import placed_landmarks
-from vision_slam.online import believing, follow
-from vision_slam.relocalization import rejoined, torn_at
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
+from vision_slam.places.loop_closures import closures_by_images
+from vision_slam.places.relocalization import rejoined, torn_at
 from vision_slam.rotation import quaternions, rotations
-from vision_slam.smoother import SmoothedPath, smooth
-from vision_slam.visual_config import VisualOdometryConfig
-from vision_slam.visual_slam import VisualOdometry, visual_odometry
 
 
 def localize(

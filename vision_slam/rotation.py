@@ -7,7 +7,7 @@ counter-clockwise from east: right-handed turns about x, y and z, applied as Rz 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 
 
 def rotations(attitude_rad: FloatArray) -> FloatArray:

@@ -5,13 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.recording import Recording
-from survey.sensors import GpsFixes
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.recording import Recording
+from survey.data.sensors import GpsFixes
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
+from vision_slam.odometry.scale_drift import resized
+from vision_slam.odometry.visual_slam import VisualOdometry
 from vision_slam.pipeline import (
     dead_reckoning,
     for_images,
@@ -19,8 +21,6 @@ from vision_slam.pipeline import (
     localize_by_images,
     with_visual_odometry,
 )
-from vision_slam.resizing import resized
-from vision_slam.visual_slam import VisualOdometry
 
 _LONG_ENOUGH_M = 20.0
 _FIX_M = 3.0  # error of a receiver without corrections, which the scale inherits

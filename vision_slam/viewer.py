@@ -6,12 +6,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from survey.camera import Camera, Frames
-from survey.errors import ConfigError
-from survey.io.files import replacing
-from vision_slam.enhance import grey_of
-from vision_slam.outputs import Localized, health_columns
-from vision_slam.sequence import Sensed
+from survey.core.errors import ConfigError
+from survey.core.files import replacing
+from survey.data.camera import Camera, Frames
+from vision_slam.io.sequence import Sensed
+from vision_slam.odometry.clahe import grey_of
+from vision_slam.results import Localized, health_columns
 
 _LINE = "drive"
 

@@ -9,7 +9,7 @@ from sim.cli.options import Json
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
-    from survey.scoring.change import Change
+    from survey.scoring.change.change import Change
 
 
 @refusals_told
@@ -53,11 +53,11 @@ def change(
     """
     import json
 
-    from survey.errors import InputError
+    from survey.core.errors import InputError
+    from survey.core.files import replacing
     from survey.figures.change import change_map
     from survey.figures.style import png_bytes
-    from survey.io.files import replacing
-    from survey.scoring.change_files import change_facts, write_change
+    from survey.scoring.change.change_files import change_facts, write_change
 
     if (out / "change.tif").exists() and not force:
         raise InputError(
@@ -82,8 +82,8 @@ def _compared(
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
-    from survey.scoring.change import change as compare
-    from survey.scoring.outlines import read_outlines
+    from survey.scoring.change.change import change as compare
+    from survey.scoring.change.outlines import read_outlines
 
     if later.suffix == earlier.suffix == ".npz":
         return _models_compared(later, earlier, outline, options["step_m"])
@@ -103,10 +103,10 @@ def _models_compared(
     import shapely
 
     from survey import Grid
-    from survey.errors import InputError
+    from survey.core.errors import InputError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-    from survey.scoring.change import change_of_models
-    from survey.scoring.outlines import read_outlines
+    from survey.scoring.change.change import change_of_models
+    from survey.scoring.change.outlines import read_outlines
 
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)
     crs = getattr(new.prior, "crs", None) or getattr(old.prior, "crs", None)
@@ -125,7 +125,7 @@ def _surface(source: Path) -> Any:
     from sim.cli.score import map_of
 
     if source.suffix == ".npz":
-        from survey.errors import InputError
+        from survey.core.errors import InputError
 
         raise InputError(
             f"{source} is a terrain model and the other survey is none; compare two models, or two maps."

@@ -91,7 +91,7 @@ def _machine() -> list[Finding]:
 
 def _geoids() -> list[Finding]:
     """Tell for each vertical datum if heights can be taken to it, and which of PROJ's grids are missing."""
-    from survey.geodesy import lacking_grids
+    from survey.core.geodesy import lacking_grids
 
     return [
         (

@@ -45,10 +45,10 @@ def export(
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
     """
     import survey
-    from survey.convert import convert, kind_of
-    from survey.errors import ConfigError, InputError
-    from survey.io.plans import write_plan
-    from survey.store import RunFolder
+    from survey.core.errors import ConfigError, InputError
+    from survey.core.store import RunFolder
+    from survey.interchange.convert import convert, kind_of
+    from survey.interchange.route_formats import write_plan
 
     if out.exists() and not force:
         raise InputError(f"{out} exists; choose another name or add --force to replace it.")

@@ -23,9 +23,9 @@ def fit(
     """
     import tomlkit
 
-    from sim.config import SensorConfig
-    from sim.error_model import errors_of, fitted
-    from survey.store import RunFolder
+    from sim.config.mission import SensorConfig
+    from sim.simulate.error_model import errors_of, fitted
+    from survey.core.store import RunFolder
 
     found = fitted([errors_of(RunFolder.find(run)) for run in runs]).model_dump(mode="json")
     usual = SensorConfig().model_dump(mode="json")

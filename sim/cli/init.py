@@ -25,10 +25,10 @@ def init(
 
       firnline init my-survey.toml --dem lidar.tif
     """
-    from sim.template import mission_template
-    from survey.dem import Dem
-    from survey.errors import InputError
-    from survey.io.files import replacing
+    from sim.mission.template import mission_template
+    from survey.core.errors import InputError
+    from survey.core.files import replacing
+    from survey.data.dem import Dem
 
     if path.exists() and not force:
         raise InputError(f"{path} exists; choose another name or add --force to replace it.")

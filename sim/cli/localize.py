@@ -11,8 +11,8 @@ from sim.cli.options import Json, Quiet
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
-    from vision_slam.drives import Drive
-    from vision_slam.outputs import Compared, Localized
+    from vision_slam.recordings import Drive
+    from vision_slam.results import Compared, Localized
 
 
 _Source = Annotated[
@@ -101,8 +101,8 @@ def localize(
     images takes its times from frames.csv (time_s,file), times.txt or the names of the files, its
     calibration from camera.toml, and wheels.csv and inertial.csv where they are there.
     """
-    from vision_slam.drives import open_drive
-    from vision_slam.outputs import refuse_existing
+    from vision_slam.recordings import open_drive
+    from vision_slam.results import refuse_existing
 
     refuse_existing(out, force=force)
     if viewer is not None:
@@ -140,7 +140,7 @@ def _write(
     out: Path, viewer: Path | None, drive: "Drive", localized: "Localized", compared: "Compared | None"
 ) -> None:
     """Write files and pictures, and what rerun's viewer shows where that is wanted."""
-    from vision_slam.outputs import pictures_of, write_localization, write_pictures
+    from vision_slam.results import pictures_of, write_localization, write_pictures
 
     write_localization(out, localized)
     write_pictures(out, pictures_of(localized, drive.sensed, drive.gps, compared))

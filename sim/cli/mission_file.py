@@ -7,11 +7,11 @@ from typing import Any
 import typer
 
 from sim.cli.progress import StageProgress, logged_to
-from sim.config import MissionConfig
-from sim.mission import run_mission
-from sim.runs import open_run, read_mission
-from survey.io.documents import read_json
-from survey.store import RunFolder
+from sim.config.mission import MissionConfig
+from sim.mission.runs import open_run, read_mission
+from sim.mission.stages import run_mission
+from survey.core.documents import read_json
+from survey.core.store import RunFolder
 
 
 def run_until(

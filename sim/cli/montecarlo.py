@@ -40,9 +40,9 @@ def montecarlo(
       firnline montecarlo study.toml --set trials=1000 --scheduler tcp://10.0.0.5:8786
     """
     from sim.cli.progress import counted
-    from sim.montecarlo import run_study
-    from sim.montecarlo_config import read_study
-    from survey.errors import ConfigError
+    from sim.montecarlo.config import read_study
+    from sim.montecarlo.study import run_study
+    from survey.core.errors import ConfigError
 
     if engine not in ("serial", "processes", "dask"):
         raise ConfigError(f"there is no engine {engine!r}; take serial, processes or dask.")

@@ -25,7 +25,7 @@ def refusals_told(command: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
-        from survey.errors import FirnlineError
+        from survey.core.errors import FirnlineError
 
         try:
             return command(*args, **kwargs)

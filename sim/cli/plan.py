@@ -173,7 +173,7 @@ def plan(
 
 def _refuse_beside_a_mission(source: Path, given: dict[str, Any]) -> None:
     """Refuse what a mission says itself."""
-    from survey.errors import ConfigError
+    from survey.core.errors import ConfigError
 
     if any(option is not None for option in given.values()):
         raise ConfigError(
@@ -185,7 +185,7 @@ def _tell_ways(
     source: Path, require: str, probability: float, settings: list[str] | None, *, as_json: bool
 ) -> None:
     from sim.cli.plan_foresight import tell_ways
-    from sim.runs import read_mission
+    from sim.mission.runs import read_mission
 
     tell_ways(read_mission(source, settings or []), require, probability, as_json=as_json)
 
@@ -211,7 +211,7 @@ def _wanted(planner: dict[str, Any], rovers: int | None, max_slope: float | None
 
 def _refuse_beside_a_promise(given: dict[str, Any], **others: Any) -> None:
     """Refuse what a promise decides itself, or has no say in."""
-    from survey.errors import ConfigError
+    from survey.core.errors import ConfigError
 
     others["pattern"] = None if others["pattern"] == "lawnmower" else others["pattern"]
     stated = [*given, *(name for name, value in others.items() if value)]
@@ -239,7 +239,7 @@ def _promise(
     from sim.cli.plan_area import read_area
     from sim.cli.plan_foresight import plan_joint
     from sim.cli.plan_promise import plan_promised
-    from survey.errors import ConfigError, InputError
+    from survey.core.errors import ConfigError, InputError
 
     area, dem = read_area(source, prior, crs, no_go)
     if dem is None:

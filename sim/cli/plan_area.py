@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     import planners
     import survey
-    from survey.reconstruction.gp.kernels import Kernel
+    from survey.reconstruction.gp.covariance.kernels import Kernel
 
 
 def read_area(
@@ -17,7 +17,7 @@ def read_area(
 ) -> "tuple[survey.SurveyArea, survey.Dem | None]":
     """Read the area, less the ground that a raster marks, and what is known of it, in one CRS."""
     import survey
-    from planners.traversability import without_marked
+    from planners.ground.traversability import without_marked
 
     dem = None if prior is None else survey.Dem.read(prior)
     area = survey.SurveyArea.read(source, crs=crs if dem is None or crs is not None else dem.crs)
@@ -40,7 +40,7 @@ def plan_area(
     """Plan, and write the route and its picture."""
     import planners
     from sim.cli.progress import counted
-    from survey.config import Section, validated, with_overrides
+    from survey.core.config import Section, validated, with_overrides
 
     class Wanted(Section):
         planner: planners.PlannerConfig
@@ -69,7 +69,7 @@ def plan_area(
 def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
     """Return the covariance that the prior speaks for; None, with the reason told, when it is too coarse."""
     import planners
-    from survey.errors import InputError
+    from survey.core.errors import InputError
 
     try:
         return planners.terrain_kernel(dem, area)
@@ -88,7 +88,7 @@ def _draw(
 ) -> None:
     import planners
     from survey import figures
-    from survey.io.files import replacing
+    from survey.core.files import replacing
 
     std = None
     if kernel is not None and "rmse_m" in route.prediction:

@@ -8,19 +8,19 @@ import typer
 
 from sim.cli.outcome import NOT_MET
 from sim.cli.plan_promise import Asked, draw, limit_of, promised, wanted_of
-from sim.config import MissionConfig
+from sim.config.mission import MissionConfig
 
 if TYPE_CHECKING:
     import survey
-    from sim.foresight import Foreseen
+    from sim.mission.foresight import Foreseen
 
 _MOST_FURTHER = 6
 
 
 def tell_ways(mission: MissionConfig, require: str, probability: float, *, as_json: bool) -> None:
     """Print the ways to meet the class, the cheapest first said; end with exit code 5 where none does."""
-    from sim.foresight import ways_to_meet
-    from sim.world import build_world
+    from sim.mission.foresight import ways_to_meet
+    from sim.world.site import build_world
 
     limit_m = limit_of(require)
     ways = list(ways_to_meet(mission, build_world(mission), limit_m=limit_m, chance=probability))
@@ -46,9 +46,9 @@ def plan_joint(
     the cells of the prior for smooth.
     """
     import planners
-    from sim.foresight import ways_to_meet
-    from sim.world import World
-    from survey.config import validated, with_overrides
+    from sim.mission.foresight import ways_to_meet
+    from sim.world.site import World
+    from survey.core.config import validated, with_overrides
 
     made = promised(area, prior, wanted_of(asked))
     mission = validated(MissionConfig, with_overrides(_stated(asked), settings), "the options")
@@ -90,7 +90,7 @@ def _stated(asked: Asked) -> dict[str, object]:
 
 def _best_of(ways: list["Foreseen"], limit_m: float, probability: float, most_swaths: int = 8) -> "Foreseen":
     """Return the way with the least to drive; end with exit code 5 where there is none."""
-    from sim.foresight import cheapest
+    from sim.mission.foresight import cheapest
 
     best = cheapest(ways)
     if best is None:

@@ -11,10 +11,10 @@ from sim.cli.outcome import NOT_MET
 
 if TYPE_CHECKING:
     import survey
-    from planners.adaptive import AdaptiveConfig
-    from planners.promise import Promise, Wanted
-    from survey.reconstruction.gp.kernel_search import Family
-    from survey.reconstruction.gp.kernels import Kernel
+    from planners.guarantee.adaptive import AdaptiveConfig
+    from planners.guarantee.guarantee import Promise, Wanted
+    from survey.reconstruction.gp.covariance.kernels import Kernel
+    from survey.reconstruction.gp.selection.kernel_search import Family
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Asked:
 
 def limit_of(require: str) -> float:
     """Return the widest limit of a class of the paper's tables [m], or the number of metres that was given."""
-    from survey.errors import ConfigError
-    from survey.scoring.standards import map_classes
+    from survey.core.errors import ConfigError
+    from survey.scoring.standards.standards import map_classes
 
     widest = {row.map_class.lower().replace(" ", "-"): row.limit_m for row in reversed(map_classes())}
     if require in widest:
@@ -49,7 +49,7 @@ def limit_of(require: str) -> float:
 
 def wanted_of(asked: Asked) -> "Wanted":
     """Return what is to be promised."""
-    from planners.promise import Wanted
+    from planners.guarantee.guarantee import Wanted
 
     return Wanted(
         limit_of(asked.require),
@@ -80,7 +80,7 @@ def plan_promised(
 
 def promised(area: "survey.SurveyArea", prior: "survey.Dem", wanted: "Wanted") -> "Promise":
     """Return the promise; end with exit code 5 and one sentence where it does not hold."""
-    from planners.promise import promise, reachable_class
+    from planners.guarantee.guarantee import promise, reachable_class
 
     made = promise(area, prior, wanted)
     if made.holds:
@@ -149,11 +149,11 @@ def _adaptive(
     as_json: bool,
 ) -> None:
     """Plan the first swaths, or the next one after what was driven and measured."""
-    from planners.adaptive import AdaptiveConfig, first_swaths
-    from planners.heading import across_marked_grain
-    from planners.promise import belief_of
-    from planners.transit import FreeGround
-    from survey.errors import ConfigError
+    from planners.ground.transit import FreeGround
+    from planners.guarantee.adaptive import AdaptiveConfig, first_swaths
+    from planners.guarantee.guarantee import belief_of
+    from planners.swaths.heading import across_marked_grain
+    from survey.core.errors import ConfigError
 
     if (asked.driven is None) != (asked.measured is None):
         raise ConfigError("--driven and --measured belong together: the route so far, and its samples.")
@@ -189,7 +189,7 @@ def _go_on(
     as_json: bool,
 ) -> None:
     """Plan the next swath, say that none is needed, or end with exit code 5 where none would help."""
-    from planners.adaptive import next_swath
+    from planners.guarantee.adaptive import next_swath
     from survey import Route, SurfacePoints
 
     points = SurfacePoints.read(measured, crs=str(area.crs))
@@ -230,7 +230,7 @@ def draw(
     """Put a picture beside the route, with the error that a covariance lets one expect."""
     import planners
     from survey import figures
-    from survey.io.files import replacing
+    from survey.core.files import replacing
 
     std = None if kernel is None else planners.predict_error(route, area, kernel, noise_m=noise_m).std
     figure = figures.plan_map(area, route, terrain=prior, std=std)

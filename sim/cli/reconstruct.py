@@ -111,7 +111,7 @@ def reconstruct(
 
 def _refuse_at_odds(sources: list[Path], method: str, *, rays: bool, max_slope_deg: float | None) -> None:
     """Refuse options that ask for what the method does not do."""
-    from survey.errors import InputError
+    from survey.core.errors import InputError
 
     if len(sources) > 1 and method not in SCAN_METHODS:
         raise InputError(
@@ -124,7 +124,7 @@ def _refuse_at_odds(sources: list[Path], method: str, *, rays: bool, max_slope_d
 
 
 def _refuse_existing(out: Path, *, force: bool) -> None:
-    from survey.errors import InputError
+    from survey.core.errors import InputError
 
     if (out / "dem.tif").exists() and not force:
         raise InputError(
@@ -163,10 +163,10 @@ def _map_of_points(
 
 def _draw_and_mark(result: "survey.Reconstruction", out: Path, max_slope_deg: float | None) -> None:
     """Write pictures of mean, width and support, and the ground that is too steep for certain."""
+    from survey.core.files import replacing
     from survey.figures import png_bytes, route_map, support_map
     from survey.figures.bounds import width_map
-    from survey.io.files import replacing
-    from survey.reconstruction.visibility.steep_ground import steep_ground
+    from survey.reconstruction.line_of_sight.steep_ground import steep_ground
 
     figures = {"mean": route_map(result.mean), "width": width_map(result), "support": support_map(result)}
     for name, figure in figures.items():

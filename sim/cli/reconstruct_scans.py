@@ -28,9 +28,9 @@ def map_of_scans(
 ) -> "tuple[Reconstruction, str]":
     """Stream scans into a map, and tell how many; with `rays` returns from what overhangs the ground are left out."""
     from sim.cli.progress import counted
-    from survey.errors import InputError
-    from survey.io.scans import Track, read_scans, scan_files
-    from survey.reconstruction.visibility.ground import ground
+    from survey.core.errors import InputError
+    from survey.interchange.scans import Track, read_scans, scan_files
+    from survey.reconstruction.line_of_sight.ground import ground
 
     if rays and method == "emap":
         raise InputError(

@@ -27,13 +27,13 @@ def report(
       firnline report mine.toml
     """
     from sim.cli.mission_file import run_until, tell
-    from survey.errors import InputError
-    from survey.store import RunFolder
+    from survey.core.errors import InputError
+    from survey.core.store import RunFolder
 
     if source.suffix == ".toml":
         _, run = run_until(source, "report", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
     else:
-        from sim.report import write_mission_report
+        from sim.mission.report import write_mission_report
 
         run = RunFolder.find(source)
         if not run.has("score"):

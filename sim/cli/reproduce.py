@@ -42,7 +42,7 @@ def reproduce(
       firnline reproduce all --out /tmp/results --quick
     """
     from sim.studies import STUDIES
-    from survey.errors import InputError
+    from survey.core.errors import InputError
 
     if list_all:
         typer.echo("\n".join(STUDIES))
@@ -59,7 +59,7 @@ def _reproduce(name: str, out: Path, *, quick: bool, quiet: bool) -> None:
     """Make one study, and record it when it is whole."""
     from sim.cli.progress import counted
     from sim.studies import study
-    from sim.studies.standing import forget, record
+    from sim.studies.study_cache import forget, record
 
     make = study(name)
     folder = out / name
@@ -73,8 +73,8 @@ def _reproduce(name: str, out: Path, *, quick: bool, quiet: bool) -> None:
 def _reproduce_all(out: Path, *, quick: bool, fresh: bool, quiet: bool) -> None:
     """Make what does not stand, in the order of the papers; name what takes long before, and what was refused after."""
     from sim.studies import LONG, STUDIES
-    from sim.studies.standing import forget, stands
-    from survey.errors import FirnlineError, InputError
+    from sim.studies.study_cache import forget, stands
+    from survey.core.errors import FirnlineError, InputError
 
     if fresh:
         for name in STUDIES:

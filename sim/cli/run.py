@@ -39,8 +39,8 @@ def run(
       firnline run mine.toml --set planner.swaths=6 --require
     """
     from sim.cli.mission_file import class_met, run_until, summary, tell
-    from survey.errors import ConfigError
-    from survey.store import STAGES
+    from survey.core.errors import ConfigError
+    from survey.core.store import STAGES
 
     for stage in (first, until):
         if stage is not None and stage not in STAGES:

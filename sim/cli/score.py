@@ -112,7 +112,7 @@ def _score_at(
 
     import survey
     from survey.scoring import Checkpoints, compare, score_at
-    from survey.scoring.checkpoints import control_places
+    from survey.scoring.standards.checkpoints import control_places
 
     map_ = map_of(source)
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
@@ -147,7 +147,7 @@ def _score_file(
     import json
 
     from sim.cli.mission_file import best_class
-    from survey.errors import InputError
+    from survey.core.errors import InputError
 
     if truth is None:
         raise InputError(

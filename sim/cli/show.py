@@ -25,7 +25,7 @@ def show(
       firnline show results/runs/srtm-ridge
     """
     from sim.cli.mission_file import tell
-    from survey.store import STAGES, RunFolder
+    from survey.core.store import STAGES, RunFolder
 
     folder = RunFolder.find(run)
     done = [stage for stage in STAGES if folder.has(stage)]

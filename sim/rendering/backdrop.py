@@ -6,11 +6,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from sim.config.scene import AppearanceConfig
 from sim.rendering.compiled import Doubles, Floats, Ints, entry, i32, row_loop, scalar, u32
-from sim.scene_config import AppearanceConfig
-from sim.scenery import wavy
-from survey.arrays import FloatArray
-from survey.streams import stream
+from sim.world.scenery import wavy
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
 
 HAZE_RADIANCE = 0.92
 _COLUMNS, _ROWS = 1024, 640

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.appearance import sun_direction
+from sim.config.scene import AppearanceConfig
 from sim.rendering.compiled import Doubles, Floats, Ints, Words, by_share, f32, scalar, share_out, u32
-from sim.scene_config import AppearanceConfig
-from sim.scenery import FineTerrain
+from sim.world.appearance import sun_direction
+from sim.world.scenery import FineTerrain
 
 DIRECT_UNIT = 2048.0
 AMBIENT_UNIT = 4096.0

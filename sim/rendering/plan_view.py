@@ -7,7 +7,7 @@ from sim.rendering.footprint import Aim, Footprints
 from sim.rendering.light import shade
 from sim.rendering.renderer import Renderer
 from sim.rendering.rows import Scene, read_surface
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 
 _NO_HAZE_M = 1e12
 _IN_SHADE = 0.3

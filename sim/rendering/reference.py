@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim.scenery import FineTerrain
-from survey.arrays import BoolArray, FloatArray
+from sim.world.scenery import FineTerrain
+from survey.core.arrays import BoolArray, FloatArray
 
 
 def brute_force_depth(
@@ -33,10 +33,10 @@ def brute_force_depth(
 
     Examples
     --------
-    >>> from sim.scene_config import SceneryConfig
-    >>> from sim.scenery import fine_terrain
-    >>> from survey.dem import Dem
-    >>> from survey.grid import Grid
+    >>> from sim.config.scene import SceneryConfig
+    >>> from sim.world.scenery import fine_terrain
+    >>> from survey.data.dem import Dem
+    >>> from survey.data.grid import Grid
     >>> flat = Dem.on(Grid((0.0, 0.0, 9.0, 9.0), 1.0), np.zeros((10, 10)))
     >>> bare = SceneryConfig(dune_sd_m=0.0, sastrugi_sd_m=0.0, hummock_sd_m=0.0, crevasses_per_ha=0.0,
     ...     pools_per_ha=0.0, channels_per_ha=0.0, dirt_cones_per_ha=0.0)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from sim.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
+from sim.config.scene import AppearanceConfig, ImagingConfig
 from sim.rendering.backdrop import backdrop
 from sim.rendering.compiled import Doubles, Floats, share_out
 from sim.rendering.ground_map import ground_map
@@ -15,11 +15,11 @@ from sim.rendering.rows import Lens, Scene, Texture, render_rows
 from sim.rendering.sensor import Image, Sensor
 from sim.rendering.surface import surface_of
 from sim.rendering.sweep import row_slopes, sample_ranges, sweep, view_of
-from sim.scene_config import AppearanceConfig, ImagingConfig
-from sim.scenery import FineTerrain
-from survey.arrays import FloatArray
-from survey.camera import Camera
-from survey.errors import InputError
+from sim.world.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
+from sim.world.scenery import FineTerrain
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.camera import Camera
 
 _MOST_TAPS = 6
 _BLUR_SAMPLES = 5
@@ -71,11 +71,11 @@ class Renderer:
 
     Examples
     --------
-    >>> from sim.camera import rover_camera
-    >>> from sim.scenery import fine_terrain
-    >>> from sim.scene_config import SceneryConfig
-    >>> from survey.dem import Dem
-    >>> from survey.grid import Grid
+    >>> from sim.instruments.camera import rover_camera
+    >>> from sim.world.scenery import fine_terrain
+    >>> from sim.config.scene import SceneryConfig
+    >>> from survey.data.dem import Dem
+    >>> from survey.data.grid import Grid
     >>> site = Dem.on(Grid((0.0, 0.0, 40.0, 40.0), 1.0), np.zeros((41, 41)))
     >>> camera = rover_camera(ImagingConfig(width=80, height=60))
     >>> renderer = Renderer(fine_terrain(site, SceneryConfig(), 1), AppearanceConfig(), camera, seed=1)

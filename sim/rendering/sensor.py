@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from sim.config.scene import ImagingConfig
 from sim.rendering.compiled import Floats, by_share, f32, hash32, share_out, u32
-from sim.scene_config import ImagingConfig
-from survey.camera import Camera
-from survey.streams import stream
+from survey.core.streams import stream
+from survey.data.camera import Camera
 
 Image = npt.NDArray[np.uint8]
 _DRAWS = 1 << 21

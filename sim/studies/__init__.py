@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from survey.errors import InputError
+from survey.core.errors import InputError
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
@@ -20,36 +20,36 @@ class Study(Protocol):
 
 
 STUDIES: dict[str, str] = {
-    "glacier-fig4": "sim.studies.glacier_images:glacier_fig4",
-    "glacier-fig5": "sim.studies.glacier_terrain:glacier_fig5",
-    "glacier-fig6": "sim.studies.glacier_terrain:glacier_fig6",
-    "glacier-fig7": "sim.studies.glacier_terrain:glacier_fig7",
-    "glacier-fig8": "sim.studies.glacier_terrain:glacier_fig8",
-    "glacier-tables": "sim.studies.glacier_terrain:glacier_tables",
-    "glacier-fig9": "sim.studies.glacier_monte_carlo:glacier_fig9",
-    "glacier-fig10": "sim.studies.glacier_monte_carlo:glacier_fig10",
-    "glacier-fig11": "sim.studies.glacier_monte_carlo:glacier_fig11",
-    "glacier-fig12": "sim.studies.glacier_surveys:glacier_fig12",
-    "glacier-fig13": "sim.studies.glacier_surveys:glacier_fig13",
-    "glacier-hyperparameters": "sim.studies.glacier_hyperparameters:glacier_hyperparameters",
-    "joint-map-comparison": "sim.studies.joint_map:comparison",
-    "emap-fig1": "sim.studies.emap:figure_1",
-    "emap-fig2": "sim.studies.emap:figure_2",
-    "emap-table1": "sim.studies.emap:table_1",
-    "emap-fig4": "sim.studies.emap:figure_4",
-    "emap-fig5": "sim.studies.emap:figure_5",
-    "emap-fig6": "sim.studies.emap:figure_6",
-    "emap-range": "sim.studies.emap:range_extension",
-    "carving-fig3": "sim.studies.carving_sine:figure_3",
-    "carving-fig5": "sim.studies.carving_sine:figure_5",
-    "carving-table1": "sim.studies.carving:table_1",
-    "carving-fig7": "sim.studies.carving_maps:figure_7",
-    "carving-fig8": "sim.studies.carving_maps:figure_8",
-    "carving-fig9": "sim.studies.carving_maps:figure_9",
-    "carving-fig10": "sim.studies.carving_maps:figure_10",
-    "carving-fig11": "sim.studies.carving:figure_11",
-    "carving-fig12": "sim.studies.carving:figure_12",
-    "carving-fig13": "sim.studies.carving_maps:figure_13",
+    "glacier-fig4": "sim.studies.glacier.images:glacier_fig4",
+    "glacier-fig5": "sim.studies.glacier.terrain:glacier_fig5",
+    "glacier-fig6": "sim.studies.glacier.terrain:glacier_fig6",
+    "glacier-fig7": "sim.studies.glacier.terrain:glacier_fig7",
+    "glacier-fig8": "sim.studies.glacier.terrain:glacier_fig8",
+    "glacier-tables": "sim.studies.glacier.terrain:glacier_tables",
+    "glacier-fig9": "sim.studies.glacier.monte_carlo:glacier_fig9",
+    "glacier-fig10": "sim.studies.glacier.monte_carlo:glacier_fig10",
+    "glacier-fig11": "sim.studies.glacier.monte_carlo:glacier_fig11",
+    "glacier-fig12": "sim.studies.glacier.surveys:glacier_fig12",
+    "glacier-fig13": "sim.studies.glacier.surveys:glacier_fig13",
+    "glacier-hyperparameters": "sim.studies.glacier.hyperparameters:glacier_hyperparameters",
+    "joint-map-comparison": "sim.studies.glacier.joint_map:comparison",
+    "emap-fig1": "sim.studies.emap.figures:figure_1",
+    "emap-fig2": "sim.studies.emap.figures:figure_2",
+    "emap-table1": "sim.studies.emap.figures:table_1",
+    "emap-fig4": "sim.studies.emap.figures:figure_4",
+    "emap-fig5": "sim.studies.emap.figures:figure_5",
+    "emap-fig6": "sim.studies.emap.figures:figure_6",
+    "emap-range": "sim.studies.emap.figures:range_extension",
+    "carving-fig3": "sim.studies.carving.sine:figure_3",
+    "carving-fig5": "sim.studies.carving.sine:figure_5",
+    "carving-table1": "sim.studies.carving.bounds_and_timing:table_1",
+    "carving-fig7": "sim.studies.carving.maps:figure_7",
+    "carving-fig8": "sim.studies.carving.maps:figure_8",
+    "carving-fig9": "sim.studies.carving.maps:figure_9",
+    "carving-fig10": "sim.studies.carving.maps:figure_10",
+    "carving-fig11": "sim.studies.carving.bounds_and_timing:figure_11",
+    "carving-fig12": "sim.studies.carving.bounds_and_timing:figure_12",
+    "carving-fig13": "sim.studies.carving.maps:figure_13",
 }
 """Name of the study, in the order of the papers → where its function stands, ``module:function``."""
 

@@ -25,8 +25,8 @@ def width_map(reconstruction: Reconstruction) -> Figure:
 
     Examples
     --------
-    >>> from survey.dem import Dem
-    >>> from survey.grid import Grid
+    >>> from survey.data.dem import Dem
+    >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
     >>> level = Dem.on(grid, np.ones(grid.shape))
     >>> width_map(Reconstruction(level, level, np.ones(grid.shape), "gp", {})).axes[0].get_title(loc="left")

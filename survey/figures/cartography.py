@@ -19,11 +19,11 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.ndimage import distance_transform_edt
 from shapely import MultiPolygon, Polygon, get_coordinates, get_parts
 
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
-from survey.dem import Dem
+from survey.core.arrays import FloatArray
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Leg, Route
 from survey.figures.style import ELEVATION, INK, MUTED, NO_GO, ROVERS, VEIL, round_number
-from survey.route import Leg, Route
 
 Bounds = tuple[float, float, float, float]
 

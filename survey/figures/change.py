@@ -18,7 +18,7 @@ from survey.figures.cartography import (
     view,
 )
 from survey.figures.style import ERROR, FULL_IN, INK, VEIL, styled, symmetric_limits
-from survey.scoring.change import Change
+from survey.scoring.change.change import Change
 
 
 @styled
@@ -40,8 +40,8 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
     Examples
     --------
     >>> import shapely
-    >>> from survey.dem import Dem
-    >>> from survey.grid import Grid
+    >>> from survey.data.dem import Dem
+    >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
     >>> difference = Dem.on(grid, np.linspace(-1.0, 1.0, 15).reshape(grid.shape))
     >>> change = Change(difference, np.full(grid.shape, 0.2), np.ones(grid.shape), (), "variogram")

@@ -7,15 +7,15 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
-from survey.dem import Dem
+from survey.core.arrays import FloatArray
+from survey.core.geodesy import same_crs
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Leg, Route
+from survey.data.trajectory import Trajectory
 from survey.figures.cartography import along
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, PRIOR, REFERENCE, styled
-from survey.geodesy import same_crs
 from survey.reconstruction.base import Reconstruction
-from survey.route import Leg, Route
-from survey.trajectory import Trajectory
 
 _AXES_OF_SPACE = ("East", "North", "Up")
 
@@ -83,7 +83,7 @@ def cross_line(swath: Leg, terrain: Dem, area: SurveyArea | None = None) -> Floa
 
     Examples
     --------
-    >>> from survey.grid import Grid
+    >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
     >>> cross_line(Leg("swath", [[0.0, 5.0], [40.0, 5.0]]), Dem.on(grid, np.zeros(grid.shape)))
     array([[20.,  0.],

@@ -6,11 +6,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
+from survey.data.area import SurveyArea
+from survey.data.route import Route
 from survey.figures.cartography import draw_area, draw_scale_and_north, map_figure, widened
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, styled
-from survey.route import Route
 
 
 @styled
@@ -37,7 +37,7 @@ def executed_route(
 
     Examples
     --------
-    >>> from survey.route import Leg
+    >>> from survey.data.route import Leg
     >>> plan = Route((Leg("swath", np.array([[0.0, 0.0], [50.0, 0.0]])),), "EPSG:32608", "by hand")
     >>> executed_route(plan, np.array([[0.0, 0.1], [50.0, 1.0]])).axes[0].get_xlabel()
     'Easting [m]'
@@ -82,7 +82,7 @@ def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray 
 
     Examples
     --------
-    >>> from survey.route import Leg
+    >>> from survey.data.route import Leg
     >>> plan = Route((Leg("swath", np.array([[0.0, 0.0], [50.0, 0.0]])),), "EPSG:32608", "by hand")
     >>> deviation_from_route(plan, np.array([[0.0, 0.1], [50.0, 1.0]])).axes[0].get_ylabel()
     'Distance from route [m]'

@@ -8,10 +8,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from scipy.spatial import cKDTree
 
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.geodesy import same_crs, same_vertical_datum
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Route
 from survey.figures.cartography import add_colour_bar, draw_raster, map_figure, view
 from survey.figures.maps import draw_outline_and_route
 from survey.figures.style import (
@@ -26,9 +28,7 @@ from survey.figures.style import (
     styled,
     symmetric_limits,
 )
-from survey.geodesy import same_crs, same_vertical_datum
 from survey.reconstruction.base import Reconstruction
-from survey.route import Route
 from survey.scoring import Calibration, ErrorStatistics
 
 _HALF_HEIGHT_IN = 3.3
@@ -48,7 +48,7 @@ def height_error(
 
     Examples
     --------
-    >>> from survey.grid import Grid
+    >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 2.0, 1.0), 1.0)
     >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
     >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})

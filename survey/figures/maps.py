@@ -8,8 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from survey.area import SurveyArea
-from survey.dem import Dem
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Route
+from survey.data.surface_points import SurfacePoints
 from survey.figures.cartography import (
     add_colour_bar,
     draw_area,
@@ -27,8 +29,6 @@ from survey.figures.cartography import (
 )
 from survey.figures.style import DENSITY, DEVIATION, FULL_IN, HALF_IN, INK, round_number, styled
 from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
-from survey.route import Route
-from survey.surface_points import SurfacePoints
 
 _SUPPORT = {
     UNSEEN: ("Unseen", "#dcdcdc"),
@@ -66,7 +66,7 @@ def route_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | No
 
     Examples
     --------
-    >>> from survey.grid import Grid
+    >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
     >>> figure = route_map(Dem.on(grid, grid.xy[:, 0].reshape(grid.shape)))
     >>> figure.axes[0].get_xlabel()

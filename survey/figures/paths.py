@@ -7,7 +7,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.figures.cartography import MapFigure, add_colour_bar, draw_scale_and_north, grouped, map_figure
 from survey.figures.style import (
     CLAIM,

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 from shapely import Polygon
 
-from survey.area import SurveyArea
-from survey.dem import Dem
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Route
 from survey.figures.cartography import (
     add_colour_bar,
     draw_area,
@@ -30,7 +31,6 @@ from survey.figures.cartography import (
     widened,
 )
 from survey.figures.style import DEVIATION, ELEVATION, FULL_IN, MUTED, styled
-from survey.route import Route
 
 
 @styled
@@ -73,7 +73,7 @@ def plan_map(
 
     Examples
     --------
-    >>> from survey.route import Leg
+    >>> from survey.data.route import Leg
     >>> area = SurveyArea.rectangle((0.0, 0.0, 40.0, 20.0), "EPSG:32608")
     >>> route = Route((Leg("swath", [[0.0, 10.0], [40.0, 10.0]]),), "EPSG:32608", "line")
     >>> plan_map(area, route).axes[0].get_title(loc="left")

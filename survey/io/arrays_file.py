@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from survey.errors import InputError
-from survey.io.files import existing_file, replacing
+from survey.core.errors import InputError
+from survey.core.files import existing_file, replacing
 
 
 def write_arrays(path: str | Path, kind: str, facts: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:

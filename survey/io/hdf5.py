@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from survey.errors import InputError
+from survey.core.errors import InputError
 
 _PATIENCE_S = 10.0
 _SLOWEST_BYTES_PER_S = 5e6

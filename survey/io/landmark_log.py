@@ -15,10 +15,10 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.arrays import FloatArray, checked
-from survey.errors import InputError
-from survey.geodesy import projected_crs
-from survey.io.files import first_line
+from survey.core.arrays import FloatArray, checked
+from survey.core.errors import InputError
+from survey.core.files import first_line
+from survey.core.geodesy import projected_crs
 from survey.io.vector import write_features
 
 TABLE = "landmarks"

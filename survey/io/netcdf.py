@@ -8,9 +8,9 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.io.files import replacing, unwritable
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.files import replacing, unwritable
 
 _FILL = np.float32(-9999.0)
 

@@ -14,12 +14,12 @@ import shapely
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.geodesy import UNSTATED, vertical_datum_of
-from survey.io.checksum import checksum, refuse_altered
-from survey.io.files import existing_file, first_line, replacing
-from survey.io.las_claims import check_claim, check_las_points, check_las_records
+from survey.core.arrays import FloatArray
+from survey.core.checksum import checksum, refuse_altered
+from survey.core.errors import InputError
+from survey.core.files import existing_file, first_line, replacing
+from survey.core.geodesy import UNSTATED, vertical_datum_of
+from survey.io.las_header import check_claim, check_las_points, check_las_records
 from survey.io.tables import read_table, write_table
 from survey.io.vector import read_features, write_features
 

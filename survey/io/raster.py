@@ -12,11 +12,11 @@ from pyproj import CRS
 from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError
 
-from survey.arrays import FloatArray
-from survey.errors import CapacityError, InputError
-from survey.geodesy import UNSTATED, VERTICAL_CRS, projected_crs, vertical_datum_of
-from survey.io.checksum import checksum, refuse_altered
-from survey.io.files import DamagedError, existing_file, first_line, replacing, unwritable, warnings_logged
+from survey.core.arrays import FloatArray
+from survey.core.checksum import checksum, refuse_altered
+from survey.core.errors import CapacityError, InputError
+from survey.core.files import DamagedError, existing_file, first_line, replacing, unwritable, warnings_logged
+from survey.core.geodesy import UNSTATED, VERTICAL_CRS, projected_crs, vertical_datum_of
 from survey.io.hdf5 import refuse_endless
 
 NODATA = -9999.0

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.io.files import existing_file, replacing
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.files import existing_file, replacing
 
 
 def write_table(path: str | Path, columns: Mapping[str, FloatArray]) -> None:

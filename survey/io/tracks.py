@@ -9,11 +9,11 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.geodesy import transformed
-from survey.io.checksum import checksum, refuse_altered
-from survey.io.files import existing_file, replacing
+from survey.core.arrays import FloatArray
+from survey.core.checksum import checksum, refuse_altered
+from survey.core.errors import InputError
+from survey.core.files import existing_file, replacing
+from survey.core.geodesy import transformed
 from survey.io.vector import read_features, write_features
 
 TUM_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.errors import InputError
-from survey.io.files import existing_file, first_line, replacing, unwritable, warnings_logged
+from survey.core.errors import InputError
+from survey.core.files import existing_file, first_line, replacing, unwritable, warnings_logged
 
 _DRIVERS = {
     ".gpkg": "GPKG",

@@ -8,7 +8,7 @@ from survey.reconstruction.base import (
     Reconstruction,
     TerrainModel,
 )
-from survey.reconstruction.config import GaussianProcessConfig
+from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, FunctionMean, Mean
 from survey.reconstruction.reconstruct import reconstruct

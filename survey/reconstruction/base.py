@@ -11,14 +11,14 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
-from survey.arrays import FloatArray, checked, frozen
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import same_crs
-from survey.grid import Grid
-from survey.io.files import existing_file, replacing
+from survey.core.arrays import FloatArray, checked, frozen
+from survey.core.errors import InputError
+from survey.core.files import existing_file, replacing
+from survey.core.geodesy import same_crs
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.io.raster import read_raster, write_raster
-from survey.surface_points import SurfacePoints
 
 UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
 """Codes of `Reconstruction.support`: what stands behind the height of a node."""

@@ -5,10 +5,10 @@ from typing import Self
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION
-from survey.surface_points import SurfacePoints
 
 
 @dataclass(frozen=True)

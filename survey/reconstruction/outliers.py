@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.special import ndtri
 
-from survey.arrays import FloatArray, IntArray
+from survey.core.arrays import FloatArray, IntArray
 
 _SUSPECT_Z = 4.0
 # Chance that a survey without a single outlier names one.

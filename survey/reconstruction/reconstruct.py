@@ -6,18 +6,18 @@ from typing import Literal, get_args
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from survey.area import SurveyArea
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import same_crs
-from survey.grid import Grid
-from survey.path_error import PathError
+from survey.core.errors import InputError
+from survey.core.geodesy import same_crs
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.path_error import PathError
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
-from survey.reconstruction.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.triangulation import triangulate
-from survey.surface_points import SurfacePoints
 
 Method = Literal["gp", "dense", "tin"]
 
@@ -89,7 +89,7 @@ def reconstruct(
             result = model.fit(points).grid(grid)
     if rays:
         # Here, because compiled support is only needed with lines of sight.
-        from survey.reconstruction.visibility.truncation import below_sight_lines
+        from survey.reconstruction.line_of_sight.truncation import below_sight_lines
 
         result = below_sight_lines(result, points)
     return result if area is None else within(result, area)

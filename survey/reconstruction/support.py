@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN
 
 _NEAR_LENGTHS = 0.25

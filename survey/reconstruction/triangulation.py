@@ -9,11 +9,12 @@ import numpy.typing as npt
 from pyproj import CRS
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import UNSTATED, same_crs
-from survey.grid import Grid
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.geodesy import UNSTATED, same_crs
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.base import (
     ELEVATION,
@@ -27,7 +28,6 @@ from survey.reconstruction.base import (
     not_fitted,
 )
 from survey.reconstruction.observations import Observations
-from survey.surface_points import SurfacePoints
 
 _FORMAT = "firnline triangulated terrain 1"
 _NEAR_M = 1.0

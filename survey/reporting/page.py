@@ -5,9 +5,9 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from survey.errors import InputError
-from survey.io.files import replacing
-from survey.reporting import words
+from survey.core.errors import InputError
+from survey.core.files import replacing
+from survey.reporting import summary_text as words
 from survey.reporting.pictures import Picture, pictures_of
 from survey.reporting.surveyed import Surveyed
 

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from survey import figures
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
 from survey.reporting.surveyed import OnBoard, Surveyed
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
 
 
 class Picture(NamedTuple):

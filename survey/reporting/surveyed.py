@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
-from survey.dem import Dem
+from survey.core.arrays import FloatArray
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Route
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import Reconstruction
-from survey.route import Route
 from survey.scoring import Score
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)

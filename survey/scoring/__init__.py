@@ -1,16 +1,16 @@
 """How good a survey was: coverage, spread, errors, honesty of the uncertainty, class of the map, change."""
 
 from survey.scoring.accuracy import Calibration, ErrorStatistics
-from survey.scoring.assessment import Assessment, CheckpointScore, score_at
-from survey.scoring.change import Change, MassBalance, VolumeChange, change, change_of_models
-from survey.scoring.checkpoint_design import design_checkpoints
-from survey.scoring.checkpoints import CheckpointErrors, Checkpoints, Spread, compare
-from survey.scoring.coregistration import Shift, coregister
+from survey.scoring.change.change import Change, MassBalance, VolumeChange, change, change_of_models
+from survey.scoring.change.coregistration import Shift, coregister
 from survey.scoring.coverage import Coverage, SampleCells, science_coverage
-from survey.scoring.intervals import RmseInterval
 from survey.scoring.score import Score, score
 from survey.scoring.spread import centeredness, distribution
-from survey.scoring.standards import MapClass, Standard, Verdict, judge, map_classes
+from survey.scoring.standards.assessment import Assessment, CheckpointScore, score_at
+from survey.scoring.standards.checkpoint_design import design_checkpoints
+from survey.scoring.standards.checkpoints import CheckpointErrors, Checkpoints, Spread, compare
+from survey.scoring.standards.intervals import RmseInterval
+from survey.scoring.standards.standards import MapClass, Standard, Verdict, judge, map_classes
 
 __all__ = [
     "Assessment",

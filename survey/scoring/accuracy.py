@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.special import ndtri
 
-from survey.errors import InputError
+from survey.core.errors import InputError
 
 NMAD_FACTOR = 1.4826
 """Makes the median absolute deviation of normal errors equal their standard deviation."""

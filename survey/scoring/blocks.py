@@ -10,17 +10,17 @@ import numpy as np
 from affine import Affine
 from scipy.special import ndtri
 
-from survey.area import SurveyArea
-from survey.arrays import FloatArray, IntArray
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum, vertical_datum_of
-from survey.io.files import existing_file
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import InputError
+from survey.core.files import existing_file
+from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum, vertical_datum_of
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
 from survey.io.raster import opened_raster, read_window, stated_datum
 from survey.scoring.accuracy import LEVELS, NMAD_FACTOR, Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage
 from survey.scoring.score import Score
-from survey.scoring.standards import judge
+from survey.scoring.standards.standards import judge
 
 BLOCK_CELLS = 1024
 """Side of the blocks that are read at once [cells]."""

@@ -6,10 +6,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from survey.area import SurveyArea
-from survey.arrays import BoolArray, FloatArray, IntArray
-from survey.errors import InputError
-from survey.route import Route
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.route import Route
 from survey.scoring.spread import centeredness, distribution
 
 # A sample on the edge between two cells counts for the north-eastern one whatever the rounding.
@@ -188,7 +188,7 @@ class Coverage:
 
         Examples
         --------
-        >>> from survey.route import Leg
+        >>> from survey.data.route import Leg
         >>> area = SurveyArea.rectangle((0.0, 0.0, 40.0, 40.0), "EPSG:32608")
         >>> line = Route((Leg("swath", [[5.0, 5.0], [5.0, 35.0]]),), "EPSG:32608", "line")
         >>> coverage = Coverage.of(line, area)

@@ -7,16 +7,16 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from survey.area import SurveyArea
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import same_crs, same_vertical_datum
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.geodesy import same_crs, same_vertical_datum
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Route
 from survey.reconstruction.base import ELEVATION, Reconstruction
-from survey.route import Route
 from survey.scoring.accuracy import Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage
-from survey.scoring.standards import Verdict, judge
+from survey.scoring.standards.standards import Verdict, judge
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def score(
 
     Examples
     --------
-    >>> from survey.grid import Grid
+    >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 10.0)
     >>> flat, sure = Dem.on(grid, np.zeros(grid.shape)), Dem.on(grid, np.full(grid.shape, 0.1))
     >>> high = Dem.on(grid, np.full(grid.shape, 0.2))

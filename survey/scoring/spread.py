@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.route import Route, RouteSamples
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.route import Route, RouteSamples
 
 SHORTEST_STEP_M = 1.0
 """Cross-track steps below this are left out of Eq. 15 [m]."""
@@ -78,7 +78,7 @@ def distribution(route: Route, tracks: Sequence[RouteSamples]) -> float | None:
 
     Examples
     --------
-    >>> from survey.route import Leg
+    >>> from survey.data.route import Leg
     >>> zigzag = Leg("swath", [[0, 0], [6, 8], [12, 0]], axis=[[0, 0], [12, 0]])
     >>> route = Route((zigzag,), "EPSG:32608", "zigzag")
     >>> distribution(route, [route.sample(5.0)])

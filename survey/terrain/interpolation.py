@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import same_crs
-from survey.grid import Grid
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.geodesy import same_crs
+from survey.data.dem import Dem
+from survey.data.grid import Grid
 
 _LEAST_CELLS = 5
 

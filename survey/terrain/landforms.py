@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import ConfigError, InputError
-from survey.grid import Grid
+from survey.core.arrays import FloatArray
+from survey.core.errors import ConfigError, InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
 from survey.terrain.random_fields import (
     fractional_brownian,
     matern_field,

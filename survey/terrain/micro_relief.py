@@ -21,10 +21,10 @@ at 1.54; without anisotropy the log-likelihood is 18 lower. The skewness is not 
 import numpy as np
 from scipy.integrate import quad
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.grid import Grid
-from survey.reconstruction.gp.kernels import Matern32
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.grid import Grid
+from survey.reconstruction.gp.covariance.kernels import Matern32
 from survey.terrain.random_fields import require_resolved, spectral_field
 
 LONGEST_WAVE_M = 35.0

@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from survey.arrays import BoolArray, FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.grid import Grid
-from survey.reconstruction.gp.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
 
 SpectralDensity = Callable[[FloatArray], FloatArray]
 

@@ -6,8 +6,8 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.dem import Dem
-from survey.errors import InputError
+from survey.core.errors import InputError
+from survey.data.dem import Dem
 from survey.io.raster import Raster, reprojected
 
 _FILE = "jacksboro_fault_dem.npz"

@@ -6,9 +6,9 @@ from typing import Self
 import numpy as np
 from affine import Affine
 
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.dem import Dem
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def satellite_copy(
 
     Examples
     --------
-    >>> from survey.grid import Grid
+    >>> from survey.data.grid import Grid
     >>> flat = Dem.on(Grid((0.0, 0.0, 600.0, 600.0), 5.0), np.full((121, 121), 7.0))
     >>> copy = satellite_copy(flat, rng=np.random.default_rng(1), sigma_m=0.0)
     >>> copy.shape, copy.bounds, float(copy.elevation.max())

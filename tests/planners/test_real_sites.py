@@ -9,18 +9,18 @@ import shapely
 from pyproj import CRS
 from shapely import LineString
 
-from planners.decomposition import swaths_on, unswept
-from planners.fleet import share
-from planners.heading import heading_by
-from planners.ordering import connect
-from planners.transit import FreeGround
-from planners.traversability import RoverLimits, drivable
-from survey.area import SurveyArea
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import transformed
+from planners.driving.fleet import share
+from planners.driving.ordering import connect
+from planners.ground.transit import FreeGround
+from planners.ground.traversability import RoverLimits, drivable
+from planners.swaths.decomposition import swaths_on, unswept
+from planners.swaths.heading import heading_by
+from survey.core.errors import InputError
+from survey.core.geodesy import transformed
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Leg
 from survey.io.vector import read_features
-from survey.route import Leg
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="FIRNLINE_DATA is missing")

@@ -19,18 +19,18 @@ from hypothesis import strategies as st
 from shapely import LineString, affinity
 
 from planners import LawnmowerConfig, Rover, plan
-from planners.decomposition import swaths_on, unswept
-from planners.energy import Mobility, predicted
-from planners.fleet import share
-from planners.ordering import connect
-from planners.swaths import axes_of
-from planners.transit import MARGIN_M, FreeGround
-from planners.turns import headland_passes
-from survey.area import SurveyArea
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.grid import Grid
-from survey.route import Leg
+from planners.driving.energy import Mobility, predicted
+from planners.driving.fleet import share
+from planners.driving.ordering import connect
+from planners.driving.turns import headland_passes
+from planners.ground.transit import MARGIN_M, FreeGround
+from planners.swaths.decomposition import swaths_on, unswept
+from planners.swaths.swaths import axes_of
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Leg
 
 _spec = importlib.util.spec_from_file_location("random_sites", Path(__file__).parent / "random_sites.py")
 assert _spec is not None

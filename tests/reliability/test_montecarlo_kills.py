@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from sim.executors import dask_done
-from sim.montecarlo import run_study
-from sim.montecarlo_config import read_study
-from sim.trials import blocks_of, survey_block
-from survey.streams import stream
+from sim.montecarlo.config import read_study
+from sim.montecarlo.study import run_study
+from sim.montecarlo.trials import blocks_of, survey_block
+from survey.core.streams import stream
 
 STUDY = """
 schema_version = 1

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from sim.config import MissionConfig
-from sim.drive import Ending
-from sim.mission import run_mission
-from sim.runs import open_run
-from survey.config import validated
-from survey.io.documents import read_json
+from sim.config.mission import MissionConfig
+from sim.mission.runs import open_run
+from sim.mission.stages import run_mission
+from sim.simulate.vision import Ending
+from survey.core.config import validated
+from survey.core.documents import read_json
 from tests.reliability.test_same_bytes import Nursery, products
 
 pytestmark = [

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from survey.area import SurveyArea
-from survey.dem import Dem
-from survey.grid import Grid
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Leg, Route
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import Reconstruction
-from survey.route import Leg, Route
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
 
 CRS = "EPSG:32608"
 WEST, SOUTH = 500_000.0, 6_712_000.0

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from survey.arrays import FloatArray
-from survey.camera import Camera, Image
+from survey.core.arrays import FloatArray
+from survey.data.camera import Camera, Image
 
 PITCH_DEG = 25.0
 

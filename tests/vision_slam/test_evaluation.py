@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from survey.errors import InputError
+from survey.core.errors import InputError
 from survey.io.tracks import read_kitti, read_tum
 from vision_slam.evaluation import absolute_errors_m, alignment, matched_times, relative_errors
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from survey.arrays import FloatArray, IntArray
+from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.carving.wu_kernel import wu
 
 BY_POINT, BY_RAY = 0, 1

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from survey.arrays import FloatArray, IntArray
+from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.carving.bases import Bases, Cells, Fresh
 from survey.reconstruction.carving.cloud import Sights
 from survey.reconstruction.carving.descent import MOST_PER_POINT, Rasters, Step, Tally, Visited, descend

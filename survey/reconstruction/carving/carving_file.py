@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pyproj import CRS
 
-from survey.config import validated
+from survey.core.config import validated
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.carving.bases import Bases, Columns
 from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame

@@ -7,12 +7,12 @@ import numpy as np
 from pyproj import CRS
 from scipy.ndimage import binary_dilation
 
-from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig
-from survey.reconstruction.lattice.nodes import NodeWindow
-from survey.reconstruction.visibility.ceiling import LowestRays
-from survey.reconstruction.visibility.sight_lines import ends_far_below
-from survey.surface_points import SurfacePoints
+from survey.reconstruction.line_of_sight.ceiling import LowestRays
+from survey.reconstruction.line_of_sight.sight_lines import ends_far_below
+from survey.reconstruction.nodes import NodeWindow
 
 _TILE_M = 48.0
 

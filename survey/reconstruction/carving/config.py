@@ -5,8 +5,8 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from survey.arrays import FloatArray
-from survey.config import Section
+from survey.core.arrays import FloatArray
+from survey.core.config import Section
 
 
 class SpaceCarvingConfig(Section):

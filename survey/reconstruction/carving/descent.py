@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.reconstruction.carving.bases import (
     BY_POINT,
     BY_RAY,

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 from survey.reconstruction.carving.descent import Tally
 
 

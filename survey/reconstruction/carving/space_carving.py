@@ -8,11 +8,13 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.arrays import FloatArray, IntArray, checked
-from survey.dem import Dem
-from survey.errors import CapacityError, InputError
-from survey.geodesy import same_crs
-from survey.grid import Grid
+from survey.core.arrays import FloatArray, IntArray, checked
+from survey.core.errors import CapacityError, InputError
+from survey.core.geodesy import same_crs
+from survey.core.streams import stream
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import (
     SIGMAS_95,
     UNSEEN,
@@ -29,11 +31,9 @@ from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.descent import Step
 from survey.reconstruction.carving.record import Pass, pass_of, rms
 from survey.reconstruction.carving.support import Codes, support_codes
-from survey.reconstruction.lattice.ghost_returns import ghosts
-from survey.reconstruction.lattice.nodes import NodeWindow
-from survey.reconstruction.visibility.sight_lines import checked_origins
-from survey.streams import stream
-from survey.surface_points import SurfacePoints
+from survey.reconstruction.line_of_sight.ghost_returns import ghosts
+from survey.reconstruction.line_of_sight.sight_lines import checked_origins
+from survey.reconstruction.nodes import NodeWindow
 
 MEAN, LOWER, UPPER = "mean", "lower", "upper"
 _METHOD = "carving"

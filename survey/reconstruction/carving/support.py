@@ -4,11 +4,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN
 from survey.reconstruction.carving.cloud import Cloud
-from survey.reconstruction.lattice.nodes import NodeWindow
-from survey.reconstruction.visibility.ceiling import LowestRays
+from survey.reconstruction.line_of_sight.ceiling import LowestRays
+from survey.reconstruction.nodes import NodeWindow
 
 Codes = npt.NDArray[np.uint8]
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 
 
 @njit(cache=True, inline="always")

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
-from survey.arrays import BoolArray, FloatArray
-from survey.streams import stream
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.streams import stream
 
 Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
 """From the points kept (N,) and places (M, 2) to mean (M,) and variance (M,) of the surface."""

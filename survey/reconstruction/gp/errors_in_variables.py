@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 
 
 def variance_through_slope(covariance: FloatArray, slope: FloatArray) -> FloatArray:

@@ -6,13 +6,13 @@ from typing import Self
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.reconstruction.gp.fourier_basis import ComplexArray
-from survey.reconstruction.gp.mean_solver import PointSums
-from survey.reconstruction.gp.noisy_values import NoisyValues
-from survey.reconstruction.gp.resolution import Bounds, Resolution, amplitudes, resolve
-from survey.reconstruction.gp.stationary import Kernel
-from survey.reconstruction.gp.weight_posterior import WeightPosterior
+from survey.core.arrays import FloatArray
+from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.engines.fourier_basis import ComplexArray
+from survey.reconstruction.gp.engines.mean_solver import PointSums
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.resolution import Bounds, Resolution, amplitudes, resolve
+from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class VarianceForecast:
 
     Examples
     --------
-    >>> from survey.reconstruction.gp.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
     >>> nothing = VarianceForecast.of(SquaredExponential(4.0, 20.0), (0, 0, 100, 100), sigma_m=0.5)
     >>> swath = np.column_stack([np.arange(0.0, 100.0, 5.0), np.full(20, 50.0)])
     >>> driven = nothing.with_information(nothing.information(swath, np.full(20, 0.5)))

@@ -8,24 +8,24 @@ import numpy as np
 import numpy.typing as npt
 from shapely import MultiPolygon, Polygon
 
-from survey.arrays import BoolArray, FloatArray, checked
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.geodesy import UNSTATED, same_crs, same_vertical_datum
-from survey.grid import Grid
+from survey.core.arrays import BoolArray, FloatArray, checked
+from survey.core.errors import InputError
+from survey.core.geodesy import UNSTATED, same_crs, same_vertical_datum
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, Capabilities, Reconstruction, TerrainModel, not_fitted
-from survey.reconstruction.config import GaussianProcessConfig
 from survey.reconstruction.gp.calibration import Calibration
+from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
-from survey.reconstruction.gp.families import Hyperparameters, likeliest
 from survey.reconstruction.gp.learned import Learned, surface_variance
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.process import Bounds, Process, conditioned, leave_one_out
 from survey.reconstruction.gp.satellite import with_prior_error
+from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
 from survey.reconstruction.gp.volume import Volume, quadrature
 from survey.reconstruction.observations import Observations
 from survey.reconstruction.outliers import Outliers, distrusted
-from survey.surface_points import SurfacePoints
 
 _N_LEAST = 3
 # Places on the site from which the widths of its gaps are taken.

@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from survey.arrays import FloatArray
-from survey.grid import Grid
+from survey.core.arrays import FloatArray
+from survey.data.grid import Grid
 from survey.reconstruction.gp.calibration import Calibration
-from survey.reconstruction.gp.families import Hyperparameters
+from survey.reconstruction.gp.engines.variance_bound import variance_from_nearest
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.gp.near_points import variance_from_nearest
 from survey.reconstruction.gp.process import Process
+from survey.reconstruction.gp.selection.families import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 from survey.reconstruction.support import support_codes
 

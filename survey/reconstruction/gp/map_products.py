@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from survey.arrays import FloatArray, checked
-from survey.errors import InputError
-from survey.reconstruction.gp.gaussian_process import FourierGaussianProcess
-from survey.reconstruction.gp.mean_solver import put_real_weights
+from survey.core.arrays import FloatArray, checked
+from survey.core.errors import InputError
+from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.mean_solver import put_real_weights
 
 
 def slope_on_axes(gp: FourierGaussianProcess, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -97,7 +97,7 @@ def weighted_sum(gp: FourierGaussianProcess, xy: FloatArray, weights: FloatArray
 
     Examples
     --------
-    >>> from survey.reconstruction.gp.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
     >>> xy = np.array([[5.0, 5.0], [2.0, 3.0], [8.0, 6.0]])
     >>> gp = FourierGaussianProcess.fit(xy, np.ones(3), np.full(3, 0.1), SquaredExponential(1.0, 50.0))
     >>> volume, std = weighted_sum(gp, xy, np.full(3, 10.0))

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.reconstruction.gp.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.gaussian_process import FourierGaussianProcess
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.gp.map_products import sample_on_axes, weighted_sum
 from survey.reconstruction.gp.process import Process
 

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, QhullError
 
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.dem import Dem
 
 # Half the arm of the central difference that gives a mean's slope [m].
 _ARM_M = 0.5
@@ -89,7 +89,7 @@ class DemMean(Mean):
 
     Examples
     --------
-    >>> from survey.grid import Grid
+    >>> from survey.data.grid import Grid
     >>> prior = Dem.on(Grid((0.0, 0.0, 2.0, 2.0), 1.0), np.arange(9.0).reshape(3, 3))
     >>> DemMean(prior).at(np.array([[0.5, 2.0]]))
     array([0.5])

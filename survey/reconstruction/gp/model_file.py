@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from affine import Affine
 
-from survey.config import validated
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.io.files import existing_file, replacing
-from survey.reconstruction.config import GaussianProcessConfig, kernel_of
+from survey.core.config import validated
+from survey.core.errors import InputError
+from survey.core.files import existing_file, replacing
+from survey.data.dem import Dem
 from survey.reconstruction.gp.calibration import Calibration
-from survey.reconstruction.gp.families import Hyperparameters
-from survey.reconstruction.gp.kernels import Sum
+from survey.reconstruction.gp.config import GaussianProcessConfig, kernel_of
+from survey.reconstruction.gp.covariance.kernels import Sum
 from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.process import conditioned
 from survey.reconstruction.gp.satellite import prior_error_kernel
+from survey.reconstruction.gp.selection.families import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 
 if TYPE_CHECKING:

@@ -2,13 +2,13 @@
 
 from typing import Any, Literal, Protocol, Self
 
-from survey.arrays import FloatArray
-from survey.errors import CapacityError
-from survey.reconstruction.config import GaussianProcessConfig
-from survey.reconstruction.gp.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.kernels import Kernel
-from survey.reconstruction.gp.noisy_values import NoisyValues
-from survey.reconstruction.gp.polynomial_trend import TrendName
+from survey.core.arrays import FloatArray
+from survey.core.errors import CapacityError
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.polynomial_trend import TrendName
 
 Bounds = tuple[float, float, float, float]
 
@@ -59,9 +59,9 @@ def conditioned(
     if engine == "dense" or len(xy) <= _N_DENSE:
         return DenseGaussianProcess.fit(xy, values, sigma_m, kernel, trend=trend)
     # Here, because compiling support costs half a second that other methods need not pay.
-    from survey.reconstruction.gp.gaussian_process import FourierGaussianProcess
-    from survey.reconstruction.gp.rough_resolution import resolution_for
-    from survey.reconstruction.gp.tiles import TiledGaussianProcess
+    from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+    from survey.reconstruction.gp.engines.rough_resolution import resolution_for
+    from survey.reconstruction.gp.engines.tiles import TiledGaussianProcess
 
     site = NoisyValues.of(xy, values, sigma_m).extent(bounds)
     limits = {"tolerance_m": config.tolerance_m, "memory_mb": config.memory_mb}

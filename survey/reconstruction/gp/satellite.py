@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.reconstruction.gp.families import Hyperparameters
-from survey.reconstruction.gp.kernels import Kernel, SquaredExponential, Sum
+from survey.reconstruction.gp.covariance.kernels import Kernel, SquaredExponential, Sum
+from survey.reconstruction.gp.selection.families import Hyperparameters
 
 
 def prior_error_kernel(cell_m: float, sigma_m: float) -> Kernel:

@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,19 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from survey.arrays import FloatArray, IntArray
-from survey.dem import Dem
-from survey.geodesy import same_crs, same_vertical_datum
-from survey.grid import Grid
-from survey.path_error import POSE, PathError
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.geodesy import same_crs, same_vertical_datum
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.path_error import POSE, PathError
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import ELEVATION, Reconstruction, local_datum_m
-from survey.reconstruction.config import Family, GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.errors_in_variables import variance_through_slope
-from survey.reconstruction.gp.families import Hyperparameters, likeliest
-from survey.reconstruction.gp.fourier_basis import FourierBasis
-from survey.reconstruction.gp.noisy_values import NoisyValues
-from survey.reconstruction.gp.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.resolution import (
+from survey.reconstruction.gp.config import Family, GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
+from survey.reconstruction.gp.engines.resolution import (
     Bounds,
     affordable_basis,
     amplitudes,
@@ -28,13 +28,13 @@ from survey.reconstruction.gp.resolution import (
     sharpest_std_m,
     tail_variance,
 )
+from survey.reconstruction.gp.errors_in_variables import variance_through_slope
+from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior, waves_at
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.support import support_codes
-from survey.surface_points import SurfacePoints
-from survey.trajectory import Trajectory
 
 CANDIDATES: tuple[Family, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 """What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,

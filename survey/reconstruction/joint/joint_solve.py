@@ -20,12 +20,12 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import blas
 
-from survey.arrays import FloatArray, IntArray
-from survey.path_error import factorized
-from survey.reconstruction.gp.fourier_basis import FourierBasis
-from survey.reconstruction.gp.mean_solver import PointSums
-from survey.reconstruction.gp.noisy_values import NoisyValues
-from survey.reconstruction.gp.weight_posterior import WeightPosterior, precision
+from survey.core.arrays import FloatArray, IntArray
+from survey.data.path_error import factorized
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
+from survey.reconstruction.gp.engines.mean_solver import PointSums
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior, precision
 
 # Points whose waves are evaluated at once: bounds the memory.
 _AT_ONCE = 512

@@ -7,10 +7,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.path_error import POSE, PathError
-from survey.surface_points import SurfacePoints
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.path_error import POSE, PathError
+from survey.data.surface_points import SurfacePoints
 
 # A slope and an arm that bring the unknowns of a pose to one unit, metres of height, before modes are compared.
 _TYPICAL_SLOPE, _TYPICAL_ARM_M = 0.06, 12.0

@@ -9,9 +9,9 @@ claim to be known far better than they are.
 import numpy as np
 from scipy import fft
 
-from survey.arrays import FloatArray
-from survey.reconstruction.gp.fourier_basis import FourierBasis
-from survey.reconstruction.gp.kernels import Kernel
+from survey.core.arrays import FloatArray
+from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 
 # Cells per length scale, and how many there may be along a side: beyond that points of one cell count as one place.
 _PER_LENGTH, _MOST_CELLS = 2.5, 1500.0
@@ -47,8 +47,8 @@ def with_shared_relief(
 
     Examples
     --------
-    >>> from survey.reconstruction.gp.fourier_basis import FourierBox
-    >>> from survey.reconstruction.gp.kernels import SquaredExponential
+    >>> from survey.reconstruction.gp.engines.fourier_basis import FourierBox
+    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
     >>> box = FourierBox.around((0.0, 0.0, 100.0, 100.0), 20.0)
     >>> none = FourierBasis.of(box, np.zeros((1, 2), dtype=np.int64))
     >>> relief = SquaredExponential(0.01, 3.0)

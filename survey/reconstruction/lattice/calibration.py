@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from survey.arrays import BoolArray, FloatArray
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.streams import stream
 from survey.reconstruction.base import SIGMAS_95
-from survey.streams import stream
 
 Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
 """From the points kept (N,) and places (M, 2) to mean (M,) and variance (M,) of the surface."""

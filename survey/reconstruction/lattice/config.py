@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from survey.config import Section
+from survey.core.config import Section
 
 
 class FieldLatticeConfig(Section):

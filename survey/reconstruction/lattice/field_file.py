@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from pyproj import CRS
 
-from survey.config import validated
+from survey.core.config import validated
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior
 from survey.reconstruction.lattice.information import Information
-from survey.reconstruction.lattice.nodes import Here, NodeWindow
 from survey.reconstruction.lattice.recent_points import RecentPoints
 from survey.reconstruction.lattice.stiffness import Stiffness
-from survey.reconstruction.visibility.ceiling import LowestRays
+from survey.reconstruction.line_of_sight.ceiling import LowestRays
+from survey.reconstruction.nodes import Here, NodeWindow
 
 if TYPE_CHECKING:
     from survey.reconstruction.lattice.field_lattice import FieldLattice

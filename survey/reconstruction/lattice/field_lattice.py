@@ -7,17 +7,22 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.arrays import BoolArray, FloatArray
-from survey.errors import InputError
-from survey.geodesy import same_crs
-from survey.grid import Grid
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import InputError
+from survey.core.geodesy import same_crs
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import MEASURED, RAY_BOUNDED, Capabilities, local_datum_m, not_fitted
 from survey.reconstruction.lattice.calibration import LatticeCalibration
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, is_small
-from survey.reconstruction.lattice.ghost_returns import ghosts
 from survey.reconstruction.lattice.hidden_ground import BoundFactors
-from survey.reconstruction.lattice.nodes import (
+from survey.reconstruction.lattice.recent_points import RecentPoints
+from survey.reconstruction.lattice.stiffness import Stiffness, likeliest
+from survey.reconstruction.line_of_sight.ceiling import LowestRays, steepness
+from survey.reconstruction.line_of_sight.ghost_returns import ghosts
+from survey.reconstruction.line_of_sight.sight_lines import checked_origins, ends_far_below
+from survey.reconstruction.nodes import (
     Here,
     LatticeModel,
     NodeWindow,
@@ -25,11 +30,6 @@ from survey.reconstruction.lattice.nodes import (
     require_room,
     sensor_place,
 )
-from survey.reconstruction.lattice.recent_points import RecentPoints
-from survey.reconstruction.lattice.stiffness import Stiffness, likeliest
-from survey.reconstruction.visibility.ceiling import LowestRays, steepness
-from survey.reconstruction.visibility.sight_lines import checked_origins, ends_far_below
-from survey.surface_points import SurfacePoints
 
 Bounds = tuple[float, float, float, float]
 

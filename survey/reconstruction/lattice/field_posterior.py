@@ -7,17 +7,17 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.linalg import solve_banded
 
-from survey.arrays import FloatArray
-from survey.errors import InputError
-from survey.reconstruction.lattice import stencil as kernel
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.streams import stream
 from survey.reconstruction.lattice.config import FieldLatticeConfig
-from survey.reconstruction.lattice.exact import band_cholesky, band_of, exact_variance
 from survey.reconstruction.lattice.information import Information, plane_heights
-from survey.reconstruction.lattice.nodes import NodeWindow
-from survey.reconstruction.lattice.obstacle import Ceiling, solve_below
-from survey.reconstruction.lattice.solver import FREE, Operator, Preconditioner, Rim, solve
+from survey.reconstruction.lattice.multigrid import stencil as kernel
+from survey.reconstruction.lattice.multigrid.banded import band_cholesky, band_of, exact_variance
+from survey.reconstruction.lattice.multigrid.obstacle import Ceiling, solve_below
+from survey.reconstruction.lattice.multigrid.solver import FREE, Operator, Preconditioner, Rim, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
-from survey.streams import stream
+from survey.reconstruction.nodes import NodeWindow
 
 # Up to so many multiplications the inverse's diagonal is computed exactly.
 _EXACT_WORK = 6e8

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from survey.arrays import BoolArray, FloatArray, IntArray
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.streams import stream
 from survey.reconstruction.lattice.calibration import left_out_blocks
-from survey.reconstruction.lattice.nodes import NodeWindow, bilinear
-from survey.streams import stream
+from survey.reconstruction.nodes import NodeWindow, bilinear
 
 # Distances to the nearest measured node that part the classes, in steps; the first class is measured itself.
 _CLASSES_IN_STEPS = (0.5, 1.5, 3.0, 6.0)

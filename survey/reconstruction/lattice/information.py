@@ -5,11 +5,11 @@ from typing import Self
 
 import numpy as np
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 from survey.reconstruction.lattice import point_sums
-from survey.reconstruction.lattice.nodes import NodeWindow
+from survey.reconstruction.lattice.multigrid.stencil import EAST, NORTH, NORTH_EAST, NORTH_WEST, apply
 from survey.reconstruction.lattice.point_sums import Draws
-from survey.reconstruction.lattice.stencil import EAST, NORTH, NORTH_EAST, NORTH_WEST, apply
+from survey.reconstruction.nodes import NodeWindow
 
 
 @dataclass(eq=False)

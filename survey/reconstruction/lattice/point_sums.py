@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from survey.arrays import FloatArray
+from survey.core.arrays import FloatArray
 
 Draws = npt.NDArray[np.float32]
 

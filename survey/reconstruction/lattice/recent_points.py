@@ -4,13 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from survey.arrays import BoolArray, FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.reconstruction.lattice.calibration import LatticeCalibration, calibrated
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, is_small
 from survey.reconstruction.lattice.hidden_ground import BoundFactors, Predicted, Scenes, bound_factors
-from survey.reconstruction.lattice.nodes import NodeWindow, away_from, bilinear
 from survey.reconstruction.lattice.stiffness import Stiffness
+from survey.reconstruction.nodes import NodeWindow, away_from, bilinear
 
 _N_PER_SCAN, _N_KEPT = 10_000, 20_000
 _N_DRAWS, _N_DRAWS_FOR_BOUNDS = 32, 16

@@ -10,17 +10,17 @@ import numpy.typing as npt
 from pyproj import CRS
 from scipy.spatial import cKDTree
 
-from survey.arrays import FloatArray, IntArray
-from survey.config import validated
-from survey.errors import InputError
-from survey.geodesy import same_crs
-from survey.grid import Grid
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.config import validated
+from survey.core.errors import InputError
+from survey.core.geodesy import same_crs
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.base import Capabilities, local_datum_m
 from survey.reconstruction.lattice.config import SpringLatticeConfig
-from survey.reconstruction.lattice.nodes import Here, LatticeModel, NodeWindow, require_room, sensor_place
-from survey.reconstruction.lattice.solver import Operator, solve
-from survey.surface_points import SurfacePoints
+from survey.reconstruction.lattice.multigrid.solver import Operator, solve
+from survey.reconstruction.nodes import Here, LatticeModel, NodeWindow, require_room, sensor_place
 
 _FORMAT = "firnline spring lattice 1"
 _NOTE = "springs state none; the band holds the root mean square distance of a node's points from the surface, or of all points where it has none"

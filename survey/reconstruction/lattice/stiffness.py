@@ -15,12 +15,12 @@ import numpy as np
 from scipy.linalg import cho_solve_banded
 from scipy.optimize import minimize_scalar
 
-from survey.arrays import FloatArray
-from survey.reconstruction.lattice.exact import band_cholesky, band_of, log_determinant
+from survey.core.arrays import FloatArray
 from survey.reconstruction.lattice.information import Information
-from survey.reconstruction.lattice.nodes import NodeWindow
-from survey.reconstruction.lattice.solver import Operator
-from survey.reconstruction.lattice.stencil import Weights
+from survey.reconstruction.lattice.multigrid.banded import band_cholesky, band_of, log_determinant
+from survey.reconstruction.lattice.multigrid.solver import Operator
+from survey.reconstruction.lattice.multigrid.stencil import Weights
+from survey.reconstruction.nodes import NodeWindow
 
 # Patches of nodes from which it is learned: the ones with most points, side by side.
 _N_NODES, _N_PATCHES = 32, 6

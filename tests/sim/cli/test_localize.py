@@ -10,8 +10,8 @@ from pyproj import CRS
 from typer.testing import CliRunner
 
 from sim.cli.main import app
-from survey.recording import Recording
-from survey.sensors import GpsFixes, Odometry, Sightings
+from survey.data.recording import Recording
+from survey.data.sensors import GpsFixes, Odometry, Sightings
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from sim.cli.main import app
 from survey import Dem, Grid, Route, SurfacePoints, SurveyArea
-from survey.streams import stream
+from survey.core.streams import stream
 from survey.terrain import random_dem, satellite_copy
 
 CRS = "EPSG:32608"

@@ -8,9 +8,9 @@ import shapely
 from typer.testing import CliRunner
 
 from sim.cli.main import app
-from survey.area import SurveyArea
-from survey.dem import Dem
-from survey.route import Route
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.route import Route
 
 
 @pytest.fixture

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from survey.data.route import Leg
+from survey.data.trajectory import Trajectory
 from survey.figures import terrain_profile, trajectory_error
 from survey.figures.curves import cross_line
-from survey.route import Leg
-from survey.trajectory import Trajectory
 
 
 def line_of(axes, label):

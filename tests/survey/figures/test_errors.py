@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from affine import Affine
 
-from survey.dem import Dem
-from survey.errors import InputError
+from survey.core.errors import InputError
+from survey.data.dem import Dem
 from survey.figures import (
     calibration_plot,
     error_against_distance,

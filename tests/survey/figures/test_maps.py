@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from survey.area import SurveyArea
-from survey.dem import Dem
-from survey.errors import InputError
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Leg, Route
 from survey.figures import deviation_map, landmark_map, png_bytes, route_map, support_map, terrain_comparison
 from survey.figures.cartography import elevation_limits, relief_exaggeration, thinned, view
 from survey.figures.style import ROVERS
-from survey.grid import Grid
-from survey.route import Leg, Route
 
 
 def rasters(axes):

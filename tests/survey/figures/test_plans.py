@@ -5,8 +5,8 @@ import pytest
 import shapely
 
 from survey import Dem, Grid, InputError, Route, SurveyArea
+from survey.data.route import Leg
 from survey.figures import plan_map
-from survey.route import Leg
 
 CRS = "EPSG:32608"
 AREA = SurveyArea(shapely.box(0.0, 0.0, 100.0, 60.0), CRS, no_go=(shapely.box(40.0, 20.0, 50.0, 30.0),))

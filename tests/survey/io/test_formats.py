@@ -15,12 +15,12 @@ from rio_cogeo.cogeo import cog_validate
 
 from benchmarks.format_samples import SAMPLES, flipped, mutated, put, truncated
 from survey import Dem, Grid, InputError, SurveyArea
-from survey.convert import convert, kind_of
-from survey.errors import CapacityError, FirnlineError
+from survey.core.errors import CapacityError, FirnlineError
+from survey.data.trajectory import Trajectory
+from survey.interchange.convert import convert, kind_of
 from survey.io.points import read_point_table
 from survey.io.raster import read_raster, write_raster
 from survey.io.tracks import read_kitti, read_track, read_tum
-from survey.trajectory import Trajectory
 
 UTM = "EPSG:32608"
 GRID = Grid((500_000.0, 6_700_000.0, 500_090.0, 6_700_050.0), 10.0, UTM)

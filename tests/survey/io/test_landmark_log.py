@@ -15,7 +15,7 @@ import pyogrio
 import pytest
 import shapely
 
-from survey.errors import InputError
+from survey.core.errors import InputError
 from survey.io.landmark_log import COLUMNS, open_landmark_log
 
 CRS = "EPSG:32608"

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from survey.errors import InputError
-from survey.surface_points import SurfacePoints
+from survey.core.errors import InputError
+from survey.data.surface_points import SurfacePoints
 
 FORMATS = [".csv", ".gpkg", ".geojson", ".las", ".laz", ".ply"]
 CRS = "EPSG:32608"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import rasterio
 
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.grid import Grid
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
 from survey.reconstruction.base import Reconstruction
 
 GRID = Grid((0.0, 0.0, 40.0, 30.0), 1.0, "EPSG:32608")

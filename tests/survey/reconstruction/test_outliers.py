@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig, GaussianProcessTerrain
 from survey.reconstruction.outliers import Outliers
-from survey.surface_points import SurfacePoints
 
 
 def test_the_worst_comes_first() -> None:

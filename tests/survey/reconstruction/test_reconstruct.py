@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from survey.area import SurveyArea
-from survey.config import validated
-from survey.dem import Dem
-from survey.errors import ConfigError, InputError
-from survey.grid import Grid
+from survey.core.config import validated
+from survey.core.errors import ConfigError, InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import (
     MEASURED,
     UNSEEN,
@@ -15,7 +16,6 @@ from survey.reconstruction import (
     GaussianProcessConfig,
     reconstruct,
 )
-from survey.surface_points import SurfacePoints
 
 CRS = "EPSG:32608"
 GRID = Grid((0.0, 0.0, 100.0, 100.0), 2.0, CRS)

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from survey.errors import InputError
-from survey.grid import Grid
+from survey.core.errors import InputError
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import TerrainModel
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
-from survey.reconstruction.config import GaussianProcessConfig
+from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.spring_lattice import SpringLattice
 from survey.reconstruction.triangulation import TriangulatedTerrain
-from survey.surface_points import SurfacePoints
 
 CRS = "EPSG:32608"
 PLACES = np.array([[5.0, 5.0], [2.2, 7.1], [8.9, 1.3]])

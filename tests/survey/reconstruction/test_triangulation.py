@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from survey.errors import InputError
-from survey.grid import Grid
+from survey.core.errors import InputError
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN
 from survey.reconstruction.triangulation import triangulate
-from survey.surface_points import SurfacePoints
 
 CRS = "EPSG:32608"
 GRID = Grid((500_000.0, 6_500_000.0, 500_010.0, 6_500_010.0), 1.0, CRS)

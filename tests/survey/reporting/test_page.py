@@ -8,7 +8,7 @@ from io import BytesIO
 import pytest
 from PIL import Image
 
-from survey.errors import InputError
+from survey.core.errors import InputError
 from survey.reporting import Surveyed, write_report
 from survey.reporting.page import _write
 from survey.reporting.pictures import Picture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from survey.errors import ConfigError, InputError
+from survey.core.errors import ConfigError, InputError
 from survey.scoring import Calibration, ErrorStatistics, judge, map_classes
 
 

@@ -5,9 +5,9 @@ import pytest
 from pyproj import CRS
 from shapely import Polygon
 
-from survey.area import SurveyArea
-from survey.errors import InputError
-from survey.route import Leg, Route
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.route import Leg, Route
 from survey.scoring import Coverage, SampleCells, centeredness, distribution, science_coverage
 
 UTM = CRS("EPSG:32608")

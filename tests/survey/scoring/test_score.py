@@ -9,12 +9,12 @@ from pyproj import CRS
 from shapely import Polygon
 
 import survey
-from survey.arrays import FloatArray
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.grid import Grid
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Leg, Route
 from survey.reconstruction import Reconstruction
-from survey.route import Leg, Route
 
 UTM = CRS("EPSG:32608")
 GRID = Grid((0.0, 0.0, 40.0, 40.0), 10.0, UTM)

@@ -5,13 +5,13 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from survey.errors import CapacityError, InputError
-from survey.grid import Grid
+from survey.core.errors import CapacityError, InputError
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.bases import BY_RAY
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 from survey.reconstruction.carving.wu_kernel import wu_kernel
-from survey.surface_points import SurfacePoints
 
 CRS = "EPSG:32608"
 SENSOR = np.array([6.0, 6.0, 4.0])

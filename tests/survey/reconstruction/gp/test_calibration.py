@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.arrays import BoolArray, FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.reconstruction.gp.calibration import Calibration, left_out
 
 RNG = np.random.default_rng(3)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.grid import Grid
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import FunctionMean, GaussianProcessConfig, GaussianProcessTerrain
-from survey.surface_points import SurfacePoints
 
 CRS = "EPSG:32608"
 GRID = Grid((0.0, 0.0, 120.0, 100.0), 4.0, CRS)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from survey.dem import Dem
-from survey.errors import InputError
-from survey.grid import Grid
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
 from survey.reconstruction.gp.mean import DemMean, FunctionMean
 
 GRID = Grid((0.0, 0.0, 300.0, 300.0), 75.0, "EPSG:32608")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from survey.dem import Dem
-from survey.grid import Grid
+from survey.data.dem import Dem
+from survey.data.grid import Grid
 from survey.reconstruction.gp.satellite import prior_error_kernel
 
 

@@ -3,7 +3,7 @@
 import pytest
 import shapely
 
-from survey.errors import InputError
+from survey.core.errors import InputError
 from survey.reconstruction.gp.volume import Volume, quadrature
 
 

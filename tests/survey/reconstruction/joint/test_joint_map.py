@@ -8,14 +8,14 @@ import pytest
 from scipy import sparse
 
 from survey import Dem, Grid, InputError, SurfacePoints
-from survey.geodesy import projected_crs, transformed
-from survey.path_error import PathError
+from survey.core.geodesy import projected_crs, transformed
+from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.config import JointConfig, SatelliteErrors
-from survey.reconstruction.gp.fourier_basis import FourierBasis
-from survey.reconstruction.gp.kernels import SquaredExponential
-from survey.reconstruction.gp.noisy_values import NoisyValues
-from survey.reconstruction.gp.resolution import amplitudes, resolve
+from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
+from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.resolution import amplitudes, resolve
 from survey.reconstruction.joint.joint_map import JointMap, JointTerrain
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior, fill_waves
 from survey.reconstruction.joint.satellite_cells import SatelliteCells

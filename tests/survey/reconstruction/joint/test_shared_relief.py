@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from survey.reconstruction.gp.fourier_basis import FourierBasis, FourierBox
-from survey.reconstruction.gp.kernels import SquaredExponential
+from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 
 

@@ -7,16 +7,16 @@ import sys
 import numpy as np
 import pytest
 
-from survey.arrays import FloatArray
-from survey.errors import CapacityError, ConfigError, InputError
-from survey.grid import Grid
+from survey.core.arrays import FloatArray
+from survey.core.errors import CapacityError, ConfigError, InputError
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.ghost_returns import ghosts
-from survey.reconstruction.lattice.solver import Operator, Preconditioner, Rim, solve
+from survey.reconstruction.lattice.multigrid.solver import Operator, Preconditioner, Rim, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
-from survey.surface_points import SurfacePoints
+from survey.reconstruction.line_of_sight.ghost_returns import ghosts
 
 CRS = "EPSG:32608"
 SQUARE = (0.0, 0.0, 9.5, 9.5)
@@ -238,7 +238,7 @@ def test_bad_input_gets_one_sentence() -> None:
 DIGEST = """
 import hashlib, numpy as np
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.surface_points import SurfacePoints
+from survey.data.surface_points import SurfacePoints
 xy = np.random.default_rng(0).uniform(0.0, 12.0, (4000, 2))
 xyz = np.column_stack([xy, np.sin(xy[:, 0])])
 m = FieldLattice().fit(SurfacePoints(xyz, sigma_m=0.05, crs='EPSG:32608'))

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from survey.arrays import BoolArray, FloatArray
-from survey.errors import InputError
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import InputError
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import MEASURED, RAY_BOUNDED
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.hidden_ground import Scenes, hidden_from, imagined_sensors
-from survey.reconstruction.lattice.nodes import NodeWindow
-from survey.reconstruction.lattice.obstacle import Ceiling, solve_below
-from survey.reconstruction.lattice.solver import Operator, solve
+from survey.reconstruction.lattice.multigrid.obstacle import Ceiling, solve_below
+from survey.reconstruction.lattice.multigrid.solver import Operator, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
-from survey.reconstruction.visibility.ceiling import LowestRays
-from survey.surface_points import SurfacePoints
+from survey.reconstruction.line_of_sight.ceiling import LowestRays
+from survey.reconstruction.nodes import NodeWindow
 
 CRS = "EPSG:32608"
 RAYS = FieldLatticeConfig(stiffness=20.0, range_m=8.0, rays=True)

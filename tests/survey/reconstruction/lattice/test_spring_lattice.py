@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from survey.errors import InputError
+from survey.core.errors import InputError
+from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import SpringLatticeConfig
-from survey.reconstruction.lattice.nodes import NodeWindow
 from survey.reconstruction.lattice.spring_lattice import SpringLattice, nearest_nodes, nearest_nodes_by_tree
-from survey.surface_points import SurfacePoints
+from survey.reconstruction.nodes import NodeWindow
 
 CRS = "EPSG:32608"
 

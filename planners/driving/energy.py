@@ -1,0 +1,204 @@
+"""What driving takes: metres, turns, seconds and joules, by the slope along the way."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+
+from survey.core.arrays import FloatArray
+from survey.core.config import Section
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.route import Leg
+
+_GRAVITY_M_S2 = 9.81
+_TURN_RAD = np.radians(30.0)
+"""A change of heading above this at a waypoint counts as a turn."""
+
+
+class Mobility(Section):
+    """What a rover needs to move; the defaults are those of a 250 kg electric rover on firm snow.
+
+    Examples
+    --------
+    >>> round(Mobility().flat_j_per_m)
+    509
+    """
+
+    speed_m_s: PositiveFloat = 1.0
+    """Speed on the way [m/s]."""
+    turn_s: NonNegativeFloat = 4.0
+    """Time for a turn on the spot [s]."""
+    mass_kg: PositiveFloat = 250.0
+    """Mass of the rover with its load [kg]."""
+    rolling_resistance: NonNegativeFloat = 0.1
+    """Resistance of the ground as a share of the weight; 0.05 on ice, 0.1 on firm snow, 0.3 on soft snow."""
+    efficiency: float = Field(default=0.6, gt=0.0, le=1.0)
+    """Share of the battery's energy that reaches the ground."""
+    idle_w: NonNegativeFloat = 100.0
+    """Power of computers, sensors and heating [W]."""
+    battery_j: PositiveFloat | None = None
+    """Usable energy of a full battery [J]; endless when left out."""
+    recharge_s: NonNegativeFloat = 0.0
+    """Time at the depot for a full or exchanged battery [s]."""
+
+    @property
+    def flat_j_per_m(self) -> float:
+        """Energy per metre on level ground [J/m]."""
+        return float(energy_per_metre(np.zeros(1), self)[0])
+
+
+class Effort(NamedTuple):
+    """Metres, turns, seconds and joules of some driving."""
+
+    length_m: float
+    n_turns: int
+    time_s: float
+    energy_j: float
+
+
+def energy_per_metre(slope_rad: FloatArray, mobility: Mobility) -> FloatArray:
+    r"""Return the energy that a metre along the ground takes [J/m].
+
+    .. math:: e(\theta) = \frac{1}{\eta} \max(0, m g (c \cos\theta + \sin\theta)) + P / v
+
+    with slope θ along the way (positive uphill), efficiency η, mass m, rolling
+    resistance c, idle power P and speed v. Nothing is won back downhill.
+
+    Parameters
+    ----------
+    slope_rad : (N,) ndarray
+        Slope along the direction of driving.
+    mobility : Mobility
+        The rover.
+
+    Returns
+    -------
+    (N,) ndarray
+        Joules per metre along the slope.
+
+    Examples
+    --------
+    >>> rover = Mobility(mass_kg=100.0, rolling_resistance=0.0, efficiency=1.0, idle_w=0.0)
+    >>> float(energy_per_metre(np.array([np.pi / 2]), rover)[0])
+    981.0
+    """
+    weight = mobility.mass_kg * _GRAVITY_M_S2
+    pull = weight * (mobility.rolling_resistance * np.cos(slope_rad) + np.sin(slope_rad))
+    energy: FloatArray = np.maximum(pull, 0.0) / mobility.efficiency + mobility.idle_w / mobility.speed_m_s
+    return energy
+
+
+def effort(xy: FloatArray, mobility: Mobility, dem: Dem | None = None) -> Effort:
+    """Return what driving along a polyline takes.
+
+    Parameters
+    ----------
+    xy : (N, 2) ndarray
+        Waypoints in driving order [m].
+    mobility : Mobility
+        The rover.
+    dem : Dem, optional
+        Heights; level ground without. The slope is taken between points one cell apart.
+
+    Returns
+    -------
+    Effort
+        ``length_m`` in the plane, as everywhere; time and energy along the slope.
+
+    Raises
+    ------
+    InputError
+        A way that leaves the known heights of the DEM.
+
+    Examples
+    --------
+    >>> effort(np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 10.0]]), Mobility()).n_turns
+    1
+    """
+    moves = np.diff(xy, axis=0)
+    steps = np.hypot(*moves.T)
+    heading = np.arctan2(moves[steps > 0.0, 1], moves[steps > 0.0, 0])
+    change = np.abs((np.diff(heading) + np.pi) % (2.0 * np.pi) - np.pi)
+    n_turns = int((change > _TURN_RAD).sum())
+    run_m, rise_m = _runs(xy, steps, dem)
+    slant_m = np.hypot(run_m, rise_m)
+    turning_s = n_turns * mobility.turn_s
+    energy_j = (
+        float(slant_m @ energy_per_metre(np.arctan2(rise_m, run_m), mobility)) + turning_s * mobility.idle_w
+    )
+    return Effort(
+        float(steps.sum()), n_turns, float(slant_m.sum()) / mobility.speed_m_s + turning_s, energy_j
+    )
+
+
+def _runs(xy: FloatArray, steps: FloatArray, dem: Dem | None) -> tuple[FloatArray, FloatArray]:
+    """Return run and rise [m] of short pieces of the way."""
+    if dem is None:
+        return steps, np.zeros(len(steps))
+    at = np.r_[0.0, np.cumsum(steps)]
+    n = max(int(np.ceil(at[-1] / dem.step_m)), 1)
+    stations = np.union1d(np.linspace(0.0, at[-1], n + 1), at)
+    points = np.column_stack([np.interp(stations, at, xy[:, k]) for k in (0, 1)])
+    height = dem.at(points)
+    if not np.isfinite(height).all():
+        x, y = points[np.flatnonzero(~np.isfinite(height))[0]]
+        raise InputError(
+            f"the route passes ({x:.1f}, {y:.1f}), where the DEM has no height; keep the area on known ground."
+        )
+    return np.diff(stations), np.diff(height)
+
+
+def predicted(
+    legs: Sequence[Leg], mobility: Mobility, dem: Dem | None = None, *, waits_s: FloatArray | None = None
+) -> dict[str, float]:
+    """Return what a route is expected to take, for `Route.prediction`.
+
+    Parameters
+    ----------
+    legs : sequence of Leg
+        Of all rovers, numbered from 0.
+    mobility : Mobility
+        The rovers.
+    dem : Dem, optional
+        Heights; level ground without.
+    waits_s : (K,) ndarray, optional
+        How long each rover waits before it departs [s].
+
+    Returns
+    -------
+    dict of str to float
+        ``length_m``, ``n_turns`` and ``energy_j`` of all rovers together, ``time_s`` until
+        the last one is done, and the share ``transit_share`` of transit in swath metres.
+        With a battery ``n_recharges``, whose time is counted; with waits ``wait_s_rover_0``
+        and so on.
+
+    Examples
+    --------
+    >>> leg = Leg("swath", np.array([[0.0, 0.0], [100.0, 0.0]]))
+    >>> predicted([leg], Mobility(speed_m_s=2.0))["time_s"]
+    50.0
+    """
+    busy_s, efforts, n_recharges = [], [], 0
+    for rover in sorted({leg.rover for leg in legs}):
+        own = [leg.xy for leg in legs if leg.rover == rover]
+        efforts.append(effort(np.vstack(own), mobility, dem))
+        n_visits = sum(np.array_equal(xy[-1], own[0][0]) for xy in own[:-1])
+        n_recharges += n_visits
+        wait_s = 0.0 if waits_s is None else float(waits_s[rover])
+        busy_s.append(wait_s + efforts[-1].time_s + n_visits * mobility.recharge_s)
+    swath_m = sum(leg.length_m for leg in legs if leg.kind == "swath")
+    length_m = sum(e.length_m for e in efforts)
+    facts = {
+        "length_m": length_m,
+        "n_turns": float(sum(e.n_turns for e in efforts)),
+        "time_s": max(busy_s),
+        "energy_j": sum(e.energy_j for e in efforts),
+        "transit_share": (length_m - swath_m) / swath_m if swath_m > 0.0 else 0.0,
+    }
+    if mobility.battery_j is not None:
+        facts["n_recharges"] = float(n_recharges)
+    if waits_s is not None:
+        facts |= {f"wait_s_rover_{rover}": float(wait_s) for rover, wait_s in enumerate(waits_s)}
+    return facts

@@ -1,0 +1,301 @@
+"""Ground that a rover can drive on: not too steep, not too rough, of known height, wide enough."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import rasterio.features
+import shapely
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+from scipy.ndimage import convolve
+from shapely import MultiPolygon, Polygon
+
+from planners.ground.transit import FreeGround
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.config import Section
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+
+_ROUNDING_M = 1e-6
+
+Reason = Literal["too steep", "too rough", "height unknown", "too narrow", "cut off"]
+
+
+class RoverLimits(Section):
+    """What a rover can stand.
+
+    Examples
+    --------
+    >>> RoverLimits(max_pitch_deg=25.0, max_roll_deg=15.0).max_slope_deg
+    15.0
+    """
+
+    max_pitch_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope along the direction of driving [deg]; not checked when left out."""
+    max_roll_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    """Largest slope across the direction of driving [deg]; not checked when left out."""
+    max_roughness_m: PositiveFloat | None = None
+    """Largest standard deviation of heights about the plane through 3 × 3 cells [m]; not checked when left out."""
+    clearance_m: NonNegativeFloat = 0.0
+    """Distance that the rover's centre keeps from every border, such as half its width [m]."""
+
+    @property
+    def max_slope_deg(self) -> float | None:
+        """Slope on which a rover may take any heading, as it must wherever it turns [deg]; None without limits."""
+        return min((a for a in (self.max_pitch_deg, self.max_roll_deg) if a is not None), default=None)
+
+    @property
+    def turning_room_m(self) -> float:
+        """Distance from every border that a rover needs where it turns [m]; 0 for one that pivots."""
+        return 0.0
+
+    @property
+    def needs_heights(self) -> bool:
+        """Whether the ground has to be known to tell where the rover can drive."""
+        return self.max_slope_deg is not None or self.max_roughness_m is not None
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A piece of the area where the rover cannot be, and why."""
+
+    polygon: Polygon
+    reason: Reason
+
+    def __str__(self) -> str:
+        """Return what, where and why in half a sentence."""
+        x, y = self.polygon.representative_point().coords[0]
+        return f"{self.polygon.area:.0f} m² around ({x:.1f}, {y:.1f}) ({self.reason})"
+
+
+@dataclass(frozen=True)
+class Drivable:
+    """The ground that can be surveyed and the pieces of the area that cannot."""
+
+    ground: FreeGround
+    left_out: tuple[LeftOut, ...]
+
+    def within(self, area: SurveyArea) -> SurveyArea:
+        """Return the area cut to the ground; starts on its border move a millimetre inwards."""
+        if self.ground.polygon.equals(area.free):
+            return area
+        starts = self.ground.inside(area.starts) if len(area.starts) else area.starts
+        return SurveyArea(self.ground.polygon, area.crs, (), starts, area.reference)
+
+    def left_out_share(self, area: SurveyArea) -> float:
+        """Return the share of the area's free ground that is left out."""
+        return float(sum(piece.polygon.area for piece in self.left_out)) / float(area.free.area)
+
+    def __str__(self) -> str:
+        """List the three largest pieces that are left out, with place and reason."""
+        return _listed(list(self.left_out))
+
+
+def drivable(
+    area: SurveyArea, limits: RoverLimits | None = None, dem: Dem | None = None, *, reach_all: bool = False
+) -> Drivable:
+    """Return the area's free ground that a rover can drive on.
+
+    A cell of the DEM is closed when its slope exceeds ``min(max pitch, max roll)``,
+    when it is too rough or when its height or a neighbour's is unknown. Closed cells
+    count whole, with half a cell around them, and their outlines are simplified outwards
+    only: nowhere on the ground does the slope between cell centres exceed the limit.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        Its no-go zones are left out; its starts say which parts can be reached. Without
+        a start the largest part counts as the one that can.
+    limits : RoverLimits, optional
+        What the rover can stand.
+    dem : Dem, optional
+        Needed where slope or roughness are limited, in the area's CRS.
+    reach_all : bool
+        Refuse ground that is cut off instead of leaving it out.
+
+    Raises
+    ------
+    InputError
+        Nothing is left; a start lies on closed ground; limits of the slope without heights;
+        ground is cut off and `reach_all` is set. The message says which part and why.
+
+    Notes
+    -----
+    Slopes are those of the DEM's cells: steps smaller than a cell, crevasses and boulders
+    are not seen.
+    """
+    limits = limits or RoverLimits()
+    left_out: list[LeftOut] = []
+    free = area.free
+    if limits.needs_heights:
+        if dem is None:
+            raise InputError(
+                "the rover's limits of slope and roughness need heights; give a prior DEM of the area."
+            )
+        area.require_crs(dem.crs, "the DEM")
+        for reason, closed in _closed_ground(dem, limits, area).items():
+            left_out += _pieces(shapely.intersection(free, closed), reason)
+            free = _polygonal(shapely.difference(free, closed))
+    if limits.clearance_m > 0.0:
+        # Chords of round corners come nearer by half a percent, and offsets are drawn to one percent.
+        clearance_m = 1.015 * limits.clearance_m
+        narrowed = _polygonal(free.buffer(-clearance_m, quad_segs=8))
+        opened = narrowed.buffer(1.02 * clearance_m, quad_segs=8)
+        left_out += _pieces(shapely.difference(free, opened), "too narrow")
+        free = narrowed
+    if limits.turning_room_m > 0.0:
+        opened = free.buffer(-limits.turning_room_m, quad_segs=8).buffer(limits.turning_room_m, quad_segs=8)
+        opened = _polygonal(shapely.intersection(opened, free))
+        left_out += _pieces(shapely.difference(free, opened), "too narrow")
+        free = opened
+    if not free.equals(area.free):
+        # Where borders cross, rounding may put a new corner outside the old border.
+        free = _polygonal(free.buffer(-_ROUNDING_M, join_style="mitre"))
+    if free.is_empty:
+        raise InputError(
+            f"no ground is left to drive on: {_listed(left_out)}; relax the limits or move the area."
+        )
+    ground, cut_off = _reached(free, area, left_out)
+    if cut_off and reach_all:
+        raise InputError(
+            f"not all of the area can be reached from its starts: {_listed(cut_off)}; start a rover there or leave it out of the area."
+        )
+    return Drivable(ground, tuple(left_out + cut_off))
+
+
+def _reached(
+    free: Polygon | MultiPolygon, area: SurveyArea, left_out: list[LeftOut]
+) -> tuple[FreeGround, list[LeftOut]]:
+    """Keep the parts with a start, or the largest one, and list the others as cut off."""
+    parts = sorted(shapely.get_parts(FreeGround(free).inner), key=lambda part: -part.area)
+    for x, y in area.starts:
+        if not any(part.dwithin(shapely.Point(x, y), 0.01) for part in parts):
+            why = [str(piece) for piece in left_out if piece.polygon.covers(shapely.Point(x, y))]
+            raise InputError(
+                f"the start ({x:.1f}, {y:.1f}) is on ground that cannot be driven on: {(why or ['too near a border'])[0]}; move it."
+            )
+    home = [part for part in parts if any(part.dwithin(shapely.Point(xy), 0.01) for xy in area.starts)]
+    home = home or parts[:1]
+    whole = [part for part in shapely.get_parts(free) if any(part.intersects(h) for h in home)]
+    away = [LeftOut(part, "cut off") for part in parts if part not in home and part.area > 1.0]
+    return FreeGround(_polygonal(shapely.union_all(whole)) if len(home) == len(parts) else _union(home)), away
+
+
+def _union(parts: list[Polygon]) -> Polygon | MultiPolygon:
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
+
+
+def _polygonal(shape: shapely.Geometry) -> Polygon | MultiPolygon:
+    """Return the polygons of a shape; difference and intersection may leave lines and points."""
+    return _union([part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"])
+
+
+def _pieces(shape: shapely.Geometry, reason: Reason) -> list[LeftOut]:
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1.0]
+    return [LeftOut(part, reason) for part in sorted(parts, key=lambda part: -part.area)]
+
+
+def _listed(pieces: list[LeftOut]) -> str:
+    largest = sorted(pieces, key=lambda piece: -piece.polygon.area)
+    rest = f" and {len(pieces) - 3} more" if len(pieces) > 3 else ""
+    return ", ".join(str(piece) for piece in largest[:3]) + rest
+
+
+def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reason, shapely.Geometry]:
+    """Return, for each reason, the ground of the cells that are closed for it."""
+    xmin, ymin, xmax, ymax = area.bounds
+    pad = 3.0 * dem.step_m
+    dem = dem.window((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
+    slope_deg = dem.slope().elevation
+    closed: dict[Reason, BoolArray] = {
+        "height unknown": ~np.isfinite(slope_deg),
+    }
+    if limits.max_slope_deg is not None:
+        closed["too steep"] = slope_deg > limits.max_slope_deg
+    if limits.max_roughness_m is not None:
+        closed["too rough"] = roughness(dem) > limits.max_roughness_m
+    ground: dict[Reason, shapely.Geometry] = {
+        reason: _outline(cells, dem) for reason, cells in closed.items() if cells.any()
+    }
+    outside = shapely.difference(shapely.box(*area.bounds), shapely.box(*dem.bounds))
+    if not outside.is_empty:
+        ground["height unknown"] = shapely.union(ground.get("height unknown", Polygon()), outside)
+    return ground
+
+
+def without_marked(area: SurveyArea, mask: Dem) -> SurveyArea:
+    """Return an area whose no-go zones also hold the cells of a raster that are marked, with half a cell around them.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        What is to be surveyed.
+    mask : Dem
+        1 where nobody is to drive, such as the ``no_go.tif`` of a map with bounds; 0 or NaN elsewhere.
+
+    Raises
+    ------
+    InputError
+        Another CRS, other values, nothing left, or a start on marked ground.
+
+    Examples
+    --------
+    >>> from affine import Affine
+    >>> square = SurveyArea(shapely.box(0.0, 0.0, 40.0, 40.0), "EPSG:32608")
+    >>> corner = np.zeros((4, 4))
+    >>> corner[0, 3] = 1.0
+    >>> mask = Dem(corner, Affine(10, 0, 0, 0, -10, 40), "EPSG:32608")
+    >>> bool(without_marked(square, mask).free.area < square.free.area - 100.0)
+    True
+    """
+    area.require_crs(mask.crs, "the mask of no-go ground")
+    values = mask.elevation[np.isfinite(mask.elevation)]
+    if not np.isin(values, (0.0, 1.0)).all():
+        raise InputError(
+            f"the mask of no-go ground holds values from {values.min():g} to {values.max():g}; 1 for no-go ground and 0 "
+            "elsewhere were expected."
+        )
+    marked = mask.elevation == 1.0
+    if not marked.any():
+        return area
+    zones = shapely.intersection(_outline(marked, mask), area.polygon)
+    parts = [part for part in shapely.get_parts(zones) if part.geom_type == "Polygon" and part.area > 0.0]
+    return replace(area, no_go=(*area.no_go, *parts))
+
+
+def roughness(dem: Dem) -> FloatArray:
+    """Return the standard deviation of heights about the plane through each 3 × 3 cells [m].
+
+    The plane is the least-squares one; with nine heights and three parameters the sum of
+    squares is divided by six. NaN at the border and beside nodata.
+
+    Examples
+    --------
+    >>> from affine import Affine
+    >>> tilted = Dem(np.add.outer(np.arange(4.0), np.arange(4.0)), Affine(1, 0, 0, 0, -1, 0), "EPSG:32608")
+    >>> bool(np.nanmax(roughness(tilted)) < 1e-9)
+    True
+    """
+    z = dem.elevation - np.nanmean(dem.elevation)
+    ones, step = np.ones((3, 3)), np.array([-1.0, 0.0, 1.0])
+    mean = convolve(z, ones / 9.0, mode="constant", cval=np.nan)
+    square = convolve(z * z, ones, mode="constant", cval=np.nan)
+    east = convolve(z, np.tile(step, (3, 1)), mode="constant", cval=np.nan)
+    north = convolve(z, np.tile(step[:, None], (1, 3)), mode="constant", cval=np.nan)
+    # Over nine cells the columns and rows are orthogonal with squared length 6.
+    residual = square - 9.0 * mean**2 - (east**2 + north**2) / 6.0
+    sd: FloatArray = np.sqrt(np.maximum(residual, 0.0) / 6.0)
+    return sd
+
+
+def _outline(cells: BoolArray, dem: Dem) -> shapely.Geometry:
+    """Return ground that holds the marked cells and half a cell around them, smoothed outwards only.
+
+    Beyond that half cell, slopes interpolated between cell centres are those of open cells alone.
+    """
+    shapes = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=dem.transform)
+    union = shapely.union_all([shapely.geometry.shape(geometry) for geometry, _ in shapes])
+    # Moving the outline out by a quarter of a cell more pays for what simplification takes away.
+    tolerance = 0.25 * dem.step_m
+    return shapely.simplify(union.buffer(0.5 * dem.step_m + tolerance, join_style="mitre"), 0.95 * tolerance)

@@ -1,0 +1,140 @@
+"""From a pattern to a route: its swaths on the ground that there is, joined by transits."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from planners.config import LawnmowerConfig, SteeredConfig, WavyConfig
+from planners.driving.fleet import share
+from planners.driving.ordering import connect
+from planners.driving.rover import Crew, Rover, depots
+from planners.driving.turns import headland_m
+from planners.ground.transit import FreeGround
+from planners.swaths.decomposition import clipped, swaths_on
+from planners.swaths.lawnmower import lawnmower
+from planners.swaths.swaths import ReferenceLines, Swath, reference_lines, shortened
+from planners.swaths.tie_lines import tie_lines
+from planners.swaths.wavy import wavy
+from survey.core.arrays import FloatArray
+from survey.core.errors import ConfigError, InputError
+from survey.data.area import SurveyArea
+from survey.data.route import Leg, Route
+
+Pattern = LawnmowerConfig | WavyConfig | SteeredConfig
+
+
+def swath_route(
+    area: SurveyArea,
+    config: Pattern,
+    *,
+    slope_length_m: float | None = None,
+    crew: Crew | None = None,
+) -> Route:
+    """Lay a pattern of swaths over an area and join them.
+
+    On a rectangle that the swaths run along, one rover that pivots sweeps them back and
+    forth; otherwise they are cut into cells and joined by the shortest transits found.
+    """
+    crew = crew or Crew()
+    lines = reference_lines(area, config)
+
+    def swaths(axes: list[FloatArray]) -> list[Swath]:
+        laid = lawnmower(axes)
+        if isinstance(config, WavyConfig):
+            wavelength_m = _wavelength_m(config, slope_length_m)
+            radius_m = crew.rover.turn_radius_m
+            laid = wavy(axes, area, config, lines.spacing_m, wavelength_m, turn_radius_m=radius_m)
+        return laid + tie_lines(area, config, lines.heading_deg, laid[-1].xy[-1])
+
+    legs = _back_and_forth(swaths(lines.back_and_forth), area) if crew.is_unbound else None
+    if legs is None:
+        corner = None if config.start is None else lines.lines[0][0][0]
+        legs = _joined(swaths(_axes_on(area, config, lines, crew.rover)), area, crew, corner)
+    pattern = str(getattr(config, "pattern", "swaths"))
+    return Route(legs, area.crs, pattern, lines.spacing_m)
+
+
+def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
+    if config.wavelength_m is not None:
+        return config.wavelength_m
+    if slope_length_m is None:
+        raise ConfigError(
+            "wavy swaths need a wavelength_m, or a prior or a kernel that tells how the terrain varies."
+        )
+    return config.wavelength_scales * slope_length_m
+
+
+def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...] | None:
+    """Join swaths by straight transits in the given order; None where a metre would leave the free ground."""
+    legs: list[Leg] = []
+    here = area.starts[0] if len(area.starts) else swaths[0].xy[0]
+    for swath in swaths:
+        if np.hypot(*(swath.xy[0] - here)) > 0.0:
+            legs.append(Leg("transit", np.array([here, swath.xy[0]])))
+        legs.append(Leg("swath", swath.xy, axis=swath.axis))
+        here = swath.xy[-1]
+    shapely.prepare(area.free)
+    stays = area.free.covers(shapely.multilinestrings([shapely.linestrings(leg.xy) for leg in legs]))
+    return tuple(legs) if stays else None
+
+
+def _axes_on(area: SurveyArea, config: Pattern, lines: ReferenceLines, rover: Rover) -> list[FloatArray]:
+    """Cut the lines to ground of any shape, every metre proven to be on it, with room for turns at their ends."""
+    room_m = headland_m(rover, lines.spacing_m)
+    axes = swaths_on(
+        FreeGround(area.free),
+        lines.spacing_m,
+        lines.heading_deg,
+        headland_m=room_m,
+        outer_share=config.outer_share,
+    )
+    return [shortened(axis, max(config.inset_share * lines.spacing_m - room_m, 0.0)) for axis in axes]
+
+
+def _joined(
+    swaths: Sequence[Swath], area: SurveyArea, crew: Crew, corner: FloatArray | None = None
+) -> tuple[Leg, ...]:
+    """Order the swaths and join them by the shortest transits found, without a start from the end nearest to a corner."""
+    ground = FreeGround(area.free)
+    kept = [Swath(xy, swath.axis) for swath in swaths for xy in clipped(ground, [swath.xy]) if len(xy) > 1]
+    homes = depots(area, crew.fleet)
+    if homes is None and (crew.fleet.return_to_start or crew.makes_round_trips):
+        raise InputError("a rover that returns to its start needs one; mark a start in the area.")
+    if homes is not None and crew.makes_round_trips:
+        return _shared(kept, ground, homes, crew)
+    start = homes[0] if homes is not None else _end_nearest(kept, corner)
+    end = start if crew.fleet.return_to_start else crew.fleet.end_m
+    axes = [swath.axis for swath in kept]
+    return connect([swath.xy for swath in kept], ground, start=start, end=end, axes=axes, turning=crew.rover)
+
+
+def _end_nearest(swaths: Sequence[Swath], corner: FloatArray | None) -> FloatArray | None:
+    if corner is None:
+        return None
+    ends = np.vstack([swath.xy[[0, -1]] for swath in swaths])
+    nearest: FloatArray = ends[np.argmin(np.hypot(*(ends - corner).T))]
+    return nearest
+
+
+def _shared(swaths: Sequence[Swath], ground: FreeGround, homes: FloatArray, crew: Crew) -> tuple[Leg, ...]:
+    """Share the swaths of every part of the ground among the rovers that begin there; number those that drive."""
+    part_of_swath = ground.part_of([swath.xy[0] for swath in swaths])
+    part_of_home = ground.part_of(homes)
+    legs: list[Leg] = []
+    for part in np.unique(part_of_swath):
+        mine = [swath for swath, p in zip(swaths, part_of_swath, strict=True) if p == part]
+        legs_here = share(
+            [swath.xy for swath in mine],
+            ground,
+            homes[part_of_home == part],
+            mobility=crew.rover,
+            dem=crew.dem,
+            axes=[swath.axis for swath in mine],
+            turning=crew.rover,
+        )
+        n_before = len({leg.rover for leg in legs})
+        number = {r: n_before + i for i, r in enumerate(sorted({leg.rover for leg in legs_here}))}
+        legs += [replace(leg, rover=number[leg.rover]) for leg in legs_here]
+    return tuple(legs)

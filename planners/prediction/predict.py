@@ -1,0 +1,224 @@
+"""How wrong the map of a route will be, before it is driven: no elevation is needed, a covariance is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import ConfigError, InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Route
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.config import Family
+from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.selection.families import likeliest
+
+_FAMILIES: tuple[Family, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+_N_NODES_ALONG = 30
+_MOST_SAMPLES = 2000
+# Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.
+_LEAST_NOISE = 1e-3
+
+
+@dataclass(frozen=True)
+class PredictedError:
+    """What a map will err, as far as the covariance assumed for the terrain is right.
+
+    ``std`` is the standard deviation at the nodes of a coarse grid [m], NaN off the free
+    ground; ``rmse_m`` its root mean square, the expected error over the area; ``p95_m``
+    its 95th percentile and ``worst_m`` its largest value.
+    """
+
+    std: Dem
+    rmse_m: float
+    p95_m: float
+    worst_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    r"""Predicts the error of maps over one area, for many routes.
+
+    .. math::  v(x) = k(x, x) - k(x, X) [K(X, X) + \sigma^2 I]^{-1} k(X, x) + \ldots
+
+    at the nodes x for samples X along the route (glacier paper, Eq. 5); the dots stand
+    for the unknown constant mean, which is integrated out. ``nodes`` lie at the centres
+    of square cells of ``grid``; ``inside`` tells which are on the free ground.
+    """
+
+    grid: Grid
+    inside: BoolArray
+    kernel: Kernel
+    noise_m: float
+    sample_step_m: float
+
+    @classmethod
+    def of(
+        cls,
+        area: SurveyArea,
+        kernel: Kernel,
+        *,
+        noise_m: float,
+        sample_step_m: float = 10.0,
+        cell_m: float | None = None,
+    ) -> "ErrorModel":
+        """Lay nodes over the area, 30 along its longer side unless a cell size is given [m]."""
+        if not (np.isfinite(noise_m) and noise_m >= 0.0):
+            raise ConfigError(f"the noise of a sample is {noise_m} m; it must be 0 or greater.")
+        if not (np.isfinite(sample_step_m) and sample_step_m > 0.0):
+            raise ConfigError(f"the sample spacing is {sample_step_m} m; it must be greater than 0.")
+        xmin, ymin, xmax, ymax = area.bounds
+        cell = cell_m or max(xmax - xmin, ymax - ymin) / _N_NODES_ALONG
+        n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
+        x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
+        grid = Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
+        inside = area.contains(grid.xy)
+        if not inside.any():
+            raise InputError(f"no node of {cell:g} m cells lies on the free ground; take smaller cells.")
+        return cls(grid, inside, kernel, noise_m, sample_step_m)
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Nodes (M, 2) on the free ground [m]."""
+        nodes: FloatArray = self.grid.xy[self.inside]
+        return nodes
+
+    def variance(self, xy: FloatArray, noise_m: float | None = None) -> FloatArray:
+        """Return the predicted variance (M,) [m²] at the nodes, given samples at the places (N, 2) [m]."""
+        least = _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
+        sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, least))
+        gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
+        return gp.predict(self.nodes)[1]
+
+    def _variance_of(self, route: Route, most_samples: int) -> FloatArray:
+        """Return the variance at the nodes; fewer, better samples stand for all where there would be too many."""
+        step = max(self.sample_step_m, route.length_m / most_samples)
+        noise = self.noise_m * float(np.sqrt(self.sample_step_m / step))
+        return self.variance(places(route, step), noise)
+
+    def rmse_m(self, route: Route, most_samples: int = _MOST_SAMPLES) -> float:
+        """Return the expected root-mean-square error over the area [m].
+
+        Where the route has more than `most_samples` samples, fewer stand for all: their
+        noise is that of the mean of those that each replaces.
+        """
+        return float(np.sqrt(self._variance_of(route, most_samples).mean()))
+
+    def error(self, route: Route) -> PredictedError:
+        """Return the predicted error of a route."""
+        std = np.full(self.grid.shape, np.nan)
+        std[self.inside.reshape(self.grid.shape)] = np.sqrt(self._variance_of(route, _MOST_SAMPLES))
+        known = std[np.isfinite(std)]
+        return PredictedError(
+            Dem.on(self.grid, std),
+            float(np.sqrt(np.mean(known**2))),
+            float(np.percentile(known, 95.0)),
+            float(known.max()),
+        )
+
+
+def places(route: Route, step_m: float) -> FloatArray:
+    """Return the samples (N, 2) that all rovers take along everything they drive [m]."""
+    return np.vstack([route.sample(step_m, rover).xy for rover in range(route.n_rovers)])
+
+
+def predict_error(
+    route: Route,
+    area: SurveyArea,
+    kernel: Kernel,
+    *,
+    noise_m: float,
+    sample_step_m: float = 10.0,
+    cell_m: float | None = None,
+) -> PredictedError:
+    """Predict the standard deviation and the error of the map that a route will give.
+
+    Parameters
+    ----------
+    route : Route
+        What is driven; samples are taken along swaths and transits.
+    area : SurveyArea
+        Where the map is wanted.
+    kernel : survey.reconstruction.gp.kernels.Kernel
+        Covariance of what is not yet known of the terrain [m²].
+    noise_m : float
+        Standard deviation of a sample [m].
+    sample_step_m : float
+        Distance between samples [m].
+    cell_m : float, optional
+        Distance between the nodes of the predicted map [m]; a thirtieth of the longer
+        side by default.
+
+    Returns
+    -------
+    PredictedError
+        The map of the standard deviation, and what it sums up to.
+
+    Raises
+    ------
+    InputError
+        A route in another CRS than the area; cells too large for the area.
+    ConfigError
+        A negative noise, a sample spacing that is not greater than 0.
+
+    Notes
+    -----
+    A promise is as good as its covariance: relief that is rougher than the kernel says
+    is not foreseen, and errors of the rover's place are not in it.
+
+    Examples
+    --------
+    >>> import planners
+    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
+    >>> route = planners.plan(area, None, planners.LawnmowerConfig(swaths=6))
+    >>> error = predict_error(route, area, SquaredExponential(30.0, 150.0), noise_m=0.1)
+    >>> error.std.shape, 0.0 < error.rmse_m < 1.0
+    ((30, 30), True)
+    """
+    area.require_crs(route.crs, "the route")
+    model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=sample_step_m, cell_m=cell_m)
+    return model.error(route)
+
+
+def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
+    """Fit a covariance to the elevations that are known beforehand, by their likelihood.
+
+    Parameters
+    ----------
+    prior : Dem
+        Coarse elevations.
+    area : SurveyArea
+        Cells within its bounds are used.
+
+    Returns
+    -------
+    Kernel
+        The likeliest of squared exponential, Matérn 5/2 and Matérn 3/2.
+
+    Raises
+    ------
+    InputError
+        Fewer than 9 known cells on the area.
+
+    Notes
+    -----
+    Coarse cells show no relief finer than themselves, so errors predicted with this
+    kernel are too small on rough ground; refit on the survey's first swaths.
+    """
+    area.require_crs(prior.crs, "the prior")
+    xmin, ymin, xmax, ymax = area.bounds
+    xy, height = prior.xy, prior.elevation.ravel()
+    near = (xy >= [xmin, ymin]).all(axis=1) & (xy <= [xmax, ymax]).all(axis=1) & np.isfinite(height)
+    if near.sum() < 9:
+        raise InputError(
+            f"{int(near.sum())} known cells of the prior lie on the area; at least 9 are needed to tell the terrain's length scale."
+        )
+    noise = np.full(int(near.sum()), 1e-4 * float(np.var(height[near])) + 1e-4)
+    fitted = [
+        likeliest(xy[near], height[near], noise, GaussianProcessConfig(family=family)) for family in _FAMILIES
+    ]
+    return max(fitted, key=lambda found: found.score).kernel

@@ -1,0 +1,263 @@
+"""Parallel swaths over any polygon: clipped to the free ground, cut into cells, at the best angle."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from planners.ground.transit import FreeGround
+from planners.swaths.swaths import axes_of
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import ConfigError, InputError
+
+_SHORTEST_M = 0.01
+"""Clipping leaves crumbs where a line grazes a corner; shorter ones than this are dropped [m]."""
+
+_CRUMB_M2 = 1e-4
+_THREAD_SHARE = 1e-6
+"""Neighbouring strips overlap by this share of a spacing, or rounding would leave threads that join pieces."""
+_POCKET_ROUNDS = 4
+_CHORDS = 9
+
+
+def swaths_on(
+    ground: FreeGround,
+    spacing_m: float,
+    heading_deg: float,
+    *,
+    inset_m: float = 0.0,
+    headland_m: float = 0.0,
+    outer_share: float = 0.5,
+) -> list[FloatArray]:
+    """Lay parallel swaths over the free ground.
+
+    The ground's width across the heading is divided into ``n = ceil(width / spacing)``
+    equal strips; a swath runs along the middle of each, from border to border, so a
+    rectangle gets the lines at ``(i + 1/2) L / n``. Ground that no such swath sweeps and
+    that is longer than a spacing along the heading (a passage beside a hole, a flat tip)
+    gets a swath of its own; `unswept` tells what still is left.
+
+    Parameters
+    ----------
+    ground : FreeGround
+        Where rovers may be.
+    spacing_m : float
+        Largest distance between neighbouring swaths [m].
+    heading_deg : float
+        Direction of the first swath, counter-clockwise from east [deg]; the following
+        swaths lie to its right.
+    inset_m : float
+        How far swaths end before the border, along their heading [m].
+    headland_m : float
+        Width of the strip along every border that swaths leave free [m].
+    outer_share : float
+        Distance of the outermost lines from the ground's edge, in spacings.
+
+    Returns
+    -------
+    list of (2, 2) ndarray
+        Both ends of every swath [m], cell by cell, all pointing along the heading.
+
+    Raises
+    ------
+    ConfigError
+        A spacing that is not greater than 0, an inset or a headland below 0.
+    InputError
+        Ground on which no swath fits.
+    """
+    _require_spacing(spacing_m)
+    for name, width_m in (("inset", inset_m), ("headland", headland_m)):
+        if not (np.isfinite(width_m) and width_m >= 0.0):
+            raise ConfigError(f"the {name} is {width_m} m; it must be 0 or greater.")
+    inner = _without_headland(ground, headland_m)
+    lines = clipped(ground, _lines_over(inner, spacing_m, heading_deg, outer_share), headland_m=headland_m)
+    lines += _in_pockets(ground, lines, spacing_m, heading_deg, headland_m)
+    lines = [line for line in (_shortened(line, inset_m) for line in lines) if line is not None]
+    if not lines:
+        xmin, ymin, xmax, ymax = ground.polygon.bounds
+        raise InputError(
+            f"no swath fits on the ground of {xmax - xmin:.1f} × {ymax - ymin:.1f} m with an inset of {inset_m:g} m and a headland "
+            f"of {headland_m:g} m; reduce them or give a larger area."
+        )
+    return _cell_by_cell(lines, heading_deg)
+
+
+def _shortened(line: FloatArray, inset_m: float) -> FloatArray | None:
+    """Return a straight line that ends `inset_m` earlier at both ends, or nothing when it is too short."""
+    length = float(np.hypot(*(line[-1] - line[0])))
+    if length - 2.0 * inset_m <= _SHORTEST_M:
+        return None
+    step = inset_m / length * (line[-1] - line[0])
+    return np.array([line[0] + step, line[-1] - step])
+
+
+def _require_spacing(spacing_m: float) -> None:
+    if not (np.isfinite(spacing_m) and spacing_m > 0.0):
+        raise ConfigError(f"the spacing of the swaths is {spacing_m} m; it must be greater than 0.")
+
+
+def _lines_over(polygon: Any, spacing_m: float, heading_deg: float, outer_share: float) -> list[FloatArray]:
+    """Return evenly spaced lines over the polygon, longer than it."""
+    along, left = axes_of(heading_deg)
+    right = -left
+    xy = shapely.get_coordinates(polygon)
+    if not len(xy):
+        return []
+    u, v = xy @ along, xy @ right
+    width = v.max() - v.min()
+    n = max(int(np.ceil(width / spacing_m + 1.0 - 2.0 * outer_share - 1e-9)), 1)
+    distance = width / (n - 1 + 2.0 * outer_share)
+    offsets = v.min() + 0.5 * width + (np.arange(n) - 0.5 * (n - 1)) * distance
+    reach = 1.0 + 0.01 * (u.max() - u.min())
+    first, last = (u.min() - reach) * along, (u.max() + reach) * along
+    return [np.array([first + offset * right, last + offset * right]) for offset in offsets]
+
+
+def _cell_by_cell(lines: list[FloatArray], heading_deg: float) -> list[FloatArray]:
+    """Sort straight lines from left to right of the heading and along it, then by their cells."""
+    along, left = axes_of(heading_deg)
+    start = np.array([line[0] for line in lines])
+    order = np.lexsort((start @ along, np.round(-(start @ left), 6)))
+    swaths = [lines[i] for i in order]
+    return [swaths[i] for i in np.argsort(cells(swaths, heading_deg), kind="stable")]
+
+
+def unswept(
+    ground: FreeGround, swaths: list[FloatArray], spacing_m: float, *, headland_m: float = 0.0
+) -> list[Polygon]:
+    """Return the pieces of ground farther than half a spacing from every swath, the largest first.
+
+    Parallel swaths leave the tips beyond their ends where a border is slanted; no metre
+    of such a tip is farther than half a spacing from the line that the swath is cut from.
+    Ground within `headland_m` of a border is not asked for.
+    """
+    _require_spacing(spacing_m)
+    half_m = (0.5 + _THREAD_SHARE) * spacing_m
+    swept = shapely.union_all(
+        shapely.buffer([shapely.linestrings(swath) for swath in swaths], half_m, quad_segs=16)
+    )
+    rest = shapely.get_parts(shapely.difference(_without_headland(ground, headland_m), swept))
+    return sorted((piece for piece in rest if piece.area > _CRUMB_M2), key=lambda piece: -piece.area)
+
+
+def _without_headland(ground: FreeGround, headland_m: float) -> Any:
+    """Return the ground less a border of that width; the same at swaths, headlands and pockets."""
+    return ground.polygon if headland_m == 0.0 else ground.polygon.buffer(-headland_m, quad_segs=4)
+
+
+def _in_pockets(
+    ground: FreeGround, lines: list[FloatArray], spacing_m: float, heading_deg: float, headland_m: float
+) -> list[FloatArray]:
+    """Lay a swath through every unswept piece that is longer than a spacing along the heading."""
+    added: list[FloatArray] = []
+    for _ in range(_POCKET_ROUNDS):
+        found: list[FloatArray] = []
+        for piece in unswept(ground, lines + added, spacing_m, headland_m=headland_m):
+            line = _longest_through(piece, heading_deg, spacing_m)
+            if line is not None:
+                found += clipped(ground, [line], headland_m=headland_m)
+        if not found:
+            break
+        added += found
+    return added
+
+
+def _longest_through(piece: Polygon, heading_deg: float, least_m: float) -> FloatArray | None:
+    """Return the line along the heading, as long as a piece, that meets most of it; None if the piece is not longer than `least_m`."""
+    along, left = axes_of(heading_deg)
+    xy = shapely.get_coordinates(piece)
+    u, v = xy @ along, xy @ left
+    if np.ptp(u) <= least_m:
+        return None
+    # Places that turn with the piece: its middle, then pairs to both sides of it.
+    shares = sorted(np.linspace(0.05, 0.95, _CHORDS), key=lambda share: abs(share - 0.5))
+    offsets = v.min() + np.array(shares) * np.ptp(v)
+    lines = np.array(
+        [[u.min() * along + offset * left, u.max() * along + offset * left] for offset in offsets]
+    )
+    met = shapely.length(shapely.intersection(piece, shapely.linestrings(lines)))
+    best = int(np.flatnonzero(met >= met.max() - _SHORTEST_M)[0])
+    longest: FloatArray = lines[best]
+    return longest if met[best] > 0.0 else None
+
+
+def clipped(ground: FreeGround, lines: list[FloatArray], *, headland_m: float = 0.0) -> list[FloatArray]:
+    """Cut polylines (N, 2) to the free ground; none of the pieces has a metre outside it.
+
+    Where the exact piece is not covered by the ground because of rounding, it is cut at
+    a border moved `MARGIN_M` inwards instead.
+    """
+    shape = _without_headland(ground, headland_m)
+    inner = ground.inner if headland_m == 0.0 else shape
+    shapely.prepare(shape)
+    pieces: list[FloatArray] = []
+    for line in lines:
+        for piece in _pieces(shape, line):
+            if ground.covers(shapely.linestrings(piece)):
+                pieces.append(piece)
+            else:
+                pieces.extend(p for p in _pieces(inner, piece) if ground.covers(shapely.linestrings(p)))
+    return pieces
+
+
+def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
+    """Return the parts of a polyline that lie in a shape, in its order and direction."""
+    whole = shapely.linestrings(line)
+    cut = shapely.get_parts(shapely.intersection(shape, whole))
+    parts = [part for part in cut if part.geom_type == "LineString" and part.length > _SHORTEST_M]
+    if len(parts) > 1:
+        # A line that touches a corner or runs along a border comes back in pieces.
+        parts = list(shapely.get_parts(shapely.line_merge(shapely.multilinestrings(parts))))
+    arrays = []
+    for part in parts:
+        xy = shapely.get_coordinates(part)
+        xy = xy[[0, -1]] if len(line) == 2 else xy
+        ends = shapely.line_locate_point(whole, shapely.points(xy[[0, -1]]))
+        arrays.append((float(min(ends)), xy if ends[0] <= ends[1] else xy[::-1]))
+    return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]
+
+
+def ends_of(swaths: Sequence[FloatArray]) -> FloatArray:
+    """Return the first and last points (2 N, 2) of the swaths, swath by swath."""
+    return np.array([[swath[0], swath[-1]] for swath in swaths], dtype=np.float64).reshape(-1, 2)
+
+
+def cells(swaths: list[FloatArray], heading_deg: float) -> IntArray:
+    """Group straight swaths into the cells of a boustrophedon decomposition (Choset 2000).
+
+    Swaths on neighbouring lines belong to one cell when each is the other's only
+    neighbour; a line that splits, merges, begins or ends starts a new cell.
+
+    Parameters
+    ----------
+    swaths : list of (2, 2) ndarray
+        As `swaths_on` returns them [m].
+    heading_deg : float
+        Their heading, counter-clockwise from east [deg].
+
+    Returns
+    -------
+    (N,) ndarray of int
+        The cell of each swath, counted from 0 in the order of the lines.
+    """
+    along, left = axes_of(heading_deg)
+    ends = ends_of(swaths).reshape(-1, 2, 2)
+    u = np.sort(ends @ along, axis=1)
+    line = np.unique(np.round(-(ends[:, 0] @ left), 3), return_inverse=True)[1]
+    cell = np.full(len(swaths), -1, dtype=np.int64)
+    n_cells = 0
+    for i in range(len(swaths)):
+        before = _beside(u, i, np.flatnonzero(line == line[i] - 1))
+        if len(before) == 1 and len(_beside(u, before[0], np.flatnonzero(line == line[i]))) == 1:
+            cell[i] = cell[before[0]]
+        else:
+            cell[i], n_cells = n_cells, n_cells + 1
+    return cell
+
+
+def _beside(u: FloatArray, i: int, others: IntArray) -> IntArray:
+    """Return those of `others` whose stretch along the heading overlaps that of swath `i`."""
+    beside: IntArray = others[(u[others, 0] < u[i, 1]) & (u[others, 1] > u[i, 0])]
+    return beside

@@ -1,0 +1,102 @@
+"""Wavy swaths: a sine about each line, so that a swath also measures across its own direction."""
+
+import numpy as np
+import shapely
+
+from planners.config import WavyConfig
+from planners.swaths.swaths import Swath
+from survey.core.arrays import FloatArray
+from survey.data.area import SurveyArea
+from survey.reconstruction.gp.covariance.kernels import Kernel
+
+_POINTS_PER_WAVE = 16
+_MOST_HALVINGS = 5
+
+
+def wavy(
+    axes: list[FloatArray],
+    area: SurveyArea,
+    config: WavyConfig,
+    spacing_m: float,
+    wavelength_m: float,
+    *,
+    turn_radius_m: float = 0.0,
+) -> list[Swath]:
+    r"""Wind a swath about every axis.
+
+    .. math::  v(u) = A \sin(2 \pi u / \lambda'), \qquad A = \min(s \lambda / 2 \pi, \; a D), \qquad
+               \lambda' = 2 \ell / \mathrm{round}(2 \ell / \lambda)
+
+    with the distance u along an axis of length ℓ, so that swaths begin and end on their
+    axis; s is the `steepness`, a the `amplitude_share` and D the spacing. A rover of turning
+    radius R gets waves of ``A <= λ² / (4 π² R)``, whose crests it can follow. Where the full
+    wave would leave the free ground its amplitude is halved until it does not, and the swath
+    is straight when five halvings are not enough.
+
+    Parameters
+    ----------
+    axes : list of (2, 2) ndarray
+        In boustrophedon order and direction [m].
+    area : SurveyArea
+        The free ground.
+    config : WavyConfig
+        The shape.
+    spacing_m, wavelength_m : float
+        D and λ [m].
+    turn_radius_m : float
+        R [m]; 0 for a rover that pivots.
+    """
+    ground = area.free.buffer(1e-6)
+    shapely.prepare(ground)
+    amplitude_m = min(config.steepness * wavelength_m / (2.0 * np.pi), config.amplitude_share * spacing_m)
+    first = axes[0][1] - axes[0][0]
+    swaths = []
+    for axis in axes:
+        # Waves are laid in the direction of the first swath, so that neighbours run side by side.
+        is_back = float((axis[1] - axis[0]) @ first) < 0.0
+        forth = axis[::-1] if is_back else axis
+        xy = _wave(forth, amplitude_m, wavelength_m, ground, turn_radius_m)
+        swaths.append(Swath(xy[::-1] if is_back else xy, axis))
+    return swaths
+
+
+def slope_length_m(kernel: Kernel) -> float:
+    r"""Return the distance over which slopes change: what the length of a wave is measured by [m].
+
+    .. math::  \sqrt{v / -k''(0)} \approx h / \sqrt{2 (1 - k(h) / v)}
+
+    the standard deviation of heights over that of slopes. It is ℓ for the squared
+    exponential and ℓ/√3 for the Matérn 3/2 covariance, so that one number fits smooth and
+    rough terrain. Of several directions the shortest counts.
+    """
+    angles = np.linspace(0.0, np.pi, 12, endpoint=False)
+    lag_m = 0.02 * kernel.length_scales_m[0]
+    lags = lag_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    lost = 1.0 - kernel.covariance_of_lag(lags) / kernel.variance_m2
+    return lag_m / float(np.sqrt(2.0 * lost.max()))
+
+
+def _wave(
+    axis: FloatArray,
+    amplitude_m: float,
+    wavelength_m: float,
+    ground: shapely.Geometry,
+    turn_radius_m: float,
+) -> FloatArray:
+    along = axis[1] - axis[0]
+    length = float(np.hypot(*along))
+    n_half_waves = max(round(2.0 * length / wavelength_m), 1)
+    # A piece shorter than half a wave, as in the corners of a slanted sweep, bends only as much as its share.
+    amplitude_m *= min(1.0, 2.0 * length / wavelength_m)
+    if turn_radius_m > 0.0:
+        amplitude_m = min(amplitude_m, (length / (np.pi * n_half_waves)) ** 2 / turn_radius_m)
+    share = np.linspace(0.0, 1.0, n_half_waves * (_POINTS_PER_WAVE // 2) + 1)
+    left = np.array([-along[1], along[0]]) / length
+    for halving in range(_MOST_HALVINGS):
+        offset = 0.5**halving * amplitude_m * np.sin(np.pi * n_half_waves * share)
+        xy = axis[0] + share[:, None] * along + offset[:, None] * left
+        xy[0], xy[-1] = axis
+        if amplitude_m != 0.0 and ground.covers(shapely.linestrings(xy)):
+            wave: FloatArray = xy
+            return wave
+    return axis

@@ -1,0 +1,283 @@
+"""The mission file: every section, its defaults and units; unknown keys are refused."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PrivateAttr, model_validator
+
+from planners import Fleet, PlannerConfig, Rover
+from sim.config.drive import PhysicsConfig
+from sim.config.faults import FaultConfig
+from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
+from sim.config.sensors import InstrumentsConfig
+from survey.core.config import Section
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.config import JointConfig
+from vision_slam import LocalizationConfig
+
+Family = Literal[
+    "squared_exponential",
+    "matern32",
+    "matern52",
+    "gaussian_hills",
+    "cosine_surface",
+    "diamond_square",
+    "fractional_brownian",
+    "slope_and_waves",
+]
+
+
+class RandomTerrain(Section):
+    """Terrain drawn at random."""
+
+    source: Literal["random"]
+    family: Family = "squared_exponential"
+    """Kind of random surface."""
+    size_m: PositiveFloat = 600.0
+    """Side of the square site [m]."""
+    relief_m: PositiveFloat = 25.0
+    """Highest minus lowest point before micro-relief [m]."""
+    length_scale_m: PositiveFloat = 220.0
+    """Correlation length, for the families that have one [m]."""
+    micro_relief_sd_m: NonNegativeFloat = 0.0
+    """Standard deviation of the ice micro-relief put on top [m]."""
+    step_m: PositiveFloat = 1.0
+    """Cell of the fine terrain [m]."""
+    crs: str = "EPSG:32608"
+    """Where the site is put; UTM zone 8N holds the Mendenhall Glacier."""
+    origin_m: tuple[float, float] = (526000.0, 6478000.0)
+    """South-west corner of the site, easting and northing [m]."""
+
+
+class DemTerrain(Section):
+    """Terrain from an elevation raster."""
+
+    source: Literal["dem"]
+    file: str
+    """The raster; a relative path counts from the mission file."""
+    role: Literal["truth", "prior"] = "truth"
+    """Whether it is fine terrain to be surveyed, or coarse cells to which fine detail is added."""
+    crs: str | None = None
+    """For rasters that carry no CRS of their own."""
+    vertical_datum: str | None = None
+    """For rasters that do not state it."""
+    micro_relief_sd_m: NonNegativeFloat = 0.0
+    """Standard deviation of the ice micro-relief put on top [m]."""
+    step_m: PositiveFloat = 1.0
+    """Cell of the fine terrain where the raster is the prior [m]."""
+
+
+class SampleTerrain(Section):
+    """A site of 600 × 600 m in the real SRTM elevations that matplotlib installs."""
+
+    source: Literal["srtm-sample"]
+    micro_relief_sd_m: NonNegativeFloat = 0.35
+    """Standard deviation of the ice micro-relief put on top [m]."""
+    step_m: PositiveFloat = 1.0
+    """Cell of the fine terrain [m]."""
+
+
+TerrainConfig = Annotated[RandomTerrain | DemTerrain | SampleTerrain, Field(discriminator="source")]
+
+
+class SatelliteConfig(Section):
+    """The coarse elevations that are known before the survey."""
+
+    cell_m: PositiveFloat = 75.0
+    """Cell of the prior where it is made from fine terrain [m]."""
+    sigma_m: NonNegativeFloat = 1.0
+    """Standard deviation of its error, cell by cell [m]."""
+
+
+class AreaConfig(Section):
+    """What is to be surveyed; the whole terrain unless said."""
+
+    file: str | None = None
+    """Polygon file; a relative path counts from the mission file."""
+    bounds_m: tuple[float, float, float, float] | None = None
+    """Rectangle xmin, ymin, xmax, ymax in the terrain's CRS [m]."""
+    clip_to_terrain: bool = False
+    """Cut the area to where the terrain is known instead of refusing."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> "AreaConfig":
+        if self.file is not None and self.bounds_m is not None:
+            raise ValueError("area.file and area.bounds_m exclude one another, give one of them")
+        return self
+
+
+class RoverConfig(Rover):
+    """How the rover drives, what ground it can stand, and where its instruments sit."""
+
+    antenna_height_m: NonNegativeFloat = 0.5
+    """Height of the GPS antenna above the ground [m]."""
+    camera_height_m: PositiveFloat = 0.7
+    """Height of the camera above the ground [m]."""
+
+
+class SensorConfig(Section):
+    """The errors that the statistical fidelity draws; angles are standard deviations.
+
+    The defaults are an SBAS-class receiver, a weather-drifting barometer and visual
+    odometry with gravity-tied tilt. What the estimator assumes stands in `localization`.
+    """
+
+    gps_bias_sigma_m: NonNegativeFloat = 1.0
+    """Slowly varying horizontal GPS error [m]."""
+    gps_correlation_time_s: PositiveFloat = 120.0
+    """Its correlation time [s]."""
+    gps_white_sigma_m: NonNegativeFloat = 0.5
+    """Independent horizontal GPS error [m]."""
+    gps_vertical_factor: PositiveFloat = 1.7
+    """Vertical over horizontal GPS error."""
+    barometer_drift_sigma_m: NonNegativeFloat = 1.0
+    """Drift of the pressure altitude [m]."""
+    barometer_correlation_time_s: PositiveFloat = 1800.0
+    """Its correlation time [s]."""
+    barometer_white_sigma_m: NonNegativeFloat = 0.15
+    """Independent error of the pressure altitude [m]."""
+    yaw_sigma_deg: NonNegativeFloat = 0.2
+    """Heading error of the odometry [deg]."""
+    heading_walk_deg_sqrt_m: NonNegativeFloat = 0.0
+    """Random walk of that error per square root of a metre [deg]."""
+    tilt_sigma_deg: NonNegativeFloat = 0.1
+    """Roll and pitch error [deg]."""
+    tilt_bias_sigma_deg: NonNegativeFloat = 0.0
+    """Constant part of it [deg]."""
+    attitude_correlation_m: PositiveFloat = 60.0
+    """Travel over which they stay correlated [m]."""
+    scale_sigma: NonNegativeFloat = 0.004
+    """Relative error of the odometry's scale."""
+    step_sigma_m: NonNegativeFloat = 0.006
+    """Random error of the odometry per square root of a metre [m]."""
+    sample_step_m: PositiveFloat = 10.0
+    """Travel between the samples of the ideal sensor [m]."""
+    landmarks_per_m: PositiveFloat = 2.0
+    """Landmarks triangulated per metre of travel."""
+    landmark_range_m: tuple[float, float] = (5.0, 25.0)
+    """Nearest and farthest range at first sight [m]."""
+    landmark_cross_sigma_m: tuple[float, float] = (0.05, 0.0025)
+    """Error across the line of sight: constant [m] and per metre of range."""
+    landmark_along_sigma_m: tuple[float, float] = (0.02, 0.002)
+    """Error along the line of sight: constant [m] and per metre of range squared."""
+
+
+class AidsConfig(Section):
+    """What the survey has beside GPS and odometry to find its absolute height and keep level."""
+
+    start: Literal["surveyed", "unknown"] = "surveyed"
+    """Whether the start, and the heading there, are known; if not, the first fix stands for it."""
+    heading_sigma_deg: NonNegativeFloat = 1.0
+    """Error of the heading at an unknown start [deg]."""
+    barometer: bool = True
+    """A barometer on the rover."""
+    accelerometer: bool = False
+    """An accelerometer whose gravity ties roll and pitch."""
+    accelerometer_bias_m_s2: NonNegativeFloat = 0.05
+    """Its bias on each axis, constant over the drive [m/s²]."""
+    accelerometer_white_m_s2: NonNegativeFloat = 0.05
+    """Jolts and noise of each reading, a mean over a second [m/s²]."""
+    turn_at_start: bool = True
+    """Whether the rover, where it has one, stands under two headings before it sets off, to tell that bias."""
+    stakes: NonNegativeInt = 0
+    """Number of surveyed stakes, at the ends of swaths, seen in passing."""
+    stake_sigma_m: PositiveFloat = 0.05
+    """Error of a stake's surveyed position [m]."""
+    base_station: bool = False
+    """A second receiver at the start."""
+    base_residual: float = Field(default=0.2, gt=0.0, le=1.0)
+    """Share of the slowly varying GPS error that the two receivers do not have in common."""
+    base_barometer: bool = False
+    """A second barometer at the start."""
+    base_barometer_residual: float = Field(default=0.3, gt=0.0, le=1.0)
+    """Share of the drift that the two barometers do not have in common."""
+    way_home: bool = False
+    """Whether the route ends where it began."""
+    recognition: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the meetings of the way with itself at which the place is recognised."""
+    wrong_closures: NonNegativeInt = 0
+    """How many of those recognitions are wrong, by 6 m."""
+
+
+class ReconstructionConfig(Section):
+    """How the terrain is reconstructed."""
+
+    method: Literal["gp", "dense", "tin"] = "gp"
+    """Fourier Gaussian process, dense Gaussian process, or Delaunay triangulation."""
+    grid_step_m: PositiveFloat = 2.0
+    """Distance between the nodes of the map [m]."""
+    use_prior: bool = True
+    """Use the satellite prior: its cells as measurements in a joint estimate, else as the mean to build around."""
+    landmark_errors: Literal["joint", "inflated", "independent"] = "joint"
+    """Whether map and path are one estimate, or landmarks count as independent: with the path's variance in each, or
+    (as in the glacier paper) without."""
+    rays: bool = False
+    """Whether the landmarks' lines of sight bound the map."""
+    gp: GaussianProcessConfig = GaussianProcessConfig()
+    """Settings of the Gaussian process."""
+    joint: JointConfig = JointConfig()
+    """Settings of the joint estimate."""
+
+
+class ScoreConfig(Section):
+    """How the map is judged."""
+
+    require: Literal["class-1", "class-2", "class-3"] = "class-3"
+    """The map class that is wanted (at its widest contour interval)."""
+    sample_step_m: PositiveFloat = 10.0
+    """Cell of the grid of possible samples for science-centric coverage [m]."""
+
+
+class MissionConfig(Section):
+    """A whole mission."""
+
+    schema_version: Literal[1]
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    """Name of the mission and of its folder of runs."""
+    seed: NonNegativeInt = 0
+    """Everything random follows from it."""
+    fidelity: Literal["ideal", "statistical", "vision"] = "statistical"
+    """Depth of the simulation: a perfect sensor, sensors with drawn errors, or a rover that drives and looks."""
+    terrain: TerrainConfig
+    satellite: SatelliteConfig = SatelliteConfig()
+    area: AreaConfig = AreaConfig()
+    planner: PlannerConfig
+    rover: RoverConfig = RoverConfig()
+    fleet: Fleet = Fleet()
+    sensors: SensorConfig = SensorConfig()
+    aids: AidsConfig = AidsConfig()
+    scenery: SceneryConfig = SceneryConfig()
+    appearance: AppearanceConfig = AppearanceConfig()
+    imaging: ImagingConfig = ImagingConfig()
+    physics: PhysicsConfig = PhysicsConfig()
+    instruments: InstrumentsConfig = InstrumentsConfig()
+    faults: tuple[FaultConfig, ...] = ()
+    """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength."""
+    localization: LocalizationConfig = LocalizationConfig()
+    reconstruction: ReconstructionConfig = ReconstructionConfig()
+    score: ScoreConfig = ScoreConfig()
+
+    @property
+    def assumed(self) -> LocalizationConfig:
+        """What the estimator assumes of its sensors: the ideal one is told to be exact to a millimetre."""
+        if self.fidelity == "ideal":
+            return LocalizationConfig(gps_bias_sigma_m=1e-3, gps_white_sigma_m=1e-3, gps_vertical_factor=1.0)
+        return self.localization.model_copy(update={"start": self.aids.start})
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def read_from(self, folder: Path) -> "MissionConfig":
+        """Return the mission with its relative paths counted from `folder`."""
+        placed = self.model_copy()
+        placed._folder = folder
+        return placed
+
+    def path(self, file: str) -> Path:
+        """Return the place of a file that the mission names."""
+        return self._folder / file
+
+    @property
+    def input_files(self) -> dict[str, Path]:
+        """The files that the mission reads, by their name in it."""
+        named = {"terrain.file": getattr(self.terrain, "file", None), "area.file": self.area.file}
+        return {key: self.path(file) for key, file in named.items() if file is not None}

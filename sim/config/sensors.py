@@ -1,0 +1,153 @@
+"""Errors of the instruments that the simulated rover carries, as their makers and users state them."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
+
+from survey.core.config import Section
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class InstrumentConfig(Section):
+    """What every instrument has: a rate, a clock of its own, readings that get lost."""
+
+    rate_hz: PositiveFloat = 1.0
+    """Readings per second."""
+    clock_offset_s: float = 0.0
+    """What its clock shows too much [s]."""
+    dropped_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Share of the readings that never arrive."""
+
+
+class GpsConfig(InstrumentConfig):
+    """A satellite receiver."""
+
+    profile: Literal["white", "gauss-markov-60", "gauss-markov-300", "sbas", "rtk"] = "sbas"
+    """Its error: 3 m without memory, 3 m with a memory of 60 or 300 s, 1 m with 120 s, or centimetres."""
+    vertical_factor: PositiveFloat = 1.7
+    """Vertical over horizontal error."""
+    outages_per_h: NonNegativeFloat = 0.0
+    """Times per hour that fixes are missing."""
+    outage_s: PositiveFloat = 60.0
+    """How long they are missing, in the mean [s]."""
+    jumps_per_h: NonNegativeFloat = 0.0
+    """Times per hour that the position jumps and stays away for a while, as when satellites change."""
+    jump_m: NonNegativeFloat = 5.0
+    """Standard deviation of a jump on each axis [m]."""
+    multipath_per_h: NonNegativeFloat = 0.0
+    """Times per hour that reflections disturb single fixes for some seconds."""
+    multipath_m: NonNegativeFloat = 8.0
+    """Standard deviation of a disturbed fix on each axis [m]."""
+
+
+class WheelConfig(InstrumentConfig):
+    """Encoders of both tracks; slip comes from the physics."""
+
+    rate_hz: PositiveFloat = 20.0
+    """Readings per second."""
+    scale_error: float = 0.015
+    """What both tracks count too much, as worn tracks do."""
+    scale_difference: float = 0.002
+    """What the left track counts more than the right one."""
+    tick_m: PositiveFloat = 0.001
+    """Smallest distance that is counted [m]."""
+
+
+class InertialConfig(InstrumentConfig):
+    """Gyro and accelerometer, of the kind that costs a few hundred dollars."""
+
+    rate_hz: PositiveFloat = 80.0
+    """Readings per second; the physics' rate has to be a multiple of it."""
+    gyro_noise_deg_sqrt_h: NonNegativeFloat = 0.3
+    """Angle random walk [deg/√h]."""
+    gyro_bias_deg_h: NonNegativeFloat = 36.0
+    """Standard deviation of the bias at the start [deg/h]."""
+    gyro_bias_walk_deg_h_sqrt_h: NonNegativeFloat = 10.0
+    """Random walk of the bias [deg/h/√h]."""
+    force_noise_m_s2_sqrt_hz: NonNegativeFloat = 0.002
+    """White noise of the specific force [m/s²/√Hz]."""
+    force_bias_m_s2: NonNegativeFloat = 0.03
+    """Standard deviation of its bias at the start [m/s²]."""
+    force_bias_walk_m_s2_sqrt_h: NonNegativeFloat = 0.01
+    """Random walk of its bias [m/s²/√h]."""
+
+
+class BarometerConfig(InstrumentConfig):
+    """Pressure, told as height."""
+
+    drift_sigma_m: NonNegativeFloat = 1.0
+    """Changes of the weather [m]."""
+    correlation_time_s: PositiveFloat = 1800.0
+    """Their correlation time [s]."""
+    white_sigma_m: NonNegativeFloat = 0.15
+    """Noise of a reading [m]."""
+
+
+class CompassConfig(InstrumentConfig):
+    """Magnetic heading: noise, and iron and currents that turn it by an amount that depends on the heading."""
+
+    rate_hz: PositiveFloat = 5.0
+    """Readings per second."""
+    white_sigma_deg: NonNegativeFloat = 1.5
+    """Noise of a reading [deg]."""
+    hard_iron_deg: NonNegativeFloat = 5.0
+    """Amplitude of the error with the period of one turn [deg]."""
+    soft_iron_deg: NonNegativeFloat = 2.0
+    """Amplitude of the error with the period of half a turn [deg]."""
+    declination_error_deg: float = 0.5
+    """What the assumed declination is wrong by [deg]."""
+
+
+class WeatherConfig(InstrumentConfig):
+    """The science payload: a thermometer and a hygrometer in fields that vary over the glacier."""
+
+    temperature_c: float = -4.0
+    """Mean temperature at the lowest ground [°C]."""
+    lapse_c_per_km: float = 6.5
+    """Fall of temperature with height [°C/km]."""
+    temperature_sd_c: NonNegativeFloat = 0.8
+    """Standard deviation of cold pools and warm spots, about 100 m wide [°C]."""
+    humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] = 75.0
+    """Mean relative humidity [%]."""
+    humidity_sd_percent: NonNegativeFloat = 6.0
+    """Standard deviation of its variation, about 100 m wide [%]."""
+    temperature_noise_c: NonNegativeFloat = 0.1
+    """Noise of the thermometer [°C]."""
+    humidity_noise_percent: NonNegativeFloat = 1.5
+    """Noise of the hygrometer [%]."""
+
+
+class StakeConfig(Section):
+    """Stakes of known position beside the way, recognised in passing."""
+
+    count: NonNegativeInt = 0
+    """How many stand evenly along the route."""
+    beside_m: PositiveFloat = 3.0
+    """Their distance from the route [m]."""
+    survey_sigma_m: PositiveFloat = 0.05
+    """Error of their known position on each axis [m]."""
+    range_m: PositiveFloat = 8.0
+    """Distance within which they are recognised [m]."""
+    range_error_share: NonNegativeFloat = 0.02
+    """Error along the line of sight per metre of range."""
+    bearing_error_deg: NonNegativeFloat = 0.2
+    """Error across the line of sight [deg]."""
+
+
+class InstrumentsConfig(Section):
+    """What the rover carries in the vision fidelity."""
+
+    frame_rate_hz: PositiveFloat = 4.0
+    """Images per second; 4 at 1 m/s is one every 0.25 m."""
+    gps: GpsConfig = GpsConfig()
+    base_station: bool = False
+    """A second receiver of the same kind at the start, which shares most of the slow error."""
+    base_residual: Share = 0.2
+    """Share of the slow error that the two receivers do not have in common."""
+    wheels: WheelConfig = WheelConfig()
+    inertial: InertialConfig = InertialConfig()
+    barometer: BarometerConfig = BarometerConfig()
+    compass: CompassConfig = CompassConfig()
+    weather: WeatherConfig = WeatherConfig()
+    stakes: StakeConfig = StakeConfig()

@@ -1,0 +1,232 @@
+"""A mission from plan to report: each stage reads the files of those before it and writes its own.
+
+area, prior ──plan──▶ route ──simulate──▶ recording ──localize──▶ trajectory, points
+                                  └─ truth ─┐                          │
+report ◀──report── score ◀──score───────────┴── reconstruction ◀── reconstruct
+"""
+
+import logging
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+import planners
+import survey
+from sim.config.mission import MissionConfig
+from sim.mission.report import write_mission_report
+from sim.simulate.aiding import with_way_home
+from sim.simulate.ideal import simulate_ideal
+from sim.simulate.navigator_process import navigating
+from sim.simulate.statistical import simulate_statistical
+from sim.simulate.vision import ONBOARD, simulate_vision
+from sim.world.site import World, build_world
+from survey.core.documents import write_json
+from survey.core.store import STAGES, RunFolder
+from survey.core.streams import stream
+from survey.data.recording import Recording
+from survey.data.truth import Truth
+from vision_slam import localize, trajectory_error
+from vision_slam.odometry.onboard import read_seen
+from vision_slam.pipeline import localize_seen
+
+logger = logging.getLogger(__name__)
+
+Watch = Callable[[str], AbstractContextManager[object]]
+"""Called with a stage's name; gives the context in which the stage runs, to show or time it."""
+
+
+def run_mission(
+    mission: MissionConfig,
+    run: RunFolder,
+    *,
+    until: str = "report",
+    watch: Watch = nullcontext,
+    workers: int | None = None,
+) -> None:
+    """Do every stage that is not done yet, in order.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        What to do.
+    run : RunFolder
+        Where it is kept; finished stages are checked against their checksums and kept.
+    until : str
+        The last stage.
+    watch : callable
+        Wraps each stage that is run.
+    workers : int, optional
+        Processes of a drive with images: with two the onboard computer works beside the
+        simulation, to the same bytes. As many as this process may use cores, unless given.
+
+    Raises
+    ------
+    InputError
+        What a stage refuses, or a finished stage whose files were changed.
+    """
+    n = len(os.sched_getaffinity(0)) if workers is None else workers
+    stages = _STAGES | {"simulate": partial(simulate, workers=n)}
+    with threadpool_limits(limits=1):  # one order of sums keeps the bytes, and spinning threads are slower
+        for name in STAGES[: STAGES.index(until) + 1]:
+            if run.has(name):
+                run.verify(name)
+                continue
+            with watch(name), run.stage(name) as folder:
+                stages[name](mission, run, folder)
+            logger.info("finished the stage %s", name)
+
+
+def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Plan the route from the area and the prior alone."""
+    world = build_world(mission)
+    world.area.write(folder / "area.gpkg")
+    world.prior.write(folder / "prior.tif")
+    route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
+    if mission.aids.way_home:
+        route = with_way_home(route, world.area)
+    route.write(folder / "route.geojson")
+
+
+def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:
+    """Drive the route over the real terrain and record what the rover senses."""
+    if mission.fleet.rovers > 1:
+        raise survey.ConfigError(
+            f"the simulation drives one rover, but fleet.rovers is {mission.fleet.rovers}; set it to 1, or end with firnline plan."
+        )
+    world = build_world(mission)
+    route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
+    route.write(folder / "driven_route.geojson")
+    if mission.fidelity == "vision":
+        steers = mission.physics.steer_by == "estimate"
+        with navigating(mission, workers) as navigate:
+            drive = simulate_vision(
+                world.terrain, route, mission, folder / "recording", navigate, steers=steers
+            )
+        drive.write(folder)
+        return
+    sensed = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
+    recording, truth = sensed(world.terrain, route, mission)
+    recording.write(folder / "recording")
+    truth.write(folder / "truth")
+
+
+def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
+    """Return the route as driven: patterns that are steered on the way follow the attitude that the rover senses."""
+    steering = planners.steering_of(mission.planner)
+    if steering is None:
+        return route
+    sense = planners.attitude_sensor(world.terrain)
+    area = planners.drivable(world.area, mission.rover, world.prior).within(world.area)
+    return planners.rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
+
+
+def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Estimate path and landmarks from the recording, and from nothing else; keep also what was known on the way.
+
+    Images that the onboard computer has looked at are not looked at again.
+    """
+    recording = Recording.read(run.folder("simulate") / "recording")
+    seen = run.folder("simulate") / "recording" / ONBOARD
+
+    def keep(online: survey.Trajectory) -> None:
+        online.write(folder / "online_trajectory.csv")
+
+    if seen.exists():
+        trajectory, points, _ = localize_seen(recording, read_seen(seen), mission.assumed, told_online=keep)
+    else:
+        trajectory, points = localize(recording, mission.assumed, told_online=keep)
+    trajectory.write(folder / "trajectory.tum")
+    trajectory.write(folder / "trajectory.csv")
+    points.write(folder / "surface_points.gpkg")
+
+
+def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Map the terrain from the surface points and the prior; where odometry ties the points, correct the path too."""
+    config = mission.reconstruction
+    area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")
+    points = survey.SurfacePoints.read(run.folder("localize") / "surface_points.gpkg")
+    prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
+    grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
+    path = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", area.crs)
+    if path.error is not None and config.landmark_errors == "joint" and config.method == "gp":
+        # Here, because compiling support costs half a second that other commands need not pay.
+        from survey.reconstruction.joint.joint_map import JointTerrain
+
+        found = JointTerrain(path.error, prior, config.gp, config.joint).map(points, grid)
+        _bounded(found.reconstruction, points, mission).write(folder)
+        found.correction.applied(path).write(folder / "corrected_trajectory.csv")
+        return
+    if config.landmark_errors == "independent" and points.own_covariance is not None:
+        points = replace(points, covariance=points.own_covariance)
+    if prior is not None:
+        points = within(prior, points)
+    result = survey.reconstruct(points, grid, prior=prior, method=config.method, config=config.gp)
+    _bounded(result, points, mission).write(folder)
+
+
+def _bounded(
+    result: survey.Reconstruction, points: survey.SurfacePoints, mission: MissionConfig
+) -> survey.Reconstruction:
+    """Return the map below its landmarks' lines of sight, if they are to count; they begin at the camera, not at the body."""
+    if not mission.reconstruction.rays:
+        return result
+    from survey.reconstruction.line_of_sight.truncation import below_sight_lines
+
+    up = np.array([0.0, 0.0, mission.rover.camera_height_m])
+    camera = None if points.origins is None else points.origins + up
+    return below_sight_lines(result, replace(points, origins=camera))
+
+
+def within(prior: survey.Dem, points: survey.SurfacePoints) -> survey.SurfacePoints:
+    """Leave out landmarks beyond the prior's edge, where there is nothing to build around; their number is logged."""
+    known = np.isfinite(prior.at(points.xy))
+    if not known.all():
+        logger.warning(
+            "%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points)
+        )
+    return points.select(known)
+
+
+def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Judge the map and the path against the truth."""
+    truth = Truth.read(run.folder("simulate") / "truth")
+    judged = survey.score(
+        survey.Reconstruction.read(run.folder("reconstruct")),
+        truth=truth.dem,
+        route=survey.Route.read(run.folder("simulate") / "driven_route.geojson"),
+        area=survey.SurveyArea.read(run.folder("plan") / "area.gpkg"),
+        sample_step_m=mission.score.sample_step_m,
+    )
+    write_json(folder / "score.json", judged.to_dict())
+    trajectory = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", truth.dem.crs)
+    judged_path = trajectory_error(trajectory, truth.trajectory).to_dict()
+    corrected = run.folder("reconstruct") / "corrected_trajectory.csv"
+    if corrected.exists():
+        after = trajectory_error(survey.Trajectory.read(corrected, truth.dem.crs), truth.trajectory)
+        judged_path |= {f"after_mapping_{name}": value for name, value in after.to_dict().items()}
+    online = run.folder("localize") / "online_trajectory.csv"
+    if online.exists():
+        known_then = trajectory_error(survey.Trajectory.read(online, truth.dem.crs), truth.trajectory)
+        judged_path |= {f"online_{name}": value for name, value in known_then.to_dict().items()}
+    write_json(folder / "localization.json", judged_path)
+
+
+def report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
+    """Put everything on one page."""
+    write_mission_report(folder, run)
+
+
+_STAGES: dict[str, Callable[[MissionConfig, RunFolder, Path], None]] = {
+    "plan": plan,
+    "simulate": simulate,
+    "localize": estimate,
+    "reconstruct": reconstruct,
+    "score": score,
+    "report": report,
+}

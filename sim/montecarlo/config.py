@@ -1,0 +1,261 @@
+"""The study file of a Monte Carlo: which terrain, which planners, which maps, how many trials."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import (
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    PrivateAttr,
+    TypeAdapter,
+    ValidationError,
+)
+
+from planners import PlannerConfig
+from sim.config.mission import Family, RoverConfig, SatelliteConfig, SensorConfig
+from survey.core.config import Section, read_toml, validated, with_overrides
+from survey.core.errors import ConfigError
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.gp.selection.kernel_search import Family as SearchedKernel
+from survey.scoring.standards.standards import map_classes
+from vision_slam import LocalizationConfig
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.,/()<=-]*$")]
+MapClassName = Literal["class-1", "class-2", "class-3"]
+_SIZES = ("swaths", "spacing_m", "budget_m", "rmse_m")
+
+
+class RandomKind(Section):
+    """Terrain drawn at random, anew for each trial."""
+
+    source: Literal["random"] = "random"
+    name: Name
+    """Name of the terrain in the table."""
+    family: Family
+    """Kind of random surface."""
+    length_scale_m: PositiveFloat = 220.0
+    """Correlation length, for the families that have one [m]."""
+    size_m: PositiveFloat = 600.0
+    """Side of the square site [m]."""
+    relief_m: PositiveFloat = 25.0
+    """Highest minus lowest point before micro-relief [m]."""
+    micro_relief_sd_m: NonNegativeFloat = 0.0
+    """Standard deviation of ice micro-relief put on top [m]."""
+    step_m: PositiveFloat = 5.0
+    """Cell of the fine terrain [m]."""
+
+
+class ConditionalKind(Section):
+    """Terrain drawn at random so that it agrees with a real coarse prior."""
+
+    source: Literal["conditional"]
+    name: Name
+    """Name of the terrain in the table."""
+    file: str
+    """The coarse raster; a relative path counts from the study file."""
+    sigma_m: NonNegativeFloat = 1.0
+    """Standard deviation of the error of its cells [m]."""
+    step_m: PositiveFloat = 5.0
+    """Cell of the fine terrain [m]."""
+
+
+Kind = Annotated[RandomKind | ConditionalKind, Field(discriminator="source")]
+
+
+class SearchedMap(Section):
+    """A Gaussian process whose kernel is searched for each survey; surveys on one route share the work."""
+
+    method: Literal["searched"] = "searched"
+    name: Name = "fitted"
+    """Name of the map in the table."""
+    families: tuple[SearchedKernel, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+    """Covariance functions to compare by their likelihood."""
+
+
+class GivenMap(Section):
+    """A Gaussian process with the same given kernel for every survey."""
+
+    method: Literal["given"]
+    name: Name
+    """Name of the map in the table."""
+    family: SearchedKernel = "squared-exponential"
+    """Covariance function."""
+    variance_m2: PositiveFloat
+    """Prior variance about the mean [m²]."""
+    length_scale_m: PositiveFloat
+    """Length scale [m]."""
+
+
+class ReconstructedMap(Section):
+    """Any reconstruction that a mission can have, survey by survey."""
+
+    method: Literal["gp", "dense", "tin"]
+    name: Name
+    """Name of the map in the table."""
+    use_prior: bool = False
+    """Build around a satellite's cells instead of a constant."""
+    landmark_errors: Literal["joint", "inflated", "independent"] = "joint"
+    """Of the statistical fidelity, as in a mission: whether map and path are one estimate (method gp), or landmarks
+    count as independent, with the path's variance in each or without."""
+    gp: GaussianProcessConfig = GaussianProcessConfig()
+    """Settings of the Gaussian process."""
+    joint: JointConfig = JointConfig()
+    """Settings of the joint estimate."""
+
+
+Map = Annotated[SearchedMap | GivenMap | ReconstructedMap, Field(discriminator="method")]
+
+
+class SamplesConfig(Section):
+    """What the ideal fidelity measures: the terrain's height at equal steps along everything driven."""
+
+    step_m: PositiveFloat = 10.0
+    """Travel between samples [m]."""
+    noise_m: NonNegativeFloat = 0.0
+    """Standard deviation of a sample's height; 0 is a perfect sensor [m]."""
+    localization_m: NonNegativeFloat = 0.0
+    """Standard deviation of the rover's place, east and north each, independent from sample to sample [m]."""
+
+
+class Design(NamedTuple):
+    """A planner with its parameters, as one point on a curve: its label in the table, and how many swaths."""
+
+    label: str
+    swaths: int
+    planner: PlannerConfig
+
+
+class StudyConfig(Section):
+    """A whole study: every terrain is surveyed by every planner at every size, once for each trial."""
+
+    schema_version: Literal[1]
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    """Name of the study and of its folder."""
+    seed: NonNegativeInt = 0
+    """Everything random follows from it, by name: no trial depends on how many others there are."""
+    trials: PositiveInt
+    """Number of terrains drawn of each kind."""
+    fidelity: Literal["ideal", "statistical"] = "ideal"
+    """Depth of the simulation."""
+    terrains: tuple[Kind, ...] = Field(min_length=1)
+    """Kinds of terrain."""
+    planners: tuple[dict[str, Any], ...] = Field(min_length=1)
+    """Planners as in a mission file; those without a size are tried at every number of `swaths`."""
+    swaths: tuple[PositiveInt, ...] = ()
+    """Numbers of swaths to try."""
+    maps: tuple[Map, ...] = Field(default=(SearchedMap(),), min_length=1)
+    """Reconstructions, all from the same samples."""
+    require: MapClassName = "class-3"
+    """The map class whose pass share is told."""
+    map_step_m: PositiveFloat = 20.0
+    """Distance between the nodes at which maps are judged [m]."""
+    samples: SamplesConfig = SamplesConfig()
+    rover: RoverConfig = RoverConfig()
+    sensors: SensorConfig = SensorConfig()
+    localization: LocalizationConfig = LocalizationConfig()
+    satellite: SatelliteConfig = SatelliteConfig()
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    @property
+    def designs(self) -> list[Design]:
+        """Every planner at every size, in the order of the file."""
+        return [design for index, given in enumerate(self.planners) for design in self._sized(index, given)]
+
+    @property
+    def limit_m(self) -> float:
+        """Largest RMSE of the wanted class, at its widest contour interval [m]."""
+        wanted = self.require.replace("class-", "Class ")
+        return next(row.limit_m for row in map_classes() if row.map_class == wanted)
+
+    def read_from(self, folder: Path) -> "StudyConfig":
+        """Return the study with its relative paths counted from `folder`."""
+        placed = self.model_copy()
+        placed._folder = folder
+        return placed
+
+    def path(self, file: str) -> Path:
+        """Return the place of a file that the study names."""
+        return self._folder / file
+
+    @property
+    def input_files(self) -> dict[str, Path]:
+        """The files that the study reads, by the terrain that they are for."""
+        return {
+            kind.name: self.path(kind.file) for kind in self.terrains if isinstance(kind, ConditionalKind)
+        }
+
+    def check(self) -> None:
+        """Refuse what no section can see alone.
+
+        Raises
+        ------
+        ConfigError
+            Names that occur twice, a planner that is not known, maps that do not fit the fidelity.
+        """
+        names = {"terrains": [t.name for t in self.terrains], "maps": [m.name for m in self.maps]}
+        for what, given in names.items():
+            if len(set(given)) < len(given):
+                raise ConfigError(f"two of the {what} have the same name; give each its own.")
+        labels = [(design.label, design.swaths) for design in self.designs]
+        if len(set(labels)) < len(labels):
+            raise ConfigError("two planners have the same label and size; give one of them another label.")
+        if self.fidelity == "statistical" and any(not isinstance(m, ReconstructedMap) for m in self.maps):
+            raise ConfigError(
+                "landmarks of the statistical fidelity err unequally; give maps of the method gp, dense or tin."
+            )
+
+    def _sized(self, index: int, given: dict[str, Any]) -> list[Design]:
+        settings = dict(given)
+        label = str(settings.pop("label", settings.get("pattern", "")))
+        if any(size in settings for size in _SIZES):
+            return [Design(label, int(settings.get("swaths") or 0), _planner(index, settings))]
+        if not self.swaths:
+            raise ConfigError(
+                f"planners.{index} has no size; give it swaths, or give the study a list of swaths."
+            )
+        return [Design(label, n, _planner(index, {**settings, "swaths": n})) for n in self.swaths]
+
+
+_PLANNER: TypeAdapter[PlannerConfig] = TypeAdapter(PlannerConfig)
+
+
+def _planner(index: int, settings: dict[str, Any]) -> PlannerConfig:
+    """Check the settings of one planner; what is wrong is told in one line."""
+    try:
+        return _PLANNER.validate_json(json.dumps(settings))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in ("planners", index, *first["loc"][1:]))
+        if first["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            known = str(first.get("ctx", {}).get("expected_tags", "")).replace("'", "")
+            raise ConfigError(
+                f"{where}: the planner {settings.get('pattern')!r} is not known; one of {known} was expected."
+            ) from error
+        if first["type"] == "extra_forbidden":
+            raise ConfigError(f"{where}: this key is not known; remove it.") from error
+        raise ConfigError(f"{where}: {first['msg'].removeprefix('Value error, ')}; correct it.") from error
+
+
+def read_study(path: Path, overrides: Sequence[str] = ()) -> StudyConfig:
+    """Read a study file, put ``section.key=value`` overrides in, and check all of it.
+
+    Raises
+    ------
+    InputError
+        The file is missing.
+    ConfigError
+        It is no TOML, or a setting is unknown or wrong.
+    """
+    study = validated(StudyConfig, with_overrides(read_toml(path), overrides), str(path))
+    try:
+        study.check()
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    return study.read_from(path.parent)

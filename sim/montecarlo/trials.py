@@ -1,0 +1,371 @@
+"""The trials of a Monte Carlo: terrain is drawn, surveyed by every planner at every size, mapped and judged.
+
+Trials come in blocks, because surveys of one route share the factorization of their maps; a block is what
+one worker does at a time and what is stored. Its bytes depend on the study and the block alone.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from pyproj import CRS
+from threadpoolctl import threadpool_limits
+
+import planners
+import survey
+from planners.prediction.predict import places
+from sim.config.mission import MissionConfig, RandomTerrain
+from sim.montecarlo.config import (
+    ConditionalKind,
+    Design,
+    GivenMap,
+    Map,
+    RandomKind,
+    ReconstructedMap,
+    SearchedMap,
+    StudyConfig,
+)
+from sim.simulate.statistical import simulate_statistical
+from survey import Dem, Grid, Route, SurveyArea
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.streams import stream
+from survey.data.path_error import PathError
+from survey.reconstruction.gp.selection.kernel_search import Cell, FoundKernel, KernelSearch, mapped
+from survey.terrain import ice_micro_relief, random_dem, satellite_copy
+from survey.terrain.conditional import CoarseCells, ConditionalTerrain
+from vision_slam import localize
+
+_TOGETHER = {"ideal": 50, "statistical": 1}
+_WITH_LENGTH = ("squared_exponential", "matern32", "matern52")
+_CRS = CRS("EPSG:32608")
+
+
+class Block(NamedTuple):
+    """Trials ``first`` to ``first + n - 1`` on the terrain of this number in the study."""
+
+    terrain: int
+    first: int
+    n: int
+
+    @property
+    def name(self) -> str:
+        """Name of the block's file."""
+        return f"{self.terrain:03d}-{self.first:07d}"
+
+
+def blocks_of(study: StudyConfig) -> list[Block]:
+    """Return the blocks of a study in the order of its table."""
+    size = _TOGETHER[study.fidelity]
+    return [
+        Block(terrain, first, min(size, study.trials - first))
+        for terrain in range(len(study.terrains))
+        for first in range(0, study.trials, size)
+    ]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One line of the table: a survey of one terrain, and how good its map is.
+
+    ``claimed_m`` is the root mean square of the map's own standard deviation; ``silent_share`` the share of
+    nodes without a height. Lengths are metres.
+    """
+
+    terrain: str
+    trial: int
+    planner: str
+    swaths: int
+    map: str
+    length_m: float
+    n_samples: int
+    rmse_m: float
+    bias_m: float
+    p95_m: float
+    worst_m: float
+    claimed_m: float
+    silent_share: float
+    family: str
+    length_scale_m: float
+    sd_m: float
+
+
+def survey_block(study: StudyConfig, block: Block) -> list[Trial]:
+    """Do the trials of one block, on one thread so that sums keep their order."""
+    with threadpool_limits(1):
+        world = World(study, block)
+        survey_all = _surveyed_ideally if study.fidelity == "ideal" else _surveyed_statistically
+        return [
+            trial
+            for design in study.designs
+            for driven in routes(world, design)
+            for trial in survey_all(world, driven)
+        ]
+
+
+class World:
+    """The terrains of a block, and what every survey of them needs."""
+
+    def __init__(self, study: StudyConfig, block: Block) -> None:
+        self.study = study
+        self.kind = study.terrains[block.terrain]
+        self.trials = range(block.first, block.first + block.n)
+        self.dems = [drawn(study, self.kind, trial) for trial in self.trials]
+        self.area = SurveyArea.rectangle(self.dems[0].grid().bounds, self.dems[0].crs)
+        self.nodes = map_nodes(self.area, study.map_step_m)
+        self.actual = np.column_stack([dem.at(self.nodes.xy) for dem in self.dems])
+
+    def stream(self, what: str, trial: int, *names: str | int) -> np.random.Generator:
+        """Return the stream of one trial."""
+        return stream(self.study.seed, what, self.kind.name, trial, *names)
+
+    def prior(self, index: int) -> Dem:
+        """Return the satellite's cells of one terrain."""
+        satellite = self.study.satellite
+        rng = self.stream("satellite", self.trials[index])
+        return satellite_copy(self.dems[index], rng=rng, cell_m=satellite.cell_m, sigma_m=satellite.sigma_m)
+
+
+def map_nodes(area: SurveyArea, step_m: float) -> Grid:
+    """Return the centres of square cells over a rectangle, where maps are judged."""
+    xmin, ymin, xmax, ymax = area.bounds
+    columns, rows = (int(side / step_m + 1e-9) for side in (xmax - xmin, ymax - ymin))
+    if min(columns, rows) < 2:
+        raise InputError(f"nodes {step_m:g} m apart do not fit the site; set map_step_m smaller.")
+    x0, y0 = xmin + 0.5 * step_m, ymin + 0.5 * step_m
+    return Grid((x0, y0, x0 + (columns - 1) * step_m, y0 + (rows - 1) * step_m), step_m, area.crs)
+
+
+def drawn(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
+    """Return the terrain of one trial."""
+    rng = stream(study.seed, "terrain", kind.name, trial)
+    if isinstance(kind, ConditionalKind):
+        return _conditional(study, kind).draw(rng)
+    grid = Grid((0.0, 0.0, kind.size_m, kind.size_m), kind.step_m, _CRS)
+    scale = {"length_scale_m": kind.length_scale_m} if kind.family in _WITH_LENGTH else {}
+    dem = random_dem(kind.family, grid, rng, relief_m=kind.relief_m, **scale)
+    if kind.micro_relief_sd_m == 0.0:
+        return dem
+    relief = ice_micro_relief(
+        grid, stream(study.seed, "micro-relief", kind.name, trial), sd_m=kind.micro_relief_sd_m
+    )
+    return Dem.on(grid, dem.elevation + relief)
+
+
+def _conditional(study: StudyConfig, kind: ConditionalKind) -> ConditionalTerrain:
+    return _conditional_on(str(study.path(kind.file)), kind.sigma_m, kind.step_m)
+
+
+@lru_cache(maxsize=4)
+def _conditional_on(file: str, sigma_m: float, step_m: float) -> ConditionalTerrain:
+    """Learn the covariance from the prior's cells; the terrain ends at the centres of the outer ones."""
+    prior = Dem.read(file)
+    xmin, ymin, xmax, ymax = prior.grid().bounds
+    columns, rows = (int(side / step_m + 1e-9) for side in (xmax - xmin, ymax - ymin))
+    grid = Grid((xmin, ymin, xmin + columns * step_m, ymin + rows * step_m), step_m, prior.crs)
+    area = SurveyArea.rectangle(prior.bounds, prior.crs)
+    return ConditionalTerrain(CoarseCells(prior, sigma_m), planners.terrain_kernel(prior, area), grid)
+
+
+class Driven(NamedTuple):
+    """A route of a design, and the terrains of the block that it is driven on."""
+
+    design: Design
+    route: Route
+    mine: Sequence[int]
+
+
+def _surveyed_ideally(world: World, driven: Driven) -> Iterator[Trial]:
+    xy, heights = samples_of(world, driven)
+    for how in world.study.maps:
+        yield from _judged(world, driven, how, _maps(world, how, xy, heights, driven.mine))
+
+
+def routes(world: World, design: Design) -> list[Driven]:
+    """Return the routes of a design: one for all terrains where it depends on none."""
+    everyone = range(len(world.dems))
+    if _needs_prior(design.planner):
+        return [Driven(design, _planned(world, design, index), [index]) for index in everyone]
+    route = _planned(world, design, None)
+    steering = planners.steering_of(design.planner)
+    if steering is None:
+        return [Driven(design, route, everyone)]
+    rngs = [world.stream("steering", trial, design.label, design.swaths) for trial in world.trials]
+    driven = planners.rollout(world.area, route, steering, planners.attitude_sensor(world.dems), rngs)
+    return [Driven(design, route, [index]) for index, route in enumerate(driven)]
+
+
+def _needs_prior(planner: planners.PlannerConfig) -> bool:
+    if isinstance(planner, planners.WavyConfig):
+        return planner.wavelength_m is None
+    return isinstance(planner, planners.BestConfig | planners.VarianceDrivenConfig)
+
+
+def _planned(world: World, design: Design, index: int | None) -> Route:
+    prior = None if index is None else world.prior(index)
+    samples = world.study.samples
+    return planners.plan(
+        world.area, prior, design.planner, noise_m=samples.noise_m, sample_step_m=samples.step_m
+    )
+
+
+def samples_of(world: World, driven: Driven) -> tuple[FloatArray, FloatArray]:
+    """Return where the rover believes to sample (N, 2) and the heights that it measures (N, B) [m]."""
+    samples = world.study.samples
+    xy = places(driven.route, samples.step_m)
+    heights = np.empty((len(xy), len(driven.mine)))
+    for column, index in enumerate(driven.mine):
+        rng = world.stream("samples", world.trials[index], driven.design.label, driven.design.swaths)
+        there = xy
+        if samples.localization_m > 0.0:
+            xmin, ymin, xmax, ymax = world.area.bounds
+            there = np.clip(
+                xy + samples.localization_m * rng.standard_normal(xy.shape), (xmin, ymin), (xmax, ymax)
+            )
+        heights[:, column] = world.dems[index].at(there) + samples.noise_m * rng.standard_normal(len(xy))
+    return xy, heights
+
+
+class _Mapped(NamedTuple):
+    """Maps (M, B), what each claims to err (B,), the kernels behind them, and the number of samples of each."""
+
+    mean: FloatArray
+    claimed_m: FloatArray
+    kernels: Sequence[tuple[str, float, float]]
+    n_samples: int
+
+
+def _maps(world: World, how: Map, xy: FloatArray, heights: FloatArray, mine: Sequence[int]) -> _Mapped:
+    if isinstance(how, ReconstructedMap):
+        return _reconstructed(world, how, xy, heights, mine)
+    if isinstance(how, SearchedMap):
+        found = KernelSearch(xy, heights, _noise_m(world.study), how.families).found()
+    else:
+        found = [_given(how, world.study)] * len(mine)
+    mean, claimed = mapped(xy, heights, found, world.nodes.xy)
+    kernels = [(k.cell.family, k.cell.length_scale_m, float(np.sqrt(k.variance_m2))) for k in found]
+    return _Mapped(mean, claimed, kernels, len(xy))
+
+
+def _noise_m(study: StudyConfig) -> float:
+    """Return the error of a sample that its sensor states; what localization adds shows in the fit."""
+    return study.samples.noise_m
+
+
+def _given(how: GivenMap, study: StudyConfig) -> FoundKernel:
+    return FoundKernel(
+        Cell.of(how.family, how.length_scale_m, _noise_m(study) ** 2 / how.variance_m2), how.variance_m2
+    )
+
+
+def _reconstructed(
+    world: World, how: ReconstructedMap, xy: FloatArray, heights: FloatArray, mine: Sequence[int]
+) -> _Mapped:
+    noise = max(_noise_m(world.study), 1e-3)
+    mean, claimed, kernels = np.empty((len(world.nodes.xy), len(mine))), np.empty(len(mine)), []
+    for column, index in enumerate(mine):
+        points = survey.SurfacePoints(
+            np.column_stack([xy, heights[:, column]]), sigma_m=np.full(len(xy), noise), crs=world.area.crs
+        )
+        prior = world.prior(index) if how.use_prior else None
+        mean[:, column], claimed[column], kernel = _reconstruction(world, how, points, prior)
+        kernels.append(kernel)
+    return _Mapped(mean, claimed, kernels, len(xy))
+
+
+def _reconstruction(
+    world: World,
+    how: ReconstructedMap,
+    points: survey.SurfacePoints,
+    prior: Dem | None,
+    path: PathError | None = None,
+) -> tuple[FloatArray, float, tuple[str, float, float]]:
+    """Return the map of one survey, what it claims to err, and the kernel behind it."""
+    result = survey.reconstruct(
+        points, world.nodes, prior, method=how.method, config=how.gp, path=path, joint=how.joint
+    )
+    facts: Mapping[str, Any] = result.hyperparameters
+    kernel = (
+        str(facts.get("family", how.method)),
+        float(facts.get("length_scale_m", np.nan)),
+        float(np.sqrt(facts.get("variance_m2", np.nan))),
+    )
+    std = result.std.elevation
+    claimed = float(np.sqrt(np.nanmean(std**2))) if np.isfinite(std).any() else float("nan")
+    return result.mean.elevation.ravel(), claimed, kernel
+
+
+def _judged(world: World, driven: Driven, how: Map, maps: _Mapped) -> Iterator[Trial]:
+    design = driven.design
+    for column, index in enumerate(driven.mine):
+        error = maps.mean[:, column] - world.actual[:, index]
+        known = error[np.isfinite(error)]
+        if not len(known):
+            raise InputError(
+                f"the map {how.name} of {design.label} has no height at any node; ask for more swaths."
+            )
+        size = np.abs(known)
+        family, length_scale_m, sd_m = maps.kernels[column]
+        yield Trial(
+            world.kind.name, world.trials[index], design.label, design.swaths, how.name,
+            driven.route.length_m, maps.n_samples, float(np.sqrt(np.mean(known**2))), float(known.mean()),
+            float(np.percentile(size, 95.0)), float(size.max()), float(maps.claimed_m[column]),
+            1.0 - len(known) / len(error), family, length_scale_m, sd_m,
+        )  # fmt: skip
+
+
+def _surveyed_statistically(world: World, driven: Driven) -> Iterator[Trial]:
+    """Drive with sensors that err, estimate path and landmarks from what was sensed, and map those."""
+    for index in driven.mine:
+        trajectory, points = _localized(world, driven, index)
+        for how in world.study.maps:
+            if not isinstance(how, ReconstructedMap):
+                raise InputError("landmarks are mapped by gp, dense or tin.")
+            maps = _mapped_landmarks(world, how, trajectory.error, points, index)
+            yield from _judged(world, driven._replace(mine=[index]), how, maps)
+
+
+def _mapped_landmarks(
+    world: World,
+    how: ReconstructedMap,
+    path: PathError | None,
+    points: survey.SurfacePoints,
+    index: int,
+) -> _Mapped:
+    """Map landmarks as a mission does: together with the path that they were seen from, or each by itself."""
+    prior = world.prior(index) if how.use_prior else None
+    if how.landmark_errors != "joint" or how.method != "gp":
+        path = None
+    if path is None and how.landmark_errors == "independent" and points.own_covariance is not None:
+        points = replace(points, covariance=points.own_covariance)
+    if path is None and prior is not None:
+        points = points.select(np.isfinite(prior.at(points.xy)))
+    mean, claimed, kernel = _reconstruction(world, how, points, prior, path)
+    return _Mapped(mean[:, None], np.array([claimed]), [kernel], len(points))
+
+
+def _localized(world: World, driven: Driven, index: int) -> tuple[survey.Trajectory, survey.SurfacePoints]:
+    """Return the path and the landmarks that one survey with sensors that err estimates."""
+    design = driven.design
+    seed = int(world.stream("sensors", world.trials[index], design.label, design.swaths).integers(2**62))
+    study = world.study
+    mission = MissionConfig(
+        schema_version=1,
+        name=study.name,
+        seed=seed,
+        terrain=RandomTerrain(source="random"),
+        planner=design.planner,
+        rover=study.rover,
+        sensors=study.sensors,
+        localization=study.localization,
+    )
+    recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
+    return localize(recording, mission.assumed)
+
+
+def as_columns(trials: Sequence[Trial]) -> dict[str, list[Any]]:
+    """Return the table's columns."""
+    names = Trial.__dataclass_fields__
+    return {name: [getattr(trial, name) for trial in trials] for name in names}

@@ -1,0 +1,57 @@
+"""What a mission's rover is and carries, and what is set out for it: body, camera, stakes."""
+
+import numpy as np
+
+from sim.config.mission import MissionConfig
+from sim.config.scene import AppearanceConfig
+from sim.instruments.camera import RoverCamera
+from sim.rendering import Renderer, RoverBox
+from sim.vehicle.physics import HeightField, KinematicRover, Physics
+from sim.vehicle.pursuit import PurePursuit
+from sim.vehicle.rover import ContactRover
+from sim.world.scenery import FineTerrain
+from survey.core.arrays import FloatArray
+from survey.data.camera import Camera
+
+
+def physics_of(ground: HeightField, path: FloatArray, mission: MissionConfig) -> Physics:
+    """Put a rover at the start of a path, heading along it."""
+    kind = ContactRover if mission.physics.engine == "contact" else KinematicRover
+    ahead = path[1] - path[0]
+    return kind(ground, mission.physics, mission.rover, path[0], float(np.arctan2(ahead[1], ahead[0])))
+
+
+def eye_of(
+    ground: FineTerrain, look: AppearanceConfig, camera: Camera, mission: MissionConfig
+) -> RoverCamera:
+    """Put a camera on the rover, which throws a shadow."""
+    renderer = Renderer(
+        ground,
+        look,
+        camera,
+        mission.seed,
+        imaging=mission.imaging,
+        wind_from_deg=mission.scenery.wind_from_deg,
+    )
+    physics = mission.physics
+    length = physics.track_length_m + 2.0 * physics.wheel_radius_m
+    size = length, physics.track_gauge_m + physics.wheel_radius_m, 0.3
+
+    def box(T_world_body: FloatArray) -> RoverBox:
+        T_body_box = np.eye(4)
+        T_body_box[2, 3] = 0.5 * size[2] + 0.05
+        return RoverBox(size, T_world_body @ T_body_box)
+
+    return RoverCamera(renderer, exposure_s=mission.imaging.exposure_s, box=box)
+
+
+def stakes_beside(ground: HeightField, pursuit: PurePursuit, mission: MissionConfig) -> FloatArray:
+    """Stand stakes on the ground beside the route, left and right in turn; those beyond the map are left out."""
+    config = mission.instruments.stakes
+    along = (np.arange(config.count) + 0.5) * pursuit.length_m / max(config.count, 1)
+    xy, heading = pursuit.at(along)
+    side = config.beside_m * np.where(np.arange(config.count) % 2, -1.0, 1.0)[:, None]
+    feet = xy + side * np.column_stack([-np.sin(heading), np.cos(heading)])
+    place: FloatArray = np.column_stack([feet, ground.elevation(feet)])
+    known: FloatArray = place[np.isfinite(place[:, 2])]
+    return known

@@ -1,0 +1,255 @@
+r"""The error model of the statistical fidelity, fitted to drives in images.
+
+What the images of a run gave on board is held against where the rover really was. Errors are
+estimated minus real. An attitude error that forgets itself over Λ, and also walks by w per
+square root of a metre, changes over a distance d by
+
+.. math:: E (x(t + d) - x(t))^2 = 2 \sigma^2 (1 - e^{-d/\Lambda}) + w^2 d
+
+For the stated Λ its changes over 60 m and over 300 m tell σ and w of the heading; roll and
+pitch, which gravity holds, do not walk: theirs tell σ, and their mean over a drive tells what is
+constant. What landmarks err by across the line of sight is read from their heights above the
+real ground, seen at grazing angles; what they err by along it is not seen, and is what they claim.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from sim.config.mission import SensorConfig
+from sim.simulate.vision import ONBOARD
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import InputError
+from survey.core.store import RunFolder
+from survey.data.recording import Recording
+from survey.data.sensors import Odometry
+from survey.data.trajectory import Trajectory
+from survey.data.truth import Truth
+from vision_slam import LocalizationConfig
+from vision_slam.odometry.onboard import read_seen
+from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.pipeline import headed
+
+STRETCH_M = 5.0
+APART_M, FAR_APART_M = 60.0, 300.0
+_NEAREST_PER_CENT, _FARTHEST_PER_CENT = 1.0, 99.0
+_N_BINS = 8
+_NORMAL_MAD = 1.4826
+# Stretches farther from the others than this were followed wrongly: they are counted apart, not fitted.
+_TORN = 0.15
+
+
+@dataclass(frozen=True)
+class OdometryErrors:
+    """What the odometry of one drive was wrong by.
+
+    ``attitude_deg`` (N, 3) every 5 m of travel; of the stretches between, which end at
+    ``mark_s`` (N,): ``length_m`` (N - 1,), ``turned_rad`` (N - 1,), ``scale`` (N - 1,) and
+    ``aside`` (N - 1, 2) [m per root metre].
+    """
+
+    attitude_deg: FloatArray
+    mark_s: FloatArray
+    length_m: FloatArray
+    turned_rad: FloatArray
+    scale: FloatArray
+    aside: FloatArray
+
+    @property
+    def is_torn(self) -> BoolArray:
+        """Stretches (N - 1,) that were followed wrongly."""
+        torn: BoolArray = np.abs(self.scale - np.median(self.scale)) > _TORN
+        return torn
+
+
+@dataclass(frozen=True)
+class DriveErrors:
+    """What one drive in images was wrong by.
+
+    Of the landmarks that a map is made of ``range_m`` (M,) at first sight, ``height_m`` (M,)
+    above the ground, and ``along_m`` (M,), the standard deviation claimed along the line of sight.
+    """
+
+    odometry: OdometryErrors
+    range_m: FloatArray
+    height_m: FloatArray
+    along_m: FloatArray
+
+    @property
+    def driven_m(self) -> float:
+        """Length of the drive [m]."""
+        return float(self.odometry.length_m.sum())
+
+
+def errors_of(run: RunFolder) -> DriveErrors:
+    """Hold what the onboard computer saw on a run against what was real.
+
+    Raises
+    ------
+    InputError
+        The run has no drive in images.
+    """
+    place = run.folder("simulate")
+    if not (place / "recording" / ONBOARD).is_dir():
+        raise InputError(f"{run.path} holds no drive in images; run a mission of fidelity vision first.")
+    recording = Recording.read(place / "recording")
+    return drive_errors(recording, read_seen(place / "recording" / ONBOARD), Truth.read(place / "truth"))
+
+
+def drive_errors(recording: Recording, found: VisualOdometry, real: Truth) -> DriveErrors:
+    """Hold what images gave, turned to the heading that the fixes tell, against what was real."""
+    _, found = headed(recording, found)
+    errors = odometry_errors(found.odometry, real.trajectory)
+    return DriveErrors(errors, *_landmark_errors(found, real))
+
+
+def odometry_errors(odometry: Odometry, real: Trajectory) -> OdometryErrors:
+    """Hold an odometry against the real path."""
+    place, turns = _really(odometry, real)
+    attitude = turns.as_euler("xyz")
+    off = odometry.attitude_rad - attitude
+    off = np.unwrap((off + np.pi) % (2.0 * np.pi) - np.pi, axis=0)
+    moves = np.einsum("nji,nj->ni", turns.as_matrix()[:-1], np.diff(place, axis=0))
+    travel = np.r_[0.0, np.cumsum(np.linalg.norm(moves, axis=1))]
+    at = np.arange(0.0, travel[-1], STRETCH_M)
+    marks = np.unique(np.searchsorted(travel, at))
+    wrong = np.vstack([np.zeros(3), np.cumsum(odometry.step - moves, axis=0)])
+    wrong, length = np.diff(wrong[marks], axis=0), np.diff(travel[marks])
+    turned = np.r_[0.0, np.cumsum(np.abs(np.diff(np.unwrap(attitude[:, 2]))))]
+    return OdometryErrors(
+        np.degrees(np.column_stack([np.interp(at, travel, axis) for axis in off.T])),
+        odometry.time_s[marks],
+        length,
+        np.diff(turned[marks]),
+        wrong[:, 0] / length,
+        wrong[:, 1:] / np.sqrt(length)[:, None],
+    )
+
+
+def _really(odometry: Odometry, real: Trajectory) -> tuple[FloatArray, Rotation]:
+    """Return where the rover was (N, 3), and its attitudes, at the odometry's times."""
+    times = odometry.time_s.clip(*real.time_s[[0, -1]])
+    place = np.column_stack([np.interp(times, real.time_s, axis) for axis in real.position.T])
+    return place, Slerp(real.time_s, Rotation.from_quat(real.quaternion))(times)
+
+
+def _landmark_errors(found: VisualOdometry, real: Truth) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return range, height above the ground, and claimed σ along the ray, of the landmarks that pass the gates."""
+    seen, gates = found.sightings, LocalizationConfig()
+    position, turned = _really(found.odometry, real.trajectory)
+    turns = turned.as_matrix()
+    kept = (seen.range_m > gates.landmark_min_range_m) & (
+        np.linalg.eigvalsh(seen.covariance)[:, -1] <= gates.landmark_max_sigma_m**2
+    )
+    pose, offset = seen.pose[kept], seen.offset[kept]
+    xyz = position[pose] + np.einsum("nij,nj->ni", turns[pose], offset)
+    height = xyz[:, 2] - real.dem.at(xyz[:, :2])
+    ray = offset / np.linalg.norm(offset, axis=1)[:, None]
+    along = np.sqrt(np.einsum("ni,nij,nj->n", ray, seen.covariance[kept], ray))
+    known = np.isfinite(height)
+    return seen.range_m[kept][known], height[known], along[known]
+
+
+def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> SensorConfig:
+    """Return the sensors of the statistical fidelity that err as these drives did; receivers stay as they are.
+
+    Parameters
+    ----------
+    drives : sequence of DriveErrors
+        On which nothing is judged.
+    correlation_m : float
+        Travel over which attitude errors stay correlated, as the model states it [m].
+
+    Raises
+    ------
+    InputError
+        No drive is longer than twice the distance over which errors are compared.
+
+    Notes
+    -----
+    That a heading walks is told by drives of more than 600 m; without one all of its change is
+    taken to be soon forgotten. What the model has no name for is left out: a scale that wanders
+    from metre to metre, and what turns add.
+    """
+    driven = [drive.odometry for drive in drives if drive.driven_m > 2.0 * APART_M]
+    if not driven:
+        raise InputError(
+            f"errors of attitude need a drive of more than {2.0 * APART_M:g} m; take a longer one."
+        )
+    across, along = _by_range(drives, 1), _by_range(drives, 2)
+    ranges = np.concatenate([drive.range_m for drive in drives])
+    near, far = np.percentile(ranges, [_NEAREST_PER_CENT, _FARTHEST_PER_CENT])
+    yaw, walk = _wandering_and_walk(driven, correlation_m)
+    levels = np.array([drive.attitude_deg[:, :2].mean(axis=0) for drive in driven])
+    values = {
+        "yaw_sigma_deg": yaw,
+        "heading_walk_deg_sqrt_m": walk,
+        "tilt_sigma_deg": changing(driven, [0, 1], correlation_m),
+        "tilt_bias_sigma_deg": rms(levels),
+        "attitude_correlation_m": correlation_m,
+        "scale_sigma": rms(np.array([np.median(drive.odometry.scale) for drive in drives])),
+        "step_sigma_m": rms(np.concatenate([d.odometry.aside[~d.odometry.is_torn] for d in drives])),
+        "landmarks_per_m": len(ranges) / sum(drive.driven_m for drive in drives),
+    }
+    rounded = {name: float(f"{value:.3g}") for name, value in values.items()}
+    pairs = {
+        "landmark_range_m": (near, far),
+        "landmark_cross_sigma_m": across,
+        "landmark_along_sigma_m": along,
+    }
+    told = {name: tuple(float(f"{value:.3g}") for value in pair) for name, pair in pairs.items()}
+    return SensorConfig.model_validate(rounded | told)
+
+
+def _wandering_and_walk(driven: Sequence[OdometryErrors], correlation_m: float) -> tuple[float, float]:
+    """Return σ of the heading error that is forgotten [deg], and the walk of that which is not [deg per root metre]."""
+    near, far = _forgotten(APART_M, correlation_m), _forgotten(FAR_APART_M, correlation_m)
+    change = changed(driven, [2])
+    long_enough = [drive for drive in driven if drive.length_m.sum() > 2.0 * FAR_APART_M]
+    walked = 0.0
+    if long_enough:
+        beyond = changed(long_enough, [2], FAR_APART_M) - changed(long_enough, [2]) * far / near
+        walked = max(beyond / (FAR_APART_M - APART_M * far / near), 0.0)
+    return float(np.sqrt(max(change - walked * APART_M, 0.0) / near)), float(np.sqrt(walked))
+
+
+def changing(driven: Sequence[OdometryErrors], axes: list[int], correlation_m: float) -> float:
+    """Return σ of errors of attitude that forget themselves and do not walk [deg]."""
+    return float(np.sqrt(changed(driven, axes) / _forgotten(APART_M, correlation_m)))
+
+
+def changed(driven: Sequence[OdometryErrors], axes: list[int], apart_m: float = APART_M) -> float:
+    """Return the mean square of how much errors of attitude change over a distance [deg²]; axes are roll, pitch, yaw."""
+    lag = round(apart_m / STRETCH_M)
+    changes = [drive.attitude_deg[lag:, axes] - drive.attitude_deg[:-lag, axes] for drive in driven]
+    return float(np.mean(np.concatenate(changes) ** 2))
+
+
+def _forgotten(apart_m: float, correlation_m: float) -> float:
+    """Return what a forgotten error of variance 1 changes by over a distance, squared."""
+    return float(2.0 * (1.0 - np.exp(-apart_m / correlation_m)))
+
+
+def _by_range(drives: Sequence[DriveErrors], power: int) -> tuple[float, float]:
+    """Fit a + b r^power, neither below 0, to what landmarks err by across (1) or along (2) the line of sight."""
+    ranges = np.concatenate([drive.range_m for drive in drives])
+    values = np.concatenate([drive.height_m if power == 1 else drive.along_m for drive in drives])
+    edges = np.quantile(ranges, np.linspace(0.0, 1.0, _N_BINS + 1))
+    which = np.clip(np.searchsorted(edges, ranges) - 1, 0, _N_BINS - 1)
+    filled = [index for index in range(_N_BINS) if (which == index).sum() > 1]
+    middle = np.array([np.median(ranges[which == index]) for index in filled])
+    if power == 1:
+        sigma = np.array([_NORMAL_MAD * np.median(np.abs(values[which == index])) for index in filled])
+    else:
+        sigma = np.array([np.median(values[which == index]) for index in filled])
+    slope, constant = np.polyfit(middle**power, sigma, 1)
+    if slope < 0.0:
+        return float(sigma.mean()), 0.0
+    return (float(constant), float(slope)) if constant > 0.0 else (0.0, float(np.mean(sigma / middle**power)))
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,21 @@
+"""The ideal fidelity: a perfect sensor that samples the terrain along the route."""
+
+import numpy as np
+
+from sim.config.mission import MissionConfig
+from sim.simulate.statistical import drive
+from survey.data.dem import Dem
+from survey.data.recording import Recording
+from survey.data.route import Route
+from survey.data.sensors import GpsFixes
+from survey.data.truth import Truth
+
+
+def simulate_ideal(terrain: Dem, route: Route, mission: MissionConfig) -> tuple[Recording, Truth]:
+    """Record the exact place and height of the ground every `sensors.sample_step_m` along a route."""
+    trajectory, _ = drive(terrain, route, mission.rover.speed_m_s)
+    samples = route.sample(mission.sensors.sample_step_m)
+    ground = np.column_stack([samples.xy, terrain.at(samples.xy)])
+    fixes = GpsFixes(samples.distance_m / mission.rover.speed_m_s, ground)
+    recording = Recording(route.crs, ground[0], fixes, vertical_datum=terrain.vertical_datum)
+    return recording, Truth(terrain, trajectory)

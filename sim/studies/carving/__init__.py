@@ -1,0 +1,4 @@
+"""Figures and tables of the space-carving paper.
+
+The method itself lives in `survey.reconstruction.carving`.
+"""

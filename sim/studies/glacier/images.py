@@ -1,0 +1,307 @@
+"""Does the simulated ice look like ice to an algorithm? Contrast, gradients, features and match lengths.
+
+The glacier paper compares its simulator with field images by what algorithms make of them
+(Figs. 3 and 4). Here: what CLAHE does for features on rendered snow of 3 % local contrast,
+how far apart images may be taken, and whether a rendered debris-covered tongue has the
+statistics of photographs of one. The renderer's settings are chosen on the photographs of
+one camera and judged on those of the other, with other seeds.
+"""
+
+import csv
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+
+from sim.config.scene import AppearanceConfig, ImagingConfig
+from sim.studies import Progress
+from sim.studies.glacier.image_measures import METHODS, Image, Mask, clahe, relative_corners, statistics
+from sim.studies.glacier.snow_scenes import SKIES, Scene, at_contrast
+from survey.core.files import replacing
+from survey.data.camera import read_image
+from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
+
+BASELINES_M = 0.1, 0.25, 0.5, 1.0, 2.0, 4.0
+CHOSEN_ON, JUDGED_ON = "cam1", "cam2"
+CREDIT = "Photographs: Belvedere Glacier, franioli/icepy4d, BSD-3-Clause"
+_FIRST_SEED, _CHOOSING_SEED, _JUDGING_SEED = 100, 300, 400
+# Rows of the photographs that show the glacier and its debris, as shares of the height.
+_GLACIER_ROWS = {"cam1": (0.45, 1.0), "cam2": (0.40, 0.85)}
+_PATCH_PX = 160
+_GRID: dict[str, tuple[float, ...]] = {
+    "contrast": (1.0, 1.3, 1.6),
+    "sky_share": (0.5, 0.75, 1.0),
+}
+
+
+def glacier_fig4(folder: Path, *, quick: bool, progress: Progress) -> None:
+    """Write the tables and pictures of the comparison into a folder.
+
+    Photographs are read from ``photos_ice_glacier`` in the folder that the environment
+    variable FIRNLINE_DATA names (default ``../shared/data``); without them the comparison
+    with photographs is left out, and ``summary.json`` says so.
+    """
+    skies = dict(list(SKIES.items())[: 2 if quick else None])
+    scenes = {}
+    for number, (name, sky) in enumerate(skies.items()):
+        progress("snow of 3 % contrast under several skies", number, len(skies))
+        scenes[name] = at_contrast(sky, _FIRST_SEED + number)
+    rows = list(_clahe_rows(scenes, 2 if quick else 4, progress))
+    _write_csv(folder / "clahe.csv", rows)
+    lengths = list(_baseline_rows(scenes, 1 if quick else 2, progress))
+    _write_csv(folder / "match_length.csv", lengths)
+    _write_figure(folder / "clahe.png", clahe_figure(rows, lengths))
+    _write_picture(folder / "snow.png", _side_by_side([scene.frame(0)[0] for scene in scenes.values()]))
+    summary = {
+        "local contrast": {name: round(scene.ground_contrast(), 4) for name, scene in scenes.items()},
+        "gain in correct matches": gains(rows),
+        "corners on snow, relative threshold": {
+            name: mountain_trap(scene) for name, scene in scenes.items() if scene.look.ridges_deg > 0.0
+        },
+        "photographs": compare_with_photographs(folder, quick=quick, progress=progress),
+    }
+    with replacing(folder / "summary.json") as draft:
+        draft.write_text(json.dumps(summary, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+# ------------------------------------------------------------------ what CLAHE does
+
+
+def _clahe_rows(scenes: Mapping[str, Scene], n_pairs: int, progress: Progress) -> Iterator[dict[str, Any]]:
+    for number, (name, scene) in enumerate(scenes.items()):
+        progress("features before and after CLAHE", number, len(scenes))
+        yield from clahe_yields(name, scene, n_pairs)
+
+
+def clahe_yields(name: str, scene: Scene, n_pairs: int, apart_m: float = 0.25) -> Iterator[dict[str, Any]]:
+    """Count what every method detects, matches and gets right, summed over pairs, raw and after CLAHE."""
+    total = {(method, image): np.zeros(3, int) for method in METHODS for image in ("raw", "CLAHE")}
+    for drive in range(n_pairs):
+        raw = scene.pair(drive, apart_m)
+        for image, pair in (("raw", raw), ("CLAHE", raw.equalised())):
+            for method, measure in METHODS.items():
+                total[method, image] += astuple(measure(pair))
+    for (method, image), (detected, matched, correct) in total.items():
+        yield {
+            "scene": name,
+            "method": method,
+            "image": image,
+            "baseline_m": apart_m,
+            "pairs": n_pairs,
+            "detected": int(detected),
+            "matched": int(matched),
+            "correct": int(correct),
+        }
+
+
+def gains(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+    """Return correct matches after CLAHE over before, per method: all pairs together, the median and the worst scene."""
+    correct = {(row["scene"], row["method"], row["image"]): row["correct"] for row in rows}
+    scenes = sorted({row["scene"] for row in rows})
+    result = {}
+    for method in METHODS:
+        raw, equalised = ([correct[scene, method, image] for scene in scenes] for image in ("raw", "CLAHE"))
+        ratios = [after / max(before, 1) for before, after in zip(raw, equalised, strict=True)]
+        result[method] = {
+            "together": round(sum(equalised) / max(sum(raw), 1), 2),
+            "median scene": round(float(np.median(ratios)), 2),
+            "worst scene": round(min(ratios), 2),
+        }
+    return result
+
+
+def mountain_trap(scene: Scene, n_frames: int = 4) -> dict[str, int]:
+    """Count corners on snow by a relative threshold, with the mountains in the image and with them painted over."""
+    counts = {"with mountains": 0, "mountains painted over": 0}
+    for drive in range(n_frames):
+        image, ground = scene.frame(drive)
+        inner = cv2.erode(ground.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool)
+        covered = np.where(ground, image, np.uint8(np.median(image[ground])))
+        soft = cv2.GaussianBlur(covered, (0, 0), 6.0)
+        covered = np.where(inner, covered, soft)
+        counts["with mountains"] += len(relative_corners(image, inner))
+        counts["mountains painted over"] += len(relative_corners(covered, inner))
+    return counts
+
+
+def _baseline_rows(scenes: Mapping[str, Scene], n_pairs: int, progress: Progress) -> Iterator[dict[str, Any]]:
+    name, scene = next(iter(scenes.items()))
+    for number, apart_m in enumerate(BASELINES_M):
+        progress("matches over the distance between images", number, len(BASELINES_M))
+        yield from clahe_yields(name, scene, n_pairs, apart_m)
+
+
+@styled
+def clahe_figure(rows: Sequence[Mapping[str, Any]], lengths: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw correct matches per pair before and after CLAHE, and over the distance between the images."""
+    figure = Figure(figsize=(FULL_IN, 3.8), layout="constrained")
+    bars, curves = figure.subplots(1, 2)
+    for shift, image, colour in ((-0.2, "raw", MUTED), (0.2, "CLAHE", ESTIMATE)):
+        mean = [
+            np.mean([r["correct"] / r["pairs"] for r in rows if (r["method"], r["image"]) == (method, image)])
+            for method in METHODS
+        ]
+        bars.bar(np.arange(len(METHODS)) + shift, np.maximum(mean, 0.1), 0.38, color=colour, label=image)
+    bars.set_xticks(
+        range(len(METHODS)), [name.replace(", ", ",\n") for name in METHODS], rotation=30, ha="right"
+    )
+    bars.set(yscale="log", ylabel="correct matches per pair", title="Snow of 3 % contrast, 0.25 m apart")
+    bars.legend()
+    for method, colour in zip(("GFTT + KLT", "ORB", "SIFT"), (ESTIMATE, CLAIM, MUTED), strict=True):
+        for image, dashes in (("raw", ":"), ("CLAHE", "-")):
+            chosen = [r for r in lengths if (r["method"], r["image"]) == (method, image)]
+            counts = [max(r["correct"] / r["pairs"], 0.5) for r in chosen]
+            places = [r["baseline_m"] for r in chosen]
+            curves.plot(places, counts, dashes, color=colour, marker=".", label=f"{method}, {image}")
+    curves.set(
+        xscale="log", yscale="log", xlabel="distance between the images [m]", title="How far matches last"
+    )
+    curves.legend(ncols=2)
+    return figure
+
+
+# ------------------------------------------------------------------ photographs
+
+
+def compare_with_photographs(folder: Path, *, quick: bool, progress: Progress) -> dict[str, Any]:
+    """Choose the renderer's settings on one camera's photographs, judge them on the other's."""
+    photographs = {camera: _photographs(camera) for camera in (CHOSEN_ON, JUDGED_ON)}
+    if not all(photographs.values()):
+        return {"compared": False, "reason": "photos_ice_glacier was not found; set FIRNLINE_DATA."}
+    spread = {camera: _spread(_patches(camera, images)) for camera, images in photographs.items()}
+    grid = [dict(zip(_GRID, values, strict=True)) for values in product(*_GRID.values())]
+    misfits = []
+    for number, settings in enumerate(grid[:: 4 if quick else 1]):
+        progress("choosing the debris on one camera's photographs", number, len(grid))
+        misfits.append((_misfit(_rendered(settings, _CHOOSING_SEED, 2)[0], spread[CHOSEN_ON]), settings))
+    best = min(misfits, key=lambda found: found[0])[1]
+    values, images = _rendered(best, _JUDGING_SEED, 2 if quick else 6)
+    rows = list(_verdicts(values, spread[JUDGED_ON]))
+    _write_csv(folder / "photographs.csv", rows)
+    _write_picture(folder / "photographs.png", _comparison(photographs[JUDGED_ON], images))
+    return {
+        "compared": True,
+        "chosen": best,
+        "chosen on": CHOSEN_ON,
+        "judged on": JUDGED_ON,
+        "within": sum(row["within"] for row in rows),
+        "of": len(rows),
+        "pictures": f"photographs.png: left photographs, right rendered. {CREDIT}.",
+    }
+
+
+def _photographs(camera: str) -> list[Image]:
+    data = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[4] / "shared" / "data"))
+    files = sorted((data / "photos_ice_glacier" / "belvedere" / "img" / camera).glob("*.jpg"))
+    return [_as_camera_sees(read_image(file)) for file in files]
+
+
+def _as_camera_sees(photograph: Image, width: int = 640) -> Image:
+    """Return a photograph in grey with as many columns as the rover's camera has."""
+    grey = cv2.cvtColor(photograph, cv2.COLOR_BGR2GRAY)
+    size = width, round(width * grey.shape[0] / grey.shape[1])
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _patches(camera: str, images: Sequence[Image]) -> list[dict[str, float]]:
+    """Return the statistics of the glacier's patches in photographs."""
+    top, bottom = _GLACIER_ROWS[camera]
+    ground = []
+    for image in images:
+        mask = np.zeros(image.shape, bool)
+        mask[round(top * len(image)) : round(bottom * len(image))] = True
+        ground.append((image, mask))
+    return _patch_statistics(ground)
+
+
+def _patch_statistics(images: Sequence[tuple[Image, Mask]]) -> list[dict[str, float]]:
+    """Measure square patches that are wholly on the masked ground."""
+    found = []
+    for image, mask in images:
+        rows = np.flatnonzero(mask.mean(axis=1) > 0.99)
+        for top in range(rows[0], rows[-1] - _PATCH_PX // 2, _PATCH_PX):
+            for left in range(0, image.shape[1], _PATCH_PX):
+                patch = np.zeros(image.shape, bool)
+                patch[top : min(top + _PATCH_PX, rows[-1] + 1), left : left + _PATCH_PX] = True
+                found.append(statistics(image, patch))
+    return found
+
+
+def _spread(patches: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float, float]]:
+    """Return the 5th, 50th and 95th percentile of every measure."""
+    return {
+        name: tuple(np.percentile([patch[name] for patch in patches], [5, 50, 95]).tolist())
+        for name in patches[0]
+    }
+
+
+def _rendered(
+    settings: Mapping[str, float], seed: int, n_frames: int
+) -> tuple[dict[str, float], list[Image]]:
+    """Return the median statistics of patches of rendered debris-covered ice, and the images."""
+    look = AppearanceConfig(**settings, stones=1.0, patches=2.0, haze_m=2000.0)
+    scene = Scene(look, seed, ImagingConfig(gain=255.0))
+    images = [scene.frame(drive) for drive in range(n_frames)]
+    patches = _patch_statistics(images)
+    return {name: float(np.median([p[name] for p in patches])) for name in patches[0]}, [i for i, _ in images]
+
+
+def _misfit(values: Mapping[str, float], spread: Mapping[str, tuple[float, float, float]]) -> float:
+    """Mean distance from the photographs' medians, in halves of their spread."""
+    return float(
+        np.mean([abs(values[n] - mid) / max(high - low, 1e-9) for n, (low, mid, high) in spread.items()])
+    )
+
+
+def _verdicts(
+    values: Mapping[str, float], spread: Mapping[str, tuple[float, float, float]]
+) -> Iterator[dict[str, Any]]:
+    for name, (low, middle, high) in spread.items():
+        yield {
+            "measure": name,
+            "rendered_median": round(values[name], 4),
+            "photographs_p5": round(low, 4),
+            "photographs_median": round(middle, 4),
+            "photographs_p95": round(high, 4),
+            "within": bool(low <= values[name] <= high),
+        }
+
+
+# ------------------------------------------------------------------ products
+
+
+def _comparison(photographs: Sequence[Image], rendered: Sequence[Image]) -> Image:
+    pairs = [(p[-320:, :], r[-320:, :]) for p, r in zip(photographs, rendered, strict=False)][:3]
+    return np.vstack(
+        [cv2.resize(np.hstack(pair), (720, 180), interpolation=cv2.INTER_AREA) for pair in pairs]
+    )
+
+
+def _side_by_side(images: Sequence[Image]) -> Image:
+    """Return images as taken (left) and after CLAHE (right), one below the other."""
+    pairs = [np.hstack([image, clahe(image)])[80:] for image in images[:3]]
+    return np.vstack([cv2.resize(pair, (720, 225), interpolation=cv2.INTER_AREA) for pair in pairs])
+
+
+def _write_picture(path: Path, picture: Image) -> None:
+    with replacing(path) as draft:
+        draft.write_bytes(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes())
+
+
+def _write_figure(path: Path, figure: Figure) -> None:
+    with replacing(path) as draft:
+        draft.write_bytes(png_bytes(figure))
+
+
+def _write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)

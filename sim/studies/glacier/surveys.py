@@ -1,0 +1,195 @@
+"""The glacier paper's Figs. 12 and 13: both surveys driven in images, what they saw, and their maps.
+
+The missions are run as ``firnline run`` would, into the folder of runs beside the figures; where a run stands there
+whole, or half, it is read or continued.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import survey
+from sim.config.mission import MissionConfig
+from sim.mission.runs import open_run
+from sim.mission.stages import run_mission
+from sim.montecarlo.summary import Row, write_rows
+from sim.studies import Progress
+from sim.studies.outputs import write_figure
+from survey.core.arrays import FloatArray
+from survey.core.config import validated
+from survey.core.documents import read_json
+from survey.core.store import RunFolder
+from survey.data.truth import Truth
+from survey.figures.cartography import (
+    MapFigure,
+    add_colour_bar,
+    draw_area,
+    draw_raster,
+    draw_terrain,
+    elevation_limits,
+    grouped,
+    map_figure,
+    relief_exaggeration,
+)
+from survey.figures.errors import height_error
+from survey.figures.style import ERROR, ESTIMATE, FULL_IN, INK, styled, symmetric_limits
+
+SEED = 74
+PAPERS_RMSE_M = {"lawnmower": 0.2827, "piecewise-continuous": 0.3323}
+SWATHS = {"lawnmower": 4, "piecewise-continuous": 2}
+_MOST_POINTS = 15_000
+SURVEY: dict[str, Any] = {
+    "schema_version": 1,
+    "name": "mendenhall-like",
+    "fidelity": "vision",
+    "terrain": {
+        "source": "random",
+        "family": "squared_exponential",
+        "length_scale_m": 220.0,
+        "size_m": 700.0,
+        "relief_m": 29.0,
+    },
+    "area": {"bounds_m": [526050.0, 6478050.0, 526650.0, 6478650.0]},
+    "rover": {"mass_kg": 18.0, "idle_w": 20.0},
+    "physics": {"steer_by": "estimate"},
+    "scenery": {"crevasses_per_ha": 0.0, "channels_per_ha": 0.0, "dirt_cones_per_ha": 0.0},
+    "instruments": {"gps": {"profile": "gauss-markov-60"}, "stakes": {"count": 4}},
+    "localization": {
+        "gps_bias_sigma_m": 3.0,
+        "gps_white_sigma_m": 1.0,
+        "gps_correlation_time_s": 300.0,
+    },
+}
+"""``examples/mendenhall_like.toml`` but for its planner and seed."""
+_QUICK: dict[str, Any] = {
+    "name": "mendenhall-like-quick",
+    "terrain": {**SURVEY["terrain"], "size_m": 80.0, "relief_m": 4.0, "length_scale_m": 40.0},
+    "area": {"bounds_m": [526025.0, 6478025.0, 526055.0, 6478055.0]},
+    "imaging": {"width": 320, "height": 240},
+    "satellite": {"cell_m": 10.0},
+}
+
+
+@dataclass(frozen=True)
+class Surveyed:
+    """What a mission left behind."""
+
+    planner: str
+    area: survey.SurveyArea
+    real: Truth
+    points: survey.SurfacePoints
+    map: survey.Reconstruction
+    score: dict[str, Any]
+
+
+def mission_of(planner: str, *, quick: bool) -> MissionConfig:
+    """Return the survey by a planner, with as many swaths as the paper found to suffice; `quick` is a small one."""
+    given = SURVEY | {"seed": SEED, "planner": {"pattern": planner, "swaths": SWATHS[planner]}}
+    return validated(MissionConfig, given | (_QUICK if quick else {}), "the survey")
+
+
+def glacier_fig12(folder: Path, *, quick: bool, progress: Progress) -> None:
+    """Draw the driven paths and where the landmarks lie."""
+    done = _surveyed(folder, quick=quick, progress=progress)
+    write_rows(folder / "surveys.csv", [_row(one) for one in done])
+    write_figure(folder / "paths_and_landmarks.png", paths_and_landmarks(done))
+
+
+def glacier_fig13(folder: Path, *, quick: bool, progress: Progress) -> None:
+    """Draw the maps and their errors."""
+    done = _surveyed(folder, quick=quick, progress=progress)
+    write_rows(folder / "maps.csv", [_row(one) for one in done])
+    write_figure(folder / "maps.png", maps(done))
+    write_figure(folder / "errors.png", errors(done))
+
+
+@styled
+def paths_and_landmarks(done: list[Surveyed]) -> Figure:
+    """Draw the paths over the landmarks that the maps were made of, as the paper's Fig. 12."""
+    drawing = _side_by_side(done)
+    drawing.bar.set_visible(False)
+    for axes, one in zip(drawing.maps, done, strict=True):
+        every = -(-len(one.points) // _MOST_POINTS)
+        axes.plot(*one.points.xy[::every].T, ".", color=ESTIMATE, markersize=1.2, alpha=0.6, zorder=2)
+        _draw_path(axes, one)
+        axes.set_title(f"{_pattern(one)}: {grouped(len(one.points))} landmarks")
+    return drawing.figure
+
+
+@styled
+def maps(done: list[Surveyed]) -> Figure:
+    """Draw the reconstructions in one scale of colours, as the paper's Fig. 13 a and c."""
+    drawing = _side_by_side(done)
+    limits = elevation_limits(*(one.map.mean for one in done))
+    for axes, one in zip(drawing.maps, done, strict=True):
+        image = draw_terrain(axes, one.map.mean, limits, exaggeration=relief_exaggeration(one.map.mean))
+        _draw_path(axes, one)
+        axes.set_title(f"{_pattern(one)}, {SWATHS[one.planner]} swaths")
+    add_colour_bar(image, drawing, "Elevation [m]")
+    return drawing.figure
+
+
+@styled
+def errors(done: list[Surveyed]) -> Figure:
+    """Draw the errors in one scale of colours, as the paper's Fig. 13 b and d."""
+    drawing = _side_by_side(done)
+    wrong = [height_error(one.map, one.real.dem, one.area) for one in done]
+    limits = symmetric_limits(np.concatenate([error.ravel() for error in wrong]))
+    for axes, one, error in zip(drawing.maps, done, wrong, strict=True):
+        image = draw_raster(axes, error, one.map.mean, ERROR, limits)
+        _draw_path(axes, one)
+        axes.set_title(f"{_pattern(one)}: RMSE {one.score['elevation']['rmse_m']:.3f} m")
+    add_colour_bar(image, drawing, "Error [m]", extend="both")
+    return drawing.figure
+
+
+def _side_by_side(done: list[Surveyed]) -> MapFigure:
+    return map_figure(FULL_IN, done[0].area.bounds, n_maps=len(done))
+
+
+def _draw_path(axes: Axes, one: Surveyed) -> None:
+    draw_area(axes, one.area, veil=False)
+    axes.plot(*one.real.trajectory.position[:, :2].T, color=INK, linewidth=1.1, zorder=5)
+
+
+def _pattern(one: Surveyed) -> str:
+    return one.planner.replace("-", " ").capitalize()
+
+
+def _row(one: Surveyed) -> Row:
+    path: FloatArray = one.real.trajectory.position[:, :2]
+    return {
+        "planner": one.planner,
+        "swaths": SWATHS[one.planner],
+        "driven_m": float(np.hypot(*np.diff(path, axis=0).T).sum()),
+        "landmarks": len(one.points),
+        "rmse_m": one.score["elevation"]["rmse_m"],
+        "papers_rmse_m": PAPERS_RMSE_M[one.planner],
+    }
+
+
+def _surveyed(folder: Path, *, quick: bool, progress: Progress) -> list[Surveyed]:
+    """Run both missions, or read what stands of them."""
+    done = []
+    for index, planner in enumerate(SWATHS):
+        mission = mission_of(planner, quick=quick)
+        run = open_run(mission, folder.parent / "runs")
+        run_mission(mission, run, until="score")
+        done.append(_read(planner, run))
+        progress("surveys", index + 1, len(SWATHS))
+    return done
+
+
+def _read(planner: str, run: RunFolder) -> Surveyed:
+    return Surveyed(
+        planner,
+        survey.SurveyArea.read(run.folder("plan") / "area.gpkg"),
+        Truth.read(run.folder("simulate") / "truth"),
+        survey.SurfacePoints.read(run.folder("localize") / "surface_points.gpkg"),
+        survey.Reconstruction.read(run.folder("reconstruct")),
+        read_json(run.folder("score") / "score.json", "the score"),
+    )

@@ -1,0 +1,140 @@
+"""Follows a route: pure pursuit for a rover that steers by the difference of its tracks."""
+
+from collections import deque
+
+import numpy as np
+
+from sim.config.drive import PhysicsConfig
+from survey.core.arrays import FloatArray
+
+_SPACING_M = 0.1
+_SEARCHED_M = 3.0
+_HANGS_S, _HANGS_M = 3.0, 0.1
+_BACKS_S, _FAST_BACK, _SLOW_BACK = 2.0, -0.7, -0.2
+_TRIES, _PLACE_M = 3, 2.0
+
+
+class PurePursuit:
+    r"""Steers at the point of the route that lies one look-ahead in front.
+
+    With the angle α to that point and the look-ahead L the curvature asked for is
+    :math:`\kappa = 2 \sin\alpha / L` (Coulter, 1992); the tracks turn at
+    :math:`v \mp \omega b s / 2` with ω = κ v, their distance b and a factor s, since tracks
+    skid and turn the rover less than their difference says. A point behind is turned to on
+    the spot.
+
+    Parameters
+    ----------
+    path : (N, 2) array_like
+        Waypoints [m].
+    speed_m_s : float
+        On straight stretches [m/s].
+    config : PhysicsConfig
+        Look-ahead, tracks, fastest turn.
+
+    Examples
+    --------
+    >>> pursuit = PurePursuit(np.array([[0.0, 0.0], [10.0, 0.0]]), 1.0, PhysicsConfig())
+    >>> left, right = pursuit.track_speeds(np.array([1.0, 0.2]), 0.0)
+    >>> bool(left > right)  # it is left of the route and turns right
+    True
+    """
+
+    SKID = 1.8
+
+    def __init__(self, path: FloatArray, speed_m_s: float, config: PhysicsConfig) -> None:
+        ends = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T))]
+        self.length_m = float(ends[-1])
+        self._along = np.arange(0.0, self.length_m + _SPACING_M, _SPACING_M).clip(max=self.length_m)
+        self._xy = np.column_stack([np.interp(self._along, ends, axis) for axis in path.T])
+        self._speed, self._config = speed_m_s, config
+        self._nearest = 0
+
+    @property
+    def progress_m(self) -> float:
+        """How far along the route the rover has come [m]."""
+        return float(self._along[self._nearest])
+
+    def at(self, along_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return places (N, 2) [m] and headings (N,) [rad] at distances along the route."""
+        k = np.clip(np.searchsorted(self._along, along_m), 1, len(self._xy) - 1)
+        step = self._xy[k] - self._xy[k - 1]
+        return self._xy[k], np.arctan2(step[:, 1], step[:, 0])
+
+    def is_done(self, xy: FloatArray) -> bool:
+        """Tell whether the end of the route is reached."""
+        near = float(np.hypot(*(self._xy[-1] - xy))) <= self._config.goal_radius_m
+        return near and self.length_m - self.progress_m <= 2.0 * self._config.goal_radius_m
+
+    def track_speeds(self, xy: FloatArray, heading_rad: float) -> tuple[float, float]:
+        """Return the speeds [m/s] to ask of the left and the right track at a place (2,) and heading."""
+        self._advance(xy)
+        config = self._config
+        ahead = min(self._nearest + round(config.look_ahead_m / _SPACING_M), len(self._xy) - 1)
+        east, north = self._xy[ahead] - xy
+        angle = (np.arctan2(north, east) - heading_rad + np.pi) % (2.0 * np.pi) - np.pi
+        speed = self._speed * max(float(np.cos(angle)), 0.0)
+        turn = 2.0 * self._speed * np.sin(angle) / config.look_ahead_m
+        if np.cos(angle) < 0.0:
+            turn = np.copysign(config.max_turn_rate_rad_s, angle)
+        turn = float(np.clip(turn, -config.max_turn_rate_rad_s, config.max_turn_rate_rad_s))
+        half = 0.5 * self.SKID * config.track_gauge_m * turn
+        return speed - half, speed + half
+
+    def _advance(self, xy: FloatArray) -> None:
+        """Move on to the nearest point of the next metres, never back."""
+        last = self._nearest + round(_SEARCHED_M / _SPACING_M)
+        gaps = np.hypot(*(self._xy[self._nearest : last + 1] - xy).T)
+        self._nearest += int(np.argmin(gaps))
+
+
+class BackingOff:
+    """Backs a rover off that hangs, turning it on the way to where it has to go, and lets it try again.
+
+    Uphill one track alone may be too weak to turn a rover; rolling back it turns easily. A
+    rover that moves less than 0.1 m in 3 s, by what it believes, hangs. After three tries
+    at one place it is left to its fate.
+
+    Parameters
+    ----------
+    speed_m_s : float
+        On straight stretches [m/s]; it backs off more slowly.
+
+    Examples
+    --------
+    >>> backing = BackingOff(1.0)
+    >>> asked = [backing.track_speeds(0.1 * k, np.zeros(2), (0.0, 0.6)) for k in range(40)]
+    >>> asked[0], asked[-1]  # it wants to turn left: the left track is the faster one in reverse
+    ((0.0, 0.6), (-0.7, -0.2))
+    """
+
+    def __init__(self, speed_m_s: float) -> None:
+        self._speed = speed_m_s
+        self._trail: deque[tuple[float, FloatArray]] = deque()
+        self._until_s = -np.inf
+        self._back = 0.0, 0.0
+        self._place, self._n_tries = np.full(2, np.inf), 0
+
+    def track_speeds(self, time_s: float, xy: FloatArray, wanted: tuple[float, float]) -> tuple[float, float]:
+        """Return the speeds [m/s] to ask of both tracks, where `wanted` would follow the route."""
+        if time_s < self._until_s:
+            return self._back
+        self._trail.append((time_s, xy))
+        if time_s - self._trail[0][0] < _HANGS_S:
+            return wanted
+        before = self._trail.popleft()[1]
+        if np.hypot(*(xy - before)) >= _HANGS_M or not self._may_try(xy):
+            return wanted
+        left, right = wanted
+        fast, slow = _FAST_BACK * self._speed, _SLOW_BACK * self._speed
+        self._back = (fast, slow) if right > left else (slow, fast)
+        self._until_s = time_s + _BACKS_S
+        self._trail.clear()
+        return self._back
+
+    def _may_try(self, xy: FloatArray) -> bool:
+        """Count the tries at a place."""
+        if not np.hypot(*(xy - self._place)) < _PLACE_M:
+            self._place, self._n_tries = xy, 0
+        self._n_tries += 1
+        return self._n_tries <= _TRIES

@@ -1,0 +1,179 @@
+"""The look of snow, firn and debris: fine texture in periodic tiles, grey patches, and the direction of the sun."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from sim.config.scene import AppearanceConfig
+from sim.world.scenery import FloatGrid, wavy
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+
+SURFACE_TEXEL_M = 0.01
+SURFACE_TEXELS = 2048
+GRAIN_TEXEL_M = 0.0025
+GRAIN_TEXELS = 1024
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A periodic texture with its mipmap; each word packs the 2 × 2 texels that one bilinear reading needs.
+
+    Parameters
+    ----------
+    words : (n,) uint32 ndarray
+        All levels one after the other, the finest first.
+    starts : (L,) int32 ndarray
+        Index of each level's first word.
+    texels : int
+        Side of the finest level, a power of 2.
+    texels_per_m : float
+        Of the finest level.
+    amplitude : float
+        Relative change of brightness that the largest byte stands for.
+    """
+
+    words: npt.NDArray[np.uint32]
+    starts: npt.NDArray[np.int32]
+    texels: int
+    texels_per_m: float
+    amplitude: float
+
+
+def sun_direction(config: AppearanceConfig) -> FloatArray:
+    """Return the unit vector towards the sun (east, north, up).
+
+    Examples
+    --------
+    >>> sun_direction(AppearanceConfig(sun_elevation_deg=30.0, sun_from_deg=90.0)).round(3).tolist()
+    [0.866, 0.0, 0.5]
+    """
+    up, east = np.radians(config.sun_elevation_deg), np.radians(90.0 - config.sun_from_deg)
+    return np.array([np.cos(up) * np.cos(east), np.cos(up) * np.sin(east), np.sin(up)])
+
+
+def snow_patches(shape: tuple[int, int], step_m: float, config: AppearanceConfig, seed: int) -> FloatGrid:
+    """Return the reflectance of a site as a share of clean snow's: old snow and dust lie in patches."""
+    rng = stream(seed, "appearance", "patches")
+    coarse = [int(np.ceil((n - 1) * step_m)) + 1 for n in shape]  # nodes a metre apart hold the patches
+    grey = np.clip(wavy((coarse[0], coarse[1]), 1.0, (4.0, 120.0), 1.0, rng), 0.0, 2.0)
+    share = np.clip(1.0 - 0.05 * config.patches * grey, 0.3, 1.0) * (1.0 - 0.55 * config.stones)
+    fine = cv2.resize(share.astype(np.float32), shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(fine, dtype=np.float32)
+
+
+@lru_cache(maxsize=2)
+def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> Tile:
+    """Return the 20 m tile of sastrugi, crust, specks and stones at 1 cm."""
+    shape = SURFACE_TEXELS, SURFACE_TEXELS
+    rng = stream(seed, "appearance", "surface")
+    snow = _sunlit_relief(rng, wind_from_deg, config)
+    snow += np.float32(0.02) * wavy(shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.6, rng, periodic=True)
+    snow += np.float32(0.02) * wavy(shape, SURFACE_TEXEL_M, (0.2, 5.0), 1.2, rng, periodic=True)
+    snow -= np.float32(0.35) * _specks(rng, config.debris)
+    texture = np.float32(1.0 - config.stones) * snow
+    if config.stones > 0.0:
+        texture += np.float32(config.stones) * _stones(stream(seed, "appearance", "stones"), config)
+    return packed(np.float32(config.contrast) * texture, 1.0 / SURFACE_TEXEL_M)
+
+
+@lru_cache(maxsize=2)
+def grain_tile(config: AppearanceConfig, seed: int) -> Tile:
+    """Return the 2.5 m tile of snow grains at 2.5 mm."""
+    rng = stream(seed, "appearance", "grain")
+    grain = wavy((GRAIN_TEXELS, GRAIN_TEXELS), GRAIN_TEXEL_M, (0.006, 0.06), 0.6, rng, periodic=True)
+    strength = config.contrast * (0.05 + 0.10 * config.stones)  # gravel is rougher than snow
+    return packed(np.float32(strength) * grain, 1.0 / GRAIN_TEXEL_M)
+
+
+def packed(texture: FloatGrid, texels_per_m: float) -> Tile:
+    """Return a periodic square texture with mean 0 as a tile."""
+    texture = texture - texture.mean()
+    amplitude = max(float(np.quantile(np.abs(texture[::4, ::4]), 0.9999)), 1e-6)
+    words, starts, start = [], [], 0
+    level = texture
+    while len(level) >= 8:
+        corner = np.clip(np.rint(level * np.float32(127.0 / amplitude) + np.float32(128.0)), 0, 255).astype(
+            np.uint32
+        )
+        pair = corner | np.roll(corner, -1, axis=1) << np.uint32(8)
+        words.append((pair | np.roll(pair, -1, axis=0) << np.uint32(16)).ravel())
+        starts.append(start)
+        start += level.size
+        level = 0.25 * (level[::2, ::2] + level[1::2, ::2] + level[::2, 1::2] + level[1::2, 1::2])
+    return Tile(
+        np.concatenate(words), np.array(starts, np.int32), len(texture), texels_per_m, amplitude / 127.0
+    )
+
+
+def _sunlit_relief(rng: np.random.Generator, wind_from_deg: float, config: AppearanceConfig) -> FloatGrid:
+    """Relative change of sunlight on relief finer than the terrain's nodes: drifts, creased edges and ripples.
+
+    The slopes of each form have the same variance in every octave, as wind-worked snow nearly has.
+    """
+    shape, wind = (SURFACE_TEXELS, SURFACE_TEXELS), float(np.radians(270.0 - wind_from_deg))
+
+    def form(shortest_m: float, longest_m: float, stretch: float) -> FloatGrid:
+        lengths_m = shortest_m, longest_m
+        return wavy(shape, SURFACE_TEXEL_M, lengths_m, 2.0, rng, stretch=stretch, angle=wind, periodic=True)
+
+    shading = np.float32(0.055) * _shading(form(0.15, 3.0, 3.0), config)  # drifts
+    shading += np.float32(0.035) * _shading(-np.abs(form(0.25, 4.0, 4.0)), config)  # creased edges
+    shading += np.float32(0.035) * _shading(form(0.03, 0.4, 1.6), config)  # ripples
+    low_sun = np.tan(np.radians(25.0)) / np.tan(np.radians(config.sun_elevation_deg))
+    sunlit: FloatGrid = np.clip(min(low_sun, 2.0) * shading, -0.9, 1.0).astype(np.float32)
+    return sunlit
+
+
+def _shading(relief: FloatGrid, config: AppearanceConfig) -> FloatGrid:
+    """Return the slope towards the sun, with standard deviation 1."""
+    to_east, to_north = (np.roll(relief, -1, axis) - np.roll(relief, 1, axis) for axis in (1, 0))
+    sun = sun_direction(config)
+    slope = -(to_east * np.float32(sun[0]) + to_north * np.float32(sun[1]))
+    return np.asarray(slope / max(float(slope.std()), 1e-9), dtype=np.float32)
+
+
+def _specks(rng: np.random.Generator, per_area: float) -> FloatGrid:
+    """Dust, cryoconite and small stones: 6 per square metre, radii by a power law from 0.5 to 6 cm."""
+    n = int(2500 * per_area)
+    dark = np.zeros((SURFACE_TEXELS, SURFACE_TEXELS), np.float32)
+    radius = np.clip(np.rint(0.5 * (1.0 - rng.random(n)) ** -0.6), 1, 6).astype(int)
+    places = rng.integers(0, SURFACE_TEXELS, (n, 2))
+    tones = rng.uniform(0.3, 1.0, n)
+    for place, r, tone in zip(places, radius.tolist(), tones.tolist(), strict=True):
+        for copy in _copies(place, r):
+            cv2.circle(dark, copy.tolist(), r, tone, -1, cv2.LINE_AA)
+    return np.asarray(cv2.GaussianBlur(dark, (0, 0), 0.8), dtype=np.float32)
+
+
+def _stones(rng: np.random.Generator, config: AppearanceConfig) -> FloatGrid:
+    """Debris: stones of 2 to 40 cm in all tones, bright towards the sun, dark on their far side."""
+    n = SURFACE_TEXELS
+    gravel = wavy((n, n), SURFACE_TEXEL_M, (0.02, 2.0), 0.7, rng, periodic=True)
+    coarseness = np.exp(0.6 * wavy((n, n), SURFACE_TEXEL_M, (0.3, 5.0), 1.5, rng, periodic=True))
+    tone = np.float32(0.20) * gravel * coarseness  # sand here, cobbles there
+    sun = sun_direction(config)
+    aside = sun[:2] / max(float(np.hypot(sun[0], sun[1])), 1e-6)
+    count = 20000
+    radius = np.sort(np.clip(1.2 * (1.0 - rng.random(count)) ** -0.55, 1.2, 20.0))
+    places = rng.uniform(0.0, n, (count, 2))
+    flatness, turn = rng.uniform(0.5, 1.0, count), rng.uniform(0.0, 180.0, count)
+    shade = np.clip(rng.normal(0.05, 0.40, count), -0.7, 1.0)
+    for k in range(count):
+        for shift, value in ((-0.35, shade[k] - 0.55), (0.0, shade[k]), (0.3, shade[k] + 0.15)):
+            size = radius[k] * (1.0 if shift <= 0.0 else 0.6)
+            for place in _copies(places[k] + shift * radius[k] * aside, size):
+                cv2.ellipse(
+                    tone, (place.tolist(), (2 * size, 2 * size * flatness[k]), turn[k]), float(value), -1
+                )
+    return np.asarray(cv2.GaussianBlur(tone, (0, 0), 0.7), dtype=np.float32)
+
+
+def _copies(place: FloatArray, reach: float) -> list[FloatArray]:
+    """Return where a shape must be drawn so that the tile's opposite edges meet."""
+    n = SURFACE_TEXELS
+    shifts = [[0] + [n] * bool(p < reach + 2) + [-n] * bool(p > n - reach - 2) for p in place.tolist()]
+    return [place + np.array([east, north]) for east in shifts[0] for north in shifts[1]]

@@ -1,0 +1,202 @@
+"""The world of a mission: the real terrain, what is known of it beforehand, and the area to survey."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import shapely
+from affine import Affine
+from rasterio.features import shapes
+from scipy.ndimage import distance_transform_edt
+
+from sim.config.mission import DemTerrain, MissionConfig, RandomTerrain, SampleTerrain
+from survey import terrain as landforms
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.geodesy import projected_crs
+from survey.core.streams import stream
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+
+
+@dataclass(frozen=True)
+class World:
+    """``terrain`` is what the rover drives on, ``prior`` the satellite's coarse cells, ``area`` the task."""
+
+    terrain: Dem
+    prior: Dem
+    area: SurveyArea
+
+
+@lru_cache(maxsize=1)  # checked once, then used by two stages
+def build_world(mission: MissionConfig) -> World:
+    """Build the world that a mission describes.
+
+    Raises
+    ------
+    InputError
+        The area leaves the terrain or holds unknown ground.
+    """
+    match mission.terrain:
+        case RandomTerrain() as config:
+            terrain = _random_terrain(config, mission.seed)
+            return _surveyed(mission, terrain, None)
+        case SampleTerrain() as config:
+            prior, bounds = landforms.sample_site()
+            grid = Grid(bounds, config.step_m, prior.crs)
+            return _surveyed(mission, landforms.smooth_interpolation(prior, grid), prior.window(bounds))
+        case DemTerrain() as config:
+            dem = Dem.read(mission.path(config.file), crs=config.crs, vertical_datum=config.vertical_datum)
+            if config.role == "truth":
+                return _surveyed(mission, dem, None)
+            xmin, ymin, xmax, ymax = dem.grid().bounds
+            step = config.step_m
+            columns, rows = int((xmax - xmin) / step + 1e-9), int((ymax - ymin) / step + 1e-9)
+            grid = Grid((xmin, ymax - rows * step, xmin + columns * step, ymax), step, dem.crs)
+            return _surveyed(mission, landforms.smooth_interpolation(dem, grid), dem)
+
+
+def _random_terrain(config: RandomTerrain, seed: int) -> Dem:
+    x, y = config.origin_m
+    grid = Grid(
+        (x, y, x + config.size_m, y + config.size_m),
+        config.step_m,
+        projected_crs(config.crs, "the random terrain"),
+    )
+    scale = {} if config.family not in _SCALED else {"length_scale_m": config.length_scale_m}
+    return landforms.random_dem(
+        config.family, grid, stream(seed, "terrain"), relief_m=config.relief_m, **scale
+    )
+
+
+_SCALED = ("squared_exponential", "matern32", "matern52")
+
+
+def _surveyed(mission: MissionConfig, terrain: Dem, prior: Dem | None) -> World:
+    area = _area(mission, terrain)
+    if prior is None:
+        prior = _satellite_copy(mission, terrain, area)
+    terrain = _around(terrain, area)
+    return World(_with_micro_relief(mission, terrain), prior, area)
+
+
+def _area(mission: MissionConfig, terrain: Dem) -> SurveyArea:
+    config = mission.area
+    if config.file is not None:
+        area = SurveyArea.read(mission.path(config.file), crs=terrain.crs)
+    else:
+        area = SurveyArea.rectangle(config.bounds_m or terrain.bounds, terrain.crs)
+        if config.bounds_m is None and isinstance(mission.terrain, RandomTerrain | SampleTerrain):
+            area = SurveyArea.rectangle(terrain.grid().bounds, terrain.crs)
+    known = _footprint(terrain)
+    if known.buffer(1e-6).covers(area.polygon):
+        return area
+    outside = area.polygon.difference(known).area / area.polygon.area
+    if not config.clip_to_terrain:
+        raise InputError(
+            f"{100.0 * outside:.1f} % of the survey area has no known terrain (nodata or outside the raster, whose bounds "
+            f"are {tuple(round(b, 1) for b in terrain.bounds)}); choose another area or set area.clip_to_terrain = true."
+        )
+    return _clipped(area, known, terrain.step_m)
+
+
+def _footprint(terrain: Dem) -> shapely.Geometry:
+    """Outline of the cells whose height is known."""
+    valid = np.isfinite(terrain.elevation)
+    if valid.all():
+        return shapely.box(*terrain.bounds)
+    cells = shapes(valid.astype(np.uint8), mask=valid, transform=terrain.transform)
+    return shapely.union_all([shapely.geometry.shape(outline) for outline, _ in cells])
+
+
+def _clipped(area: SurveyArea, known: shapely.Geometry, step_m: float) -> SurveyArea:
+    """Return the largest part of the area on known ground, a cell and a half inside, so that heights interpolate."""
+    inside = area.polygon.intersection(known.buffer(-1.5 * step_m)).simplify(0.5 * step_m)
+    parts = [part for part in shapely.get_parts(inside) if part.geom_type == "Polygon" and part.area > 0.0]
+    if not parts:
+        raise InputError("the survey area and the known terrain do not overlap; choose another area.")
+    largest = max(parts, key=lambda part: part.area)
+    starts = [start for start in area.starts if largest.covers(shapely.Point(start))]
+    return SurveyArea(largest, area.crs, area.no_go, np.array(starts).reshape(-1, 2))
+
+
+def _around(terrain: Dem, area: SurveyArea, margin_m: float = 30.0) -> Dem:
+    """Cut the terrain to the area and what a camera sees beyond its edge."""
+    xmin, ymin, xmax, ymax = area.bounds
+    return terrain.window((xmin - margin_m, ymin - margin_m, xmax + margin_m, ymax + margin_m))
+
+
+def _satellite_copy(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> Dem:
+    """Coarse cells over the area; where the fine raster is empty the nearest cell is continued."""
+    cell_m = _whole_cells(mission.satellite.cell_m, terrain.step_m)
+    xmin, ymin, xmax, ymax = area.bounds
+    sides = (xmax - xmin) / cell_m, (ymax - ymin) / cell_m
+    if any(abs(side - round(side)) > 1e-6 for side in sides):
+        # The map's grid may reach a step beyond an irregular area: half a cell more on every side holds it.
+        xmin, ymin, xmax, ymax = xmin - cell_m / 2, ymin - cell_m / 2, xmax + cell_m / 2, ymax + cell_m / 2
+    columns, rows = _even((xmax - xmin) / cell_m), _even((ymax - ymin) / cell_m)
+    padded = _padded(terrain, (xmin, ymax - rows * cell_m, xmin + columns * cell_m, ymax))
+    rng = stream(mission.seed, "satellite")
+    coarse = landforms.satellite_copy(padded, cell_m=cell_m, sigma_m=mission.satellite.sigma_m, rng=rng)
+    return Dem(_continued(coarse.elevation), coarse.transform, coarse.crs, coarse.vertical_datum)
+
+
+def _even(cells: float) -> float:
+    """Return the next even number of cells: with half cells too the edges then meet."""
+    return 2.0 * float(np.ceil(0.5 * cells - 1e-6))
+
+
+def _whole_cells(cell_m: float, step_m: float) -> float:
+    """Return the satellite's cell as half a whole number of fine ones, which it must be to one part in a thousand."""
+    whole = max(round(2.0 * cell_m / step_m), 2) * 0.5 * step_m
+    if abs(whole - cell_m) > 1e-3 * cell_m:
+        raise InputError(
+            f"satellite cells of {cell_m:g} m do not fit the terrain's {step_m:g} m cells; "
+            f"set satellite.cell_m = {whole:.6g}."
+        )
+    return whole
+
+
+def _padded(terrain: Dem, bounds: tuple[float, float, float, float]) -> Dem:
+    """Return the cells within bounds, NaN where the raster does not reach.
+
+    Bounds that run through cell centres take both outer ones, as a grid's nodes do; others
+    are moved to the nearest cell edge.
+    """
+    xmin, ymin, xmax, ymax = bounds
+    step = terrain.step_m
+    first_column, columns = _span((xmin - terrain.bounds[0]) / step, (xmax - xmin) / step)
+    first_row, rows = _span((terrain.bounds[3] - ymax) / step, (ymax - ymin) / step)
+    values = np.full((rows, columns), np.nan)
+    r0, c0 = max(first_row, 0), max(first_column, 0)
+    r1, c1 = min(first_row + rows, terrain.shape[0]), min(first_column + columns, terrain.shape[1])
+    values[r0 - first_row : r1 - first_row, c0 - first_column : c1 - first_column] = terrain.elevation[
+        r0:r1, c0:c1
+    ]
+    transform = terrain.transform @ Affine.translation(first_column, first_row)
+    return Dem(values, transform, terrain.crs, terrain.vertical_datum)
+
+
+def _span(offset: float, width: float) -> tuple[int, int]:
+    """First cell and number of cells of a stretch given in cell widths from the raster's edge."""
+    through_centres = abs(offset - np.floor(offset) - 0.5) < 1e-6
+    first = int(np.floor(offset)) if through_centres else round(offset)
+    return first, round(width) + int(through_centres)
+
+
+def _continued(elevation: FloatArray) -> FloatArray:
+    empty = ~np.isfinite(elevation)
+    if not empty.any():
+        return elevation
+    rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
+    nearest: FloatArray = elevation[rows, columns]
+    return nearest
+
+
+def _with_micro_relief(mission: MissionConfig, terrain: Dem) -> Dem:
+    sd_m = mission.terrain.micro_relief_sd_m
+    if sd_m == 0.0:
+        return terrain
+    relief = landforms.ice_micro_relief(terrain.grid(), stream(mission.seed, "micro-relief"), sd_m=sd_m)
+    return Dem(terrain.elevation + relief, terrain.transform, terrain.crs, terrain.vertical_datum)

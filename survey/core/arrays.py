@@ -1,0 +1,42 @@
+"""Read-only float arrays of a stated shape: what every noun of the package holds."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from survey.core.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+
+def frozen(values: Any, dtype: Any = np.float64) -> Any:
+    """Return a read-only copy in C order."""
+    array = np.array(values, dtype=dtype, order="C")
+    array.flags.writeable = False
+    return array
+
+
+def checked(values: Any, shape: Sequence[int | None], what: str) -> FloatArray:
+    """Return a read-only float array; refuse another shape, NaN and infinity.
+
+    ``None`` in `shape` stands for any length.
+    """
+    try:
+        array: FloatArray = frozen(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} are not numbers ({error}); give an array of floats.") from error
+    wanted = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
+    if array.ndim != len(shape) or any(
+        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
+    ):
+        raise InputError(f"{what} have the shape {array.shape}; {wanted} was expected.")
+    if not np.isfinite(array).all():
+        n_bad = int((~np.isfinite(array)).sum())
+        raise InputError(
+            f"{what} hold {n_bad} values that are NaN or infinite; remove or correct them first."
+        )
+    return array

@@ -1,0 +1,113 @@
+"""Settings that are checked before any work starts: strict, frozen, with units in their names."""
+
+import difflib
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from survey.core.errors import ConfigError
+from survey.core.files import existing_file
+
+
+class Section(BaseModel):
+    """One section of a configuration: unknown keys are refused, values are never converted."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+AnySection = TypeVar("AnySection", bound=BaseModel)
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file into a dictionary.
+
+    Raises
+    ------
+    InputError
+        When the file is missing or empty.
+    ConfigError
+        When it is no TOML.
+    """
+    file = existing_file(path, "the configuration")
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file} is not valid TOML ({error}); correct that place.") from error
+
+
+def with_overrides(values: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """Return a copy with ``section.key=value`` settings put in; values are read as TOML.
+
+    Examples
+    --------
+    >>> with_overrides({"planner": {"swaths": 4}}, ["planner.swaths=6"])
+    {'planner': {'swaths': 6}}
+    """
+    result: dict[str, Any] = {
+        key: dict(value) if isinstance(value, dict) else value for key, value in values.items()
+    }
+    for override in overrides:
+        name, separator, text = override.partition("=")
+        if not separator or not name.strip():
+            raise ConfigError(f"the override {override!r} is not of the form section.key=value.")
+        *sections, key = name.strip().split(".")
+        place = result
+        for section in sections:
+            inner = place.get(section, {})
+            if not isinstance(inner, dict):
+                raise ConfigError(f"the override {override!r} goes through {section!r}, which is no section.")
+            place[section] = dict(inner)
+            place = place[section]
+        place[key] = _toml_value(text.strip())
+    return result
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def validated(model: type[AnySection], values: Mapping[str, Any], where: str) -> AnySection:
+    """Build a configuration, or refuse with one sentence that names the key."""
+    try:
+        # TOML has lists only; in JSON mode they may stand for tuples, and nothing else is converted.
+        return model.model_validate_json(json.dumps(values, default=str))
+    except ValidationError as error:
+        raise ConfigError(_sentence(error, model, where)) from error
+
+
+def _sentence(error: ValidationError, model: type[BaseModel], where: str) -> str:
+    first = error.errors()[0]
+    path = [str(part) for part in first["loc"]]
+    key = ".".join(path) or "the whole"
+    if first["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(path[-1], sorted(_all_keys(model)), n=1)
+        hint = f"did you mean {near[0]}?" if near and near[0] != path[-1] else "remove it."
+        return f"{where}: the key {key} is not known; {hint}"
+    found = "" if first["type"] == "missing" else f" (found {first['input']!r})"
+    more = f"; {error.error_count() - 1} more settings are wrong" if error.error_count() > 1 else ""
+    message = first["msg"].removeprefix("Value error, ").rstrip(".")
+    return f"{where}: {key}: {message[:1].lower() + message[1:]}{found}{more}; correct it."
+
+
+def _all_keys(model: type[BaseModel]) -> set[str]:
+    keys: set[str] = set()
+    for name, info in model.model_fields.items():
+        keys.add(name)
+        for kind in _models_in(info.annotation):
+            keys |= _all_keys(kind)
+    return keys
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [kind for part in getattr(annotation, "__args__", ()) for kind in _models_in(part)]

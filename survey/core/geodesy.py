@@ -1,0 +1,224 @@
+"""Coordinate reference systems and vertical datums: refused when they do not fit.
+
+firnline computes in one projected CRS in metres per survey. Degrees are refused, so are
+two surveys in different systems and heights above different vertical datums.
+"""
+
+import warnings
+from typing import Any
+
+import numpy as np
+from pyproj import CRS, Transformer, datadir
+from pyproj.crs import CompoundCRS
+from pyproj.exceptions import CRSError, ProjError
+from pyproj.transformer import TransformerGroup
+
+from survey.core.arrays import FloatArray, frozen
+from survey.core.errors import InputError
+
+UNSTATED = ""
+"""The vertical datum of a file that does not say which one it uses."""
+ELLIPSOIDAL = "ellipsoidal height"
+VERTICAL_CRS = {
+    "EGM96 height": "EPSG:5773",
+    "EGM2008 height": "EPSG:3855",
+    "NAVD88 height": "EPSG:5703",
+    "EGM84 height": "EPSG:5798",
+}
+"""Vertical datums that are known by name, with their codes."""
+
+
+def projected_crs(crs: Any, where: str) -> CRS:
+    """Return the horizontal, projected, metric CRS, or refuse.
+
+    Parameters
+    ----------
+    crs : str, int or pyproj.CRS
+        Anything that PROJ understands. A compound CRS gives its horizontal part.
+    where : str
+        What carries the CRS, for the message.
+
+    Returns
+    -------
+    pyproj.CRS
+        Two-dimensional, axes in metres.
+
+    Raises
+    ------
+    InputError
+        No CRS, an unknown one, one in degrees or one in feet.
+
+    Examples
+    --------
+    >>> projected_crs("EPSG:32608", "the site").name
+    'WGS 84 / UTM zone 8N'
+    """
+    if crs is None or crs == "":
+        raise InputError(f"{where} carries no coordinate reference system; name it, e.g. crs=EPSG:32608.")
+    try:
+        full = CRS.from_user_input(crs)
+    except CRSError as error:
+        raise InputError(
+            f"{where} names the CRS {crs!r}, which PROJ does not know; give an EPSG code."
+        ) from error
+    horizontal = full.sub_crs_list[0] if full.is_compound else full
+    if horizontal.is_geographic or horizontal.is_geocentric:
+        raise InputError(
+            f"{where} is in {horizontal.name} ({_unit(horizontal)}s), but distances are needed in metres; "
+            "reproject it to a projected CRS such as its UTM zone."
+        )
+    if _unit(horizontal) not in ("metre", "meter", "m"):
+        raise InputError(
+            f"{where} is in {horizontal.name}, whose unit is the {_unit(horizontal)}; metres are needed, reproject it."
+        )
+    return horizontal.to_2d() if len(horizontal.axis_info) > 2 else horizontal
+
+
+def _unit(crs: CRS) -> str:
+    return str(crs.axis_info[0].unit_name) if crs.axis_info else "unknown unit"
+
+
+def vertical_datum_of(crs: Any) -> str:
+    """Return the name of the vertical part of a CRS, or ``""`` when it has none.
+
+    Examples
+    --------
+    >>> vertical_datum_of("EPSG:32608+5773")
+    'EGM96 height'
+    >>> vertical_datum_of("EPSG:32608")
+    ''
+    """
+    full = CRS.from_user_input(crs)
+    if full.is_compound:
+        vertical = full.sub_crs_list[1]
+        unit = _unit(vertical)
+        if unit not in ("metre", "meter", "m"):
+            raise InputError(
+                f"the heights count in {vertical.name}, whose unit is the {unit}; metres are needed, convert them first."
+            )
+        return str(vertical.name)
+    return ELLIPSOIDAL if len(full.axis_info) > 2 else UNSTATED
+
+
+def same_crs(a: CRS, b: CRS, what: str) -> None:
+    """Refuse two different horizontal systems; `what` names the two things that meet."""
+    if not a.equals(b, ignore_axis_order=True):
+        raise InputError(
+            f"{what} are in different systems, {a.name} and {b.name}; reproject one of them to the other."
+        )
+
+
+def same_vertical_datum(a: str, b: str, what: str) -> None:
+    """Refuse heights above two different datums; an unstated datum agrees with any."""
+    if a != b and UNSTATED not in (a, b):
+        raise InputError(
+            f"{what} have heights above different vertical datums, {a!r} and {b!r}; they differ by tens of metres, "
+            "transform one of them first."
+        )
+
+
+def transformed(xy: FloatArray, source: Any, target: CRS, where: str) -> FloatArray:
+    """Transform easting/northing or longitude/latitude (N, 2) into the target CRS.
+
+    Refuses when PROJ has no path, or places a point outside what the target can show.
+    """
+    try:
+        transformer = Transformer.from_crs(source, target, always_xy=True)
+        east, north = transformer.transform(xy[:, 0], xy[:, 1], errcheck=True)
+    except (CRSError, ProjError) as error:
+        raise InputError(f"{where} cannot be transformed to {target.name}: {error}.") from error
+    result: FloatArray = frozen(list(zip(east, north, strict=True)))
+    return result.reshape(-1, 2)
+
+
+class MissingGridError(InputError):
+    """A change of vertical datum for which PROJ lacks its grids."""
+
+
+def heights_transformed(
+    xyz: FloatArray, crs: CRS, source_datum: str, target_datum: str, where: str
+) -> FloatArray:
+    """Transform heights (N, 3) from one vertical datum to another at places of a projected CRS [m].
+
+    Parameters
+    ----------
+    xyz : (N, 3) ndarray
+        Easting, northing, height [m].
+    crs : pyproj.CRS
+        Of easting and northing.
+    source_datum, target_datum : str
+        ``ellipsoidal height`` or a name of `VERTICAL_CRS`.
+    where : str
+        What carries the heights, for the message.
+
+    Returns
+    -------
+    (N,) ndarray
+        Heights above the target datum [m].
+
+    Raises
+    ------
+    InputError
+        An unknown datum; the grids that PROJ needs and does not have are named. Heights are
+        never passed through unchanged instead.
+    """
+    if source_datum == target_datum:
+        return xyz[:, 2]
+    group = _operations(crs, source_datum, target_datum, where)
+    missing = missing_grids(group)
+    if not group.best_available or not group.transformers:
+        place = datadir.get_user_data_dir()  # type: ignore[attr-defined]  # public, but not listed
+        raise MissingGridError(
+            f"{where}: heights cannot be taken from {source_datum!r} to {target_datum!r}, for PROJ lacks "
+            f"{', '.join(missing) or 'an operation between them'}; install it into {place}."
+        )
+    east, north, up = xyz.T
+    heights: FloatArray = frozen(group.transformers[0].transform(east, north, up)[2])
+    if not np.isfinite(heights).all():
+        raise InputError(
+            f"{where}: {int((~np.isfinite(heights)).sum())} places lie outside the grid between {source_datum!r} and {target_datum!r}; cut them off."
+        )
+    return heights
+
+
+def missing_grids(group: TransformerGroup) -> list[str]:
+    """Return the names of the grids without which the operations of a group cannot run."""
+    names = {
+        grid.short_name for way in group.unavailable_operations for grid in way.grids if not grid.available
+    }
+    return sorted(names)
+
+
+def lacking_grids(crs: Any = "EPSG:32608") -> dict[str, list[str]]:
+    """Return, for every known vertical datum, the grids that PROJ lacks to reach it from the ellipsoid.
+
+    Examples
+    --------
+    >>> sorted(lacking_grids()) == sorted(VERTICAL_CRS)
+    True
+    """
+    horizontal = projected_crs(crs, "the CRS")
+    found = {}
+    for datum in VERTICAL_CRS:
+        group = _operations(horizontal, ELLIPSOIDAL, datum, "the check")
+        found[datum] = [] if group.best_available and group.transformers else missing_grids(group)
+    return found
+
+
+def _operations(crs: CRS, source_datum: str, target_datum: str, where: str) -> TransformerGroup:
+    """Return every way between two datums; rough guesses that leave heights as they are do not count."""
+    source, target = (_with_datum(crs, datum, where) for datum in (source_datum, target_datum))
+    with warnings.catch_warnings():
+        # pyproj warns where the best way lacks its grid; that is what is asked here.
+        warnings.simplefilter("ignore")
+        return TransformerGroup(source, target, always_xy=True, allow_ballpark=False)
+
+
+def _with_datum(crs: CRS, datum: str, where: str) -> CRS:
+    if datum == ELLIPSOIDAL:
+        return crs.to_3d()
+    if datum not in VERTICAL_CRS:
+        raise InputError(
+            f"{where} names the vertical datum {datum!r}; one of {ELLIPSOIDAL}, {', '.join(VERTICAL_CRS)} can be transformed."
+        )
+    return CompoundCRS(f"{crs.name} + {datum}", [crs, CRS.from_user_input(VERTICAL_CRS[datum])])

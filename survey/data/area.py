@@ -1,0 +1,226 @@
+"""The area to survey: its outline, the places not to go, and where rovers start."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import shapely
+from pyproj import CRS
+from shapely import MultiPolygon, Point, Polygon
+from shapely.validation import explain_validity
+
+from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.errors import InputError
+from survey.core.geodesy import projected_crs, same_crs, transformed
+from survey.io.vector import Features, read_features, write_features
+
+_ROLES = ("area", "no-go", "start")
+
+
+@dataclass(frozen=True)
+class SurveyArea:
+    """Ground to be mapped, in a projected CRS.
+
+    Parameters
+    ----------
+    polygon : shapely.Polygon or shapely.MultiPolygon
+        Outline [m]; holes count as no-go ground.
+    crs : str or pyproj.CRS
+        Projected, in metres.
+    no_go : tuple of shapely.Polygon
+        Ground that no route may touch.
+    starts : (K, 2) array_like
+        Where rovers start [m]; none by default.
+    reference : (2,) array_like, optional
+        The point from which scientific value is counted (Eq. 11); the centroid by default.
+
+    Raises
+    ------
+    InputError
+        An outline that is empty, crosses itself or is no polygon; no-go ground that
+        leaves nothing; a start outside the free ground; a CRS in degrees.
+
+    Examples
+    --------
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
+    >>> area.farthest_m
+    424.26
+    """
+
+    polygon: Polygon | MultiPolygon
+    crs: CRS
+    no_go: tuple[Polygon, ...] = ()
+    starts: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    reference: Any = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "crs", projected_crs(self.crs, "the survey area"))
+        _check_polygon(self.polygon, "the survey area")
+        for index, polygon in enumerate(self.no_go, start=1):
+            _check_polygon(polygon, f"no-go zone {index}")
+        if self.free.is_empty or self.free.area <= 0.0:
+            raise InputError(
+                "the no-go zones cover the whole survey area; nothing is left to survey, make one of them smaller."
+            )
+        centre = self.polygon.centroid
+        point = (centre.x, centre.y) if self.reference is None else self.reference
+        object.__setattr__(self, "reference", checked(point, (2,), "the reference point"))
+        object.__setattr__(self, "starts", checked(self.starts, (None, 2), "the start points"))
+        for start in self.starts:
+            if not self.free.covers(Point(start)):
+                raise InputError(
+                    f"the start ({start[0]:.1f}, {start[1]:.1f}) is outside the area or in a no-go zone; move it to free ground."
+                )
+
+    @classmethod
+    def rectangle(cls, bounds: tuple[float, float, float, float], crs: Any) -> Self:
+        """Return the rectangle ``(xmin, ymin, xmax, ymax)`` [m]."""
+        xmin, ymin, xmax, ymax = checked(bounds, (4,), "the area's bounds").tolist()
+        if xmax <= xmin or ymax <= ymin:
+            raise InputError(
+                f"the area's bounds {tuple(bounds)} enclose nothing; give (xmin, ymin, xmax, ymax)."
+            )
+        return cls(shapely.box(xmin, ymin, xmax, ymax), crs)
+
+    @classmethod
+    def read(cls, path: str | Path, *, crs: Any = None, layer: str | int | None = None) -> Self:
+        """Read an area from GeoJSON, GeoPackage, KML or Shapefile.
+
+        A text column ``role`` tells ``area``, ``no-go`` and ``start`` features apart;
+        without it every polygon is area and every point a start.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        crs : str or pyproj.CRS, optional
+            The projected CRS to work in; needed for files in degrees (GeoJSON, KML).
+        layer : str or int, optional
+            The layer; the first one by default.
+
+        Raises
+        ------
+        InputError
+            The file is missing or damaged, holds no polygon, or is in degrees and no
+            `crs` was named.
+        """
+        features = read_features(path, layer=layer, what="the area file")
+        try:
+            return cls._from_features(_in_crs(features, crs, f"the area file {path}"), _roles(features))
+        except InputError as error:
+            message = str(error)
+            raise InputError(message if str(path) in message else f"{path}: {message}") from error
+
+    @classmethod
+    def _from_features(cls, features: Features, roles: list[str]) -> Self:
+        by_role: dict[str, list[Any]] = {role: [] for role in _ROLES}
+        for shape, role in zip(features.geometry, roles, strict=True):
+            by_role[role].append(shape)
+        polygons = [part for shape in by_role["area"] for part in _polygon_parts(shape, "the survey area")]
+        if not polygons:
+            raise InputError("there is no polygon to survey; draw one and save it again.")
+        outline = polygons[0] if len(polygons) == 1 else _united(polygons)
+        no_go = tuple(part for shape in by_role["no-go"] for part in _polygon_parts(shape, "a no-go zone"))
+        starts = [(p.x, p.y) for shape in by_role["start"] for p in _points(shape)]
+        return cls(outline, features.crs, no_go, np.array(starts, dtype=np.float64).reshape(-1, 2))
+
+    def write(self, path: str | Path) -> None:
+        """Write outline, no-go zones and starts with a ``role`` column."""
+        shapes = [self.polygon, *self.no_go, *(Point(start) for start in self.starts)]
+        roles = ["area"] + ["no-go"] * len(self.no_go) + ["start"] * len(self.starts)
+        write_features(path, shapes, {"role": np.array(roles, dtype=object)}, self.crs, layer="area")
+
+    @cached_property
+    def free(self) -> Polygon | MultiPolygon:
+        """The outline less its no-go zones."""
+        if not self.no_go:
+            return self.polygon
+        rest = self.polygon.difference(shapely.union_all(list(self.no_go)))
+        parts = [part for part in shapely.get_parts(rest) if part.geom_type == "Polygon"]
+        return parts[0] if len(parts) == 1 else MultiPolygon(parts)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """``(xmin, ymin, xmax, ymax)`` of the outline [m]."""
+        xmin, ymin, xmax, ymax = self.polygon.bounds
+        return xmin, ymin, xmax, ymax
+
+    @cached_property
+    def farthest_m(self) -> float:
+        """Distance from the reference to the farthest point of the outline [m] (D_max of Eq. 13)."""
+        corners = shapely.get_coordinates(self.polygon)
+        return float(np.hypot(*(corners - self.reference).T).max())
+
+    def contains(self, xy: Any) -> BoolArray:
+        """Tell which points (N, 2) lie on ground to be mapped: the outline, edge included, less the no-go zones."""
+        points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+        shapely.prepare(self.free)
+        inside: BoolArray = shapely.intersects_xy(self.free, points[:, 0], points[:, 1])
+        return inside
+
+    def require_crs(self, crs: CRS, what: str) -> None:
+        """Refuse when the area is in another CRS than `what`."""
+        same_crs(self.crs, crs, f"the survey area and {what}")
+
+
+def _roles(features: Features) -> list[str]:
+    column = features.attributes.get("role")
+    if column is None:
+        return [
+            "start" if shape is not None and "Point" in shape.geom_type else "area"
+            for shape in features.geometry
+        ]
+    for value in column:
+        if value not in _ROLES:
+            raise InputError(f"a feature has the role {value!r}; one of {', '.join(_ROLES)} was expected.")
+    return [str(value) for value in column]
+
+
+def _in_crs(features: Features, crs: Any, where: str) -> Features:
+    if crs is None:
+        return features._replace(crs=projected_crs(features.crs, where))
+    target = projected_crs(crs, "the wanted CRS")
+    if features.crs is None:
+        raise InputError(f"{where} carries no coordinate reference system; save it with one.")
+    moved = shapely.transform(features.geometry, lambda xy: transformed(xy, features.crs, target, where))
+    return features._replace(geometry=moved, crs=target)
+
+
+def _polygon_parts(shape: Any, what: str) -> list[Polygon]:
+    if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
+        kind = "nothing" if shape is None else f"a {shape.geom_type}"
+        raise InputError(f"{what} is {kind}; a polygon was expected, close the line and save it as one.")
+    return [shapely.force_2d(part) for part in shapely.get_parts(shape)]
+
+
+def _points(shape: Any) -> list[Point]:
+    if shape is None or shape.geom_type not in ("Point", "MultiPoint"):
+        raise InputError("a start is no point; draw it as a point.")
+    return list(shapely.get_parts(shape))
+
+
+def _united(polygons: list[Polygon]) -> Polygon | MultiPolygon:
+    for polygon in polygons:
+        _check_polygon(polygon, "the survey area")
+    union = shapely.union_all(polygons)
+    parts = [part for part in shapely.get_parts(union) if part.geom_type == "Polygon"]
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
+
+
+def _check_polygon(polygon: Any, what: str) -> None:
+    if not isinstance(polygon, Polygon | MultiPolygon):
+        raise InputError(f"{what} is a {type(polygon).__name__}; a polygon was expected.")
+    if polygon.is_empty:
+        raise InputError(f"{what} is an empty polygon; draw at least three corners.")
+    if not np.isfinite(frozen(shapely.get_coordinates(polygon))).all():
+        raise InputError(f"{what} has corners that are NaN or infinite; correct them.")
+    if not polygon.is_valid:
+        raise InputError(
+            f"{what} is not a simple polygon ({explain_validity(polygon)}); correct it in a GIS."
+        )
+    if polygon.area <= 0.0:
+        raise InputError(
+            f"{what} encloses no ground; draw at least three corners that do not lie on one line."
+        )

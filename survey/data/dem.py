@@ -1,0 +1,284 @@
+"""A digital elevation model: square cells of terrain height in a projected CRS."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from affine import Affine
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray, frozen
+from survey.core.errors import InputError
+from survey.core.geodesy import UNSTATED, projected_crs
+from survey.data.grid import Grid
+from survey.io.raster import read_raster, write_raster
+
+
+@dataclass(frozen=True)
+class Dem:
+    """Terrain elevation at the centres of square, north-up cells.
+
+    Parameters
+    ----------
+    elevation : (H, W) array_like
+        Height [m] above the vertical datum; the first row is the northern one; NaN where
+        the height is not known.
+    transform : affine.Affine
+        Maps (column, row) of a cell's upper left corner to easting and northing [m].
+    crs : str or pyproj.CRS
+        Projected, in metres.
+    vertical_datum : str
+        Name of the surface that heights count from; ``""`` when unstated.
+
+    Raises
+    ------
+    InputError
+        Fewer than 2 × 2 cells, no valid cell, a rotated or south-up transform, cells
+        that are not square to one part in a thousand, a CRS in degrees.
+
+    Notes
+    -----
+    A `Dem` holds one height per place: it cannot show overhangs or open crevasses.
+
+    Examples
+    --------
+    >>> dem = Dem.on(Grid((0.0, 0.0, 2.0, 1.0), 1.0), [[1.0, 2.0, 3.0], [0.0, 1.0, 2.0]])
+    >>> dem.at([[0.5, 0.5]])
+    array([1.])
+    """
+
+    elevation: FloatArray
+    transform: Affine
+    crs: CRS
+    vertical_datum: str = UNSTATED
+
+    def __post_init__(self) -> None:
+        elevation = frozen(self.elevation)
+        object.__setattr__(self, "elevation", elevation)
+        object.__setattr__(self, "crs", projected_crs(self.crs, "the DEM"))
+        _check_transform(self.transform)
+        if elevation.ndim != 2 or min(elevation.shape) < 2:
+            raise InputError(f"the DEM has the shape {elevation.shape}; at least 2 × 2 cells are needed.")
+        if np.isinf(elevation).any():
+            raise InputError("the DEM holds infinite heights; mark unknown cells as nodata.")
+        if not np.isfinite(elevation).any():
+            raise InputError(
+                "the DEM holds no height at all (every cell is nodata); choose another file or window."
+            )
+
+    @classmethod
+    def on(cls, grid: Grid, elevation: Any, vertical_datum: str = UNSTATED) -> Self:
+        """Return the DEM whose cell centres are the grid's nodes."""
+        values = np.asarray(elevation, dtype=np.float64)
+        if values.shape != grid.shape:
+            raise InputError(
+                f"the heights have the shape {values.shape}, the grid {grid.shape}; they must agree."
+            )
+        return cls(values, grid.transform, grid.crs, vertical_datum)
+
+    @classmethod
+    def read(
+        cls, path: str | Path, *, crs: Any = None, vertical_datum: str | None = None, band: int = 1
+    ) -> Self:
+        """Read a raster that GDAL knows.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            GeoTIFF, Esri ASCII grid, …
+        crs : str or pyproj.CRS, optional
+            For files that carry none; refused when the file names another one.
+        vertical_datum : str, optional
+            For files that do not state it.
+        band : int
+            Counted from 1.
+
+        Raises
+        ------
+        InputError
+            The file is missing, damaged, in degrees, rotated or empty.
+        """
+        raster = read_raster(path, band=band)
+        if raster.crs is not None and crs is not None:
+            stated, asked = projected_crs(raster.crs, str(path)), projected_crs(crs, "the request")
+            if not stated.equals(asked, ignore_axis_order=True):
+                raise InputError(
+                    f"{path} is in {stated.name}, but {asked.name} was named; leave the CRS out or correct it."
+                )
+        checked_crs = projected_crs(raster.crs if raster.crs is not None else crs, str(path))
+        if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:
+            raise InputError(
+                f"{path} states {raster.vertical_datum!r}, but {vertical_datum!r} was named; correct one of them."
+            )
+        try:
+            return cls(
+                raster.values,
+                raster.transform,
+                checked_crs,
+                raster.vertical_datum or vertical_datum or UNSTATED,
+            )
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    def write(self, path: str | Path, name: str = "elevation") -> None:
+        """Write a Cloud-Optimized GeoTIFF (float32, nodata -9999)."""
+        write_raster(path, {name: self.elevation}, self.transform, self.crs, self.vertical_datum)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.elevation.shape
+        return rows, columns
+
+    @property
+    def step_m(self) -> float:
+        """Width of a cell [m]."""
+        return float(self.transform.a)
+
+    @cached_property
+    def x(self) -> FloatArray:
+        """Easting of the cell centres [m], (W,), ascending."""
+        array: FloatArray = frozen(self.transform.c + self.transform.a * (np.arange(self.shape[1]) + 0.5))
+        return array
+
+    @cached_property
+    def y(self) -> FloatArray:
+        """Northing of the cell centres [m], (H,), descending."""
+        array: FloatArray = frozen(self.transform.f + self.transform.e * (np.arange(self.shape[0]) + 0.5))
+        return array
+
+    @property
+    def xy(self) -> FloatArray:
+        """Easting and northing of every cell centre [m], (H * W, 2), row by row."""
+        east, north = np.meshgrid(self.x, self.y)
+        return np.column_stack([east.ravel(), north.ravel()])
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """``(xmin, ymin, xmax, ymax)`` of the cells' outer edges [m]."""
+        rows, columns = self.shape
+        t = self.transform
+        return float(t.c), float(t.f + rows * t.e), float(t.c + columns * t.a), float(t.f)
+
+    @property
+    def relief_m(self) -> float:
+        """Highest minus lowest valid cell [m]."""
+        return float(np.nanmax(self.elevation) - np.nanmin(self.elevation))
+
+    def grid(self) -> Grid:
+        """Return the grid whose nodes are the cell centres."""
+        xmin, xmax, ymin, ymax = float(self.x[0]), float(self.x[-1]), float(self.y[-1]), float(self.y[0])
+        return Grid((xmin, ymin, xmax, ymax), self.step_m, self.crs)
+
+    def at(self, xy: Any) -> FloatArray:
+        """Interpolate bilinearly between cell centres.
+
+        Within the outer half cell the outermost patch is continued linearly.
+
+        Parameters
+        ----------
+        xy : (N, 2) array_like
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray
+            Height [m]; NaN outside the cells and where one of the four cells is nodata.
+        """
+        points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+        rows, columns = self.shape
+        u = (points[:, 0] - self.transform.c) / self.transform.a - 0.5
+        v = (points[:, 1] - self.transform.f) / self.transform.e - 0.5
+        # Half a micrometre of slack, so that a point on the edge is inside whatever the rounding.
+        slack = 5e-7 / self.step_m + 0.5
+        inside = (u >= -slack) & (u <= columns - 1 + slack) & (v >= -slack) & (v <= rows - 1 + slack)
+        column = np.clip(np.floor(np.where(inside, u, 0.0)), 0, columns - 2).astype(np.int64)
+        row = np.clip(np.floor(np.where(inside, v, 0.0)), 0, rows - 2).astype(np.int64)
+        s, t = u - column, v - row
+        z = self.elevation
+        upper = _between(z[row, column], z[row, column + 1], s)
+        lower = _between(z[row + 1, column], z[row + 1, column + 1], s)
+        return np.where(inside, _between(upper, lower, t), np.nan)
+
+    def gradient(self) -> tuple[FloatArray, FloatArray]:
+        """Return dz/dx and dz/dy (east and north positive), each (H, W), by central differences."""
+        to_north: FloatArray = np.asarray(np.gradient(self.elevation, self.transform.e, axis=0))
+        to_east: FloatArray = np.asarray(np.gradient(self.elevation, self.transform.a, axis=1))
+        return to_east, to_north
+
+    def slope(self) -> Self:
+        """Return the steepest slope [deg] as a raster on the same cells."""
+        to_east, to_north = self.gradient()
+        return self._with(np.degrees(np.arctan(np.hypot(to_east, to_north))))
+
+    def window(self, bounds: tuple[float, float, float, float]) -> Self:
+        """Return the cells whose centres lie within ``(xmin, ymin, xmax, ymax)``.
+
+        Raises
+        ------
+        InputError
+            When fewer than 2 × 2 centres lie inside.
+        """
+        xmin, ymin, xmax, ymax = bounds
+        slack = 1e-6 * self.step_m
+        columns = np.flatnonzero((self.x >= xmin - slack) & (self.x <= xmax + slack))
+        rows = np.flatnonzero((self.y >= ymin - slack) & (self.y <= ymax + slack))
+        if len(columns) < 2 or len(rows) < 2:
+            raise InputError(
+                f"the window {tuple(round(b, 2) for b in bounds)} holds {len(rows)} × {len(columns)} cells of the DEM, "
+                f"whose bounds are {tuple(round(b, 2) for b in self.bounds)}; at least 2 × 2 are needed."
+            )
+        shifted = self.transform @ Affine.translation(columns[0], rows[0])
+        values = self.elevation[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        return self._with(values, shifted)
+
+    def block_mean(self, cell_m: float) -> Self:
+        """Average whole blocks of cells, as a coarser instrument would.
+
+        A block is valid when at least half of its cells are; rows and columns left over at
+        the south and east are dropped.
+
+        Raises
+        ------
+        InputError
+            When `cell_m` is no whole multiple of the cell's width or leaves fewer than 2 × 2 blocks.
+        """
+        n = round(cell_m / self.step_m)
+        if n < 1 or abs(n * self.step_m - cell_m) > 1e-6 * cell_m:
+            raise InputError(
+                f"blocks of {cell_m:g} m are no whole multiple of the DEM's {self.step_m:g} m cells; choose another size."
+            )
+        rows, columns = self.shape[0] // n, self.shape[1] // n
+        if rows < 2 or columns < 2:
+            raise InputError(
+                f"blocks of {cell_m:g} m leave {rows} × {columns} of them; at least 2 × 2 are needed."
+            )
+        blocks = self.elevation[: rows * n, : columns * n].reshape(rows, n, columns, n)
+        n_valid = np.isfinite(blocks).sum(axis=(1, 3))
+        mean = np.where(n_valid * 2 >= n * n, np.nansum(blocks, axis=(1, 3)) / np.maximum(n_valid, 1), np.nan)
+        return self._with(mean, self.transform @ Affine.scale(n))
+
+    def _with(self, elevation: FloatArray, transform: Affine | None = None) -> Self:
+        return type(self)(elevation, transform or self.transform, self.crs, self.vertical_datum)
+
+
+def _between(a: FloatArray, b: FloatArray, t: FloatArray) -> FloatArray:
+    """Interpolate linearly; exact at both ends, so a nodata neighbour of weight 0 does not count."""
+    return np.where(t == 0.0, a, np.where(t == 1.0, b, a + (b - a) * t))
+
+
+def _check_transform(t: Affine) -> None:
+    if t.b != 0.0 or t.d != 0.0:
+        raise InputError(
+            "the raster is rotated; rows must run west to east, warp it to north-up first (gdalwarp does it)."
+        )
+    if t.a <= 0.0 or t.e >= 0.0:
+        raise InputError(
+            f"the raster's cell is {t.a:g} by {t.e:g} m; the first row must be the northern one, flip it first."
+        )
+    if abs(t.a + t.e) > 1e-3 * t.a:
+        raise InputError(
+            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample it first."
+        )

@@ -1,0 +1,212 @@
+"""What is still wrong with an estimated path, and how its keyframes share it."""
+
+import io
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+from zipfile import BadZipFile
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from survey.core.arrays import FloatArray, IntArray, checked
+from survey.core.errors import InputError
+from survey.core.files import existing_file, replacing
+
+POSE = 6
+"""Unknowns that every keyframe has: error of easting, northing, elevation [m], yaw, pitch, roll [rad]."""
+
+# Keyframes whose covariances are found at once: bounds the memory of a long drive.
+_AT_ONCE = 64
+
+
+@dataclass(frozen=True)
+class PathError:
+    r"""Gaussian posterior of a path's error, as the sparse information of a smoother.
+
+    The unknowns are those of K keyframes, n each, then globals. The first six of a
+    keyframe are the errors (estimated minus real) of its pose; the others and the globals
+    (receiver bias, scale, …) matter only for what they tie together. Between keyframes
+    the error is interpolated linearly. With the information Λ the covariance of any
+    linear function of the error, given by rows W, is
+
+    .. math::  W \Lambda^{-1} W^T
+
+    Neighbouring keyframes share nearly all of it: to count each keyframe's marginal as
+    independent is to believe that driving longer mends an offset.
+
+    Parameters
+    ----------
+    time_s : (K,) array_like
+        Times of the keyframes [s], increasing.
+    information : scipy.sparse array
+        Λ, (K n + g, K n + g), symmetric positive definite.
+    n_states : int
+        n, at least 6.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit together, NaN, fewer than two keyframes.
+
+    Notes
+    -----
+    A linearisation about the estimated path: good while angles err by degrees and
+    places by metres.
+
+    Examples
+    --------
+    >>> stiff = sparse.identity(12, format="csr") * 4.0
+    >>> error = PathError(np.array([0.0, 10.0]), stiff, 6)
+    >>> rows = error.rows(np.array([0.5]), np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]))
+    >>> error.covariance(rows)
+    array([[0.125]])
+    """
+
+    time_s: FloatArray
+    information: Any
+    n_states: int = POSE
+
+    def __post_init__(self) -> None:
+        times = checked(self.time_s, (None,), "the times of the keyframes")
+        information = sparse.csr_array(self.information)
+        size = information.shape[0]
+        if len(times) < 2 or self.n_states < POSE or size < len(times) * self.n_states:
+            raise InputError(
+                f"the path's error has {len(times)} keyframes of {self.n_states} unknowns in a matrix of {size}; at least "
+                f"2 keyframes of {POSE} are needed, and a row for each unknown."
+            )
+        if not np.isfinite(information.data).all():
+            raise InputError("the information of the path's error holds NaN; localize again.")
+        object.__setattr__(self, "time_s", times)
+        object.__setattr__(self, "information", information)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of unknowns, globals included."""
+        return int(self.information.shape[0])
+
+    def keyframe_at(self, time_s: FloatArray) -> FloatArray:
+        """Return the place of times (N,) among the keyframes: 2.25 is a quarter of the way from the third to the fourth."""
+        return np.interp(time_s, self.time_s, np.arange(len(self), dtype=np.float64))
+
+    def rows(self, keyframe: FloatArray, by_pose: FloatArray) -> Any:
+        """Return the sparse rows W (N, unknowns) of functions ``by_pose · (e, n, u, yaw, pitch, roll)`` at keyframes.
+
+        Parameters
+        ----------
+        keyframe : (N,) ndarray
+            Where among the keyframes, as `keyframe_at` gives it.
+        by_pose : (N, 6) ndarray
+            Derivatives by the six errors of the pose there.
+        """
+        before, share = self._split(keyframe)
+        columns = (before[:, None] + np.array([0, 1]))[:, :, None] * self.n_states + np.arange(POSE)
+        weights = np.stack([1.0 - share, share], axis=1)[:, :, None] * by_pose[:, None, :]
+        row = np.broadcast_to(np.arange(len(before))[:, None, None], columns.shape)
+        place = (row.ravel(), columns.ravel())
+        return sparse.csr_array((weights.ravel(), place), shape=(len(before), self.n_unknowns))
+
+    def _split(self, keyframe: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the keyframe before, and the share of the way to the next."""
+        last = len(self) - 1
+        if keyframe.size and not (keyframe.min() >= 0.0 and keyframe.max() <= last):
+            raise InputError(
+                f"points name keyframes from {keyframe.min():g} to {keyframe.max():g}, the path has 0 to {last}; "
+                "points and path do not belong together."
+            )
+        before = np.minimum(np.floor(keyframe).astype(np.int64), last - 1)
+        return before, keyframe - before
+
+    @cached_property
+    def _factor(self) -> Any:
+        return factorized(self.information)
+
+    def solve(self, sides: FloatArray) -> FloatArray:
+        """Return Λ⁻¹ times right-hand sides (unknowns,) or (unknowns, R)."""
+        solved: FloatArray = self._factor.solve(sides)
+        return solved
+
+    def covariance(self, rows: Any) -> FloatArray:
+        """Return the covariance (N, N) of linear functions of the error, given by sparse rows (N, unknowns)."""
+        dense: FloatArray = rows.toarray()
+        covariance: FloatArray = rows @ self.solve(np.ascontiguousarray(dense.T))
+        return 0.5 * (covariance + covariance.T)
+
+    @cached_property
+    def pose_covariances(self) -> tuple[FloatArray, FloatArray]:
+        """Covariances (K, 6, 6) of each keyframe's pose, and (K - 1, 6, 6) of each with the next."""
+        own, with_next = np.zeros((len(self), POSE, POSE)), np.zeros((len(self) - 1, POSE, POSE))
+        for first in range(0, len(self), _AT_ONCE):
+            here = np.arange(first, min(first + _AT_ONCE, len(self)))
+            columns = (here[:, None] * self.n_states + np.arange(POSE)).ravel()
+            sides = np.zeros((self.n_unknowns, len(columns)))
+            sides[columns, np.arange(len(columns))] = 1.0
+            solved = self.solve(sides)
+            for j, k in enumerate(here):
+                block = solved[:, POSE * j : POSE * (j + 1)]
+                own[k] = block[k * self.n_states : k * self.n_states + POSE]
+                if k:
+                    with_next[k - 1] = block[(k - 1) * self.n_states : (k - 1) * self.n_states + POSE]
+        return 0.5 * (own + own.transpose(0, 2, 1)), with_next
+
+    def pose_covariance(self, keyframe: FloatArray) -> FloatArray:
+        """Return the marginal covariance (N, 6, 6) of the pose's error at places among the keyframes."""
+        before, share = self._split(keyframe)
+        own, with_next = self.pose_covariances
+        a, b = (1.0 - share)[:, None, None], share[:, None, None]
+        across = a * b * with_next[before]
+        result: FloatArray = a**2 * own[before] + b**2 * own[before + 1] + across + across.transpose(0, 2, 1)
+        return result
+
+    def write(self, path: str | Path) -> None:
+        """Write one compressed ``.npz`` file; equal errors give equal bytes."""
+        upper = sparse.coo_array(sparse.triu(self.information))
+        with replacing(path) as draft, draft.open("wb") as file:
+            np.savez_compressed(
+                file,
+                time_s=self.time_s,
+                n_states=self.n_states,
+                n_unknowns=self.n_unknowns,
+                row=upper.row.astype(np.int32),
+                column=upper.col.astype(np.int32),
+                value=upper.data,
+            )
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Read what `write` wrote.
+
+        Raises
+        ------
+        InputError
+            The file is missing or damaged.
+        """
+        file = existing_file(path, "the error of the path")
+        try:
+            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as kept:
+                size = int(kept["n_unknowns"])
+                place = (kept["row"], kept["column"])
+                upper = sparse.csr_array((kept["value"], place), shape=(size, size))
+                time_s, n_states = kept["time_s"], int(kept["n_states"])
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise InputError(
+                f"{file} is no error of a path or is damaged ({error}); localize again."
+            ) from error
+        return cls(time_s, upper + sparse.triu(upper, k=1).T, n_states)
+
+
+def factorized(information: Any) -> Any:
+    """Return the sparse factorization of a symmetric positive definite matrix, to solve with."""
+    options = {"SymmetricMode": True}
+    return splu(
+        sparse.csc_matrix(information),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options=options,
+    )

@@ -1,0 +1,214 @@
+"""What a rover senses and nothing else: the only thing that localization is given."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray, checked
+from survey.core.config import Section
+from survey.core.errors import InputError
+from survey.core.files import replacing
+from survey.core.geodesy import projected_crs
+from survey.data.camera import Camera, Frames, FrameWriter
+from survey.data.sensors import (
+    Barometer,
+    Closures,
+    Compass,
+    GpsFixes,
+    Inertial,
+    Odometry,
+    Sightings,
+    Stakes,
+    StakeSightings,
+    Weather,
+    Wheels,
+)
+
+
+class RecordingHeader(Section):
+    """What stands in ``recording.json``."""
+
+    format: str = "firnline-recording-1"
+    crs: str
+    """WKT of the projected CRS."""
+    vertical_datum: str
+    """What heights count from."""
+    start_m: tuple[float, float, float]
+    """Surveyed position of the start: easting, northing, elevation [m]."""
+    antenna_height_m: float
+    """Height of the GPS antenna above the ground [m]."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The records of one drive.
+
+    Without odometry and frames it is a kinematic GPS survey: the fixes themselves are the
+    path. Frames with camera, wheels and inertial records are what visual odometry works
+    on; `odometry` and `sightings` are what it gives, and what a recording holds whose
+    images were processed before.
+
+    Parameters
+    ----------
+    crs : str or pyproj.CRS
+        Of the fixes and the start.
+    start : (3,) array_like
+        Surveyed position of the start [m]; the paper starts from a known place too.
+    gps : GpsFixes
+        In `crs`.
+    odometry, barometer, sightings, wheels, inertial, compass, weather : optional
+        What else the rover carries; sightings need odometry.
+    camera, frames : optional
+        Images; each needs the other.
+    base, base_barometer : optional
+        A second receiver and a second barometer that stand at `start`.
+    stakes, stake_sightings : optional
+        Benchmarks of surveyed position, and when they were seen.
+    closures : optional
+        Places of the drive that were recognised again.
+    antenna_height_m : float
+        Height of the GPS antenna above the ground [m].
+    vertical_datum : str
+        What heights count from.
+    """
+
+    crs: CRS
+    start: FloatArray
+    gps: GpsFixes
+    odometry: Odometry | None = None
+    barometer: Barometer | None = None
+    sightings: Sightings | None = None
+    antenna_height_m: float = 0.0
+    vertical_datum: str = ""
+    wheels: Wheels | None = None
+    inertial: Inertial | None = None
+    compass: Compass | None = None
+    weather: Weather | None = None
+    base: GpsFixes | None = None
+    base_barometer: Barometer | None = None
+    stakes: Stakes | None = None
+    stake_sightings: StakeSightings | None = None
+    closures: Closures | None = None
+    camera: Camera | None = None
+    frames: Frames | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "crs", projected_crs(self.crs, "the recording"))
+        object.__setattr__(self, "start", checked(self.start, (3,), "the start of the recording"))
+        if self.sightings is not None:
+            self._check_sightings(self.sightings)
+        if (self.camera is None) != (self.frames is None):
+            lacking = "camera" if self.camera is None else "frames"
+            raise InputError(f"the recording lacks {lacking}; images and calibration are needed together.")
+        if self.stake_sightings is not None:
+            n_stakes = 0 if self.stakes is None else len(self.stakes)
+            seen = self.stake_sightings.index
+            if seen.min() < 0 or seen.max() >= n_stakes:
+                raise InputError(
+                    f"a sighting names a stake outside 0 … {n_stakes - 1}; add it to stakes.csv."
+                )
+
+    def _check_sightings(self, sightings: Sightings) -> None:
+        if self.odometry is None:
+            raise InputError(
+                "the recording has sightings and no odometry to place them from; add odometry.csv."
+            )
+        n_poses = len(self.odometry.time_s)
+        if len(sightings.pose) and not 0 <= sightings.pose.min() <= sightings.pose.max() < n_poses:
+            raise InputError(
+                f"a sighting names a pose outside 0 … {n_poses - 1}; odometry and sightings do not belong together."
+            )
+
+    def write(self, folder: str | Path) -> None:
+        """Write ``recording.json``, one CSV table a sensor, ``camera.toml`` and ``frames/``.
+
+        Frames that a `FrameWriter` has put into ``frames/`` of this very folder before stay
+        as they are: a long drive is written while it is driven.
+
+        Raises
+        ------
+        InputError
+            The folder holds something else, or may not be written to.
+        """
+        place = Path(folder)
+        if place.exists() and any(item.name != "frames" for item in place.iterdir()):
+            raise InputError(f"the recording folder {place} exists and is not empty; choose another one.")
+        place.mkdir(parents=True, exist_ok=True)
+        if self.frames is not None and not (place / "frames" / "frames.csv").exists():
+            with FrameWriter(place / "frames") as writer:
+                for index, time_s in enumerate(self.frames.time_s):
+                    writer.add(time_s, self.frames[index])
+        if self.camera is not None:
+            self.camera.write(place / "camera.toml")
+        for name in _TABLES:
+            sensor = getattr(self, name)
+            if sensor is not None:
+                sensor.write(place / f"{name}.csv")
+        east, north, up = self.start.tolist()
+        header = RecordingHeader(
+            crs=self.crs.to_wkt(),
+            vertical_datum=self.vertical_datum,
+            start_m=(east, north, up),
+            antenna_height_m=self.antenna_height_m,
+        )
+        with replacing(place / "recording.json") as draft:
+            draft.write_text(header.model_dump_json(indent=2) + "\n", encoding="utf-8")
+
+    @classmethod
+    def read(cls, folder: str | Path) -> Self:
+        """Read a recording that `write` wrote; images are read when they are asked for.
+
+        Raises
+        ------
+        InputError
+            A table is missing, cut off or holds something that is no number.
+        """
+        place = Path(folder)
+        file = place / "recording.json"
+        if not file.is_file():
+            raise InputError(
+                f"{place} is no recording (it holds no recording.json); name a folder that `simulate` made."
+            )
+        try:
+            header = RecordingHeader.model_validate_json(file.read_bytes())
+        except ValueError as error:
+            raise InputError(
+                f"{file} is damaged ({str(error).splitlines()[0]}); make the recording again."
+            ) from error
+        sensed: dict[str, Any] = {
+            name: kind.read(place / f"{name}.csv")
+            for name, kind in _TABLES.items()
+            if name == "gps" or (place / f"{name}.csv").exists()
+        }
+        return cls(
+            crs=projected_crs(header.crs, str(file)),
+            start=np.array(header.start_m),
+            antenna_height_m=header.antenna_height_m,
+            vertical_datum=header.vertical_datum,
+            camera=Camera.read(place / "camera.toml") if (place / "camera.toml").exists() else None,
+            frames=Frames.read(place / "frames") if (place / "frames").exists() else None,
+            **sensed,
+        )
+
+
+_TABLES: dict[str, Any] = {
+    "gps": GpsFixes,
+    "odometry": Odometry,
+    "barometer": Barometer,
+    "sightings": Sightings,
+    "wheels": Wheels,
+    "inertial": Inertial,
+    "compass": Compass,
+    "weather": Weather,
+    "base": GpsFixes,
+    "base_barometer": Barometer,
+    "stakes": Stakes,
+    "stake_sightings": StakeSightings,
+    "closures": Closures,
+}
+"""Fields of a recording that are kept as CSV tables of the same name."""
+
+assert set(_TABLES) < {field.name for field in fields(Recording)}

@@ -1,0 +1,234 @@
+"""The route of a survey: for each rover, swaths to measure along and transits between them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+import shapely
+from pyproj import CRS
+from shapely import LineString
+
+from survey.core.arrays import FloatArray, IntArray, checked
+from survey.core.errors import InputError
+from survey.core.geodesy import projected_crs
+from survey.io.vector import read_features, write_features
+
+LegKind = Literal["swath", "transit"]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One stretch that a rover drives.
+
+    Parameters
+    ----------
+    kind : {"swath", "transit"}
+        A swath is driven to measure, a transit to get to the next one.
+    xy : (N, 2) array_like
+        Waypoints in driving order [m], at least two.
+    rover : int
+        Who drives it, counted from 0.
+    axis : (2, 2) array_like, optional
+        Both ends of the straight line that the swath deviates from; the first and the
+        last waypoint by default. β (Eqs. 14–16) is measured from it.
+    """
+
+    kind: LegKind
+    xy: FloatArray
+    rover: int = 0
+    axis: Any = None
+
+    def __post_init__(self) -> None:
+        xy = checked(self.xy, (None, 2), f"the waypoints of a {self.kind}")
+        if self.kind not in ("swath", "transit"):
+            raise InputError(f"a leg is of the kind {self.kind!r}; swath or transit was expected.")
+        if len(xy) < 2:
+            raise InputError(f"a {self.kind} has {len(xy)} waypoints; at least two are needed.")
+        object.__setattr__(self, "xy", xy)
+        axis = xy[[0, -1]] if self.axis is None else self.axis
+        object.__setattr__(self, "axis", checked(axis, (2, 2), f"the axis of a {self.kind}"))
+
+    @property
+    def length_m(self) -> float:
+        """Distance along the waypoints [m]."""
+        return float(np.hypot(*np.diff(self.xy, axis=0).T).sum())
+
+
+class RouteSamples(NamedTuple):
+    """Places at equal distances along one rover's path.
+
+    ``xy`` (N, 2) [m], ``distance_m`` (N,) from the start, ``leg`` (N,) index into
+    `Route.legs`, ``heading_rad`` (N,) counter-clockwise from east.
+    """
+
+    xy: FloatArray
+    distance_m: FloatArray
+    leg: IntArray
+    heading_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class Route:
+    """The legs of a survey in driving order.
+
+    Parameters
+    ----------
+    legs : tuple of Leg
+        For each rover in the order that it drives them.
+    crs : str or pyproj.CRS
+        Projected, in metres.
+    pattern : str
+        Name of the planner, e.g. ``"lawnmower"``.
+    spacing_m : float, optional
+        Distance between neighbouring swaths [m].
+    prediction : mapping of str to float
+        What the planner expects, units in the names: ``time_s``, ``energy_j``, ``rmse_m`` …
+
+    Raises
+    ------
+    InputError
+        No legs, or a leg that does not begin where the rover's previous one ended.
+
+    Examples
+    --------
+    >>> route = Route((Leg("swath", [[0.0, 0.0], [3.0, 4.0]]),), "EPSG:32608", "line")
+    >>> route.length_m
+    5.0
+    """
+
+    legs: tuple[Leg, ...]
+    crs: CRS
+    pattern: str
+    spacing_m: float | None = None
+    prediction: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "crs", projected_crs(self.crs, "the route"))
+        object.__setattr__(self, "legs", tuple(self.legs))
+        object.__setattr__(self, "prediction", MappingProxyType(dict(self.prediction)))
+        if not self.legs:
+            raise InputError("the route has no legs; plan at least one swath.")
+        for rover in range(self.n_rovers):
+            legs = [leg for leg in self.legs if leg.rover == rover]
+            for before, after in pairwise(legs):
+                gap_m = float(np.hypot(*(after.xy[0] - before.xy[-1])))
+                if gap_m > 1e-6:
+                    raise InputError(
+                        f"rover {rover} jumps {gap_m:.2f} m between two legs; join them with a transit."
+                    )
+
+    @property
+    def n_rovers(self) -> int:
+        """Number of rovers."""
+        return max(leg.rover for leg in self.legs) + 1
+
+    @property
+    def length_m(self) -> float:
+        """Metres driven by all rovers together."""
+        return float(sum(leg.length_m for leg in self.legs))
+
+    @property
+    def swaths(self) -> tuple[Leg, ...]:
+        """The legs that are measured along."""
+        return tuple(leg for leg in self.legs if leg.kind == "swath")
+
+    def path(self, rover: int = 0) -> FloatArray:
+        """Return one rover's waypoints (N, 2) [m], without repeated ones."""
+        points = np.vstack([leg.xy for leg in self.legs if leg.rover == rover])
+        keep = np.r_[True, np.hypot(*np.diff(points, axis=0).T) > 0.0]
+        return points[keep]
+
+    def sample(self, step_m: float, rover: int = 0) -> RouteSamples:
+        """Return places every `step_m` along one rover's path, its start included."""
+        if not step_m > 0:
+            raise InputError(f"the sample spacing is {step_m} m; it must be greater than 0.")
+        xy, owner = self._vertices(rover)
+        ends = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T))]
+        distance = np.arange(0.0, ends[-1] + 1e-9, step_m)
+        segment = np.clip(np.searchsorted(ends, distance, side="right") - 1, 0, len(ends) - 2)
+        along = (distance - ends[segment]) / (ends[segment + 1] - ends[segment])
+        direction = xy[segment + 1] - xy[segment]
+        places = xy[segment] + along[:, None] * direction
+        return RouteSamples(places, distance, owner[segment], np.arctan2(direction[:, 1], direction[:, 0]))
+
+    def _vertices(self, rover: int) -> tuple[FloatArray, IntArray]:
+        """Waypoints without repeats and, for each segment between them, its leg."""
+        points: list[FloatArray] = []
+        owner: list[int] = []
+        for index, leg in enumerate(self.legs):
+            if leg.rover != rover:
+                continue
+            fresh = leg.xy if not points else leg.xy[1:]
+            points.extend(fresh)
+            owner.extend([index] * (len(leg.xy) - 1))
+        xy = np.array(points)
+        moves = np.hypot(*np.diff(xy, axis=0).T) > 0.0
+        if not moves.any():
+            raise InputError(f"the path of rover {rover} has no length; give it two different waypoints.")
+        return xy[np.r_[True, moves]], np.array(owner, dtype=np.int64)[moves]
+
+    @cached_property
+    def line(self) -> Any:
+        """All legs as one multi-line geometry."""
+        return shapely.multilinestrings([LineString(leg.xy) for leg in self.legs])
+
+    def write(self, path: str | Path) -> None:
+        """Write the legs with rover, order and kind (GeoJSON, GeoPackage, …)."""
+        n = len(self.legs)
+        columns: dict[str, Any] = {
+            "order": np.arange(n, dtype=np.int32),
+            "kind": np.array([leg.kind for leg in self.legs], dtype=object),
+            "rover": np.array([leg.rover for leg in self.legs], dtype=np.int32),
+            "length_m": np.array([leg.length_m for leg in self.legs]),
+            "pattern": np.array([self.pattern] * n, dtype=object),
+            "spacing_m": np.full(n, np.nan if self.spacing_m is None else self.spacing_m),
+        }
+        for index, name in enumerate(("axis_x0_m", "axis_y0_m", "axis_x1_m", "axis_y1_m")):
+            columns[name] = np.array([leg.axis.ravel()[index] for leg in self.legs])
+        for name, value in self.prediction.items():
+            columns[f"predicted_{name}"] = np.full(n, value)
+        write_features(path, [LineString(leg.xy) for leg in self.legs], columns, self.crs, layer="route")
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Read a route that `write` wrote.
+
+        Raises
+        ------
+        InputError
+            Missing, damaged, or without the columns that `write` writes.
+        """
+        features = read_features(path, what="the route")
+        columns = features.attributes
+        missing = {"order", "kind", "rover", "pattern", "spacing_m"} - set(columns)
+        if missing:
+            raise InputError(
+                f"the route {path} lacks the columns {', '.join(sorted(missing))}; write it with firnline."
+            )
+        axes = np.column_stack([columns[n] for n in ("axis_x0_m", "axis_y0_m", "axis_x1_m", "axis_y1_m")])
+        legs = tuple(
+            Leg(
+                columns["kind"][i],
+                shapely.get_coordinates(features.geometry[i]),
+                int(columns["rover"][i]),
+                axes[i].reshape(2, 2),
+            )
+            for i in np.argsort(columns["order"], kind="stable")
+        )
+        spacing = columns["spacing_m"][0]
+        prefix = "predicted_"
+        prediction = {
+            name.removeprefix(prefix): float(v[0]) for name, v in columns.items() if name.startswith(prefix)
+        }
+        return cls(
+            legs,
+            features.crs,
+            str(columns["pattern"][0]),
+            None if spacing is None or np.isnan(spacing) else float(spacing),
+            prediction,
+        )

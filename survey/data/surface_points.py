@@ -1,0 +1,328 @@
+"""Measured points of the terrain surface, each with its uncertainty: what maps are made of."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Self
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.errors import InputError
+from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum
+from survey.io.points import PLACE, PointTable, read_point_table, write_point_table
+
+_SIGMA = "sigma_z_m"
+_COVARIANCE = {
+    "cov_xx_m2": (0, 0),
+    "cov_xy_m2": (0, 1),
+    "cov_xz_m2": (0, 2),
+    "cov_yy_m2": (1, 1),
+    "cov_yz_m2": (1, 2),
+    "cov_zz_m2": (2, 2),
+}
+_OWN = {f"own_{name}": place for name, place in _COVARIANCE.items()}
+_ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
+_RANGE = "range_m"
+_KEYFRAME, _HEADING = "keyframe", "heading_rad"
+_VALUE_SIGMA = "sigma_"
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points on the terrain with covariances.
+
+    Parameters
+    ----------
+    xyz : (N, 3) array_like
+        Easting, northing and elevation [m].
+    covariance : (N, 3, 3) array_like, optional
+        Of easting, northing and elevation [m²].
+    sigma_m : float or (N,) array_like, optional
+        Standard deviation of the elevation [m], for points whose place is exact. Give
+        this or `covariance`.
+    origins : (N, 3) array_like, optional
+        Where the sensor stood [m].
+    range_m : (N,) array_like, optional
+        Distance from the sensor when the point was first seen [m].
+    values : mapping of str to (N,) array_like
+        Other quantities sampled at the points, units in the names: ``temperature_c`` …
+    value_sigmas : mapping of str to (N,) array_like
+        Standard deviation of each of them, in its unit.
+    crs : str or pyproj.CRS
+        Projected, in metres.
+    vertical_datum : str
+        What elevations count from; ``""`` when unstated.
+    own_covariance : (N, 3, 3) array_like, optional
+        The part of `covariance` that a point shares with no other [m²].
+    keyframe : (N,) array_like, optional
+        Where among the keyframes of the path the point was seen from: 2.25 is a quarter of
+        the way from the third to the fourth (`survey.data.path_error.PathError`). It goes with
+        `own_covariance`, `origins` and `heading_rad`.
+    heading_rad : (N,) array_like, optional
+        Heading of the body then, counter-clockwise from east [rad].
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, NaN, no points, zero or negative variances, covariances that are
+        not symmetric, both or neither of the two uncertainties.
+
+    Examples
+    --------
+    >>> points = SurfacePoints([[0.0, 0.0, 5.0]], sigma_m=0.1, crs="EPSG:32608")
+    >>> points.sigma_z
+    array([0.1])
+    """
+
+    xyz: FloatArray
+    covariance: FloatArray | None = None
+    sigma_m: Any = None
+    origins: FloatArray | None = None
+    range_m: FloatArray | None = None
+    values: Mapping[str, FloatArray] = field(default_factory=dict)
+    value_sigmas: Mapping[str, FloatArray] = field(default_factory=dict)
+    crs: CRS = None  # type: ignore[assignment]  # refused below with a sentence of its own
+    vertical_datum: str = UNSTATED
+    own_covariance: FloatArray | None = None
+    keyframe: FloatArray | None = None
+    heading_rad: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        xyz = checked(self.xyz, (None, 3), "the surface points")
+        n = len(xyz)
+        if n == 0:
+            raise InputError("there are no surface points; at least one is needed.")
+        object.__setattr__(self, "xyz", xyz)
+        object.__setattr__(self, "crs", projected_crs(self.crs, "the set of surface points"))
+        self._check_uncertainty(n)
+        if self.origins is not None:
+            object.__setattr__(self, "origins", checked(self.origins, (n, 3), "the origins of the sightings"))
+        if self.range_m is not None:
+            object.__setattr__(self, "range_m", checked(self.range_m, (n,), "the ranges at first sight"))
+        self._check_keyframes(n)
+        for name in ("values", "value_sigmas"):
+            columns = {
+                key: checked(column, (n,), f"the values of {key}")
+                for key, column in getattr(self, name).items()
+            }
+            object.__setattr__(self, name, MappingProxyType(columns))
+
+    def _check_uncertainty(self, n: int) -> None:
+        if (self.covariance is None) == (self.sigma_m is None):
+            raise InputError("surface points need either a covariance or a sigma_m, and not both.")
+        if self.covariance is not None:
+            covariance = checked(self.covariance, (n, 3, 3), "the covariances of the surface points")
+            variance_z = covariance[:, 2, 2]
+            if not np.allclose(covariance, covariance.transpose(0, 2, 1), rtol=1e-9, atol=1e-12):
+                raise InputError("some covariances of the surface points are not symmetric; correct them.")
+            if (np.linalg.eigvalsh(covariance)[:, 0] < -1e-9 * np.trace(covariance, axis1=1, axis2=2)).any():
+                raise InputError(
+                    "some covariances of the surface points have negative variances; correct them."
+                )
+            object.__setattr__(self, "covariance", covariance)
+        else:
+            sigma = checked(
+                np.broadcast_to(np.asarray(self.sigma_m, dtype=np.float64), (n,)), (n,), "the sigmas"
+            )
+            object.__setattr__(self, "sigma_m", sigma)
+            variance_z = np.where(sigma > 0, sigma**2, 0.0)
+        n_bad = int((variance_z <= 0.0).sum())
+        if n_bad:
+            raise InputError(
+                f"{n_bad} surface points have an elevation variance of 0 or less; every measurement errs, state by how much."
+            )
+
+    def _check_keyframes(self, n: int) -> None:
+        """Points that name a keyframe must say all that ties them to it."""
+        if self.keyframe is None:
+            return
+        needed = {"own_covariance": (n, 3, 3), "keyframe": (n,), "heading_rad": (n,), "origins": (n, 3)}
+        for name, shape in needed.items():
+            if getattr(self, name) is None:
+                raise InputError(
+                    f"points that carry a keyframe need {name} too; add it or leave the keyframe out."
+                )
+            object.__setattr__(self, name, checked(getattr(self, name), shape, f"the {name} of the points"))
+
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        crs: Any = None,
+        sigma_m: float | None = None,
+        vertical_datum: str | None = None,
+    ) -> Self:
+        """Read points from CSV, GeoPackage, GeoJSON, LAS, LAZ or PLY.
+
+        Columns are ``x_m``, ``y_m``, ``z_m`` (the geometry, where the format has one), and
+        for the uncertainty either ``sigma_z_m`` or the six ``cov_xx_m2``, ``cov_xy_m2``,
+        ``cov_xz_m2``, ``cov_yy_m2``, ``cov_yz_m2``, ``cov_zz_m2``. Optional ones are
+        ``origin_x_m``, ``origin_y_m``, ``origin_z_m`` and ``range_m``, and for points of a
+        path ``keyframe``, ``heading_rad`` and six ``own_cov_…``. Every other column of
+        numbers is a sampled value, such as ``temperature_c``; ``sigma_temperature_c`` is its
+        standard deviation.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file; its ending names the format.
+        crs : str or pyproj.CRS, optional
+            For files that carry none, as CSV; refused when the file names another one.
+        sigma_m : float, optional
+            Standard deviation of the elevation [m] for files that state none.
+        vertical_datum : str, optional
+            For files that do not state it.
+
+        Raises
+        ------
+        InputError
+            The file is missing, empty or damaged, lacks a column or the uncertainty,
+            holds NaN, is in degrees or names no CRS.
+        """
+        table = read_point_table(path)
+        try:
+            return cls._from_table(table, crs, sigma_m, vertical_datum)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    @classmethod
+    def _from_table(cls, table: PointTable, crs: Any, sigma_m: float | None, datum: str | None) -> Self:
+        columns = dict(table.columns)
+        xyz = np.column_stack([columns.pop(name) for name in PLACE])
+        covariance, sigma = _uncertainty(columns, sigma_m)
+        has_origins = all(name in columns for name in _ORIGIN)
+        origins = np.column_stack([columns.pop(name) for name in _ORIGIN]) if has_origins else None
+        range_m = columns.pop(_RANGE, None)
+        keyframe, heading = columns.pop(_KEYFRAME, None), columns.pop(_HEADING, None)
+        own = _symmetric(columns, _OWN) if all(name in columns for name in _OWN) else None
+        sigmas = {
+            name.removeprefix(_VALUE_SIGMA): columns.pop(name)
+            for name in list(columns)
+            if name.startswith(_VALUE_SIGMA)
+        }
+        stated = table.vertical_datum
+        if stated and datum:
+            same_vertical_datum(stated, datum, "the file and the request")
+        return cls(
+            xyz,
+            covariance,
+            sigma,
+            origins,
+            range_m,
+            columns,
+            sigmas,
+            _one_crs(table.crs, crs),
+            stated or datum or UNSTATED,
+            own,
+            keyframe,
+            heading,
+        )
+
+    def write(self, path: str | Path) -> None:
+        """Write the columns that `read` describes to the format that the file's ending names.
+
+        Equal points give equal bytes. CSV carries neither CRS nor vertical datum; LAS and
+        LAZ round coordinates to 0.1 mm.
+
+        Raises
+        ------
+        InputError
+            Another ending, a missing folder or a full disk.
+        """
+        columns: dict[str, FloatArray] = dict(zip(PLACE, self.xyz.T, strict=True))
+        if self.covariance is not None:
+            columns |= {name: self.covariance[:, i, j] for name, (i, j) in _COVARIANCE.items()}
+        else:
+            columns[_SIGMA] = self.sigma_z
+        if self.origins is not None:
+            columns |= dict(zip(_ORIGIN, self.origins.T, strict=True))
+        if self.range_m is not None:
+            columns[_RANGE] = self.range_m
+        if self.keyframe is not None and self.own_covariance is not None and self.heading_rad is not None:
+            columns |= {name: self.own_covariance[:, i, j] for name, (i, j) in _OWN.items()}
+            columns |= {_KEYFRAME: self.keyframe, _HEADING: self.heading_rad}
+        columns |= dict(self.values)
+        columns |= {_VALUE_SIGMA + name: sigma for name, sigma in self.value_sigmas.items()}
+        write_point_table(path, PointTable(columns, self.crs, self.vertical_datum))
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    @property
+    def xy(self) -> FloatArray:
+        """Easting and northing [m], (N, 2)."""
+        return self.xyz[:, :2]
+
+    @property
+    def z(self) -> FloatArray:
+        """Elevation [m], (N,)."""
+        return self.xyz[:, 2]
+
+    @property
+    def sigma_z(self) -> FloatArray:
+        """Marginal standard deviation of the elevation [m], (N,), as Eq. 7 has it."""
+        if self.covariance is not None:
+            return np.sqrt(self.covariance[:, 2, 2])
+        sigma: FloatArray = self.sigma_m
+        return sigma
+
+    def select(self, mask: BoolArray) -> Self:
+        """Return the points for which `mask` (N,) holds, or those at the given indices."""
+
+        def pick(array: FloatArray | None) -> Any:
+            return None if array is None else frozen(array[mask])
+
+        return type(self)(
+            frozen(self.xyz[mask]),
+            pick(self.covariance),
+            pick(self.sigma_m),
+            pick(self.origins),
+            pick(self.range_m),
+            {name: frozen(column[mask]) for name, column in self.values.items()},
+            {name: frozen(column[mask]) for name, column in self.value_sigmas.items()},
+            self.crs,
+            self.vertical_datum,
+            pick(self.own_covariance),
+            pick(self.keyframe),
+            pick(self.heading_rad),
+        )
+
+
+def _symmetric(columns: dict[str, FloatArray], names: Mapping[str, tuple[int, int]]) -> FloatArray:
+    """Take the columns of a symmetric matrix out, and return it (N, 3, 3)."""
+    entries = {name: columns.pop(name) for name in names}
+    matrices = np.empty((len(next(iter(entries.values()))), 3, 3))
+    for name, (i, j) in names.items():
+        matrices[:, i, j] = matrices[:, j, i] = entries[name]
+    return matrices
+
+
+def _uncertainty(
+    columns: dict[str, FloatArray], sigma_m: float | None
+) -> tuple[FloatArray | None, FloatArray | float | None]:
+    """Take the columns of the uncertainty out, and return the covariance or the sigma."""
+    found = [name for name in _COVARIANCE if name in columns]
+    sigma = columns.pop(_SIGMA, None)
+    if found and len(found) < len(_COVARIANCE):
+        missing = ", ".join(name for name in _COVARIANCE if name not in found)
+        raise InputError(f"the covariance lacks the columns {missing}; give all six or {_SIGMA}.")
+    if found:
+        return _symmetric(columns, _COVARIANCE), None
+    if sigma is None and sigma_m is None:
+        raise InputError(
+            f"the file states no uncertainty; add a column {_SIGMA} or the six cov_*_m2, or name one sigma for all."
+        )
+    return None, sigma if sigma is not None else sigma_m
+
+
+def _one_crs(stated: Any, named: Any) -> CRS:
+    """Return the CRS of the file or, where it has none, the one that was named."""
+    if stated is None or named is None:
+        return projected_crs(stated if stated is not None else named, "the set of surface points")
+    of_file, wanted = (projected_crs(crs, "the set of surface points") for crs in (stated, named))
+    same_crs(of_file, wanted, "the file and the request")
+    return of_file

@@ -1,0 +1,180 @@
+"""Which of many surface points to keep: those that tell a map the most."""
+
+import heapq
+from typing import NamedTuple
+
+import numpy as np
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import InputError
+from survey.data.surface_points import SurfacePoints
+
+_NODES_PER_LENGTH_SCALE = 2.0
+_MOST_NODES = 2500
+_BLOCK = 1000
+
+
+def most_informative(
+    points: SurfacePoints,
+    n: int,
+    bounds: tuple[float, float, float, float],
+    *,
+    variance_m2: float = 10.0,
+    length_scale_m: float = 17.75,
+) -> IntArray:
+    r"""Return the indices of the `n` points that lower a map's variance the most, the best first.
+
+    The terrain about its prior is a Gaussian process of squared-exponential covariance,
+    told on nodes half a length scale apart and linear between them; P is the covariance of
+    the nodes given the points that are taken already. A point whose height is w·z of the
+    nodes' heights z, with the variance r (its own, and that of the terrain between nodes),
+    lowers the variance summed over the nodes inside the bounds by
+
+    .. math:: Δ = Σ_u (P w)_u² / (r + w^T P w), \quad P ← P − P w w^T P / (r + w^T P w)
+
+    (Krause et al. 2008, section 8.2, have the criterion as A-optimality; the update is the
+    Kalman filter's.) The point of the largest Δ is taken next. What a point tells about
+    unseen ground beside it counts, therefore far points at the rim of what is seen come
+    early, and of crowds beside the track one or two.
+
+    Of `covariance` the points' own part counts where it is known: what neighbours share by
+    the path cannot be lessened by choosing among them. Sites of more than 2500 nodes are told on
+    coarser ones.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        To choose from.
+    n : int
+        How many to keep.
+    bounds : (west, south, east, north)
+        Where the map is wanted [m], in the CRS of the points.
+    variance_m2, length_scale_m : float
+        Variance [m²] and length scale [m] of the terrain about its prior.
+
+    Returns
+    -------
+    (min(n, N),) ndarray of int
+
+    Raises
+    ------
+    InputError
+        `n`, `variance_m2` or `length_scale_m` is not above 0.
+
+    Examples
+    --------
+    Of two good points side by side and a bad one far away, the bad one tells more than the
+    second good one:
+
+    >>> place = np.array([[10.0, 10.0, 5.0], [10.1, 10.0, 5.0], [80.0, 10.0, 6.0]])
+    >>> points = SurfacePoints(place, sigma_m=np.array([0.1, 0.2, 0.9]), crs="EPSG:32608")
+    >>> sorted(most_informative(points, 2, (0.0, 0.0, 100.0, 20.0)).tolist())
+    [0, 2]
+    """
+    if n < 1 or variance_m2 <= 0.0 or length_scale_m <= 0.0:
+        raise InputError(
+            f"thinning to {n} points on a terrain of {variance_m2:g} m² over {length_scale_m:g} m; all must be above 0."
+        )
+    return _chosen(_on_nodes(points, bounds, variance_m2, length_scale_m), n)
+
+
+class _Told(NamedTuple):
+    """The terrain on M nodes, and how N points tell it."""
+
+    covariance: FloatArray
+    """P (M, M) [m²], changed as points are taken."""
+    wanted: FloatArray
+    """(M,) 1 where the map is wanted, else 0."""
+    node: IntArray
+    """(N, 4) nodes about each point."""
+    weight: FloatArray
+    """(N, 4) w, of those nodes."""
+    variance: FloatArray
+    """r (N,) [m²]."""
+
+
+def _chosen(told: _Told, n: int) -> IntArray:
+    """Take the point of the largest gain `n` times; a gain is told anew only when it comes first, for it never grows."""
+    gains = np.concatenate([_gains(told, block) for block in _blocks(len(told.node))])
+    heap = [(-gain, index) for index, gain in enumerate(gains.tolist())]
+    heapq.heapify(heap)
+    chosen: list[int] = []
+    while heap and len(chosen) < n:
+        _, index = heapq.heappop(heap)
+        now = float(_gains(told, np.array([index]))[0])
+        if heap and now < -heap[0][0]:  # others have told it meanwhile: it must wait
+            heapq.heappush(heap, (-now, index))
+            continue
+        chosen.append(index)
+        _take(told, index)
+    return np.array(chosen, dtype=np.int64)
+
+
+def _on_nodes(
+    points: SurfacePoints,
+    bounds: tuple[float, float, float, float],
+    variance_m2: float,
+    length_scale_m: float,
+) -> _Told:
+    """Lay nodes over points and bounds, and each point between four of them."""
+    west, south, east, north = bounds
+    low = np.minimum(points.xy.min(axis=0), [west, south])
+    span = np.maximum(points.xy.max(axis=0), [east, north]) - low
+    step = max(length_scale_m / _NODES_PER_LENGTH_SCALE, float(np.sqrt(span.prod() / _MOST_NODES)))
+    columns, rows = (np.ceil(span / step).astype(int) + 1).tolist()
+    columns, rows = max(columns, 2), max(rows, 2)
+    x, y = np.meshgrid(low[0] + step * np.arange(columns), low[1] + step * np.arange(rows))
+    nodes = np.column_stack([x.ravel(), y.ravel()])
+    place = (points.xy - low) / step
+    corner = np.floor(place).astype(np.int64).clip(0, [columns - 2, rows - 2])
+    u, v = (place - corner).T
+    node = (corner[:, 1] * columns + corner[:, 0])[:, None] + np.array([0, 1, columns, columns + 1])
+    weight = np.column_stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+
+    def covariance(first: FloatArray, second: FloatArray) -> FloatArray:
+        squared = ((first - second) ** 2).sum(axis=-1)
+        values: FloatArray = variance_m2 * np.exp(-0.5 * squared / length_scale_m**2)
+        return values
+
+    at_nodes = covariance(nodes[:, None], nodes[None])
+    to_corners = covariance(points.xy[:, None], nodes[node])
+    between = variance_m2 - 2.0 * (weight * to_corners).sum(axis=1)
+    between += np.einsum("ni,nij,nj->n", weight, at_nodes[node[:, :, None], node[:, None, :]], weight)
+    inside = ((nodes >= [west, south]) & (nodes <= [east, north])).all(axis=1)
+    wanted: FloatArray = np.asarray(inside, dtype=np.float64) if inside.any() else np.ones(len(nodes))
+    variance: FloatArray = _own_variance(points) + np.maximum(between, 0.0)
+    return _Told(at_nodes, wanted, node, weight, variance)
+
+
+def _own_variance(points: SurfacePoints) -> FloatArray:
+    """Return the variance of each elevation that no other point shares [m²]."""
+    if points.own_covariance is not None:
+        return points.own_covariance[:, 2, 2]
+    variance: FloatArray = points.sigma_z**2
+    return variance
+
+
+def _blocks(n: int) -> list[IntArray]:
+    """Return the indices below `n` in portions that fit into the memory."""
+    return np.split(np.arange(n), np.arange(_BLOCK, n, _BLOCK))
+
+
+def _reach(told: _Told, index: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return P w of some points (M, K), and r + wᵀ P w (K,)."""
+    node, weight = told.node[index], told.weight[index]
+    reach = np.einsum("mki,ki->mk", told.covariance[:, node], weight)
+    own = np.einsum("kij,ki,kj->k", told.covariance[node[:, :, None], node[:, None, :]], weight, weight)
+    return reach, told.variance[index] + own
+
+
+def _gains(told: _Told, index: IntArray) -> FloatArray:
+    """Return Δ of some points [m²]."""
+    reach, total = _reach(told, index)
+    gains: FloatArray = told.wanted @ reach**2 / total
+    return gains
+
+
+def _take(told: _Told, index: int) -> None:
+    """Let a point be measured."""
+    reach, total = _reach(told, np.array([index]))
+    told.covariance[...] -= reach @ reach.T / total

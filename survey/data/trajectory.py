@@ -1,0 +1,139 @@
+"""Where a rover was, when, and how surely."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray, checked
+from survey.core.errors import InputError
+from survey.core.geodesy import projected_crs
+from survey.data.path_error import PathError
+from survey.io.tables import read_table, write_table
+from survey.io.tracks import TUM_COLUMNS, read_tum, write_tum
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses of a rover in the survey's CRS.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Seconds since the start, strictly increasing.
+    position : (N, 3) array_like
+        Easting, northing, elevation [m] of the body's origin.
+    quaternion : (N, 4) array_like
+        Rotation from the body (x forward, y left, z up) to the world (east, north, up),
+        as x, y, z, w.
+    covariance : (N, 3, 3) array_like
+        Of the position [m²].
+    crs : str or pyproj.CRS
+        Projected, in metres.
+    health : (N,) array_like, optional
+        1 where the pose can be trusted, 0 where it is lost; 1 by default.
+    error : PathError, optional
+        How the poses share their error: what a map must know to use the path twice.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, NaN, times that do not increase, quaternions that are not of unit length.
+    """
+
+    time_s: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+    covariance: FloatArray
+    crs: CRS
+    health: Any = None
+    error: PathError | None = None
+
+    def __post_init__(self) -> None:
+        time_s = checked(self.time_s, (None,), "the times of the trajectory")
+        n = len(time_s)
+        if n == 0:
+            raise InputError("the trajectory has no poses.")
+        if (np.diff(time_s) <= 0).any():
+            first = int(np.flatnonzero(np.diff(time_s) <= 0)[0])
+            raise InputError(
+                f"the times of the trajectory do not increase after pose {first} ({time_s[first]:.3f} s); sort them or remove repeats."
+            )
+        quaternion = checked(self.quaternion, (n, 4), "the orientations of the trajectory")
+        if (np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 1e-3).any():
+            raise InputError(
+                "some orientations of the trajectory are no unit quaternions (x, y, z, w); check the columns."
+            )
+        object.__setattr__(self, "time_s", time_s)
+        object.__setattr__(
+            self, "position", checked(self.position, (n, 3), "the positions of the trajectory")
+        )
+        object.__setattr__(self, "quaternion", quaternion)
+        object.__setattr__(
+            self, "covariance", checked(self.covariance, (n, 3, 3), "the covariances of the trajectory")
+        )
+        object.__setattr__(self, "crs", projected_crs(self.crs, "the trajectory"))
+        health = np.ones(n) if self.health is None else self.health
+        object.__setattr__(self, "health", checked(health, (n,), "the health of the trajectory"))
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def length_m(self) -> float:
+        """Distance travelled [m]."""
+        return float(np.linalg.norm(np.diff(self.position, axis=0), axis=1).sum())
+
+    def write(self, path: str | Path) -> None:
+        """Write ``.tum`` text (poses alone) or a ``.csv`` table (with covariance and health).
+
+        Beside the table stands ``.error.npz``, where the poses' shared error is known.
+        """
+        poses = np.column_stack([self.time_s, self.position, self.quaternion])
+        if Path(path).suffix == ".tum":
+            write_tum(path, poses)
+        else:
+            upper = self.covariance[:, _UPPER[0], _UPPER[1]]
+            write_table(
+                path, dict(zip(_COLUMNS, np.column_stack([poses, upper, self.health]).T, strict=True))
+            )
+            if self.error is not None:
+                self.error.write(_beside(path))
+
+    @classmethod
+    def read(cls, path: str | Path, crs: CRS | str) -> Self:
+        """Read what `write` wrote; a ``.tum`` file has no covariance, it becomes zero.
+
+        Raises
+        ------
+        InputError
+            Missing, cut off, or not of that form.
+        """
+        if Path(path).suffix == ".tum":
+            rows = read_tum(path)
+            return cls(
+                rows[:, 0], rows[:, 1:4], rows[:, 4:8], np.zeros((len(rows), 3, 3)), projected_crs(crs, "it")
+            )
+        table = read_table(path, _COLUMNS, what="the trajectory")
+        rows = np.column_stack([table[name] for name in _COLUMNS])
+        covariance = np.empty((len(rows), 3, 3))
+        covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = rows[:, 8:14]
+        place, turn = rows[:, 1:4], rows[:, 4:8]
+        error = PathError.read(_beside(path)) if _beside(path).exists() else None
+        return cls(
+            rows[:, 0], place, turn, covariance, projected_crs(crs, "the trajectory"), rows[:, 14], error
+        )
+
+
+def _beside(path: str | Path) -> Path:
+    return Path(path).with_suffix(".error.npz")
+
+
+_UPPER = np.triu_indices(3)
+_COLUMNS = (
+    *TUM_COLUMNS,
+    *("var_xx_m2", "cov_xy_m2", "cov_xz_m2", "var_yy_m2", "cov_yz_m2", "var_zz_m2"),
+    "health",
+)

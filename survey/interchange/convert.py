@@ -1,0 +1,92 @@
+"""From one file format to another: rasters, points, tracks and areas, values and CRS kept."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from survey.core.errors import InputError
+from survey.core.geodesy import projected_crs
+from survey.data.area import SurveyArea
+from survey.data.trajectory import Trajectory
+from survey.io.points import PointTable, read_point_table, write_point_table
+from survey.io.raster import band_count, band_names, read_raster, write_raster
+from survey.io.tracks import write_kitti, write_track, write_tum
+
+Kind = Literal["raster", "points", "track", "area"]
+_RASTERS = (".tif", ".tiff", ".asc", ".nc")
+_CLOUDS = (".las", ".laz", ".ply")
+
+
+def kind_of(source: str | Path, out: str | Path) -> Kind | None:
+    """Tell what a file holds where the endings say so: ``None`` for those that hold many kinds.
+
+    Examples
+    --------
+    >>> kind_of("map.nc", "map.tif"), kind_of("path.tum", "path.gpx"), kind_of("a.geojson", "a.kml")
+    ('raster', 'track', None)
+    """
+    endings = Path(source).suffix.lower(), Path(out).suffix.lower()
+    if endings[1] in _RASTERS:
+        return "raster"
+    if endings[0] in _CLOUDS or endings[1] in _CLOUDS:
+        return "points"
+    return "track" if ".tum" in endings else None
+
+
+def convert(source: str | Path, out: str | Path, kind: Kind, *, crs: Any = None) -> None:
+    """Write what a file holds in the format that the other's ending names.
+
+    Parameters
+    ----------
+    source, out : str or pathlib.Path
+        Rasters are read from whatever GDAL knows and written as .tif, .asc or .nc; points as .csv, .gpkg,
+        .geojson, .las, .laz or .ply; trajectories (.csv, .tum) as .tum, .txt (KITTI), .gpx or .gpkg; areas
+        as .geojson, .gpkg, .kml or .shp.
+    kind : {"raster", "points", "track", "area"}
+        What the source holds.
+    crs : str or pyproj.CRS, optional
+        Of files that carry none; for areas, the projected CRS to write in.
+
+    Raises
+    ------
+    InputError
+        A source that is damaged or names no CRS, an ending that no format has.
+    """
+    if kind == "raster":
+        _raster(source, out, crs)
+    elif kind == "points":
+        table = read_point_table(source)
+        write_point_table(out, PointTable(table.columns, _one(table.crs, crs, source), table.vertical_datum))
+    elif kind == "area":
+        SurveyArea.read(source, crs=crs).write(out)
+    else:
+        _track(Trajectory.read(source, projected_crs(crs, str(source))), Path(out))
+
+
+def _raster(source: str | Path, out: str | Path, crs: Any) -> None:
+    first = read_raster(source)
+    names = band_names(source)
+    bands = [first.values] + [read_raster(source, band=k).values for k in range(2, band_count(source) + 1)]
+    system = _one(first.crs, crs, source)
+    write_raster(out, dict(zip(names, bands, strict=True)), first.transform, system, first.vertical_datum)
+
+
+def _track(path: Trajectory, out: Path) -> None:
+    suffix = out.suffix.lower()
+    if suffix == ".tum":
+        write_tum(out, np.column_stack([path.time_s, path.position, path.quaternion]))
+    elif suffix == ".txt":
+        turn = Rotation.from_quat(path.quaternion).as_matrix()
+        write_kitti(out, np.concatenate([turn, path.position[:, :, None]], axis=2))
+    elif suffix in (".gpx", ".gpkg"):
+        write_track(out, path.time_s, path.position, path.crs)
+    else:
+        raise InputError(
+            f"{out.name} ends in {suffix!r}; a track is written as .tum, .txt (KITTI), .gpx or .gpkg."
+        )
+
+
+def _one(stated: Any, named: Any, source: str | Path) -> Any:
+    return projected_crs(stated if stated is not None else named, str(source))

@@ -1,0 +1,227 @@
+"""LiDAR scans, one after the other: npz, LAS/LAZ, PLY, and ROS 2 recordings."""
+
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from survey.core.arrays import FloatArray, checked
+from survey.core.errors import InputError
+from survey.core.files import existing_file
+from survey.data.surface_points import SurfacePoints
+from survey.io.points import PLACE, read_point_table
+from survey.io.tracks import read_tum
+
+_NPZ, _TABLES, _BAGS = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap")
+_ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
+_TIMES = ("gps_time", "time_s", "time", "t")
+_CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+class Track(NamedTuple):
+    """Where the sensor was: times (N,) [s], ascending, positions (N, 3) [m] and attitudes, as a TUM file has them."""
+
+    time_s: FloatArray
+    position: FloatArray
+    attitude: Rotation
+
+    @classmethod
+    def read(cls, path: str | Path) -> "Track":
+        """Read a TUM file.
+
+        Raises
+        ------
+        InputError
+            Missing or damaged, fewer than two poses, or times that do not ascend.
+        """
+        rows = read_tum(path)
+        if len(rows) < 2 or (np.diff(rows[:, 0]) <= 0).any():
+            raise InputError(
+                f"the trajectory {path} holds {len(rows)} poses or times that do not ascend; at least two in order of time are needed."
+            )
+        return cls(rows[:, 0], rows[:, 1:4], Rotation.from_quat(rows[:, 4:8]))
+
+    def place(self, time_s: FloatArray, what: str) -> FloatArray:
+        """Return the positions (M, 3) [m] at times (M,), or refuse times that the track does not cover."""
+        if time_s.min() < self.time_s[0] or time_s.max() > self.time_s[-1]:
+            raise InputError(
+                f"{what} was taken between {time_s.min():.3f} and {time_s.max():.3f} s, and the trajectory covers "
+                f"{self.time_s[0]:.3f} to {self.time_s[-1]:.3f} s; give the trajectory of the same drive."
+            )
+        return np.column_stack([np.interp(time_s, self.time_s, axis) for axis in self.position.T])
+
+    def turned(self, xyz: FloatArray, time_s: float) -> FloatArray:
+        """Turn points from the sensor's frame to the world's, without its position."""
+        turned: FloatArray = Slerp(self.time_s, self.attitude)(time_s).apply(xyz)
+        return turned
+
+
+def scan_files(sources: Sequence[str | Path]) -> list[Path]:
+    """Return the scan files among paths, folders opened and sorted by name.
+
+    Raises
+    ------
+    InputError
+        A path that does not exist or whose ending is not known, or no scan at all.
+    """
+    known = _NPZ + _TABLES + _BAGS
+    files: list[Path] = []
+    for source in map(Path, sources):
+        if source.is_dir():
+            files += sorted(file for file in source.iterdir() if file.suffix.lower() in known)
+        elif source.suffix.lower() in known:
+            files.append(existing_file(source, "the scan"))
+        else:
+            raise InputError(f"{source} is no scan; a folder or one of {', '.join(known)} was expected.")
+    if not files:
+        raise InputError(f"there is no scan in {', '.join(map(str, sources))}; {', '.join(known)} are read.")
+    return files
+
+
+def read_scans(
+    files: Sequence[Path], *, crs: Any, sigma_m: float | None, track: Track | None = None
+) -> Iterator[SurfacePoints]:
+    """Read scans one after the other.
+
+    Every scan carries its sensor's place: an ``.npz`` as `origin` (3,) or `origins` (N, 3)
+    beside `points` (N, 3); LAS, LAZ and PLY as the columns ``origin_x_m``, ``origin_y_m`` and
+    ``origin_z_m``, or as a time per point where a trajectory is given; messages of a ROS 2
+    recording are in the sensor's frame and need the trajectory's attitude too.
+
+    Parameters
+    ----------
+    files : sequence of pathlib.Path
+        As `scan_files` gives them.
+    crs : str or pyproj.CRS
+        Of points whose file names none.
+    sigma_m : float, optional
+        Standard deviation of heights [m] for files that state none.
+    track : Track, optional
+        Where the sensor was.
+
+    Yields
+    ------
+    SurfacePoints
+        One scan. A scan without place of its sensor has no origins.
+
+    Raises
+    ------
+    InputError
+        Damaged or empty files, NaN, no CRS, no standard deviation, times beyond the trajectory.
+    """
+    for file in files:
+        suffix = file.suffix.lower()
+        if suffix in _BAGS:
+            yield from _read_bag(file, crs, sigma_m, track)
+        elif suffix in _NPZ:
+            yield _read_npz(file, crs, sigma_m)
+        else:
+            yield _read_table(file, crs, sigma_m, track)
+
+
+def _read_npz(path: Path, crs: Any, sigma_m: float | None) -> SurfacePoints:
+    file = existing_file(path, "the scan")
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"the scan {file} is damaged or no npz file ({error}); get it again.") from error
+    if "points" not in arrays:
+        raise InputError(f"the scan {file} holds {', '.join(arrays) or 'nothing'}; `points` was expected.")
+    xyz = checked(arrays["points"], (None, 3), f"the points of the scan {file}")
+    origin = arrays.get("origins", arrays.get("origin"))
+    origins = None if origin is None else np.broadcast_to(np.asarray(origin, dtype=np.float64), xyz.shape)
+    return _points(file, xyz, origins, arrays.get("sigma_m", sigma_m), crs)
+
+
+def _read_table(file: Path, crs: Any, sigma_m: float | None, track: Track | None) -> SurfacePoints:
+    if track is None:
+        return SurfacePoints.read(file, crs=crs, sigma_m=sigma_m)
+    table = read_point_table(file)
+    columns = table.columns
+    time = next((columns[name] for name in _TIMES if name in columns), None)
+    if time is None:
+        raise InputError(
+            f"the scan {file} has no time per point ({', '.join(_TIMES)}); without it a trajectory does not tell where the sensor stood."
+        )
+    xyz = np.column_stack([columns[name] for name in PLACE])
+    origins = track.place(time, f"the scan {file}")
+    return _points(file, xyz, origins, columns.get("sigma_z_m", sigma_m), table.crs or crs)
+
+
+def _read_bag(path: Path, crs: Any, sigma_m: float | None, track: Track | None) -> Iterator[SurfacePoints]:
+    if track is None:
+        raise InputError(
+            f"the points of {path} are in the sensor's frame; give the trajectory of the sensor (TUM) with --trajectory."
+        )
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise InputError(
+            "reading ROS 2 recordings needs rosbags, which is not installed; install firnline with its extra `ros`."
+        ) from error
+    try:
+        with AnyReader([path.parent], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            clouds = [connection for connection in reader.connections if connection.msgtype == _CLOUD]
+            if not clouds:
+                raise InputError(f"the recording {path} holds no {_CLOUD}; record the scanner's topic.")
+            for connection, _, raw in reader.messages(connections=clouds):
+                message = reader.deserialize(raw, connection.msgtype)
+                yield _of_message(message, path, track, crs, sigma_m)
+    except AnyReaderError as error:
+        raise InputError(
+            f"the recording {path} is damaged or no ROS 2 bag ({error}); get it again."
+        ) from error
+
+
+def _of_message(message: Any, path: Path, track: Track, crs: Any, sigma_m: float | None) -> SurfacePoints:
+    """Return the points of one PointCloud2 in the world; points that say NaN met nothing and are left out."""
+    time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    xyz = cloud_xyz(message, path)
+    xyz = xyz[np.isfinite(xyz).all(axis=1)]
+    place = track.place(np.array([time]), f"a scan of {path}")
+    world = track.turned(xyz, time) + place
+    return _points(path, world, np.broadcast_to(place, world.shape), sigma_m, crs)
+
+
+def cloud_xyz(message: Any, path: Path) -> FloatArray:
+    """Return x, y and z (N, 3) [m] of a PointCloud2, from its fields' offsets.
+
+    Raises
+    ------
+    InputError
+        A field is missing or no 32- or 64-bit float.
+    """
+    kinds = {7: "f4", 8: "f8"}
+    fields = {field.name: field for field in message.fields}
+    order = ">" if message.is_bigendian else "<"
+    for name in "xyz":
+        if name not in fields or fields[name].datatype not in kinds:
+            raise InputError(
+                f"a cloud of {path} has no field {name!r} of floats; record PointCloud2 with x, y and z."
+            )
+    layout = np.dtype(
+        {
+            "names": list("xyz"),
+            "formats": [order + kinds[fields[name].datatype] for name in "xyz"],
+            "offsets": [fields[name].offset for name in "xyz"],
+            "itemsize": message.point_step,
+        }
+    )
+    points = np.frombuffer(bytes(message.data), dtype=layout, count=message.width * message.height)
+    return np.column_stack([points[name].astype(np.float64) for name in "xyz"])
+
+
+def _points(path: Path, xyz: FloatArray, origins: Any, sigma_m: Any, crs: Any) -> SurfacePoints:
+    if sigma_m is None:
+        raise InputError(f"the scan {path} states no standard deviation; give one with --sigma.")
+    if crs is None:
+        raise InputError(f"the scan {path} names no CRS; give it with --crs.")
+    try:
+        return SurfacePoints(xyz, sigma_m=sigma_m, origins=origins, crs=crs)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error

@@ -1,0 +1,194 @@
+"""A large site in tiles: each mapped from the points within it and a halo around it."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.errors import CapacityError, InputError
+from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
+from survey.reconstruction.gp.engines.resolution import Bounds, resolve, sharpest_std_m
+
+HALO_LENGTHS = 7.0
+"""Width of the halo in length scales; at 7 the map differs from the whole one's by less than a centimetre."""
+
+_LARGEST_HALVINGS = 7
+_N_FOR_TREND = 800
+
+
+@dataclass(frozen=True)
+class TiledGaussianProcess:
+    """A process whose tiles are conditioned one after the other, when they are asked.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Covariance of all tiles.
+    data : NoisyValues
+        All points.
+    site : (xmin, ymin, xmax, ymax)
+        What the tiles divide [m].
+    n_tiles : (int, int)
+        Columns and rows of tiles.
+    trend : PolynomialTrend
+        A mean surface of the whole site.
+    coefficients : (T,) ndarray
+        Its coefficients, from a spread part of the points.
+    tolerance_m, memory_mb : float
+        As for one tile of `FourierGaussianProcess`.
+
+    Notes
+    -----
+    Neighbouring tiles differ at their seam by up to the error of the halo. No joint
+    likelihood exists: `log_marginal_likelihood` is 0.
+    """
+
+    kernel: Kernel
+    data: NoisyValues
+    site: Bounds
+    n_tiles: tuple[int, int]
+    trend: PolynomialTrend
+    coefficients: FloatArray
+    tolerance_m: float
+    memory_mb: float
+    log_marginal_likelihood: float = 0.0
+
+    @classmethod
+    def fit(
+        cls,
+        xy: FloatArray,
+        values: FloatArray,
+        sigma_m: FloatArray,
+        kernel: Kernel,
+        *,
+        bounds: Bounds | None = None,
+        trend: TrendName = "none",
+        tolerance_m: float = 1e-3,
+        memory_mb: float = 300.0,
+    ) -> Self:
+        """Choose the largest tiles that fit the memory.
+
+        Raises
+        ------
+        CapacityError
+            When not even a tile as small as its halo fits.
+        """
+        data = NoisyValues.of(xy, values, sigma_m)
+        site = data.extent(bounds)
+        sharpest = sharpest_std_m(kernel, data.xy, data.noise_m2)
+        n_tiles = _tiling(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb)
+        part = np.unique(np.linspace(0, len(data) - 1, _N_FOR_TREND).astype(int))
+        sample = DenseGaussianProcess.fit(xy[part], values[part], sigma_m[part], kernel, trend=trend)
+        return cls(
+            kernel, data, site, n_tiles, sample.trend, sample.trend_coefficients, tolerance_m, memory_mb
+        )
+
+    def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
+        """Return the process that knows more points; tiles are conditioned anew when asked."""
+        return replace(self, data=self.data + NoisyValues.of(xy, values, sigma_m))
+
+    def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean [m] and variance [m²] (M,) at places (M, 2) [m]."""
+        mean, variance = np.empty(len(xy)), np.empty(len(xy))
+        for tile, here in self._tiles_of(xy):
+            mean[here], variance[here] = self._tile(tile).predict(xy[here])
+        return mean + self.trend.columns(xy) @ self.coefficients, variance
+
+    def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean and standard deviation (H, W) [m] on the nodes of two axes [m]."""
+        mean, std = np.empty((len(y), len(x))), np.empty((len(y), len(x)))
+        columns, rows = self._index(x, 0), self._index(y, 1)
+        for column in np.unique(columns):
+            for row in np.unique(rows):
+                i, j = np.flatnonzero(rows == row), np.flatnonzero(columns == column)
+                tile = self._tile((int(column), int(row)))
+                mean[np.ix_(i, j)], std[np.ix_(i, j)] = tile.predict_on_axes(x[j], y[i])
+        nodes = np.stack(np.meshgrid(x, y), axis=-1)
+        return mean + self.trend.columns(nodes) @ self.coefficients, std
+
+    def gradient(self, xy: FloatArray) -> FloatArray:
+        """Return the slope (M, 2) of the mean [m/m]."""
+        slope = np.empty((len(xy), 2))
+        for tile, here in self._tiles_of(xy):
+            slope[here] = self._tile(tile).gradient(xy[here])
+        return slope + self.trend.gradient @ self.coefficients
+
+    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance (N,) that the others predict for each point, tile by tile."""
+        mean, variance = np.empty(len(self.data)), np.empty(len(self.data))
+        for tile, here in self._tiles_of(self.data.xy):
+            process = self._tile(tile)
+            inside = here[self._near(tile)]
+            one, two = process.evidence.leave_one_out()
+            mean[here], variance[here] = one[inside], two[inside]
+        return mean + self.trend.columns(self.data.xy) @ self.coefficients, variance
+
+    def _tiles_of(self, xy: FloatArray) -> list[tuple[tuple[int, int], BoolArray]]:
+        """Tiles that hold places, each with the mask of its places."""
+        column, row = self._index(xy[:, 0], 0), self._index(xy[:, 1], 1)
+        tiles = np.unique(np.column_stack([column, row]), axis=0)
+        return [((int(c), int(r)), (column == c) & (row == r)) for c, r in tiles]
+
+    def _index(self, coordinate: FloatArray, axis: int) -> IntArray:
+        low, high, n = self.site[axis], self.site[axis + 2], self.n_tiles[axis]
+        index: IntArray = np.clip(((coordinate - low) / (high - low) * n).astype(np.int64), 0, n - 1)
+        return index
+
+    def _bounds(self, tile: tuple[int, int]) -> Bounds:
+        low, high = np.array(self.site[:2]), np.array(self.site[2:])
+        size = (high - low) / np.array(self.n_tiles)
+        corner = low + size * np.array(tile)
+        return (*corner.tolist(), *(corner + size).tolist())
+
+    def _near(self, tile: tuple[int, int]) -> BoolArray:
+        """Mask of the points in a tile and its halo."""
+        halo = HALO_LENGTHS * self.kernel.length_scales_m[1]
+        xmin, ymin, xmax, ymax = self._bounds(tile)
+        x, y = self.data.xy.T
+        near: BoolArray = (x >= xmin - halo) & (x <= xmax + halo) & (y >= ymin - halo) & (y <= ymax + halo)
+        return near
+
+    def _tile(self, tile: tuple[int, int]) -> FourierGaussianProcess:
+        near = self._near(tile)
+        if not near.any():
+            raise InputError(
+                f"no point lies within {HALO_LENGTHS:g} length scales of the ground about "
+                f"{tuple(round(b, 1) for b in self._bounds(tile))}; map a smaller area, or give a longer length scale."
+            )
+        xy = self.data.xy[near]
+        return FourierGaussianProcess.fit(
+            xy,
+            self.data.values[near] - self.trend.columns(xy) @ self.coefficients,
+            np.sqrt(self.data.noise_m2[near]),
+            self.kernel,
+            bounds=self._bounds(tile),
+            tolerance_m=self.tolerance_m,
+            memory_mb=self.memory_mb,
+        )
+
+
+def _tiling(
+    kernel: Kernel, site: Bounds, sharpest_m: float, *, tolerance_m: float, memory_mb: float
+) -> tuple[int, int]:
+    """Halve the longer side until a tile with its halo fits."""
+    size, n = np.array([site[2] - site[0], site[3] - site[1]]), np.ones(2, dtype=int)
+    halo = HALO_LENGTHS * kernel.length_scales_m[1]
+    for _ in range(2 * _LARGEST_HALVINGS):
+        width, height = size / n + 2 * halo
+        try:
+            resolve(
+                kernel, (0.0, 0.0, width, height), sharpest_m, tolerance_m=tolerance_m, memory_mb=memory_mb
+            )
+        except CapacityError:
+            n[int(np.argmax(size / n))] *= 2
+            continue
+        return int(n[0]), int(n[1])
+    raise CapacityError(
+        f"not even a small tile with its halo of {halo:.0f} m fits {memory_mb:.0f} MB; allow more memory or give a "
+        "longer shortest length scale."
+    )

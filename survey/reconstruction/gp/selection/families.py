@@ -1,0 +1,222 @@
+"""Which covariance function the points speak for: the families, and the likelihood on a well-chosen part of the points."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import InputError
+from survey.core.streams import stream
+from survey.reconstruction.gp.config import Family, GaussianProcessConfig, kernel_of
+from survey.reconstruction.gp.covariance.kernels import Kernel, Sum
+
+CANDIDATES: tuple[Family, ...] = ("squared-exponential", "matern-3/2", "two-scale", "two-scale-matern")
+"""What ``family = "auto"`` chooses from."""
+
+_N_SEARCHED = 640
+_N_CLUSTERS = 16
+# Relative step of the derivative of the covariance with respect to a parameter: error 1e-9.
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """A covariance function, the relief too fine to be mapped [m], and the log likelihood that chose them."""
+
+    family: Family
+    kernel: Kernel
+    nugget_m: float
+    log_likelihood: float
+    n_points: int = 1
+
+    @property
+    def score(self) -> float:
+        """Log likelihood less ``½ P log N`` for P parameters (Schwarz 1978)."""
+        n_parameters = len(self.kernel.parameter_names) + 1
+        return self.log_likelihood - 0.5 * n_parameters * float(np.log(self.n_points))
+
+
+SharedCovariance = Callable[[IntArray], FloatArray]
+"""From the indices of some points (M,) to the covariance (M, M) of the errors that they share [m²]."""
+
+
+def likeliest(
+    xy: FloatArray,
+    values: FloatArray,
+    noise_m2: FloatArray,
+    config: GaussianProcessConfig,
+    shared: SharedCovariance | None = None,
+    *,
+    candidates: tuple[Family, ...] = CANDIDATES,
+) -> Hyperparameters:
+    """Fit the families that `config` allows to at most 640 of the points, and return the likeliest.
+
+    Half of them come in clusters of neighbours, which tell the short scales and the
+    nugget; the others are spread over all, which tells the long scale.
+
+    Parameters
+    ----------
+    xy, values, noise_m2 : (N, 2), (N,) and (N,) ndarray
+        Places [m], values about their mean and noise variances.
+    config : GaussianProcessConfig
+        The family, or ``auto``; starts of the search.
+    shared : callable, optional
+        Covariance of errors that points have in common; it would pass for terrain.
+    candidates : tuple of str
+        The families that ``auto`` chooses from.
+    """
+    part = _well_spread(xy)
+    together = None if shared is None else shared(part)
+    search = _Search.of(xy[part], values[part], noise_m2[part], config.nugget_m, together)
+    families = candidates if config.family == "auto" else (config.family,)
+    fitted = [search.fit(family, config) for family in families]
+    return max(fitted, key=lambda found: found.score)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Likelihood of a kernel and a nugget, with its gradient; an unknown constant is integrated out."""
+
+    values: FloatArray
+    noise_m2: FloatArray
+    lags_m: FloatArray
+    pairs: tuple[IntArray, IntArray]
+    extent_m: float
+    nugget_m: float | None
+    shared: tuple[FloatArray, FloatArray] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        xy: FloatArray,
+        values: FloatArray,
+        noise_m2: FloatArray,
+        nugget_m: float | None,
+        shared: FloatArray | None = None,
+    ) -> "_Search":
+        pairs = np.triu_indices(len(xy), k=1)
+        lags = xy[pairs[0]] - xy[pairs[1]]
+        extent = max(float(np.ptp(xy, axis=0).max()), 1e-3)
+        together = None if shared is None else (shared[pairs], np.diag(shared))
+        return cls(values - values.mean(), noise_m2, lags, pairs, extent, nugget_m, together)
+
+    def fit(self, family: Family, config: GaussianProcessConfig) -> Hyperparameters:
+        """Climb to the greatest likelihood of one family, from one start a long and one a short way off."""
+        found = [self._climb(family, config, share) for share in (0.15, 0.04)]
+        return max(found, key=lambda one: one.log_likelihood)
+
+    def _climb(self, family: Family, config: GaussianProcessConfig, share: float) -> Hyperparameters:
+        noise = float(np.median(self.noise_m2))
+        spread = max(float(np.var(self.values)), noise)
+        start = kernel_of(
+            family,
+            config.variance_m2 or spread,
+            config.length_scale_m or share * self.extent_m,
+            anisotropy=config.anisotropy,
+            angle_deg=config.angle_deg,
+            shape=config.shape,
+            second=(
+                config.second_variance_m2 or max(0.01 * spread, noise),
+                config.second_length_scale_m or 0.15 * share * self.extent_m,
+            ),
+        )
+        theta = np.append(start.log_parameters, np.log(0.25 * noise))
+        limits = [*(self._limits(n, v) for n, v in zip(start.parameter_names, theta, strict=False))]
+        limits.append((np.log(1e-6 * noise), np.log(max(spread, noise))))
+        low, high = np.array(limits).T
+        result = minimize(
+            self._negative,
+            np.clip(theta, low, high),
+            args=(start,),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=limits,
+            options={"maxiter": 60, "ftol": 1e-8},
+        )
+        nugget = self.nugget_m if self.nugget_m is not None else float(np.exp(0.5 * result.x[-1]))
+        return Hyperparameters(
+            family, start.with_log_parameters(result.x[:-1]), nugget, -float(result.fun), len(self.values)
+        )
+
+    def _limits(self, name: str, value: float) -> tuple[float, float]:
+        if "length_scale_m" in name:
+            # A further part that is longer than half the site is a plane, and wants waves that the others need.
+            longest = 0.5 if name[-1] in "23" else 3.0
+            return float(np.log(2e-3 * self.extent_m)), float(np.log(longest * self.extent_m))
+        if "angle" in name:
+            return value - np.pi, value + np.pi
+        return value - np.log(1e4), value + np.log(1e4)
+
+    def _negative(self, theta: FloatArray, kernel: Kernel) -> tuple[float, FloatArray]:
+        """Negative log likelihood (Eq. 9) and its gradient, ½ tr((K⁻¹ − αα') dK)."""
+        candidate = kernel.with_log_parameters(theta[:-1])
+        nugget_m2 = self.nugget_m**2 if self.nugget_m is not None else float(np.exp(theta[-1]))
+        n = len(self.values)
+        terms = [self._term(part) for part in _parts(candidate)]
+        matrix = np.zeros((n, n), order="F")
+        matrix[self.pairs[1], self.pairs[0]] = np.sum([term.covariance for term in terms], axis=0)
+        matrix[np.diag_indices(n)] = candidate.variance_m2 + self.noise_m2 + nugget_m2
+        if self.shared is not None:
+            matrix[self.pairs[1], self.pairs[0]] += self.shared[0]
+            matrix[np.diag_indices(n)] += self.shared[1]
+        factor, failed = lapack.dpotrf(matrix, lower=1, overwrite_a=1)
+        if failed:
+            # Not positive definite in double precision: worse than anything that is.
+            return 1e25, np.zeros_like(theta)
+        log_determinant = 2.0 * np.log(np.diag(factor)).sum()
+        inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
+        inverse = np.tril(inverse) + np.tril(inverse, -1).T
+        ones = inverse.sum(axis=1)
+        weights = inverse @ self.values
+        weights = weights - ones * (weights.sum() / ones.sum())
+        negative = 0.5 * (
+            self.values @ weights + log_determinant + np.log(ones.sum()) + n * np.log(2 * np.pi)
+        )
+        slope = inverse - np.outer(weights, weights) - np.outer(ones, ones) / ones.sum()
+        gradient = [
+            (slope[self.pairs] @ d_pairs) + 0.5 * np.trace(slope) * d_variance
+            for term in terms
+            for d_pairs, d_variance in term.derivatives
+        ]
+        of_nugget = 0.0 if self.nugget_m is not None else 0.5 * np.trace(slope) * nugget_m2
+        return float(negative), np.array([*gradient, of_nugget])
+
+    def _term(self, part: Kernel) -> "_Term":
+        """One part of the sum: its covariance of every pair, and how that moves with its parameters."""
+        covariance = part.covariance_of_lag(self.lags_m)
+        derivatives = [(covariance, part.variance_m2)]
+        for step in _STEP * np.eye(len(part.log_parameters))[1:]:
+            above = part.with_log_parameters(part.log_parameters + step)
+            below = part.with_log_parameters(part.log_parameters - step)
+            change = above.covariance_of_lag(self.lags_m) - below.covariance_of_lag(self.lags_m)
+            derivatives.append((change / (2 * _STEP), 0.0))
+        return _Term(covariance, derivatives)
+
+
+@dataclass(frozen=True)
+class _Term:
+    covariance: FloatArray
+    derivatives: list[tuple[FloatArray, float]]
+
+
+def _parts(kernel: Kernel) -> tuple[Kernel, ...]:
+    """Return the parts of a sum; every part's first parameter is the logarithm of its variance."""
+    return kernel.parts if isinstance(kernel, Sum) else (kernel,)
+
+
+def _well_spread(xy: FloatArray) -> IntArray:
+    """Return the indices of at most 640 points: half spread at random, half in clusters of neighbours; always the same."""
+    if len(xy) < 3:
+        raise InputError(f"{len(xy)} points cannot tell a covariance; give more, or set fit = false.")
+    if len(xy) <= _N_SEARCHED:
+        return np.arange(len(xy))
+    order = stream(0, "hyperparameters").permutation(len(xy))
+    spread, centres = order[: _N_SEARCHED // 2], order[-_N_CLUSTERS:]
+    each = _N_SEARCHED // 2 // _N_CLUSTERS
+    near = cKDTree(xy).query(xy[centres], k=each)[1].ravel()
+    chosen: IntArray = np.unique(np.concatenate([spread, near]))
+    return chosen

@@ -1,0 +1,211 @@
+r"""The lowest rays over every node of a lattice: how high the ground can be there at most.
+
+A ray that went from its sensor to its end passed above the ground all the way, g(t) ≥ f(x(t)).
+What it says of a node is said where it comes nearest to it, at the distance d: ground that rises
+no steeper than m from there gives
+
+.. math::  f(x_{node}) \le c = g(t^*) + k \sigma + m d
+
+with the standard deviation σ of the ray's height.  One wrong ray would carve a hole, so that not
+the lowest one counts but the third.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numba import njit
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.reconstruction.nodes import NodeWindow
+
+# The rays kept for a node; the last of them is the one that counts.
+N_LOWEST = 3
+# A ray's last steps say nothing that its end does not say better.
+_END_IN_STEPS = 1.5
+_SIGMAS = 3.0
+# Beyond its mean slope, ground may rise so much from where a ray passes to the node.
+_MORE_SLOPE = 0.3
+# A ray so far below the third-lowest is outvoted [m].
+_ALONE_M = 0.2
+# The slope that ranks the rays of one node, before the ground's own is known.
+_RANKING_SLOPE = 1.0
+
+
+@dataclass(eq=False)
+class LowestRays:
+    """The three lowest rays over every node of a window.
+
+    Parameters
+    ----------
+    height : (3, H, W) ndarray
+        Height above the datum of the lowest rays where each is nearest to the node, three standard
+        deviations of the ray's height added [m]; infinite where there is none. The first is the lowest
+        once the ground's rise to the node is added.
+    offset : (3, H, W) ndarray
+        Horizontal distance between that place and the node [m].
+
+    Notes
+    -----
+    A node hears of the rays that cross its cell, a square of one step about it. Neighbouring nodes
+    often hear of the same rays, so that a ray that is wrong by itself is outvoted and a beam that
+    always lies is not.
+
+    Examples
+    --------
+    A level ray 2 m above the row of nodes, and another, and a third:
+
+    >>> window = NodeWindow(1.0, 0, 0, 3, 9)
+    >>> rays = LowestRays.empty(window.shape)
+    >>> start, end = np.tile([0.0, 1.0, 2.0], (3, 1)), np.tile([8.0, 1.0, 2.0], (3, 1))
+    >>> rays.add(window, start, end, np.zeros(3))
+    >>> rays.ceiling(np.zeros(window.shape))[1]
+    array([ 2.,  2.,  2.,  2.,  2.,  2.,  2., inf, inf])
+    """
+
+    height: FloatArray
+    offset: FloatArray
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int]) -> Self:
+        """Return what is known without rays."""
+        return cls(np.full((N_LOWEST, *shape), np.inf), np.zeros((N_LOWEST, *shape)))
+
+    def add(self, window: NodeWindow, start: FloatArray, end: FloatArray, sigma_m: FloatArray) -> None:
+        """Take in rays.
+
+        Parameters
+        ----------
+        window : NodeWindow
+            The nodes.
+        start, end : (N, 3) ndarray
+            Where the sensor stood and where the ray ended, heights above the datum [m].
+        sigma_m : (N,) ndarray
+            Standard deviation of a ray's height [m].
+        """
+        rays = np.empty((len(start), 7))
+        rays[:, :2], rays[:, 2] = window.coordinates(start[:, :2]), start[:, 2]
+        rays[:, 3:5], rays[:, 5] = window.coordinates(end[:, :2]), end[:, 2]
+        rays[:, 6] = _SIGMAS * sigma_m
+        # Steep rays first: they are short, and with them most cells near the sensor need no other.
+        length = np.hypot(rays[:, 3] - rays[:, 0], rays[:, 4] - rays[:, 1])
+        steep_first = np.argsort((rays[:, 5] - rays[:, 2]) / np.maximum(length, 1e-9), kind="stable")
+        _cast(rays[steep_first], window.step_m, self.height, self.offset)
+
+    def ceiling(self, slope: FloatArray) -> FloatArray:
+        """Return the greatest height (H, W) that the ground can have [m]; infinite where too few rays passed.
+
+        Parameters
+        ----------
+        slope : (H, W) ndarray
+            Steepness of the ground as far as it is known [m/m].
+        """
+        reach = np.where(np.isfinite(self.height[-1]), self.offset[-1], 0.0)
+        ceiling: FloatArray = self.height[-1] + (slope + _MORE_SLOPE) * reach
+        return ceiling
+
+    def outvoted(self) -> FloatArray:
+        """Return the heights (H, W) below which a ray is alone with what it says [m]: 0.2 m under the third-lowest.
+
+        -∞ where fewer than three rays passed: there nothing speaks against a ray.
+        """
+        third = self.height[-1]
+        return np.where(np.isfinite(third), third - _ALONE_M, -np.inf)
+
+    def within(self, rows: slice, columns: slice) -> "LowestRays":
+        """Return those over a part of the window."""
+        return LowestRays(self.height[:, rows, columns], self.offset[:, rows, columns])
+
+    def covered(self) -> BoolArray:
+        """Tell over which nodes (H, W) enough rays passed."""
+        covered: BoolArray = np.isfinite(self.height[-1])
+        return covered
+
+    def carried(self, new: NodeWindow, old: NodeWindow) -> "LowestRays":
+        """Return the same on another window."""
+        return LowestRays(new.carried(self.height, old, np.inf), new.carried(self.offset, old, 0.0))
+
+
+def steepness(z: FloatArray, step_m: float) -> FloatArray:
+    """Return the slope (H, W) of node heights, by differences of neighbours [m/m].
+
+    Examples
+    --------
+    >>> steepness(np.array([[0.0, 1.0, 2.0]] * 3), 2.0)[1]
+    array([0.5, 0.5, 0.5])
+    """
+    north, east = np.gradient(z, step_m)
+    slope: FloatArray = np.hypot(north, east)
+    return slope
+
+
+@njit(cache=True)
+def _cast(rays: FloatArray, step_m: float, height: FloatArray, offset: FloatArray) -> None:
+    """Walk every ray from cell to cell and keep the lowest; rays are start, end (in steps, steps, m) and margin [m]."""
+    rows, columns = height.shape[1:]
+    # What a ray has to be below to be among a node's lowest: most are not, and are passed over quickly.
+    highest = height[-1] + _RANKING_SLOPE * offset[-1]
+    for k in range(len(rays)):
+        u, v, z, u_end, v_end, z_end, margin = rays[k]
+        du, dv, dz = u_end - u, v_end - v, z_end - z
+        squared = du * du + dv * dv
+        if squared <= _END_IN_STEPS**2:
+            continue
+        t, last = 0.0, 1.0 - _END_IN_STEPS / np.sqrt(squared)
+        t, last = _within(u, du, columns, t, last)
+        t, last = _within(v, dv, rows, t, last)
+        if t >= last:
+            continue
+        i = min(max(int(np.floor(u + t * du + 0.5)), 0), columns - 1)
+        j = min(max(int(np.floor(v + t * dv + 0.5)), 0), rows - 1)
+        east, north = 1 if du > 0.0 else -1, 1 if dv > 0.0 else -1
+        per_column, per_row = 1.0 / du if du else np.inf, 1.0 / dv if dv else np.inf
+        t_east, t_north = _leaves(u, per_column, i, east), _leaves(v, per_row, j, north)
+        a, b, z = du / squared, dv / squared, z + margin
+        while t < last:
+            leave = min(t_east, t_north, last)
+            nearest = min(max((i - u) * a + (j - v) * b, t), max(leave, t))
+            h = z + nearest * dz
+            if h < highest[j, i]:
+                away_m = step_m * np.hypot(u + nearest * du - i, v + nearest * dv - j)
+                _keep(height[:, j, i], offset[:, j, i], h, away_m)
+                highest[j, i] = height[-1, j, i] + _RANKING_SLOPE * offset[-1, j, i]
+            t = leave
+            if t_east <= t_north:
+                i += east
+                t_east = _leaves(u, per_column, i, east)
+            else:
+                j += north
+                t_north = _leaves(v, per_row, j, north)
+            if i < 0 or j < 0 or i >= columns or j >= rows:
+                break
+
+
+@njit(cache=True, inline="always")
+def _within(x: float, dx: float, n: int, t: float, last: float) -> tuple[float, float]:
+    """Cut the part of a ray between t and last to the cells of n nodes on one axis."""
+    low, high = -0.5, n - 0.5
+    if dx == 0.0:
+        return (t, last) if low <= x <= high else (1.0, 0.0)
+    a, b = (low - x) / dx, (high - x) / dx
+    return max(t, min(a, b)), min(last, max(a, b))
+
+
+@njit(cache=True, inline="always")
+def _leaves(x: float, per_step: float, i: int, way: int) -> float:
+    """Return where a ray leaves the cell of node i on one axis; never, where it runs across that axis."""
+    return (i + 0.5 * way - x) * per_step if per_step != np.inf else np.inf
+
+
+@njit(cache=True, inline="always")
+def _keep(height: FloatArray, offset: FloatArray, h: float, d: float) -> None:
+    """Insert a ray among a node's lowest, if it is one of them."""
+    rank = h + _RANKING_SLOPE * d
+    n = len(height)
+    if rank >= height[n - 1] + _RANKING_SLOPE * offset[n - 1]:
+        return
+    k = n - 1
+    while k > 0 and rank < height[k - 1] + _RANKING_SLOPE * offset[k - 1]:
+        height[k], offset[k] = height[k - 1], offset[k - 1]
+        k -= 1
+    height[k], offset[k] = h, d

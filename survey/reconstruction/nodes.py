@@ -1,0 +1,252 @@
+"""Nodes anchored in the world, and what every model of heights on such nodes has in common."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+from pyproj import CRS
+from scipy.ndimage import distance_transform_edt
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import CapacityError, InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.reconstruction.base import (
+    INTERPOLATED,
+    MEASURED,
+    UNSEEN,
+    Reconstruction,
+    TerrainModel,
+    not_fitted,
+)
+
+
+@dataclass(frozen=True)
+class NodeWindow:
+    """A rectangle of nodes at whole multiples of the step, so that windows always fall upon one another.
+
+    Parameters
+    ----------
+    step_m : float
+        Distance between neighbouring nodes [m].
+    west, south : int
+        Easting and northing of the first node, in steps.
+    rows, columns : int
+        Nodes northwards and eastwards, at least 3 each.
+
+    Examples
+    --------
+    >>> NodeWindow.over((0.3, 0.0, 2.0, 1.0), 0.5).xy[0]
+    array([0., 0.])
+    """
+
+    step_m: float
+    west: int
+    south: int
+    rows: int
+    columns: int
+
+    @classmethod
+    def over(cls, bounds: tuple[float, float, float, float], step_m: float) -> Self:
+        """Return the smallest window that covers ``(xmin, ymin, xmax, ymax)`` [m]."""
+        xmin, ymin, xmax, ymax = (float(bound) / step_m for bound in bounds)
+        west, south = int(np.floor(xmin + 1e-9)), int(np.floor(ymin + 1e-9))
+        columns = max(int(np.ceil(xmax - 1e-9)) - west + 1, 3)
+        return cls(step_m, west, south, max(int(np.ceil(ymax - 1e-9)) - south + 1, 3), columns)
+
+    @classmethod
+    def around(cls, centre: FloatArray, side_m: float, step_m: float) -> Self:
+        """Return the window of a given side whose middle node is nearest to a place."""
+        n = max(round(side_m / step_m), 3)
+        west, south = (int(np.round(c / step_m)) - n // 2 for c in centre[:2])
+        return cls(step_m, west, south, n, n)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """``(xmin, ymin, xmax, ymax)`` of the outermost nodes [m]."""
+        east, north = self.west + self.columns - 1, self.south + self.rows - 1
+        return self.west * self.step_m, self.south * self.step_m, east * self.step_m, north * self.step_m
+
+    @property
+    def xy(self) -> FloatArray:
+        """Places of the nodes [m], (rows * columns, 2), row by row from the south-west."""
+        x = self.step_m * (self.west + np.arange(self.columns))
+        y = self.step_m * (self.south + np.arange(self.rows))
+        east, north = np.meshgrid(x, y)
+        return np.column_stack([east.ravel(), north.ravel()])
+
+    def coordinates(self, xy: FloatArray) -> FloatArray:
+        """Return places (N, 2) [m] in steps from the first node."""
+        return xy / self.step_m - np.array([self.west, self.south], dtype=np.float64)
+
+    def covers(self, bounds: tuple[float, float, float, float]) -> bool:
+        """Tell whether the rectangle [m] lies within the nodes, to a thousandth of a step."""
+        slack = 1e-3 * self.step_m
+        mine = self.bounds
+        return all(mine[k] <= bounds[k] + slack for k in (0, 1)) and all(
+            mine[k] >= bounds[k] - slack for k in (2, 3)
+        )
+
+    def joined(self, other: "NodeWindow") -> "NodeWindow":
+        """Return the smallest window that holds both."""
+        west, south = min(self.west, other.west), min(self.south, other.south)
+        east = max(self.west + self.columns, other.west + other.columns)
+        north = max(self.south + self.rows, other.south + other.rows)
+        return NodeWindow(self.step_m, west, south, north - south, east - west)
+
+    def within(self, other: "NodeWindow") -> tuple[slice, slice]:
+        """Return the rows and columns of `other` that lie in this window."""
+        south, west = self.south - other.south, self.west - other.west
+        rows = slice(max(south, 0), min(max(south + self.rows, 0), other.rows))
+        return rows, slice(max(west, 0), min(max(west + self.columns, 0), other.columns))
+
+    def carried(self, values: Any, old: "NodeWindow", fill: float = 0.0) -> Any:
+        """Return an array (…, H, W) of the old window on this one; `fill` where the old one has no node."""
+        moved = np.full((*values.shape[:-2], *self.shape), fill, dtype=values.dtype)
+        moved[(..., *old.within(self))] = values[(..., *self.within(old))]
+        return moved
+
+
+class Here(NamedTuple):
+    """Where a lattice is and in which system: its nodes, the level of its heights, CRS and vertical datum."""
+
+    window: NodeWindow
+    datum_m: float
+    crs: CRS
+    vertical_datum: str
+
+
+class LatticeModel(TerrainModel):
+    """Heights on nodes, bilinear between them, and NaN beyond them."""
+
+    method: ClassVar[str]
+    here: Here | None = None
+
+    @abstractmethod
+    def _nodes(self) -> FloatArray:
+        """Return the heights of the nodes above the datum (H, W) [m]."""
+
+    @abstractmethod
+    def _node_std(self) -> FloatArray:
+        """Return the standard deviations of the nodes (H, W) [m], or the points' spread for a model that has none."""
+
+    @abstractmethod
+    def _weights(self) -> FloatArray:
+        """Return how much data hang on each node (H, W); 0 for none."""
+
+    @abstractmethod
+    def _reach_m(self) -> float:
+        """Return the distance from the data beyond which the map says nothing of the ground."""
+
+    @abstractmethod
+    def _record(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return what was assumed or learned, and what was found out, for the record."""
+
+    def grid(self, grid: Grid) -> Reconstruction:
+        """Return the map on the nodes of a grid; NaN beyond the lattice.
+
+        A model without standard deviation gives the spread of the points about the surface in
+        its place, and says so.
+        """
+        here = self.where
+        places = grid.xy
+        hyperparameters, diagnostics = self._record()
+
+        def dem(values: FloatArray) -> Dem:
+            return Dem.on(grid, values.reshape(grid.shape), here.vertical_datum)
+
+        has_std = self.capabilities.std
+        return Reconstruction(
+            dem(self._height(places)),
+            dem(self._std(places)),
+            self._support(places).reshape(grid.shape),
+            self.method,
+            hyperparameters,
+            dem(self._bound(places, "lower")) if has_std else None,
+            dem(self._bound(places, "upper")) if has_std else None,
+            diagnostics=diagnostics,
+        )
+
+    def whole_grid(self) -> Grid:
+        """Return the grid of the lattice's own nodes."""
+        here = self.where
+        return Grid(here.window.bounds, here.window.step_m, here.crs)
+
+    @property
+    def where(self) -> Here:
+        """The nodes' place, the level of their heights, and their system."""
+        if self.here is None:
+            raise not_fitted()
+        return self.here
+
+    def _height(self, xy: FloatArray) -> FloatArray:
+        here = self.where
+        return bilinear(self._nodes(), here.window.coordinates(xy)) + here.datum_m
+
+    def _std(self, xy: FloatArray) -> FloatArray:
+        return bilinear(self._node_std(), self.where.window.coordinates(xy))
+
+    def _support(self, xy: FloatArray) -> npt.NDArray[np.uint8]:
+        window = self.where.window
+        u, v = np.round(window.coordinates(xy)).astype(np.int64).T
+        inside = (u >= 0) & (v >= 0) & (u < window.columns) & (v < window.rows)
+        codes = self._node_support()[np.where(inside, v, 0), np.where(inside, u, 0)]
+        return np.where(inside, codes, UNSEEN).astype(np.uint8)
+
+    def _node_support(self) -> npt.NDArray[np.uint8]:
+        """Return the support code of every node."""
+        away_m = self._away_m()
+        near = np.where(away_m <= self._reach_m(), INTERPOLATED, UNSEEN)
+        return np.where(away_m == 0.0, MEASURED, near).astype(np.uint8)
+
+    def _away_m(self) -> FloatArray:
+        """Return the distance of every node (H, W) from the nearest one that a point hangs on [m]."""
+        return self.where.window.step_m * away_from(self._weights() > 0.0)
+
+
+def away_from(measured: BoolArray) -> FloatArray:
+    """Return the distance of every node (H, W) from the nearest measured one, in steps."""
+    if not measured.any():
+        return np.full(measured.shape, np.inf)
+    away: FloatArray = distance_transform_edt(~measured)
+    return away
+
+
+def bilinear(values: FloatArray, uv: FloatArray) -> FloatArray:
+    """Interpolate node values (H, W) at lattice coordinates (N, 2); NaN beyond the nodes."""
+    rows, columns = values.shape
+    # A thousandth of a step of slack: a place on the edge is on the lattice whatever the rounding.
+    u, v = np.clip(uv, 0.0, (columns - 1, rows - 1)).T
+    inside = (np.abs(uv - np.column_stack([u, v])) <= 1e-3).all(axis=1)
+    i, j = np.minimum(u.astype(np.int64), columns - 2), np.minimum(v.astype(np.int64), rows - 2)
+    s, t = u - i, v - j
+    south = values[j, i] * (1 - s) + values[j, i + 1] * s
+    north = values[j + 1, i] * (1 - s) + values[j + 1, i + 1] * s
+    return np.where(inside, south * (1 - t) + north * t, np.nan)
+
+
+def require_room(window: NodeWindow, bytes_per_node: float, memory_mb: float) -> None:
+    """Refuse a lattice that would not fit the memory allowed."""
+    needed = window.rows * window.columns * bytes_per_node / 1e6
+    if needed > memory_mb:
+        raise CapacityError(
+            f"the points span {window.rows} × {window.columns} nodes of {window.step_m:g} m, which take {needed:.0f} MB "
+            f"of the {memory_mb:g} MB allowed; take a larger step, cut the points, or let the map follow the sensor."
+        )
+
+
+def sensor_place(origins: FloatArray | None) -> FloatArray:
+    """Return the middle (2,) [m] between a scan's first and last origin, or refuse a scan that does not tell."""
+    if origins is None:
+        raise InputError(
+            "the scan does not say where its sensor stood, and the map is to follow it; give origins or a map of fixed bounds."
+        )
+    middle: FloatArray = 0.5 * (origins[0, :2] + origins[-1, :2])
+    return middle

@@ -1,0 +1,55 @@
+"""Outlines of glaciers, by name."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+from shapely.validation import explain_validity
+
+from survey.core.errors import InputError
+from survey.core.geodesy import projected_crs, transformed
+from survey.io.vector import read_features
+
+# Columns that carry a name, the first one present is taken: own files, the Randolph inventory, KML.
+_NAMES = ("name", "Name", "NAME", "glac_name", "rgi_id", "RGIId", "id")
+
+
+def read_outlines(path: str | Path, crs: Any) -> dict[str, Polygon | MultiPolygon]:
+    """Read polygons by name from GeoJSON, GeoPackage, KML or Shapefile into a projected CRS.
+
+    Raises
+    ------
+    InputError
+        A damaged file, no CRS, or a feature that is no simple polygon.
+    """
+    features = read_features(path, what="the outline file")
+    if features.crs is None:
+        raise InputError(f"the outline file {path} carries no coordinate reference system; save it with one.")
+    target = projected_crs(crs, "the surveys")
+    names = _names(features.attributes, len(features.geometry))
+    outlines: dict[str, Polygon | MultiPolygon] = {}
+    for name, shape in zip(names, features.geometry, strict=True):
+        if not isinstance(shape, Polygon | MultiPolygon) or shape.is_empty:
+            kind = "nothing" if shape is None else f"a {shape.geom_type}"
+            raise InputError(f"{path}: the outline {name!r} is {kind}; a polygon was expected.")
+        moved = shapely.transform(
+            shapely.force_2d(shape), lambda xy: transformed(xy, features.crs, target, str(path))
+        )
+        if not moved.is_valid or moved.area <= 0.0:
+            raise InputError(
+                f"{path}: the outline {name!r} is not a simple polygon ({explain_validity(moved)}); correct it in a GIS."
+            )
+        outlines[name] = moved
+    return outlines
+
+
+def _names(columns: dict[str, Any], n: int) -> list[str]:
+    """Names as the file gives them, numbered where they are missing or repeated."""
+    column = next((columns[name] for name in _NAMES if name in columns), np.full(n, None, dtype=object))
+    names: list[str] = []
+    for index, value in enumerate(column, start=1):
+        name = "outline" if value is None or not str(value).strip() else str(value).strip()
+        names.append(f"{name} {index}" if name in names or name == "outline" else name)
+    return names

@@ -1,0 +1,221 @@
+"""How the errors of an elevation difference go together with distance, learnt where nothing changed."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.optimize import nnls
+from scipy.special import stdtrit
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import InputError
+
+LARGEST_CELLS = 16_000_000
+"""Rasters beyond this are thinned or cut before their variogram is taken."""
+_N_LEAST = 100
+_N_BINS = 30
+_N_RANGES = 24
+# Pairs farther apart than this share of the known ground's extent are too few and too alike to learn from.
+_FARTHEST_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Variogram:
+    r"""A nugget and spherical structures of several ranges.
+
+    .. math::  \gamma(h) = c_0\,[h > 0] + \sum_k c_k \, \mathrm{sph}(h / a_k), \qquad
+               \mathrm{sph}(s) = \tfrac{3}{2} s - \tfrac{1}{2} s^3 \;(s < 1), \; 1 \text{ beyond}
+
+    Parameters
+    ----------
+    nugget_m2 : float
+        Variance of what is independent from cell to cell [m²].
+    sills_m2 : (K,) tuple of float
+        Variance of each structure [m²].
+    ranges_m : (K,) tuple of float
+        Distance beyond which it no longer connects [m].
+    """
+
+    nugget_m2: float
+    sills_m2: tuple[float, ...]
+    ranges_m: tuple[float, ...]
+
+    @property
+    def variance_m2(self) -> float:
+        """Variance of one cell's error [m²]."""
+        return self.nugget_m2 + sum(self.sills_m2)
+
+    def at(self, lag_m: FloatArray) -> FloatArray:
+        """Half the mean square difference of two cells at the distances [m], as [m²]."""
+        gamma: FloatArray = np.where(lag_m > 0.0, self.nugget_m2, 0.0)
+        for sill, reach in zip(self.sills_m2, self.ranges_m, strict=True):
+            gamma = gamma + sill * _spherical(lag_m / reach)
+        return gamma
+
+    def covariance(self, lag_m: FloatArray) -> FloatArray:
+        """Covariance of the errors of two cells at the distances [m], as [m²]."""
+        return self.variance_m2 - self.at(lag_m)
+
+    @classmethod
+    def of(cls, difference: FloatArray, known: BoolArray, step_m: float) -> Self:
+        """Learn from a raster of errors (H, W) [m] on the cells that are known.
+
+        Every pair of cells counts, by their Fourier transforms; bins of distance are as wide
+        as they are far, and all weigh alike relative to their value.
+
+        Raises
+        ------
+        InputError
+            Fewer than 100 known cells.
+
+        Notes
+        -----
+        Errors that go together over more than half the known ground cannot be told from a
+        common offset and are not in it. Blunders belong removed before.
+
+        Examples
+        --------
+        >>> white = np.random.default_rng(1).normal(0.0, 0.5, (60, 60))
+        >>> variogram = Variogram.of(white, np.ones((60, 60), dtype=bool), 2.0)
+        >>> bool(abs(variogram.variance_m2 - 0.25) < 0.02)
+        True
+        """
+        n = int(known.sum())
+        if n < _N_LEAST:
+            raise InputError(
+                f"{n} cells of unchanged ground are known; {_N_LEAST} are needed to learn how errors go together."
+            )
+        lags, gamma, weight = _empirical(difference, known, step_m)
+        return cls._fitted(lags, gamma, weight, step_m)
+
+    @classmethod
+    def _fitted(cls, lags: FloatArray, gamma: FloatArray, weight: FloatArray, step_m: float) -> Self:
+        """Sills by non-negative least squares over a ladder of ranges."""
+        ranges = np.geomspace(2.0 * step_m, 1.5 * max(lags[-1], 2.0 * step_m), _N_RANGES)
+        columns = np.column_stack([np.ones_like(lags), *(_spherical(lags / a) for a in ranges)])
+        sills, _ = nnls(columns * weight[:, None], gamma * weight)
+        used = np.flatnonzero(sills[1:] > 0.0)
+        return cls(
+            float(sills[0]),
+            tuple(float(sills[1 + k]) for k in used),
+            tuple(float(ranges[k]) for k in used),
+        )
+
+
+@dataclass(frozen=True)
+class ErrorOfSum:
+    """Standard deviation of a weighted sum of errors, and the degrees of freedom behind its estimate."""
+
+    std: float
+    n_free: float
+
+    @property
+    def half_width_95(self) -> float:
+        """Half the 95 % interval: Student's t, for the standard deviation is itself estimated."""
+        return float(stdtrit(max(self.n_free, 1.0), 0.975)) * self.std
+
+
+def error_of_sum(
+    weights: FloatArray, variogram: Variogram, learnt_on: BoolArray, step_m: float
+) -> ErrorOfSum:
+    r"""Error of the weighted sum of a raster's errors, with their correlation.
+
+    .. math::  \operatorname{var} \sum_i w_i e_i = \sum_{ij} w_i w_j \, C(|x_i - x_j|) = \sum_k v_k, \qquad
+               \nu = \Big(\frac{\sum_k v_k}{\sum_k v_k / \sqrt{\nu_k}}\Big)^2, \qquad
+               \nu_k = \frac{n^2 C_k(0)^2}{\sum_{ij} C_k(|x_i - x_j|)^2}
+
+    over all pairs of cells exactly, by autocorrelations; k runs over the structures of the
+    variogram, and ν is Satterthwaite's (1946) number of degrees of freedom: how many
+    independent errors of each range the n cells have shown from which the variogram was learnt.
+    The sills of one fit err together, so that their deviations add up, not their variances.
+
+    Parameters
+    ----------
+    weights : (H, W) ndarray
+        Where they add up to 0 (the mean of a glacier less that of the ground around it),
+        what all cells share cancels.
+    variogram : Variogram
+        Of the errors.
+    learnt_on : (H, W) ndarray of bool
+        The cells that it was learnt on.
+    step_m : float
+        Width of a cell [m].
+
+    Examples
+    --------
+    >>> white, all_cells = Variogram(4.0, (), ()), np.ones((3, 3), dtype=bool)
+    >>> error_of_sum(np.full((3, 3), 1.0 / 9.0), white, all_cells, 1.0)
+    ErrorOfSum(std=0.667, n_free=9.0)
+    """
+    lags = _lag_lengths(_padded(weights.shape), step_m)
+    of_weights, of_cells = (_autocorrelation(a) for a in (weights, learnt_on.astype(np.float64)))
+    structures = [(variogram.nugget_m2, np.where(lags > 0.0, 0.0, 1.0))]
+    structures += [
+        (sill, 1.0 - _spherical(lags / reach))
+        for sill, reach in zip(variogram.sills_m2, variogram.ranges_m, strict=True)
+    ]
+    n = float(learnt_on.sum())
+    parts = np.array([max(0.0, sill * float((of_weights * rho).sum())) for sill, rho in structures])
+    free = np.array([n**2 / float((of_cells * rho**2).sum()) for _, rho in structures])
+    variance = float(parts.sum())
+    if variance == 0.0:
+        return ErrorOfSum(0.0, n)
+    return ErrorOfSum(float(np.sqrt(variance)), (variance / float((parts / np.sqrt(free)).sum())) ** 2)
+
+
+def _spherical(s: FloatArray) -> FloatArray:
+    near = np.minimum(s, 1.0)
+    result: FloatArray = 1.5 * near - 0.5 * near**3
+    return result
+
+
+def _autocorrelation(raster: FloatArray) -> FloatArray:
+    """Sum of the products of all pairs of cells, by their lag."""
+    shape = _padded(raster.shape)
+    spectrum = rfft2(raster, shape)
+    correlation: FloatArray = irfft2(spectrum * spectrum.conj(), shape)
+    return correlation
+
+
+def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
+    rows, columns = (next_fast_len(2 * n - 1, real=True) for n in shape)
+    return rows, columns
+
+
+def _lag_lengths(shape: tuple[int, int], step_m: float) -> FloatArray:
+    rows, columns = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
+    lengths: FloatArray = step_m * np.hypot(rows[:, None], columns[None, :])
+    return lengths
+
+
+def _empirical(
+    difference: FloatArray, known: BoolArray, step_m: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean lag, γ and weight of each bin, over all pairs of known cells."""
+    mask = known.astype(np.float64)
+    z = np.where(known, difference - difference[known].mean(), 0.0)
+    shape = _padded(z.shape)
+    f_mask, f_z, f_square = (rfft2(a, shape) for a in (mask, z, z * z))
+    pairs = irfft2(f_mask * f_mask.conj(), shape)
+    squares = irfft2(2.0 * (f_square * f_mask.conj()).real - 2.0 * (f_z * f_z.conj()).real, shape)
+    lags = _lag_lengths(shape, step_m)
+    rows, columns = np.nonzero(known.any(axis=1))[0], np.nonzero(known.any(axis=0))[0]
+    extent_m = step_m * float(np.hypot(np.ptp(rows) + 1, np.ptp(columns) + 1))
+    edges = _edges(step_m, _FARTHEST_SHARE * extent_m)
+    use = (pairs > 0.5) & (lags > 0.0) & (lags < edges[-1])
+    index = np.digitize(lags[use], edges) - 1
+    n_pairs, total, reach = (
+        np.bincount(index, weights, minlength=len(edges) - 1)
+        for weights in (pairs[use], squares[use], pairs[use] * lags[use])
+    )
+    filled = n_pairs > 0.5
+    gamma = 0.5 * total[filled] / n_pairs[filled]
+    # The value of a bin scatters in proportion to itself, more where its pairs are few.
+    weight = 1.0 / np.maximum(gamma, 1e-12 + 1e-6 * gamma.max())
+    return reach[filled] / n_pairs[filled], np.maximum(gamma, 0.0), weight
+
+
+def _edges(step_m: float, farthest_m: float) -> FloatArray:
+    """Edges of the bins of distance: every step at first, then growing."""
+    return np.geomspace(0.5 * step_m, max(farthest_m, 4.0 * step_m), _N_BINS + 1)

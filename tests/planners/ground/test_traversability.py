@@ -1,0 +1,128 @@
+"""Ground that a rover can drive on, from slopes and roughness that are known."""
+
+import numpy as np
+import pytest
+import shapely
+from affine import Affine
+
+from planners.ground.traversability import RoverLimits, drivable, roughness
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+
+CRS = "EPSG:32608"
+TRANSFORM = Affine(1.0, 0.0, -10.5, 0.0, -1.0, 110.5)
+
+
+def dem_of(height: np.ndarray) -> Dem:
+    return Dem(height, TRANSFORM, CRS)
+
+
+def nodes() -> tuple[np.ndarray, np.ndarray]:
+    return np.meshgrid(np.arange(-10.0, 111.0), np.arange(110.0, -11.0, -1.0))
+
+
+@pytest.fixture
+def area() -> SurveyArea:
+    return SurveyArea.rectangle((0.0, 0.0, 100.0, 100.0), CRS)
+
+
+def test_flat_ground_is_all_drivable(area: SurveyArea) -> None:
+    site = drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem_of(np.zeros((121, 121))))
+    assert site.ground.polygon.equals(area.polygon)
+    assert site.left_out == ()
+
+
+def test_every_metre_of_the_ground_is_within_the_limits(area: SurveyArea) -> None:
+    x, y = nodes()
+    dem = dem_of(8.0 * np.exp(-((x - 50.0) ** 2 + (y - 50.0) ** 2) / 200.0))
+    site = drivable(area, RoverLimits(max_pitch_deg=30.0, max_roll_deg=15.0), dem)
+    steep = dem.slope().elevation > 15.0
+    xy = dem.xy[steep.ravel()]
+    shapely.prepare(site.ground.polygon)
+    # No steep cell, its corners included, touches the ground, and no slope in between is too steep.
+    places = np.random.default_rng(1).uniform(0.0, 100.0, (4000, 2))
+    on_ground = shapely.contains_xy(site.ground.polygon, places[:, 0], places[:, 1])
+    assert dem.slope().at(places[on_ground]).max() <= 15.0
+    for dx, dy in ((0.0, 0.0), (0.499, 0.499), (-0.499, 0.499), (0.499, -0.499), (-0.499, -0.499)):
+        assert not shapely.contains_xy(site.ground.polygon, xy[:, 0] + dx, xy[:, 1] + dy).any()
+    assert {piece.reason for piece in site.left_out} >= {"too steep"}
+    # Little more than the steep ring is given up: its cells, a cell's width around, and the top it cuts off.
+    assert site.ground.polygon.area > area.polygon.area - 1.8 * np.pi * 25.0**2
+
+
+def test_a_cliff_that_cuts_the_site_names_the_part_behind_it(area: SurveyArea) -> None:
+    x, _ = nodes()
+    dem = dem_of(np.where(x > 70.0, 20.0, 0.0))
+    site = drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem)
+    cut_off = [piece for piece in site.left_out if piece.reason == "cut off"]
+    assert len(cut_off) == 1
+    assert cut_off[0].polygon.centroid.x > 75.0
+    with pytest.raises(InputError, match=r"not all of the area can be reached .* \(cut off\)"):
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem, reach_all=True)
+
+
+def test_the_part_with_the_start_is_the_one_that_is_kept() -> None:
+    x, _ = nodes()
+    dem = dem_of(np.where(x > 70.0, 20.0, 0.0))
+    area = SurveyArea(shapely.box(0.0, 0.0, 100.0, 100.0), CRS, (), [[95.0, 50.0]])
+    assert (
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem).ground.polygon.bounds[0]
+        > 70.0
+    )
+
+
+def test_a_start_on_steep_ground_is_refused_with_the_reason() -> None:
+    x, _ = nodes()
+    dem = dem_of(np.where(x > 70.0, 20.0, 0.0))
+    area = SurveyArea(shapely.box(0.0, 0.0, 100.0, 100.0), CRS, (), [[70.5, 50.0]])
+    with pytest.raises(InputError, match=r"start \(70.5, 50.0\).*too steep"):
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem)
+
+
+def test_ground_of_unknown_height_is_left_out(area: SurveyArea) -> None:
+    height = np.zeros((121, 121))
+    height[50:60, 50:60] = np.nan
+    site = drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem_of(height))
+    assert [piece.reason for piece in site.left_out] == ["height unknown"]
+    small = Dem(np.zeros((50, 121)), TRANSFORM, CRS)
+    assert (
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), small).left_out[0].reason
+        == "height unknown"
+    )
+
+
+def test_rough_ground_is_left_out(area: SurveyArea) -> None:
+    rng = np.random.default_rng(3)
+    height = np.zeros((121, 121))
+    height[60:, :] += rng.normal(0.0, 0.05, (61, 121))
+    limits = RoverLimits(max_pitch_deg=60.0, max_roll_deg=60.0, max_roughness_m=0.02)
+    site = drivable(area, limits, dem_of(height))
+    assert site.left_out[0].reason == "too rough"
+    assert site.ground.polygon.bounds[1] > 45.0
+
+
+def test_roughness_is_that_of_white_noise_about_any_plane() -> None:
+    rng = np.random.default_rng(5)
+    x, y = nodes()
+    values = roughness(dem_of(0.3 * x - 0.2 * y + rng.normal(0.0, 0.1, x.shape)))
+    # 12 000 windows of 6 degrees of freedom each, nine of them dependent: about 1 % standard error.
+    assert np.sqrt(np.nanmean(values**2)) == pytest.approx(0.1, rel=0.04)
+
+
+def test_clearance_keeps_off_borders_and_closes_narrow_necks() -> None:
+    outline = shapely.box(0, 0, 40, 40) | shapely.box(40, 18, 60, 22) | shapely.box(60, 0, 100, 40)
+    area = SurveyArea(outline, CRS)
+    wide = drivable(area, RoverLimits(clearance_m=1.0))
+    assert len(wide.ground.parts) == 1
+    narrow = drivable(area, RoverLimits(clearance_m=3.0))
+    assert {piece.reason for piece in narrow.left_out} == {"too narrow", "cut off"}
+    assert narrow.ground.polygon.distance(outline.exterior) >= 3.0 - 1e-6
+
+
+def test_nothing_left_is_refused_with_reasons(area: SurveyArea) -> None:
+    x, _ = nodes()
+    with pytest.raises(InputError, match=r"no ground is left to drive on: .*too steep"):
+        drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem_of(x))
+    with pytest.raises(ValueError, match="max_pitch_deg"):
+        RoverLimits(max_pitch_deg=0.0)

@@ -1,0 +1,154 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planners import ErrorModel, LawnmowerConfig, WavyConfig, plan, predict_error, terrain_kernel
+from survey import ConfigError, Dem, Grid, InputError, Leg, Route, SurveyArea
+from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
+from survey.terrain import squared_exponential_field
+
+CRS = "EPSG:32608"
+SITE = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), CRS)
+KERNEL = SquaredExponential(30.0, 120.0)
+
+
+def test_one_sample_of_a_known_covariance():
+    # Two places 100 m apart see one another with k = 30 exp(-(100/120)² / 2); with an unknown
+    # constant mean the variance of the difference is what is left: 2 (v − k) + σ².
+    area = SurveyArea.rectangle((0.0, 0.0, 100.0, 100.0), CRS)
+    model = ErrorModel.of(area, KERNEL, noise_m=0.5, cell_m=50.0)
+    at = np.array([[25.0, 25.0]])
+    distance = np.hypot(*(model.nodes - at).T)
+    expected = 2.0 * (30.0 - 30.0 * np.exp(-0.5 * (distance / 120.0) ** 2)) + 0.25
+    # At the sampled node itself the map still errs by the noise.
+    assert model.variance(at) == pytest.approx(expected, rel=1e-9)
+
+
+def test_prediction_is_the_spread_of_actual_errors():
+    """Maps of fields drawn from the kernel err by what was predicted for their route."""
+    rng = np.random.default_rng(5)
+    kernel = Matern32(9.0, 150.0)
+    route = plan(SITE, None, LawnmowerConfig(swaths=4))
+    model = ErrorModel.of(SITE, kernel, noise_m=0.3, sample_step_m=20.0, cell_m=40.0)
+    samples = route.sample(20.0).xy
+    both = np.vstack([samples, model.nodes])
+    fields = np.linalg.cholesky(
+        kernel.covariance(both, both) + 1e-9 * np.eye(len(both))
+    ) @ rng.standard_normal((len(both), 200))
+    heights = fields[: len(samples)] + 0.3 * rng.standard_normal((len(samples), 200))
+    inverse = np.linalg.inv(kernel.covariance(samples, samples) + 0.09 * np.eye(len(samples)))
+    ones = inverse.sum(axis=1)
+    mean = ones @ heights / ones.sum()
+    mapped = mean + kernel.covariance(model.nodes, samples) @ inverse @ (heights - mean)
+    actual = np.sqrt(np.mean((mapped - fields[len(samples) :]) ** 2))
+    # 200 fields of some tens of independent patches: the root mean square is known to about 1 %.
+    assert model.rmse_m(route) == pytest.approx(actual, rel=0.03)
+
+
+def test_infinite_lines_of_a_separable_kernel_agree_with_one_dimension():
+    """Between long lines a squared exponential is known as a 1-D process sampled at the spacing."""
+    area = SurveyArea.rectangle((0.0, 0.0, 1000.0, 1000.0), CRS)
+    kernel = SquaredExponential(1.0, 100.0)
+    route = plan(area, None, LawnmowerConfig(swaths=8))
+    model = ErrorModel.of(area, kernel, noise_m=0.0, sample_step_m=12.5, cell_m=25.0)
+    y = np.unique(model.nodes[:, 1])
+    lines = 62.5 + 125.0 * np.arange(8)
+    k = np.exp(-0.5 * ((lines[:, None] - lines) / 100.0) ** 2)
+    cross = np.exp(-0.5 * ((y[:, None] - lines) / 100.0) ** 2)
+    one_dimensional = 1.0 - np.einsum("ij,jk,ik->i", cross, np.linalg.inv(k), cross)
+    middle = np.abs(model.nodes[:, 0] - 500.0) < 30.0
+    of_rows = np.array(
+        [model.variance(route.sample(12.5).xy)[middle & (model.nodes[:, 1] == v)].mean() for v in y]
+    )
+    inner = (y > 150.0) & (y < 850.0)
+    # Unknown mean and the millesimal noise that keeps the matrix regular add a few 1e-4 of the variance.
+    assert of_rows[inner] == pytest.approx(one_dimensional[inner], abs=2e-3)
+
+
+@given(noise_m=st.floats(0.0, 2.0), more=st.floats(0.05, 2.0))
+@settings(max_examples=15, deadline=None)
+def test_more_noise_never_predicts_a_better_map(noise_m, more):
+    route = plan(SITE, None, LawnmowerConfig(swaths=3))
+    quiet, loud = (
+        ErrorModel.of(SITE, KERNEL, noise_m=n, sample_step_m=30.0, cell_m=60.0).rmse_m(route)
+        for n in (noise_m, noise_m + more)
+    )
+    assert loud >= quiet - 1e-9
+
+
+def test_noise_hurts_even_where_samples_lie():
+    route = plan(SITE, None, LawnmowerConfig(swaths=12))
+    error = predict_error(route, SITE, KERNEL, noise_m=0.5)
+    assert 0.05 < error.rmse_m < 0.5
+    assert error.rmse_m <= error.p95_m <= error.worst_m
+
+
+def test_fewer_samples_stand_for_all_when_noise_is_averaged():
+    route = plan(SITE, None, WavyConfig(swaths=6, wavelength_m=120.0))
+    model = ErrorModel.of(SITE, KERNEL, noise_m=0.3, sample_step_m=5.0)
+    # 350 samples of a 3.6 km route are 10 m apart, a twelfth of the length scale and of a wave: worth all to 2 %.
+    assert model.rmse_m(route, 350) == pytest.approx(model.rmse_m(route), rel=0.02)
+
+
+def test_few_good_samples_stand_for_many_on_long_routes():
+    route = plan(SITE, None, LawnmowerConfig(swaths=6))
+    few = ErrorModel.of(SITE, KERNEL, noise_m=0.3, sample_step_m=5.0)
+    many = ErrorModel.of(SITE, KERNEL, noise_m=0.3 * np.sqrt(5.0), sample_step_m=1.0)
+    # Five times the samples with five times the variance tell the same, up to how samples meet at ends.
+    assert many.rmse_m(route) == pytest.approx(few.rmse_m(route), rel=0.01)
+
+
+def test_every_rover_s_samples_count():
+    line = [[0.0, 150.0], [600.0, 150.0]]
+    other = [[0.0, 450.0], [600.0, 450.0]]
+    one = Route((Leg("swath", line),), CRS, "lines")
+    two = Route((Leg("swath", line), Leg("swath", other, rover=1)), CRS, "lines")
+    errors = [predict_error(route, SITE, KERNEL, noise_m=0.1).rmse_m for route in (one, two)]
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_the_map_covers_the_free_ground_only():
+    area = SurveyArea(SITE.polygon, CRS, no_go=(shapely.box(0.0, 0.0, 200.0, 200.0),))
+    route = plan(area, None, LawnmowerConfig(swaths=4))
+    std = predict_error(route, area, KERNEL, noise_m=0.1).std
+    assert std.shape == (30, 30)
+    assert np.isnan(std.at([[100.0, 100.0]])).all()
+    assert np.isfinite(std.at([[400.0, 400.0]])).all()
+
+
+def test_plans_carry_the_predicted_error():
+    route = plan(SITE, None, LawnmowerConfig(swaths=5), kernel=KERNEL, noise_m=0.2)
+    assert route.prediction["rmse_m"] == predict_error(route, SITE, KERNEL, noise_m=0.2).rmse_m
+    assert "rmse_m" not in plan(SITE, None, LawnmowerConfig(swaths=5)).prediction
+
+
+def test_a_kernel_is_fitted_to_the_prior():
+    grid = Grid((0.0, 0.0, 600.0, 600.0), 10.0, CRS)
+    dem = squared_exponential_field(grid, np.random.default_rng(3), length_scale_m=150.0)
+    kernel = terrain_kernel(dem.block_mean(60.0), SITE)
+    # One field of sixteen patches of a length scale tells it to a factor of about two.
+    assert 75.0 < kernel.length_scales_m[0] < 450.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"noise_m": -0.1}, "noise"), ({"noise_m": 0.1, "sample_step_m": 0.0}, "sample spacing")],
+)
+def test_settings_that_make_no_sense_are_refused(wrong, message):
+    route = plan(SITE, None, LawnmowerConfig(swaths=2))
+    with pytest.raises(ConfigError, match=message):
+        predict_error(route, SITE, KERNEL, **wrong)
+
+
+def test_a_route_in_another_system_is_refused():
+    route = Route((Leg("swath", [[0.0, 0.0], [1.0, 1.0]]),), "EPSG:32633", "line")
+    with pytest.raises(InputError, match="different systems"):
+        predict_error(route, SITE, KERNEL, noise_m=0.1)
+
+
+def test_a_prior_without_heights_on_the_area_is_refused():
+    far = Dem.on(Grid((5000.0, 0.0, 5600.0, 600.0), 50.0, CRS), np.zeros((13, 13)))
+    with pytest.raises(InputError, match="0 known cells"):
+        terrain_kernel(far, SITE)

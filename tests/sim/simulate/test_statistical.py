@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+
+from planners import LawnmowerConfig
+from sim.config.mission import MissionConfig, RandomTerrain
+from sim.simulate.statistical import gauss_markov, simulate_statistical
+from survey import Dem, Grid, InputError, Leg, Route
+from vision_slam import localize, trajectory_error
+from vision_slam.rotation import rotations
+
+CRS = "EPSG:32608"
+
+
+def rolling_ground(size_m: float = 400.0) -> Dem:
+    grid = Grid((0.0, 0.0, size_m, size_m), 2.0, CRS)
+    x, y = np.meshgrid(grid.x, grid.y)
+    return Dem.on(grid, 4.0 * np.sin(x / 60.0) * np.cos(y / 45.0) + 0.03 * x)
+
+
+def hairpin(size_m: float = 400.0) -> Route:
+    rows = [
+        Leg("swath", [[5.0, 100.0], [size_m - 5.0, 100.0]]),
+        Leg("transit", [[size_m - 5.0, 100.0], [size_m - 5.0, 300.0]]),
+        Leg("swath", [[size_m - 5.0, 300.0], [5.0, 300.0]]),
+    ]
+    return Route(tuple(rows), CRS, "lawnmower", 200.0)
+
+
+def mission(seed: int, **sensors: float) -> MissionConfig:
+    config = MissionConfig(
+        schema_version=1,
+        name="m",
+        seed=seed,
+        terrain=RandomTerrain(source="random"),
+        planner=LawnmowerConfig(swaths=2),
+    )
+    return config.model_copy(update={"sensors": config.sensors.model_copy(update=sensors)})
+
+
+def test_gauss_markov_has_its_variance_and_memory(rng):
+    series = gauss_markov(np.full(200_000, 1.0), 20.0, 3.0, rng)[:, 0]
+    # 200,000 / (2 · 20) independent draws: 1 % of standard error on the standard deviation, thrice that allowed.
+    assert series.std() == pytest.approx(3.0, rel=0.03)
+    lag = 20
+    assert np.corrcoef(series[:-lag], series[lag:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.04)
+
+
+def test_claimed_path_errors_match_real_ones_over_many_drives():
+    # 30 drives are 30 draws of the shared errors; the mean of eᵀP⁻¹e along a drive is 3 when
+    # P is honest. Its scatter between drives is about 2, so the mean of 30 errs by 0.4.
+    squared, elevation = [], []
+    for seed in range(30):
+        settings = mission(seed)
+        recording, truth = simulate_statistical(rolling_ground(), hairpin(), settings)
+        trajectory, points = localize(recording, settings.assumed)
+        squared.append(trajectory_error(trajectory, truth.trajectory).normalised_squared)
+        error = points.z - truth.dem.at(points.xy)
+        elevation.append(np.nanmean((error / points.sigma_z) ** 2))
+    assert 1.8 < np.mean(squared) < 4.2
+    # Landmarks carry the slope times their own place error besides, so somewhat more than 1.
+    assert 0.6 < np.mean(elevation) < 1.5
+
+
+def test_sightings_alone_are_as_sure_as_they_say():
+    settings = mission(
+        3,
+        yaw_sigma_deg=0.0,
+        tilt_sigma_deg=0.0,
+        scale_sigma=0.0,
+        step_sigma_m=0.0,
+        gps_bias_sigma_m=0.0,
+        gps_white_sigma_m=0.0,
+    )
+    recording, truth = simulate_statistical(rolling_ground(), hairpin(), settings)
+    sightings = recording.sightings
+    pose = truth.trajectory.position[sightings.pose]
+    assert len(sightings.pose) > 500
+    assert (sightings.range_m > 5.0 - 1.0).all()
+    place = pose + np.einsum(
+        "nij,nj->ni", rotations(recording.odometry.attitude_rad[sightings.pose]), sightings.offset
+    )
+    miss = place[:, 2] - truth.dem.at(place[:, :2])
+    # On gentle slopes the miss is the error across the line of sight, 5 cm and 2.5 mm a metre, plus slope times depth.
+    assert np.median(np.abs(miss)) < 0.12
+
+
+def test_the_same_seed_gives_the_same_records_and_another_one_others():
+    first, _ = simulate_statistical(rolling_ground(), hairpin(), mission(5))
+    again, _ = simulate_statistical(rolling_ground(), hairpin(), mission(5))
+    other, _ = simulate_statistical(rolling_ground(), hairpin(), mission(6))
+    np.testing.assert_array_equal(first.gps.position, again.gps.position)
+    np.testing.assert_array_equal(first.sightings.offset, again.sightings.offset)
+    assert not np.array_equal(first.gps.position, other.gps.position)
+
+
+def test_changing_one_sensor_leaves_the_draws_of_the_others():
+    first, _ = simulate_statistical(rolling_ground(), hairpin(), mission(5))
+    louder, _ = simulate_statistical(rolling_ground(), hairpin(), mission(5, gps_white_sigma_m=2.0))
+    np.testing.assert_array_equal(first.odometry.step, louder.odometry.step)
+    np.testing.assert_array_equal(first.sightings.offset, louder.sightings.offset)
+
+
+def test_a_route_off_the_terrain_is_refused():
+    with pytest.raises(InputError, match="leaves the known terrain"):
+        simulate_statistical(rolling_ground(300.0), hairpin(400.0), mission(0))
+
+
+def test_what_lies_behind_a_ridge_is_not_seen():
+    grid = Grid((0.0, 0.0, 200.0, 100.0), 1.0, CRS)
+    _, y = np.meshgrid(grid.x, grid.y)
+    ridge = Dem.on(grid, 5.0 * np.exp(-(((y - 60.0) / 2.0) ** 2)))
+    route = Route((Leg("swath", [[5.0, 50.0], [195.0, 50.0]]),), CRS, "line")
+    recording, truth = simulate_statistical(ridge, route, mission(1, landmarks_per_m=20.0))
+    sightings = recording.sightings
+    turn = rotations(recording.odometry.attitude_rad[sightings.pose])
+    place = truth.trajectory.position[sightings.pose] + np.einsum("nij,nj->ni", turn, sightings.offset)
+    behind = place[:, 1] > 64.0
+    in_front = place[:, 1] < 36.0  # the same distance on the open side
+    assert in_front.sum() > 100
+    # Errors along the line of sight may push a few of the crest's landmarks over it.
+    assert behind.sum() < 0.1 * in_front.sum()

@@ -1,0 +1,157 @@
+"""The rover's physics on ground whose answer is known."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from planners import Rover
+from sim.config.drive import PhysicsConfig
+from sim.vehicle.physics import KinematicRover
+from sim.vehicle.pursuit import BackingOff, PurePursuit
+from sim.vehicle.rover import ContactRover
+
+pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python")
+
+ROVER = Rover(mass_kg=18.0, idle_w=20.0)
+GAUGE_M = PhysicsConfig().track_gauge_m
+
+
+class Plane:
+    """Ground that rises to the east, or drops into a slot."""
+
+    step_m = 0.25
+    bounds = (0.0, 0.0, 100.0, 100.0)
+
+    def __init__(self, deg=0.0, slot=None):
+        self.rise, self.slot = np.tan(np.radians(deg)), slot
+
+    def elevation(self, xy):
+        z = self.rise * xy[:, 0]
+        if self.slot is not None:
+            z = np.where(np.abs(xy[:, 0] - self.slot) < 0.6, z - 4.0, z)
+        return z
+
+
+def driven(rover, left, right, seconds):
+    for _ in range(round(seconds / rover.dt_s)):
+        rover.step(left, right)
+    return rover.state
+
+
+def slip(deg, friction):
+    rover = ContactRover(Plane(deg), PhysicsConfig(friction=friction), ROVER, np.array([20.0, 50.0]), 0.0)
+    first = driven(rover, 1.0, 1.0, 1.0)
+    last = driven(rover, 1.0, 1.0, 3.0)
+    way = np.linalg.norm(np.subtract(last.position, first.position))
+    return 1.0 - way / np.mean(np.subtract(last.rolled_m, first.rolled_m))
+
+
+def test_slip_rises_with_the_slope_and_ice_stalls():
+    slips = [slip(deg, 0.5) for deg in (0.0, 10.0, 18.0)]
+    assert slips[0] < slips[1] < slips[2]
+    assert slips[2] < 0.2  # 0.5 holds tan 18° + resistance 0.1 = 0.42
+    assert slip(5.0, 0.15) > 0.8  # 0.15 does not hold tan 5° + 0.1 = 0.19
+
+
+def test_tracks_turn_the_rover_less_than_kinematics_say():
+    rover = ContactRover(Plane(), PhysicsConfig(), ROVER, np.array([50.0, 50.0]), 0.0)
+    turn = sum((rover.step(0.7, 1.0), rover.state.rate[2])[1] for _ in range(720)) * rover.dt_s
+    assert 0.2 < turn / (0.3 / GAUGE_M * 3.0) < 0.9
+
+
+def test_a_change_of_the_ground_patch_is_not_felt():
+    rover = ContactRover(Plane(6.0), PhysicsConfig(), ROVER, np.array([30.3, 50.1]), 0.2)
+    places, patches = [], []
+    for _ in range(12 * 240):
+        rover.step(1.0, 1.0)
+        places.append(rover.state.position)
+        patches.append(rover.patch_centre)
+    change = int(np.flatnonzero(np.diff(patches, axis=0).any(axis=1))[0])
+    jumps = np.linalg.norm(np.diff(places, 2, axis=0), axis=1)
+    assert jumps[change - 3 : change + 4].max() < 1e-3
+
+
+def test_the_same_commands_give_the_same_drive():
+    ends = []
+    for _ in range(2):
+        rover = ContactRover(Plane(4.0), PhysicsConfig(), ROVER, np.array([30.0, 50.0]), 0.3)
+        ends.append(driven(rover, 0.8, 1.0, 2.0))
+    assert ends[0] == ends[1]
+
+
+def test_standing_costs_the_idle_power_alone_and_moves_nothing():
+    rover = ContactRover(Plane(), PhysicsConfig(), ROVER, np.array([50.0, 50.0]), 0.0)
+    first = rover.state
+    last = driven(rover, 0.0, 0.0, 2.0)
+    assert last.energy_j == pytest.approx(2.0 * ROVER.idle_w, rel=0.01)
+    assert np.linalg.norm(np.subtract(last.position, first.position)) < 1e-3
+
+
+def test_driving_costs_what_the_snow_resists():
+    rover = ContactRover(Plane(), PhysicsConfig(), ROVER, np.array([30.0, 50.0]), 0.0)
+    first = driven(rover, 1.0, 1.0, 2.0)
+    last = driven(rover, 1.0, 1.0, 6.0)
+    per_m = (last.energy_j - first.energy_j - 6.0 * ROVER.idle_w) / (last.position[0] - first.position[0])
+    resisted = 0.1 * 18.0 * 9.81 / ROVER.efficiency
+    # Wheels that roll over the ground's triangles lose up to a third more.
+    assert resisted < per_m < 1.4 * resisted
+
+
+def test_a_stuck_track_turns_the_rover_towards_it():
+    rover = ContactRover(Plane(), PhysicsConfig(), ROVER, np.array([50.0, 50.0]), 0.0)
+    rover.drive_share = (0.0, 1.0)
+    driven(rover, 0.8, 0.8, 2.0)
+    x, y, z, w = rover.state.quaternion
+    assert np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)) > 0.2
+
+
+def test_energy_balance_closes():
+    from sim.vehicle.energy_balance import EnergyBalance
+
+    balance = EnergyBalance(ContactRover(Plane(8.0), PhysicsConfig(), ROVER, np.array([30.0, 50.0]), 0.5))
+    for _ in range(480):
+        balance.step(0.8, 1.0)
+    # The bar is 2 %; position corrections of the engine leave about 0.1 %.
+    assert abs(balance.missing_j) < 0.02 * balance.motors_j
+
+
+def test_kinematic_rover_follows_the_slope():
+    rover = KinematicRover(Plane(10.0), PhysicsConfig(), ROVER, np.array([30.0, 50.0]), 0.0)
+    state = driven(rover, 1.0, 1.0, 4.0)
+    climbed = state.position[2] - np.tan(np.radians(10.0)) * 30.0
+    assert climbed == pytest.approx(np.tan(np.radians(10.0)) * (state.position[0] - 30.0))
+    way = np.hypot(state.position[0] - 30.0, climbed)
+    assert 1.0 - way / 4.0 == pytest.approx(0.01 + np.tan(np.radians(10.0)) ** 2, abs=0.003)
+
+
+@pytest.mark.parametrize("kind", [ContactRover, KinematicRover])
+def test_pure_pursuit_keeps_to_a_route_with_right_angles(kind):
+    path = np.array([[40.0, 40.0], [46.0, 40.0], [46.0, 45.0]])
+    config = PhysicsConfig()
+    pursuit = PurePursuit(path, 1.0, config)
+    rover = kind(Plane(), config, ROVER, path[0], 0.0)
+    aside, time_s = [], 0.0
+    while not pursuit.is_done(np.array(rover.state.position[:2])) and time_s < 40.0:
+        x, y, z, w = (state := rover.state).quaternion
+        heading = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+        place = np.array(state.position[:2])
+        driven(rover, *pursuit.track_speeds(place, heading), 0.05)
+        time_s += 0.05
+        aside.append(min(abs(place[1] - 40.0), abs(place[0] - 46.0)))
+    assert time_s < 40.0
+    assert max(aside) < 1.0  # corners are cut within the look-ahead
+
+
+def test_a_rover_that_hangs_backs_off_three_times_and_is_then_left():
+    backing, here = BackingOff(1.0), np.array([3.0, 4.0])
+    asked = [backing.track_speeds(0.05 * k, here, (0.6, 0.0)) for k in range(800)]
+    backs = [pair == (-0.2, -0.7) for pair in asked]  # it wants to turn right
+    assert sum(now and not before for before, now in pairwise(backs)) == 3
+    assert asked[-1] == (0.6, 0.0)
+
+
+def test_a_rover_that_gets_on_is_not_bothered():
+    backing = BackingOff(1.0)
+    for k in range(400):
+        assert backing.track_speeds(0.05 * k, np.array([0.04 * k, 0.0]), (0.8, 1.0)) == (0.8, 1.0)

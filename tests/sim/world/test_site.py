@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+
+from planners import LawnmowerConfig
+from sim.config.mission import (
+    AreaConfig,
+    DemTerrain,
+    MissionConfig,
+    RandomTerrain,
+    SampleTerrain,
+    SatelliteConfig,
+)
+from sim.world.site import build_world
+from survey import Dem, Grid, InputError
+
+CRS = "EPSG:32608"
+
+
+def mission(terrain, **sections) -> MissionConfig:
+    return MissionConfig(
+        schema_version=1, name="m", seed=4, terrain=terrain, planner=LawnmowerConfig(swaths=2), **sections
+    )
+
+
+def test_random_site_has_its_relief_and_a_prior_of_block_means():
+    world = build_world(
+        mission(RandomTerrain(source="random", step_m=3.0), satellite=SatelliteConfig(sigma_m=0.0))
+    )
+    assert world.terrain.relief_m == pytest.approx(25.0)
+    assert world.prior.shape == (8, 8)
+    assert world.area.bounds == (526000.0, 6478000.0, 526600.0, 6478600.0)
+    assert world.prior.bounds == world.area.bounds
+    inner = world.terrain.window((526300.0, 6478300.0, 526375.0, 6478375.0))
+    # Nodes on the cell's rim count by half in the block mean, fully in this plain mean.
+    assert world.prior.at([[526337.5, 6478337.5]])[0] == pytest.approx(inner.elevation.mean(), abs=0.02)
+
+
+def test_satellite_errs_by_its_sigma():
+    quiet = build_world(
+        mission(RandomTerrain(source="random", step_m=3.0), satellite=SatelliteConfig(sigma_m=0.0))
+    ).prior
+    noisy = build_world(
+        mission(RandomTerrain(source="random", step_m=3.0), satellite=SatelliteConfig(sigma_m=2.0))
+    ).prior
+    error = noisy.elevation - quiet.elevation
+    # 64 draws: the sample's standard deviation errs by 9 %, thrice that allowed.
+    assert error.std() == pytest.approx(2.0, rel=0.27)
+
+
+def test_the_sample_site_is_600_m_of_real_ridge():
+    world = build_world(mission(SampleTerrain(source="srtm-sample", step_m=3.0)))
+    xmin, ymin, xmax, ymax = world.area.bounds
+    assert (xmax - xmin, ymax - ymin) == pytest.approx((600.0, 600.0))
+    assert world.prior.shape == (8, 8)
+    assert 20.0 < world.prior.relief_m < 30.0
+    assert world.terrain.vertical_datum == "EGM96 height"
+
+
+def hilly(step_m: float = 3.0, n: int = 100) -> Dem:
+    grid = Grid((0.0, 0.0, step_m * (n - 1), step_m * (n - 1)), step_m, CRS)
+    x, y = np.meshgrid(grid.x, grid.y)
+    return Dem.on(grid, 100.0 + 5.0 * np.sin(x / 40.0) * np.cos(y / 30.0))
+
+
+def test_coarse_raster_as_prior_gets_a_fine_surface_with_its_means(tmp_path):
+    grid = Grid((0.0, 0.0, 700.0, 700.0), 70.0, CRS)
+    x, y = np.meshgrid(grid.x, grid.y)
+    Dem.on(grid, 0.02 * x + 3.0 * np.cos(y / 200.0)).write(tmp_path / "coarse.tif")
+    terrain = DemTerrain(source="dem", file=str(tmp_path / "coarse.tif"), role="prior", step_m=5.0)
+    world = build_world(mission(terrain, area=AreaConfig(bounds_m=(140.0, 140.0, 560.0, 560.0))))
+    assert world.terrain.step_m == 5.0
+    assert world.prior.step_m == 70.0
+    centre = world.terrain.window((315.0, 315.0, 385.0, 385.0)).elevation.mean()
+    assert centre == pytest.approx(world.prior.at([[350.0, 350.0]])[0], abs=0.05)
+
+
+def test_nodata_in_the_area_is_refused_or_cut_off_on_request(tmp_path):
+    dem = hilly()
+    elevation = dem.elevation.copy()
+    elevation[:, 70:] = np.nan
+    Dem(elevation, dem.transform, dem.crs).write(tmp_path / "half.tif")
+    terrain = DemTerrain(source="dem", file=str(tmp_path / "half.tif"))
+    satellite = SatelliteConfig(cell_m=75.0)
+    with pytest.raises(InputError, match=r"30\.0 % of the survey area has no known terrain"):
+        build_world(mission(terrain, satellite=satellite))
+    world = build_world(mission(terrain, satellite=satellite, area=AreaConfig(clip_to_terrain=True)))
+    assert world.area.bounds[2] < 70 * 3.0
+    assert np.isfinite(world.terrain.at(np.array(world.area.polygon.exterior.coords))).all()
+    assert np.isfinite(world.prior.elevation).all()
+
+
+def test_satellite_cells_must_be_whole_fine_cells(tmp_path):
+    hilly().write(tmp_path / "a.tif")
+    terrain = DemTerrain(source="dem", file=str(tmp_path / "a.tif"))
+    with pytest.raises(InputError, match=r"satellite.cell_m = 51"):
+        build_world(mission(terrain, satellite=SatelliteConfig(cell_m=50.5)))
+
+
+def test_micro_relief_lies_on_top_and_leaves_the_rest():
+    plain = build_world(mission(RandomTerrain(source="random", step_m=2.0))).terrain
+    icy = build_world(mission(RandomTerrain(source="random", step_m=2.0, micro_relief_sd_m=0.4))).terrain
+    # One draw of a field of some 300 × 300 m² per correlation area: its standard deviation within 15 %.
+    assert (icy.elevation - plain.elevation).std() == pytest.approx(0.4, rel=0.15)

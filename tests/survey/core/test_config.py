@@ -1,0 +1,57 @@
+import pytest
+
+from survey import ConfigError, InputError
+from survey.core.config import Section, read_toml, validated, with_overrides
+
+
+class Inner(Section):
+    spacing_m: float = 1.0
+
+
+class Outer(Section):
+    inner: Inner = Inner()
+    count: int = 2
+    corner: tuple[float, float] = (0.0, 0.0)
+
+
+def test_unknown_keys_are_refused_with_the_nearest_known_one():
+    with pytest.raises(ConfigError, match=r"inner\.spaceing_m is not known; did you mean spacing_m"):
+        validated(Outer, {"inner": {"spaceing_m": 2.0}}, "m.toml")
+
+
+@pytest.mark.parametrize("value", ["3", 2.5, True, None, [1]])
+def test_values_are_never_converted(value):
+    with pytest.raises(ConfigError, match="count"):
+        validated(Outer, {"count": value}, "m.toml")
+
+
+def test_lists_stand_for_tuples_and_whole_numbers_for_floats():
+    built = validated(Outer, {"corner": [1, 2.5], "inner": {"spacing_m": 3}}, "m.toml")
+    assert built.corner == (1.0, 2.5)
+    assert built.inner.spacing_m == 3.0
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_not_finite_is_refused(value):
+    with pytest.raises(ConfigError):
+        validated(Outer, {"inner": {"spacing_m": value}}, "m.toml")
+
+
+def test_overrides_do_not_touch_the_original():
+    values = {"inner": {"spacing_m": 1.0}}
+    assert with_overrides(values, ["inner.spacing_m=4", "count=3"]) == {"inner": {"spacing_m": 4}, "count": 3}
+    assert values == {"inner": {"spacing_m": 1.0}}
+
+
+@pytest.mark.parametrize("override", ["inner", "=3", "count.deep=1"])
+def test_malformed_overrides_are_refused(override):
+    with pytest.raises(ConfigError):
+        with_overrides({"count": 1}, [override])
+
+
+def test_broken_toml_is_named(tmp_path):
+    (tmp_path / "m.toml").write_text("a = [1,")
+    with pytest.raises(ConfigError, match=r"m\.toml is not valid TOML"):
+        read_toml(tmp_path / "m.toml")
+    with pytest.raises(InputError, match="does not exist"):
+        read_toml(tmp_path / "other.toml")

@@ -1,0 +1,47 @@
+"""Rough covariances: a box and waves of their own, and the spread that the nearest points leave."""
+
+import numpy as np
+
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential, Sum
+from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.rough_resolution import resolution_for
+from survey.reconstruction.gp.learned import surface_variance
+from survey.reconstruction.gp.process import conditioned
+
+SITE = (0.0, 0.0, 300.0, 300.0)
+
+
+def _swaths() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    xy = np.column_stack([75.0 * rng.integers(0, 5, 900) + rng.normal(0, 8, 900), rng.uniform(0, 300, 900)])
+    xy = np.clip(xy, 0.0, 300.0)
+    return xy, np.zeros(900), np.full(900, 0.1)
+
+
+def test_a_smooth_kernel_keeps_the_exact_resolution() -> None:
+    xy, _, sigma = _swaths()
+    resolution = resolution_for(
+        SquaredExponential(10.0, 40.0), SITE, xy, sigma**2, tolerance_m=1e-3, memory_mb=300.0
+    )
+    assert resolution.is_met
+
+
+def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
+    kernel = Sum(Matern32(60.0, 150.0), Matern32(0.3, 8.0))
+    xy, _, sigma = _swaths()
+    rng = np.random.default_rng(1)
+    root = np.linalg.cholesky(kernel.covariance(xy, xy) + 0.01 * np.eye(900))
+    z = root @ rng.standard_normal(900)
+    config = GaussianProcessConfig(memory_mb=40.0)
+    fast = conditioned("gp", kernel, xy, z, sigma, bounds=SITE, trend="constant", config=config)
+    dense = DenseGaussianProcess.fit(xy, z, sigma, kernel, trend="constant")
+    places = rng.uniform(0.0, 300.0, (400, 2))
+    mean, variance = fast.predict(places)
+    exact_mean, exact_variance = dense.predict(places)
+    ratio = np.sqrt(surface_variance(fast, variance, places) / exact_variance)
+    # The box of three quarters of the site costs a few per cent; twelve neighbours tell nearly all.
+    assert 0.97 < np.median(ratio) < 1.03
+    assert np.quantile(ratio, 0.01) > 0.85
+    assert np.quantile(ratio, 0.99) < 1.15
+    assert np.sqrt(np.mean((mean - exact_mean) ** 2 / exact_variance)) < 0.3

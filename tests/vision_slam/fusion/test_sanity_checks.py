@@ -1,0 +1,93 @@
+"""Starts and clocks that a recording states wrongly, refuted by its own sensors."""
+
+import numpy as np
+import pytest
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray
+from survey.data.recording import Recording
+from survey.data.sensors import GpsFixes, Odometry
+from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.sanity_checks import lateness_s, with_credible_start
+from vision_slam.pipeline import dead_reckoning
+from vision_slam.rotation import rotations
+
+SITE = CRS("EPSG:32608")
+CONFIG = LocalizationConfig()
+
+
+def _drive(
+    late_s: float = 0.0, seed: int = 3, config: LocalizationConfig = CONFIG, radius_m: float = 40.0
+) -> tuple[Recording, FloatArray]:
+    """Most of a round at 1 m/s with fixes as the configuration has them, and its real path."""
+    times = np.arange(0.0, 3.75 * radius_m, 1.0)
+
+    def place(at_s: FloatArray) -> FloatArray:
+        angle = np.maximum(at_s, 0.0) / radius_m
+        return radius_m * np.column_stack([np.sin(angle), 1.0 - np.cos(angle), np.zeros_like(angle)])
+
+    path = place(times)
+    attitude = np.column_stack([np.zeros_like(times), np.zeros_like(times), times / radius_m])
+    steps = np.einsum("nji,nj->ni", rotations(attitude[:-1]), np.diff(path, axis=0))
+    rng = np.random.default_rng(seed)
+    memory, bias, biases = np.exp(-1.0 / config.gps_correlation_time_s), rng.standard_normal(3), []
+    for _ in times:
+        bias = memory * bias + np.sqrt(1.0 - memory**2) * rng.standard_normal(3)
+        biases.append(config.gps_bias_sigma_m * bias)
+    fixes = (
+        place(times - late_s) + np.array(biases) + config.gps_white_sigma_m * rng.standard_normal(path.shape)
+    )
+    gps = GpsFixes(times, fixes)
+    return Recording(SITE, path[0], gps, odometry=Odometry(times, steps, attitude)), path
+
+
+def test_a_start_that_fixes_agree_with_is_believed() -> None:
+    recording, path = _drive()
+    assert recording.odometry is not None
+    kept, config = with_credible_start(recording, path, recording.odometry.time_s, CONFIG)
+    assert kept is recording
+    assert config is CONFIG
+
+
+def test_a_start_elsewhere_is_taken_for_unknown(caplog: pytest.LogCaptureFixture) -> None:
+    recording, path = _drive()
+    assert recording.odometry is not None
+    away = np.array([18.0, -24.0, 0.0])
+    told = Recording(SITE, path[0] + away, recording.gps, odometry=recording.odometry)
+    kept, config = with_credible_start(told, path + away, recording.odometry.time_s, CONFIG)
+    assert config.start == "unknown"
+    # The slow error of the fixes, 1 m, and what the heading of the fit adds at the start.
+    assert np.hypot(*(kept.start - path[0])[:2]) < 3.0
+    assert "the fixes put the start 3" in caplog.text or "the fixes put the start 2" in caplog.text
+
+
+def test_a_path_that_bends_on_a_long_drive_does_not_refute_its_start() -> None:
+    times = np.arange(0.0, 2000.0, 1.0)
+    along = np.column_stack([times, np.zeros_like(times), np.zeros_like(times)])
+    bent = np.cumsum(
+        np.column_stack([np.ones_like(times), times * np.radians(9.0) / 2000.0, 0.0 * times]), axis=0
+    )
+    fixes = along + CONFIG.gps_white_sigma_m * np.random.default_rng(3).standard_normal(along.shape)
+    recording = Recording(SITE, along[0], GpsFixes(times, fixes))
+    assert with_credible_start(recording, bent - bent[0], times, CONFIG)[0] is recording
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_fixes_in_time_stay_where_they_are(seed: int) -> None:
+    recording, path = _drive(seed=seed)
+    assert lateness_s(recording, path, CONFIG) == 0.0
+
+
+def test_fixes_that_forget_sooner_than_assumed_are_not_taken_for_late() -> None:
+    minute = CONFIG.model_copy(update={"gps_bias_sigma_m": 3.0, "gps_correlation_time_s": 60.0})
+    recording, path = _drive(seed=10, config=minute, radius_m=160.0)
+    longer = minute.model_copy(update={"gps_correlation_time_s": 480.0})
+    assert lateness_s(recording, path, longer) == 0.0
+
+
+def test_late_fixes_are_moved_back() -> None:
+    recording, _ = _drive(late_s=2.0)
+    assert recording.odometry is not None
+    path = dead_reckoning(recording.odometry, recording.start)
+    # Half a second at 1 m/s is what fixes of 1 m with a memory of two minutes can tell apart here.
+    assert lateness_s(recording, path, CONFIG) == pytest.approx(2.0, abs=0.5)

@@ -1,0 +1,272 @@
+"""Bags as rosbags writes them, read back."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as FirstWriter
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as SecondWriter
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from survey.core.errors import InputError
+from survey.data.camera import Camera
+from vision_slam.io.bags import is_bag, read_bag
+from vision_slam.io.sequence import placed
+
+NOISE = np.random.default_rng(3).integers(0, 255, (4, 12, 16), dtype=np.uint8)
+
+
+class Bag:
+    """Writes messages of one typestore to topics, whichever the format is."""
+
+    def __init__(self, writer: Any, store: Any, *, is_first: bool) -> None:
+        self.writer, self.store, self.is_first = writer, store, is_first
+        self.topics: dict[str, Any] = {}
+        links = "tf2_msgs/msg/TFMessage"
+        if links not in store.types:
+            store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", links))
+
+    def make(self, kind: str, **fields: Any) -> Any:
+        return self.store.types[kind](**fields)
+
+    def header(self, second: float, frame: str = "") -> Any:
+        whole = int(second)
+        stamp = self.make("builtin_interfaces/msg/Time", sec=whole, nanosec=round(1e9 * (second - whole)))
+        counted = {"seq": 0} if self.is_first else {}
+        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **counted)
+
+    def add(self, topic: str, second: float, message: Any) -> None:
+        kind = message.__msgtype__
+        if topic not in self.topics:
+            self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
+        to_bytes = self.store.serialize_ros1 if self.is_first else self.store.serialize_cdr
+        self.writer.write(self.topics[topic], int(second * 1e9), bytes(to_bytes(message, kind)))
+
+    def image(self, topic: str, second: float, pixels: np.ndarray, encoding: str, padding: int = 0) -> None:
+        rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
+        rows = np.pad(rows, ((0, 0), (0, padding)))
+        message = self.make(
+            "sensor_msgs/msg/Image",
+            header=self.header(second, "eye"),
+            height=pixels.shape[0],
+            width=pixels.shape[1],
+            encoding=encoding,
+            is_bigendian=0,
+            step=rows.shape[1],
+            data=rows.ravel(),
+        )
+        self.add(topic, second, message)
+
+    def calibration(self, topic: str, width: int = 16, model: str = "plumb_bob", n: int = 5) -> None:
+        window = self.make(
+            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        numbers = {
+            "d": 0.01 * np.arange(1.0, n + 1.0),
+            "k": np.array([20.0, 0, 8, 0, 21.0, 6, 0, 0, 1]),
+            "r": np.eye(3).ravel(),
+            "p": np.zeros(12),
+        }
+        named = {(key.upper() if self.is_first else key): value for key, value in numbers.items()}
+        message = self.make(
+            "sensor_msgs/msg/CameraInfo",
+            header=self.header(0.0),
+            height=12,
+            width=width,
+            distortion_model=model,
+            binning_x=0,
+            binning_y=0,
+            roi=window,
+            **named,
+        )
+        self.add(topic, 0.0, message)
+
+    def vector(self, x: float, y: float, z: float) -> Any:
+        return self.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+    def turn(self, x: float, y: float, z: float, w: float) -> Any:
+        return self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+    def fix(self, second: float, latitude: float, status: int) -> None:
+        told = self.make("sensor_msgs/msg/NavSatStatus", status=status, service=1)
+        message = self.make(
+            "sensor_msgs/msg/NavSatFix",
+            header=self.header(second),
+            status=told,
+            latitude=latitude,
+            longitude=-135.0,
+            altitude=7.0,
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
+        )
+        self.add("/gps/fix", second, message)
+
+    def inertial(self, second: float, frame: str) -> None:
+        message = self.make(
+            "sensor_msgs/msg/Imu",
+            header=self.header(second, frame),
+            orientation=self.turn(0.0, 0.0, 0.0, 1.0),
+            orientation_covariance=np.zeros(9),
+            angular_velocity=self.vector(0.1, 0.2, 0.3),
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=self.vector(0.0, 0.0, -9.81),
+            linear_acceleration_covariance=np.zeros(9),
+        )
+        self.add("/imu", second, message)
+
+    def odometry(self, second: float, x: float) -> None:
+        place = self.make("geometry_msgs/msg/Point", x=x, y=0.0, z=0.0)
+        pose = self.make("geometry_msgs/msg/Pose", position=place, orientation=self.turn(0.0, 0.0, 0.0, 1.0))
+        still = self.make(
+            "geometry_msgs/msg/Twist", linear=self.vector(0.0, 0.0, 0.0), angular=self.vector(0.0, 0.0, 0.0)
+        )
+        message = self.make(
+            "nav_msgs/msg/Odometry",
+            header=self.header(second),
+            child_frame_id="base_link",
+            pose=self.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+            twist=self.make("geometry_msgs/msg/TwistWithCovariance", twist=still, covariance=np.zeros(36)),
+        )
+        self.add("/odom", second, message)
+
+    def mounting(self, child: str, shift: tuple[float, float, float], turn: tuple[float, ...]) -> None:
+        transform = self.make(
+            "geometry_msgs/msg/Transform", translation=self.vector(*shift), rotation=self.turn(*turn)
+        )
+        link = self.make(
+            "geometry_msgs/msg/TransformStamped",
+            header=self.header(0.0, "base_link"),
+            child_frame_id=child,
+            transform=transform,
+        )
+        self.add("/tf_static", 0.0, self.make("tf2_msgs/msg/TFMessage", transforms=[link]))
+
+
+@contextmanager
+def second_bag(path: Path, plugin: StoragePlugin = StoragePlugin.SQLITE3) -> Iterator[Bag]:
+    with SecondWriter(path, version=9, storage_plugin=plugin) as writer:
+        yield Bag(writer, get_typestore(Stores.LATEST), is_first=False)
+
+
+@contextmanager
+def first_bag(path: Path) -> Iterator[Bag]:
+    with FirstWriter(path) as writer:
+        yield Bag(writer, get_typestore(Stores.ROS1_NOETIC), is_first=True)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "ros2", "mcap"])
+def test_a_bag_gives_back_what_was_written(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / ("drive.bag" if kind == "ros1" else "drive")
+    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    with first_bag(path) if kind == "ros1" else second_bag(path, plugin) as bag:
+        bag.calibration("/cam/camera_info")
+        # 180° about x: the inertial unit hangs upside down.
+        bag.mounting("unit", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0))
+        bag.mounting("eye", (0.2, 0.0, 0.7), (-0.5, 0.5, -0.5, 0.5))
+        for k in range(4):
+            second = 1000.0 + 0.25 * k
+            bag.image("/cam/image_raw", second, NOISE[k], "mono8", padding=3)
+            bag.inertial(second, "unit")
+            bag.odometry(second, 0.1 * k)
+            bag.fix(second, 58.4 + 1e-5 * k, -1 if k == 1 else 0)
+    assert is_bag(path)
+    sequence = read_bag(path)
+    assert sequence.frames.time_s.tolist() == [1000.0, 1000.25, 1000.5, 1000.75]
+    for k in (0, 1, 2, 3, 3, 1):
+        assert np.array_equal(sequence.frames[k], NOISE[k])
+    assert sequence.camera.matrix[1].tolist() == [0.0, 21.0, 6.0]
+    assert sequence.camera.distortion.tolist() == pytest.approx([0.01, 0.02, 0.03, 0.04, 0.05])
+    # The optical frame looks along z, which the rover calls x.
+    assert sequence.camera.T_body_camera[:3, 2].tolist() == pytest.approx([1.0, 0.0, 0.0])
+    assert sequence.camera.T_body_camera[:3, 3].tolist() == pytest.approx([0.2, 0.0, 0.7])
+    assert sequence.inertial is not None
+    assert sequence.inertial.specific_force_m_s2[0].tolist() == pytest.approx([0.0, 0.0, 9.81])
+    assert sequence.inertial.gyro_rad_s[0].tolist() == pytest.approx([0.1, -0.2, -0.3])
+    assert sequence.wheels is not None
+    assert sequence.wheels.left_m.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert sequence.gps is not None
+    assert sequence.gps.n_without_fix == 1
+    recording = placed(sequence, sequence.gps)
+    assert recording.crs.to_epsg() == 32608
+    assert recording.vertical_datum == "ellipsoidal height"
+    assert len(recording.gps) == 3
+
+
+@pytest.mark.parametrize("encoding", ["bgr8", "rgb8", "bgra8", "mono16", "png"])
+def test_images_of_every_kind_become_8_bits(tmp_path: Path, encoding: str) -> None:
+    pixels = np.zeros((12, 16, 4 if encoding == "bgra8" else 3), np.uint8)
+    pixels[..., 0] = 200
+    with second_bag(tmp_path / "drive") as bag:
+        bag.calibration("/cam/camera_info", model="equidistant", n=4)
+        if encoding == "png":
+            whole = cv2.imencode(".png", pixels)[1].ravel()
+            header = bag.header(1.0)
+            message = bag.make("sensor_msgs/msg/CompressedImage", header=header, format="png", data=whole)
+            bag.add("/cam/image_raw/compressed", 1.0, message)
+        elif encoding == "mono16":
+            bag.image("/cam/image_raw", 1.0, np.full((12, 16), 0x0ABC, np.uint16), encoding)
+        else:
+            bag.image("/cam/image_raw", 1.0, pixels, encoding)
+    sequence = read_bag(tmp_path / "drive")
+    assert sequence.camera.model == "fisheye"
+    image = sequence.frames[0]
+    if encoding == "mono16":
+        assert image.max() == 0x0ABC >> 4  # 12 bits are in use
+        assert any("12 bits were divided by 16" in note for note in sequence.notes)
+    else:
+        assert image[0, 0].tolist() == ([0, 0, 200] if encoding == "rgb8" else [200, 0, 0])
+
+
+def test_what_a_bag_cannot_tell_is_refused(tmp_path: Path, camera: Camera) -> None:
+    with second_bag(tmp_path / "two") as bag:
+        bag.calibration("/left/camera_info")
+        bag.calibration("/right/camera_info", width=18)
+        for side in ("left", "right"):
+            bag.image(f"/{side}/image_raw", 1.0, NOISE[0], "mono8")
+    with pytest.raises(InputError, match=r"2 topics of images .*choose one with --topic"):
+        read_bag(tmp_path / "two")
+    with pytest.raises(InputError, match="no topic /middle"):
+        read_bag(tmp_path / "two", ["/middle"])
+    assert len(read_bag(tmp_path / "two", ["/left/image_raw"]).frames) == 1
+    with pytest.raises(InputError, match="16 × 12 pixels, their calibration 18 × 12"):
+        read_bag(tmp_path / "two", ["/right/image_raw"])
+    with second_bag(tmp_path / "blind") as bag:
+        bag.fix(1.0, 58.4, -1)
+    with pytest.raises(InputError, match="holds no images"):
+        read_bag(tmp_path / "blind")
+    with second_bag(tmp_path / "bare") as bag:
+        bag.image("/image", 1.0, NOISE[0], "mono8")
+        bag.fix(1.0, 58.4, -1)
+    with pytest.raises(InputError, match="no camera_info"):
+        read_bag(tmp_path / "bare")
+    with pytest.raises(InputError, match="1 NavSatFix messages and no fix"):
+        read_bag(tmp_path / "bare", camera=camera.scaled(0.05))
+
+
+@pytest.mark.parametrize("kind", ["ros1", "ros2", "mcap"])
+def test_a_bag_that_is_cut_off_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / ("drive.bag" if kind == "ros1" else "drive")
+    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    with first_bag(path) if kind == "ros1" else second_bag(path, plugin) as bag:
+        bag.calibration("/camera_info")
+        for k in range(20):
+            bag.image("/image", 1.0 + k, NOISE[0], "mono8")
+    file = path if kind == "ros1" else next(path.glob("drive.*"))
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="no whole bag"):
+        read_bag(path)
+
+
+def test_without_rosbags_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with second_bag(tmp_path / "drive") as bag:
+        bag.image("/image", 1.0, NOISE[0], "mono8")
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(InputError, match=r"install firnline\[bags\]"):
+        read_bag(tmp_path / "drive")

@@ -1,0 +1,143 @@
+"""A folder of someone's images with a phone's fixes, from its files to path, pictures and viewer."""
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from survey.core.errors import ConfigError, InputError
+from survey.data.camera import Camera
+from survey.data.sensors import Wheels
+from survey.data.trajectory import Trajectory
+from vision_slam.recordings import Drive, open_drive
+from vision_slam.results import pictures_of, refuse_existing, write_localization, write_pictures
+from vision_slam.viewer import refuse_without_rerun, write_rrd
+
+UTM = "EPSG:32608"
+STEP_M, N = 0.5, 48
+HEADING = np.radians(30.0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, plane_world: object, camera: Camera) -> Path:
+    """Forty-eight images, 0.5 m apart on a straight line that heads 30° north of east; a fix at every second one."""
+    place = tmp_path_factory.mktemp("walk")
+    camera.write(place / "camera.toml")
+    (place / "images").mkdir()
+    pose = np.eye(4)
+    lines = ["time_s,easting_m,northing_m,height_m"]
+    noise = np.random.default_rng(2)
+    for k in range(N):
+        pose[0, 3] = (
+            0.25 * STEP_M * k
+        )  # the ground's texture is 20 m long: draw a quarter of the world's size
+        time_s = 1000.0 + 0.25 * k
+        cv2.imwrite(str(place / "images" / f"{time_s:.2f}.png"), plane_world.image(pose))  # type: ignore[attr-defined]
+        if k % 2 == 0:
+            east, north = STEP_M * k * np.array([np.cos(HEADING), np.sin(HEADING)]) + noise.normal(
+                0.0, 0.1, 2
+            )
+            lines.append(f"{time_s},{500000.0 + east},{6470000.0 + north},50.0")
+    (place / "phone.csv").write_text("\n".join(lines) + "\n")
+    return place
+
+
+@pytest.fixture(scope="module")
+def drive(folder: Path) -> Drive:
+    return open_drive(folder, gps=folder / "phone.csv", crs=UTM)
+
+
+def test_images_without_wheels_take_scale_and_heading_from_the_fixes(drive: Drive, tmp_path: Path) -> None:
+    localized = drive.localized()
+    end = localized.position[-1] - [500000.0, 6470000.0, 50.0]
+    length_m = STEP_M * (N - 1)
+    # 24 fixes of 0.1 m on 24 m place the ends to a few centimetres; 0.5 m is what the smoother's own σ allows.
+    assert np.linalg.norm(end[:2] - length_m * np.array([np.cos(HEADING), np.sin(HEADING)])) < 0.5
+    assert localized.length_m == pytest.approx(length_m, rel=0.03)
+    assert any("scale is that of the fixes" in note for note in drive.notes)
+    judge = tmp_path / "other.tum"
+    assert localized.trajectory is not None
+    localized.trajectory.write(judge)
+    compared = drive.compared(localized, drive.read_reference(judge))
+    assert compared is not None
+    assert compared.figures["worst_error_m"] == 0.0
+    out = tmp_path / "out"
+    write_localization(out, localized)
+    write_pictures(out, pictures_of(localized, drive.sensed, drive.gps, compared))
+    names = {file.name for file in out.iterdir()}
+    assert {"trajectory.tum", "track.gpkg", "landmarks.gpkg", "health.csv"} <= names
+    assert {"map.png", "tracks.png", "errors.png"} <= names
+    assert len(Trajectory.read(out / "trajectory.csv", UTM)) == N
+    with pytest.raises(InputError, match="--force"):
+        refuse_existing(out, force=False)
+
+
+def test_wheels_beside_the_images_give_the_scale(folder: Path, drive: Drive) -> None:
+    rolled = 0.25 * STEP_M * np.arange(N)
+    Wheels(drive.sensed.frames.time_s, rolled, rolled).write(folder / "wheels.csv")  # type: ignore[union-attr]
+    sequence = open_drive(folder).sensed
+    (folder / "wheels.csv").unlink()
+    assert sequence.wheels is not None
+    assert sequence.wheels.left_m[-1] == pytest.approx(rolled[-1])
+
+
+def test_fixes_that_hardly_move_cannot_tell_a_scale(folder: Path, tmp_path: Path) -> None:
+    still = [f"{1000.0 + k},500000,6470000,50" for k in range(10)]
+    (tmp_path / "still.csv").write_text("\n".join(["time_s,easting_m,northing_m,height_m", *still]) + "\n")
+    with pytest.raises(InputError, match=r"spread over 0\.0 m"):
+        open_drive(folder, gps=tmp_path / "still.csv", crs=UTM).localized()
+
+
+def test_blank_images_are_no_motion(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "camera.toml").write_bytes((folder / "camera.toml").read_bytes())
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"{0.5 * k}.png"), np.full((240, 320), 200, np.uint8))
+    with pytest.raises(InputError, match="none of 3 images could be followed"):
+        open_drive(tmp_path).localized()
+
+
+def test_a_camera_that_stands_still_invents_no_motion(drive: Drive, tmp_path: Path) -> None:
+    short = _first_images(drive, tmp_path / "still", 1)
+    first = next(short.glob("*.png"))
+    for k in range(1, 6):
+        (short / f"{1000.0 + 0.25 * k:.2f}.png").write_bytes(first.read_bytes())
+    standing = open_drive(short)
+    assert standing.localized().length_m == 0.0
+    assert any("lengths are no metres" in note for note in standing.notes)
+
+
+def test_one_image_is_no_motion(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "camera.toml").write_bytes((folder / "camera.toml").read_bytes())
+    first = min((folder / "images").iterdir())
+    (tmp_path / "1.5.png").write_bytes(first.read_bytes())
+    with pytest.raises(InputError, match="one image; motion needs at least two"):
+        open_drive(tmp_path)
+
+
+def test_the_viewers_file_holds_the_drive(drive: Drive, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="rerun is not installed (firnline[viewer])")
+    short = open_drive(_first_images(drive, tmp_path / "short", 6))
+    localized = short.localized()
+    write_rrd(tmp_path / "drive.rrd", localized, short.sensed)
+    content = (tmp_path / "drive.rrd").read_bytes()
+    assert content.startswith(b"RRF")
+    # Six images are in it: JPEG keeps the speckles in more than a kilobyte each.
+    assert len(content) > 6 * 1024
+
+
+def _first_images(drive: Drive, place: Path, n: int) -> Path:
+    place.mkdir()
+    assert drive.camera is not None
+    assert drive.frames is not None
+    drive.camera.write(place / "camera.toml")
+    for k in range(n):
+        cv2.imwrite(str(place / f"{drive.frames.time_s[k]:.2f}.png"), drive.frames[k])
+    return place
+
+
+def test_a_missing_viewer_is_told_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(ConfigError, match=r"install firnline\[viewer\]"):
+        refuse_without_rerun()

@@ -1,0 +1,91 @@
+"""Rows of a whitened linear least-squares system over a path's nodes, gathered term by term."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from survey.core.arrays import FloatArray, IntArray
+
+PER_NODE = 13
+"""Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), barometer's drift, scale, slow part of yaw, gyro's bias."""
+E, YAW, PITCH, ROLL, BIAS, DRIFT, SCALE, HEADING, GYRO = 0, 3, 4, 5, 6, 9, 10, 11, 12
+MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-8, 0)
+"""Unknowns that all nodes share, counted from the end."""
+N_GLOBALS = 8
+
+Term = tuple[IntArray, FloatArray]
+
+
+@dataclass
+class NormalEquations:
+    """Rows ``Σ coefficient · unknown = value ± sigma``, and what they amount to."""
+
+    n_nodes: int
+    rows: list[IntArray] = field(default_factory=list)
+    columns: list[IntArray] = field(default_factory=list)
+    entries: list[FloatArray] = field(default_factory=list)
+    right: list[FloatArray] = field(default_factory=list)
+    log_sigma: float = 0.0
+    n_rows: int = 0
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of unknowns, globals included."""
+        return self.n_nodes * PER_NODE + N_GLOBALS
+
+    def add(self, terms: list[Term], value: FloatArray, sigma: FloatArray) -> None:
+        """Add rows; a term's columns and coefficients have one entry a row, or one for all."""
+        n = len(value)
+        row = self.n_rows + np.arange(n)
+        for column, coefficient in terms:
+            self.rows.append(row)
+            self.columns.append(np.broadcast_to(column, n) % self.n_unknowns)
+            self.entries.append(coefficient / sigma)
+        self.right.append(value / sigma)
+        self.log_sigma += float(np.log(np.broadcast_to(sigma, n)).sum())
+        self.n_rows += n
+
+    def add_prior(self, which: IntArray | int, sigma: float) -> None:
+        """Say of one unknown that it is 0 ± sigma."""
+        one = np.ones(1)
+        self.add([(np.atleast_1d(np.asarray(which)), one)], 0.0 * one, sigma * one)
+
+    def add_gauss_markov(self, which: int, memory: FloatArray, sigma: float, mean: int | None = None) -> None:
+        """Tie an unknown to its neighbour: x' − μ' = memory · (x − μ) + noise that keeps the variance.
+
+        The mean μ is another unknown, a global or of the node.
+        """
+        before = np.arange(len(memory))
+        first, one, ones = np.zeros(1, dtype=np.int64), np.ones(1), np.ones(len(memory))
+        steps: list[Term] = [(unknown(before + 1, which), ones), (unknown(before, which), -memory)]
+        start: list[Term] = [(unknown(first, which), one)]
+        if mean is not None:
+            steps += [(unknown(before + 1, mean), -ones), (unknown(before, mean), memory)]
+            start.append((unknown(first, mean), -one))
+        kept = sigma * np.sqrt(np.maximum(1.0 - memory**2, 1e-12))
+        self.add(steps, np.zeros(len(memory)), kept)
+        self.add(start, 0.0 * one, sigma * one)
+
+    def add_walk(self, which: int, sigma: FloatArray) -> None:
+        """Let an unknown change from node to node by independent steps of standard deviations (K - 1,)."""
+        before, ones = np.arange(len(sigma)), np.ones(len(sigma))
+        self.add([(unknown(before + 1, which), ones), (unknown(before, which), -ones)], 0.0 * ones, sigma)
+
+    @property
+    def design(self) -> Any:
+        """The whitened rows, sparse."""
+        place = (np.concatenate(self.rows), np.concatenate(self.columns))
+        return sparse.csr_array((np.concatenate(self.entries), place), shape=(self.n_rows, self.n_unknowns))
+
+    @property
+    def values(self) -> FloatArray:
+        """The whitened right-hand side."""
+        return np.concatenate(self.right)
+
+
+def unknown(nodes: IntArray | int, which: int) -> IntArray:
+    """Return the column of one unknown of some nodes; a global is the same for all."""
+    own: IntArray = np.asarray(nodes, dtype=np.int64) * PER_NODE
+    return own + which if which >= 0 else np.full_like(own, which)

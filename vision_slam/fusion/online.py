@@ -1,0 +1,175 @@
+"""A whole recording through the particle filter: at every moment what was known by then."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.streams import stream
+from survey.data.recording import Recording
+from survey.data.trajectory import Trajectory
+from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.error_terms import differenced_fixes, differenced_heights, signed_travel, turned_back
+from vision_slam.fusion.hypotheses import GyroTurn
+from vision_slam.fusion.particle_filter import ParticleFilter
+from vision_slam.inertial.gyro import GyroErrors, turned_beyond
+from vision_slam.rotation import quaternions, rotations
+
+_SET_OFF_M = 5.0
+
+
+@dataclass(frozen=True)
+class OnlinePath:
+    """Poses as they were known when they were reached.
+
+    ``time_s`` (N,), ``position`` (N, 3) [m], ``covariance`` (N, 3, 3) [m²], ``turn_rad`` (N,)
+    of the odometry's frame in the world, ``is_lost`` (N,); ``believed`` tells of every fix
+    whether it passed the innovation gate.
+    """
+
+    time_s: FloatArray
+    position: FloatArray
+    covariance: FloatArray
+    turn_rad: FloatArray
+    is_lost: BoolArray
+    believed: BoolArray
+
+    def trajectory(self, recording: Recording) -> Trajectory:
+        """Return it as a trajectory; its health is 0 where the filter says lost."""
+        assert recording.odometry is not None
+        attitude = recording.odometry.attitude_rad + self.turn_rad[:, None] * [0.0, 0.0, 1.0]
+        return Trajectory(
+            self.time_s,
+            self.position,
+            quaternions(attitude),
+            self.covariance,
+            recording.crs,
+            health=1.0 - self.is_lost,
+        )
+
+
+def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> OnlinePath:
+    """Filter a dead-reckoned path (N, 3) [m] with fixes, barometer and wheels, each in its turn.
+
+    Where the heading at the start is not known to 1°, the odometry is turned back to the
+    compass; without a compass every heading is tried. Its roll and pitch are taken as they
+    are: those of images are levelled by gravity over half a minute to either side.
+    """
+    assert recording.odometry is not None
+    poses_s = recording.odometry.time_s
+    fixes, settings = differenced_fixes(recording, config)
+    heights, settings = differenced_heights(recording, settings)
+    back, settings = turned_back(recording, settings)
+    cosine, sine = np.cos(back), np.sin(back)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    path = (reckoned - recording.start) @ turn.T + recording.start
+    up = rotations(recording.odometry.attitude_rad)[:, :, 2] @ turn.T
+    antenna = fixes - _at(recording.gps.time_s, poses_s, up) * recording.antenna_height_m
+    filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
+    events = _events(recording, heights is not None)
+    walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]), settings)
+    believed = np.zeros(len(antenna), dtype=np.bool_)
+    estimates = []
+    for k, (_, kind, index) in enumerate(events):
+        walk.on(k, filtered)
+        if kind == _POSE:
+            estimates.append(filtered.estimate())
+        elif kind == _FIX:
+            believed[index] = filtered.correct(antenna[index])
+        else:
+            assert heights is not None
+            filtered.correct_height(float(heights[index]))
+    return OnlinePath(
+        poses_s,
+        np.array([now.position for now in estimates]),
+        np.array([now.covariance for now in estimates]),
+        np.array([now.heading_rad for now in estimates]) + back,
+        np.array([now.is_lost for now in estimates]),
+        believed,
+    )
+
+
+def believing(recording: Recording, online: OnlinePath) -> Recording:
+    """Return the recording without the fixes that the filter refused, unless fewer than two are left."""
+    if online.believed.all() or online.believed.sum() < 2:
+        return recording
+    fixes = recording.gps
+    kept = replace(fixes, time_s=fixes.time_s[online.believed], position=fixes.position[online.believed])
+    return replace(recording, gps=kept)
+
+
+_FIX, _HEIGHT, _POSE = range(3)
+
+
+def _events(recording: Recording, with_heights: bool) -> list[tuple[float, int, int]]:
+    """Moments at which something is to be done: fixes and heights before the pose of the same time."""
+    assert recording.odometry is not None
+    poses_s = recording.odometry.time_s
+    times = {_POSE: poses_s, _FIX: recording.gps.time_s}
+    if with_heights and recording.barometer is not None:
+        times[_HEIGHT] = recording.barometer.time_s
+    events = [
+        (float(at_s), kind, index)
+        for kind, moments in times.items()
+        for index, at_s in enumerate(moments.tolist())
+        if poses_s[0] <= at_s <= poses_s[-1]
+    ]
+    return sorted(events)
+
+
+class _Walk:
+    """Moves a filter along the reckoned path, from one moment to the next."""
+
+    def __init__(
+        self, recording: Recording, path: FloatArray, moments_s: FloatArray, config: LocalizationConfig
+    ) -> None:
+        odometry, wheels = recording.odometry, recording.wheels
+        assert odometry is not None
+        seconds = np.diff(moments_s, prepend=odometry.time_s[0])
+        along = [*path.T, np.unwrap(odometry.attitude_rad[:, 2])]
+        along.append(np.r_[0.0, np.cumsum(signed_travel(odometry))])
+        for errors in (odometry.step_sigma_m, odometry.turn_sigma_rad):
+            squares = np.zeros(len(odometry.step)) if errors is None else errors**2
+            along.append(np.r_[0.0, np.cumsum(squares)])
+        moved = _at(moments_s, odometry.time_s, np.column_stack(along))
+        moved = np.diff(moved, axis=0, prepend=moved[:1])
+        self._step, self._turned_rad, self._travel_m = moved[:, :3], moved[:, 3], moved[:, 4]
+        self._unseen = np.sqrt(np.maximum(moved[:, 5:], 0.0))
+        turning_m = config.turn_sigma_m * np.sqrt(np.abs(self._turned_rad))
+        self._unseen[:, 0] = np.hypot(self._unseen[:, 0], turning_m)
+        self._beyond_rad = _beyond(recording, moments_s, config)
+        self._seconds = seconds
+        self._rolled: FloatArray | None = None
+        if wheels is not None:
+            travel = np.interp(moments_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m))
+            rolled = np.diff(travel, prepend=travel[:1])
+            # Tracks spin when they set off.
+            is_told = (moments_s <= wheels.time_s[-1] + 1.0) & (travel - travel[0] > _SET_OFF_M)
+            self._rolled = np.where(is_told, rolled, np.nan)
+
+    def on(self, k: int, filtered: ParticleFilter) -> None:
+        """Move on to the moment of that number."""
+        if self._seconds[k] <= 0.0:
+            return
+        beyond_rad = float(self._beyond_rad[k])
+        turn = GyroTurn(beyond_rad, float(self._turned_rad[k])) if np.isfinite(beyond_rad) else None
+        filtered.move(self._step[k], self._seconds[k], self._unseen[k, 0], self._unseen[k, 1], turn)
+        if self._rolled is not None and np.isfinite(self._rolled[k]):
+            told = self._rolled[k], self._travel_m[k], self._turned_rad[k]
+            filtered.roll(*(float(value) for value in told))
+
+
+def _beyond(recording: Recording, moments_s: FloatArray, config: LocalizationConfig) -> FloatArray:
+    """By how much the gyro turns beyond the odometry before each moment [rad]; NaN where it does not tell, or need not."""
+    assert recording.odometry is not None
+    if recording.inertial is None or not GyroErrors.of(config).is_of_use:
+        return np.full(len(moments_s), np.nan)
+    beyond = turned_beyond(recording.inertial, recording.odometry)
+    parts = np.column_stack([np.nan_to_num(beyond), np.isnan(beyond)])
+    summed = np.vstack([np.zeros(2), np.cumsum(parts, axis=0)])
+    moved = np.diff(_at(moments_s, recording.odometry.time_s, summed), axis=0, prepend=np.zeros((1, 2)))
+    return np.where(moved[:, 1] > 0.0, np.nan, moved[:, 0])
+
+
+def _at(time_s: FloatArray, times: FloatArray, values: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(time_s, times, column) for column in values.T])

@@ -1,0 +1,188 @@
+r"""Online fusion of odometry with fixes by a Rao-Blackwellised particle filter.
+
+One thing makes localization non-linear: the heading h of the odometry's frame in the world.
+A particle is such a heading. Given it all else is linear and Gaussian, so that each particle
+carries the mean of a Kalman filter: position p, the odometry's errors of yaw ψ, pitch θ and
+scale s with what they wander about, GPS bias b, drift c and datum c₀ of the barometer, the
+gyro's bias β. With d
+the odometry's step, (u, v) how it answers to yaw and pitch, L its length, Δt its time,
+
+    p ← p + d − ψ u − θ v − s d + w,           w ~ N(0, q² L)
+    η ← η + n', β Δt = g + n' + ν,             (walk of the heading, held by the gyro's turn g)
+    ψ ← η + e^(−L/Λ) (ψ − η) + n,              θ, s alike;  b ← e^(−Δt/T) b + n,  c alike
+    z = p + b + ν,    h = p_z + c + c₀ + ν     (fix; barometer)
+
+in the frame of the particle, the world turned by −h about the vertical. In their own frames
+all particles move and see alike, and the receiver errs alike to all sides: one covariance
+serves all, and a particle weighs N(ν; 0, H P Hᵀ + R). From a known heading one particle is
+enough, and the filter is Kalman's. It is what the smoother knows of the last moment when
+nothing after it has been seen.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.hypotheses import GyroTurn, Hypotheses
+
+_CONSISTENT = float(2.0 * gammaincinv(1.5, 0.9999))
+_N_JUMPS = 5
+# Seconds of contradiction after which a place that differs from ours by no turn is believed all the same.
+_PATIENCE_S = 120.0
+_TURNED_RAD = np.radians(20.0)
+# A heading found around fixes that jumped is as unsure as it says: it must differ by more than chance.
+_TURNED_SIGMAS = 5.0
+
+
+@dataclass(frozen=True)
+class FilterEstimate:
+    """Weighted mean and covariance of the particles at one moment.
+
+    ``position`` (3,) [m], ``heading_rad`` turn of the odometry's frame in the world,
+    ``scale`` of its steps, ``covariance`` (3, 3) of the position [m²]; ``is_lost`` while
+    the particles do not agree, or fixes contradict them.
+    """
+
+    position: FloatArray
+    heading_rad: float
+    scale: float
+    covariance: FloatArray
+    is_lost: bool
+
+
+class ParticleFilter:
+    """Position of a rover from odometry steps and fixes, one after the other.
+
+    A fix that contradicts all particles is left out. When several in a row do, either the
+    receiver has jumped or the rover was carried off. New particles are then drawn around the
+    fixes, with every heading, and both stories are followed, while `estimate` says lost. If
+    the new ones agree on another heading, the rover was turned: they are believed. If the
+    heading is the same, the fixes are off by a constant, as a jump makes them: they are
+    believed only after two minutes. Fixes that agree with the old story end the new one.
+
+    Parameters
+    ----------
+    config : LocalizationConfig
+        What is assumed of the sensors.
+    rng : numpy.random.Generator
+        Draws of the particles.
+    n_particles : int
+        How many headings, where the heading is not known.
+    start : (3,) ndarray, optional
+        Where the rover starts, as exactly as `config` says. None is a start anywhere:
+        particles come from the first fix, with every heading.
+    lost_m : float
+        Standard deviation of the horizontal position above which the filter says lost.
+
+    Examples
+    --------
+    >>> known = ParticleFilter(LocalizationConfig(), np.random.default_rng(1), start=np.zeros(3))
+    >>> for _ in range(20):
+    ...     known.move(np.array([0.5, 0.0, 0.0]), 0.5)
+    >>> known.correct(np.array([10.2, 0.3, 0.1]))
+    True
+    >>> bool(abs(known.estimate().position[0] - 10.0) < 0.3)
+    True
+    """
+
+    def __init__(
+        self,
+        config: LocalizationConfig,
+        rng: np.random.Generator,
+        *,
+        n_particles: int = 200,
+        start: FloatArray | None = None,
+        lost_m: float = 5.0,
+    ) -> None:
+        if n_particles < 10:
+            raise InputError(f"{n_particles} particles are too few to tell anything; give at least 10.")
+        self._config, self._rng, self._n, self._lost_m = config, rng, n_particles, lost_m
+        self._here = None if start is None else Hypotheses.at(start, n_particles, config, rng)
+        self._elsewhere: Hypotheses | None = None
+        self._n_jumps, self._contradicted_s = 0, 0.0
+
+    def move(
+        self,
+        step: FloatArray,
+        seconds: float,
+        unseen_m: float = 0.0,
+        unseen_rad: float = 0.0,
+        turn: GyroTurn | None = None,
+    ) -> None:
+        """Move by a step (3,) [m] of the odometry, in its own frame, which took so long.
+
+        Where nothing saw the motion, step and heading err by `unseen_m` and `unseen_rad` beyond
+        what such odometry usually does.
+        """
+        for story in (self._here, self._elsewhere):
+            if story is not None:
+                story.move(step, seconds, unseen_m, unseen_rad, turn)
+        if self._n_jumps:
+            self._contradicted_s += seconds
+
+    def roll(self, rolled_m: float, travel_m: float, turned_rad: float) -> None:
+        """Let the wheels, which rolled so far during the last step, in a turn by so much, tell of its scale.
+
+        Both are negative where the rover reverses.
+        """
+        for story in (self._here, self._elsewhere):
+            if story is not None:
+                story.roll(rolled_m, travel_m, abs(turned_rad))
+
+    def correct(self, fix: FloatArray) -> bool:
+        """Weigh the particles by a fix (3,) [m]; tell whether it was believed."""
+        if self._here is None:
+            self._here = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
+            return True
+        if self._here.correct(fix, _CONSISTENT, self._rng):
+            self._elsewhere, self._n_jumps, self._contradicted_s = None, 0, 0.0
+            return True
+        self._n_jumps += 1
+        if self._n_jumps >= _N_JUMPS:
+            self._look_elsewhere(fix)
+        return False
+
+    def correct_height(self, height_m: float) -> None:
+        """Weigh the particles by a reading of the barometer [m], whose datum is unknown."""
+        for story in (self._here, self._elsewhere):
+            if story is not None:
+                story.correct_height(height_m)
+
+    def estimate(self) -> FilterEstimate:
+        """Return the mean, and how far the particles spread.
+
+        Raises
+        ------
+        InputError
+            No fix has come yet and no start was given.
+        """
+        if self._here is None:
+            raise InputError(
+                "the filter has neither a start nor a fix; give it one before asking where it is."
+            )
+        position, covariance = self._here.place()
+        heading, sureness = self._here.heading()
+        unsure = covariance[0, 0] + covariance[1, 1] > self._lost_m**2 or sureness < 0.9
+        return FilterEstimate(
+            position, heading, self._here.scale(), covariance, bool(unsure or self._n_jumps > 1)
+        )
+
+    def _look_elsewhere(self, fix: FloatArray) -> None:
+        """Follow the story that the rover is where the fixes are; believe it when it has proved itself."""
+        assert self._here is not None
+        if self._elsewhere is None or not self._elsewhere.correct(fix, _CONSISTENT, self._rng):
+            self._elsewhere = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
+            return
+        heading, sureness = self._elsewhere.heading()
+        _, covariance = self._elsewhere.place()
+        if sureness < 0.98 or covariance[0, 0] + covariance[1, 1] > self._lost_m**2:
+            return
+        turned = abs(np.angle(np.exp(1j * (heading - self._here.heading()[0]))))
+        spread = np.sqrt(-2.0 * np.log(sureness))
+        if turned > max(_TURNED_RAD, _TURNED_SIGMAS * spread) or self._contradicted_s > _PATIENCE_S:
+            self._here, self._elsewhere = self._elsewhere, None
+            self._n_jumps, self._contradicted_s = 0, 0.0

@@ -1,0 +1,134 @@
+"""Ties: places that the path is known to meet again, stakes in passing and closures upon itself, each judged by the others."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.data.path_error import POSE, PathError
+from survey.data.recording import Recording
+from vision_slam.fusion.block_tridiagonal import Chain
+from vision_slam.fusion.normal_equations import PER_NODE
+from vision_slam.rotation import rotations, turned
+
+
+@dataclass(frozen=True)
+class Ties:
+    """M ties of three rows each: sparse ``rows`` (3 M, unknowns), ``value`` (3 M,) and ``noise`` (3 M, 3 M)."""
+
+    rows: Any
+    value: FloatArray
+    noise: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.value) // 3
+
+    def without(self, which: int) -> "Ties":
+        """Return all but one."""
+        keep = np.ones(len(self.value), dtype=bool)
+        keep[3 * which : 3 * which + 3] = False
+        return Ties(self.rows[keep], self.value[keep], self.noise[np.ix_(keep, keep)])
+
+
+def ties_of(recording: Recording, reckoned: FloatArray, node_time_s: FloatArray, n_unknowns: int) -> Ties:
+    r"""Return what stakes and closures say of the path's error.
+
+    A stake at p, seen at the offset o from the pose: p̃ + R̃ o − p = e + ∂(R o) · (ψ, θ, φ).
+    A closure that finds pose j at o from pose i: p̃_j − p̃_i − R̃_i o = e_j − e_i − ∂(R o) · (ψ, θ, φ)_i.
+    """
+    place = _Place(recording, reckoned, node_time_s, n_unknowns)
+    rows, value, noise = [sparse.csr_array((0, n_unknowns))], [np.zeros(0)], [np.zeros((0, 3, 3))]
+    seen, stakes, closures = recording.stake_sightings, recording.stakes, recording.closures
+    if seen is not None and stakes is not None:
+        arm, spread = place.arm(seen.time_s, seen.offset, seen.covariance)
+        rows.append(place.rows(seen.time_s, arm, 1.0))
+        value.append((place.position(seen.time_s) + arm - stakes.position[seen.index]).ravel())
+        noise.append(spread + (stakes.sigma_m[seen.index] ** 2)[:, None, None] * np.eye(3))
+    if closures is not None:
+        arm, spread = place.arm(closures.earlier_s, closures.offset, closures.covariance)
+        still = np.zeros_like(arm)
+        rows.append(place.rows(closures.time_s, still, 1.0) - place.rows(closures.earlier_s, arm, 1.0))
+        moved = place.position(closures.time_s) - place.position(closures.earlier_s)
+        value.append((moved - arm).ravel())
+        noise.append(spread)
+    blocks = np.concatenate(noise)
+    return Ties(
+        sparse.csr_array(sparse.vstack(rows)),
+        np.concatenate(value),
+        np.asarray(sparse.block_diag(list(blocks)).toarray()) if len(blocks) else np.zeros((0, 0)),
+    )
+
+
+def gated(ties: Ties, chain: Chain, estimate: FloatArray, gate: float) -> Ties:
+    r"""Leave out, worst first, every tie that all the other ties and sensors contradict.
+
+    Each is predicted without itself: with S = H Σ Hᵀ + R over all ties, y their
+    innovations and i the rows of one, its leave-one-out innovation is
+    ``([S⁻¹]_ii)⁻¹ [S⁻¹ y]_i`` with the covariance ``([S⁻¹]_ii)⁻¹``; its squared length in
+    standard deviations is χ² with three degrees of freedom.
+    """
+    while len(ties):
+        seen = chain.solve(ties.rows.T.toarray())
+        precision = np.linalg.inv(ties.rows @ seen + ties.noise)
+        weighted = precision @ (ties.value - ties.rows @ estimate)
+        blocks = [slice(3 * i, 3 * i + 3) for i in range(len(ties))]
+        squared = [float(weighted[b] @ np.linalg.solve(precision[b, b], weighted[b])) for b in blocks]
+        worst = int(np.argmax(squared))
+        if squared[worst] <= gate:
+            break
+        ties = ties.without(worst)
+    return ties
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Reads the reckoned path between its poses, and the unknowns between the nodes."""
+
+    recording: Recording
+    reckoned: FloatArray
+    node_time_s: FloatArray
+    n_unknowns: int
+
+    def position(self, time_s: FloatArray) -> FloatArray:
+        times = self._times
+        return np.column_stack([np.interp(time_s, times, column) for column in self.reckoned.T])
+
+    def arm(
+        self, time_s: FloatArray, offset: FloatArray, covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return offsets (M, 3) and their covariances, turned into the world."""
+        rotation = rotations(self._attitude(time_s))
+        arm = np.einsum("nij,nj->ni", rotation, offset)
+        return arm, rotation @ covariance @ rotation.transpose(0, 2, 1)
+
+    def rows(self, time_s: FloatArray, arm: FloatArray, sign: float) -> Any:
+        """Return the rows (3 M, unknowns) of the place of arms (M, 3) held out from the poses."""
+        keyframe = np.interp(time_s, self.node_time_s, np.arange(len(self.node_time_s), dtype=np.float64))
+        by_pose = sign * pose_jacobian(arm, self._attitude(time_s))
+        # The information is not needed to lay out rows.
+        layout = PathError(self.node_time_s, sparse.csr_array((self.n_unknowns,) * 2), PER_NODE)
+        return layout.rows(np.repeat(keyframe, 3), by_pose.reshape(-1, POSE))
+
+    def _attitude(self, time_s: FloatArray) -> FloatArray:
+        odometry = self.recording.odometry
+        assert odometry is not None
+        index = np.clip(np.searchsorted(odometry.time_s, time_s), 0, len(odometry.time_s) - 1)
+        before: IntArray = np.maximum(index - 1, 0)
+        nearer = np.abs(odometry.time_s[before] - time_s) < np.abs(odometry.time_s[index] - time_s)
+        attitude: FloatArray = odometry.attitude_rad[np.where(nearer, before, index)]
+        return attitude
+
+    @property
+    def _times(self) -> FloatArray:
+        assert self.recording.odometry is not None
+        return self.recording.odometry.time_s
+
+
+def pose_jacobian(arm: FloatArray, attitude_rad: FloatArray) -> FloatArray:
+    """Return the derivatives (M, 3, 6) of places at arms (M, 3) from poses by position, yaw, pitch and roll."""
+    by_yaw, by_pitch = turned(arm, attitude_rad[:, 2])
+    by_roll = np.cross(rotations(attitude_rad)[:, :, 0], arm)
+    identity = np.broadcast_to(np.eye(3), (len(arm), 3, 3))
+    return np.concatenate([identity, np.stack([by_yaw, by_pitch, by_roll], axis=2)], axis=2)

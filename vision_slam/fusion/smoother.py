@@ -1,0 +1,215 @@
+r"""Batch smoother: the slowly growing error of the odometry, told from everything else that was sensed.
+
+At nodes k along the path the unknowns are the errors (estimated minus real) of position
+e, yaw ψ, of its slow part η, pitch θ, roll φ and scale s, the GPS bias b, the barometer's
+drift c and the gyro's bias β; the constant parts of pitch, roll and scale, the wheels' scale
+ω and skidding χ, the accelerometer's bias a and the barometer's datum c₀ are common to all.
+With L the travel between nodes, t the time, and (u, v) = how the step answers to yaw and
+pitch:
+
+    e_{k+1} − e_k  = ψ̄ u + θ̄ v + s̄ d + w,           w ~ N(0, q² L + q_t² |Δψ|)
+    θ_{k+1} − κ    = a (θ_k − κ) + n,  a = exp(−L/Λ)  n ~ N(0, σ_θ² (1 − a²));  φ, s, ψ about η alike
+    η_{k+1} − η_k  = n                                (walk of the heading, where images tell it)
+    g_k            = β̄ Δt − (ψ_{k+1} − ψ_k) + ν       (turn of the gyro beyond the odometry's)
+    W_k − D_k      = D_k (ω − s̄) + χ |Δψ| + ν          (travel of the wheels, D that of the odometry,
+                                                        both back again where the rover reverses)
+    p̃_k − z_k      = e_k − b_k + ν                     (GPS, ν white, b Gauss–Markov in time)
+    p̃_{z,k} − h_k  = e_{z,k} − c_k − c₀ + ν            (barometer)
+    θ̃_k − θ(g)_k   = θ_k − a_θ + ν                     (gravity; roll alike)
+
+Gravity bounds the errors of roll and pitch; nothing bounds that of a heading from images. An
+odometry that was levelled by the same accelerometer has gravity in it already: its rows are
+left out, so that no reading counts twice. All
+noise is Gaussian, and all is linear but for the turn of the steps, which are turned anew
+until the heading stays: a sparse least-squares solve gives the posterior under the model.
+Its whole information is handed on: whatever is made of the path knows what its parts share.
+"""
+
+import logging
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.data.path_error import POSE, PathError
+from survey.data.recording import Recording
+from survey.data.sensors import Odometry
+from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.block_tridiagonal import Chain
+from vision_slam.fusion.error_terms import Nodes, add_terms
+from vision_slam.fusion.normal_equations import PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
+from vision_slam.fusion.pose_constraints import Ties, gated, ties_of
+
+logger = logging.getLogger(__name__)
+
+_LONGER = 4.0
+# Twice this is the 99.9 % point of a likelihood ratio with one degree of freedom.
+_CONVINCING = 5.4
+# A swath of 600 m that turns by less bends by 2 cm; beyond that steps answer differently about the path that was found.
+_BENT_RAD = np.radians(0.5)
+_MOST_PASSES = 5
+
+
+@dataclass(frozen=True)
+class SmoothedPath:
+    """Corrected poses and what is still unknown of them.
+
+    ``position`` (N, 3) [m], ``attitude_rad`` (N, 3) roll, pitch, yaw, ``covariance``
+    (N, 6, 6) of position, yaw, pitch and roll [m, rad], ``error`` the whole posterior of
+    the keyframes, ``n_ties`` and ``n_refused`` how many stakes and closures were taken
+    and refused, ``gps_evidence`` the gain in log likelihood if the receiver's errors are
+    taken to last four times as long as assumed.
+    """
+
+    position: FloatArray
+    attitude_rad: FloatArray
+    covariance: FloatArray
+    error: PathError
+    n_ties: int = 0
+    n_refused: int = 0
+    gps_evidence: float = 0.0
+
+
+def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> SmoothedPath:
+    """Correct a dead-reckoned path (N, 3) [m] by what else the recording holds."""
+    assert recording.odometry is not None
+    nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
+    time_s = recording.odometry.time_s[nodes]
+    posterior = _Posterior.of(recording, reckoned, nodes, config)
+    gain = _gain_if_longer(recording, reckoned, nodes, config, posterior.log_evidence)
+    ties = ties_of(recording, reckoned, time_s, posterior.chain.n_unknowns)
+    accepted = gated(ties, posterior.chain, posterior.estimate, config.tie_gate)
+    posterior = posterior.with_ties(accepted)
+    if len(ties) > len(accepted):
+        logger.warning(
+            "%d of %d closures and stakes disagree with all else and are left out",
+            len(ties) - len(accepted),
+            len(ties),
+        )
+    path = _corrected(recording, reckoned, nodes, posterior)
+    return replace(path, n_ties=len(accepted), n_refused=len(ties) - len(accepted), gps_evidence=gain)
+
+
+def log_evidence(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> float:
+    """Return how likely everything was that was sensed but stakes and closures: for comparing what may be assumed."""
+    assert recording.odometry is not None
+    nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
+    return _Posterior.of(recording, reckoned, nodes, config).log_evidence
+
+
+@dataclass(frozen=True)
+class _Posterior:
+    """Estimate (n,), sparse information, the factorization of the chain, and what ties gained on it."""
+
+    chain: Chain
+    information: sparse.csr_array
+    estimate: FloatArray
+    log_evidence: float
+    gained: tuple[FloatArray, FloatArray] | None = None
+
+    @classmethod
+    def of(
+        cls, recording: Recording, reckoned: FloatArray, nodes: IntArray, config: LocalizationConfig
+    ) -> "_Posterior":
+        assert recording.odometry is not None
+        guess = np.zeros((len(nodes), PER_NODE))
+        for _ in range(_MOST_PASSES):
+            along = Nodes(recording.odometry, reckoned, nodes, guess)
+            found = cls._about(recording, along, config)
+            estimate = found.estimate[: guess.size].reshape(guess.shape)
+            if np.abs(estimate - guess)[:, YAW].max() < _BENT_RAD:
+                break
+            guess = estimate
+        return found
+
+    @classmethod
+    def _about(cls, recording: Recording, along: Nodes, config: LocalizationConfig) -> "_Posterior":
+        system = NormalEquations(len(along.index))
+        add_terms(system, recording, along, config)
+        design, values = system.design, system.values
+        information = sparse.csr_array(design.T @ design)
+        chain = Chain.of(sparse.coo_array(information), PER_NODE, system.n_nodes)
+        right = design.T @ values
+        estimate = chain.solve(right[:, None])[:, 0]
+        misfit = float(values @ values - right @ estimate)
+        log_evidence = -0.5 * (misfit + chain.log_determinant) - system.log_sigma
+        return cls(chain, information, estimate, log_evidence)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Marginal covariances (K, 6, 6) of the poses."""
+        own = self.chain.covariances()[0][:, :POSE, :POSE]
+        if self.gained is None:
+            return own
+        gain, seen = (
+            part[: len(own) * PER_NODE].reshape(len(own), PER_NODE, -1)[:, :POSE] for part in self.gained
+        )
+        left: FloatArray = own - gain @ seen.transpose(0, 2, 1)
+        return 0.5 * (left + left.transpose(0, 2, 1))
+
+    def with_ties(self, ties: Ties) -> "_Posterior":
+        """Return the posterior that also knows some stakes and closures (Woodbury over the chain)."""
+        if not len(ties):
+            return self
+        seen = self.chain.solve(ties.rows.T.toarray())
+        gain = np.linalg.solve(ties.rows @ seen + ties.noise, seen.T).T
+        estimate = self.estimate + gain @ (ties.value - ties.rows @ self.estimate)
+        weighted = sparse.csr_array(np.linalg.inv(ties.noise)) @ ties.rows
+        information = sparse.csr_array(self.information + ties.rows.T @ weighted)
+        return replace(self, information=information, estimate=estimate, gained=(gain, seen))
+
+
+def _nodes(path: FloatArray, odometry: Odometry, spacing_m: float) -> IntArray:
+    """Return indices of poses about `spacing_m` apart, first and last and both ends of torn steps included."""
+    travel = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
+    n = max(2, round(travel[-1] / spacing_m) + 1)
+    even = np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1)
+    torn = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)
+    return np.unique(np.concatenate([even, torn, torn + 1]))
+
+
+def _gain_if_longer(
+    recording: Recording,
+    reckoned: FloatArray,
+    nodes: IntArray,
+    config: LocalizationConfig,
+    log_evidence: float,
+) -> float:
+    """Log likelihood gained by receiver errors that last longer: the innovations' test of the assumed time constant.
+
+    Errors assumed to be shorter than they are make every covariance a lie, and the
+    innovations, which then follow one another, tell. The other way round costs little.
+    """
+    longer = config.gps_correlation_time_s * _LONGER
+    changed = config.model_copy(update={"gps_correlation_time_s": longer})
+    gain = _Posterior.of(recording, reckoned, nodes, changed).log_evidence - log_evidence
+    if gain > _CONVINCING:
+        logger.warning(
+            "the errors of the GPS last longer than the %g s assumed (a log likelihood of %.0f more at %g s); "
+            "raise localization.gps_correlation_time_s, or the path and the map claim more than they know",
+            config.gps_correlation_time_s,
+            gain,
+            longer,
+        )
+    return gain
+
+
+def _corrected(
+    recording: Recording, reckoned: FloatArray, nodes: IntArray, posterior: _Posterior
+) -> SmoothedPath:
+    assert recording.odometry is not None
+    time_s = recording.odometry.time_s
+    error = posterior.estimate[: len(nodes) * PER_NODE].reshape(len(nodes), PER_NODE)[:, :POSE]
+    spread = np.column_stack([np.interp(time_s, time_s[nodes], column) for column in error.T])
+    attitude = recording.odometry.attitude_rad - spread[:, [ROLL, PITCH, YAW]]
+    between = np.column_stack(
+        [np.interp(time_s, time_s[nodes], entry) for entry in posterior.covariance.reshape(-1, POSE**2).T]
+    )
+    return SmoothedPath(
+        reckoned - spread[:, E : E + 3],
+        attitude,
+        between.reshape(-1, POSE, POSE),
+        PathError(time_s[nodes], posterior.information, PER_NODE),
+    )

@@ -1,0 +1,130 @@
+"""Motion between two moments as wheels and gyro tell it, without any image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from survey.core.arrays import FloatArray
+from survey.data.sensors import Inertial, Wheels
+from vision_slam.io.sequence import Sensed
+
+_STANDING_S = 0.5
+_STANDING_M = 2e-3
+_QUIET_RAD_S = 0.005
+_BIAS_TIME_S = 30.0
+_GAP_S, _COAST_S = 1.5, 0.25
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Turn (3, 3), R_before_after of the body, and travel [m]; None where no sensor tells it."""
+
+    seconds: float
+    rotation: FloatArray | None
+    travel_m: float | None
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether the wheels say that the rover did not move, and no gyro objects."""
+        turned = 0.0 if self.rotation is None else Rotation.from_matrix(self.rotation).magnitude()
+        return self.travel_m is not None and abs(self.travel_m) < _STANDING_M and bool(turned < 5e-3)
+
+
+class MotionSensors:
+    """Wheels and gyro of a recording; the gyro's bias is learnt while standing, then from images."""
+
+    def __init__(self, recording: Sensed) -> None:
+        self.go_on(recording)
+        self._bias = self._standing_bias()
+
+    def go_on(self, recording: Sensed) -> None:
+        """Turn to other records of the same drive, such as later ones; what was learnt of the bias stays."""
+        self._wheels, self._inertial = recording.wheels, recording.inertial
+        self._wheel_s, self._inertial_s = _usual_s(self._wheels), _usual_s(self._inertial)
+
+    def between(self, first_s: float, last_s: float) -> Motion:
+        """Return the motion between two times."""
+        return Motion(last_s - first_s, self._turn(first_s, last_s), self._travel(first_s, last_s))
+
+    def gap(self, first_s: float, last_s: float) -> list[float]:
+        """Return moments between two images that are far apart, if wheels and gyro go on in between."""
+        if last_s - first_s <= _GAP_S or not self._goes_on(first_s, last_s):
+            return []
+        n = int(np.ceil((last_s - first_s) / _COAST_S))
+        moments: list[float] = np.linspace(first_s, last_s, n + 1)[1:-1].tolist()
+        return moments
+
+    def _goes_on(self, first_s: float, last_s: float) -> bool:
+        for sensor in (self._wheels, self._inertial):
+            if sensor is None:
+                return False
+            inside = sensor.time_s[(sensor.time_s > first_s) & (sensor.time_s < last_s)]
+            if np.diff(np.r_[first_s, inside, last_s]).max() > _GAP_S:
+                return False
+        return True
+
+    def learn(self, motion: Motion, rotation: FloatArray) -> None:
+        """Take from a turn that images have seen what of the gyro's was bias."""
+        if motion.rotation is None or motion.seconds <= 0.0:
+            return
+        too_much = Rotation.from_matrix(rotation.T @ motion.rotation).as_rotvec() / motion.seconds
+        share = min(motion.seconds / _BIAS_TIME_S, 0.2)
+        self._bias = self._bias + share * np.clip(too_much, -0.02, 0.02)
+
+    def _travel(self, first_s: float, last_s: float) -> float | None:
+        wheels = self._wheels
+        if wheels is None or not _covers(wheels.time_s, first_s, last_s, 0.6 * self._wheel_s):
+            return None
+        rolled = 0.5 * (wheels.left_m + wheels.right_m)
+        return float(np.diff(np.interp([first_s, last_s], wheels.time_s, rolled))[0])
+
+    def _turn(self, first_s: float, last_s: float) -> FloatArray | None:
+        inertial = self._inertial
+        if inertial is None or not _covers(inertial.time_s, first_s, last_s, 1.1 * self._inertial_s):
+            return None
+        half_bias = Rotation.from_rotvec(-0.5 * self._bias * (last_s - first_s))
+        matrix: FloatArray = (half_bias * _turned(inertial, first_s, last_s) * half_bias).as_matrix()
+        return matrix
+
+    def _standing_bias(self) -> FloatArray:
+        """Rate while the wheels rest at the start; zero when it begins in motion, or rocks while standing."""
+        if self._wheels is None or self._inertial is None:
+            return np.zeros(3)
+        rolled = np.abs(self._wheels.left_m - self._wheels.left_m[0]) + np.abs(
+            self._wheels.right_m - self._wheels.right_m[0]
+        )
+        moving = np.flatnonzero(rolled > _STANDING_M)
+        until = self._wheels.time_s[moving[0] - 1] if len(moving) and moving[0] else self._wheels.time_s[0]
+        still = self._inertial.time_s <= until
+        if until - self._wheels.time_s[0] < _STANDING_S or not still.any():
+            return np.zeros(3)
+        rates = self._inertial.gyro_rad_s[still]
+        bias: FloatArray = np.median(rates, axis=0)
+        rocking = np.median(np.abs(rates - bias), axis=0).max() > _QUIET_RAD_S
+        return np.zeros(3) if rocking else bias
+
+
+def _turned(inertial: Inertial, first_s: float, last_s: float) -> Rotation:
+    """Turn between two times; each reading is the mean rate over the time before it."""
+    times = inertial.time_s
+    begin, end = np.searchsorted(times, first_s, side="right"), np.searchsorted(times, last_s)
+    edges = np.r_[first_s, times[begin:end], last_s]
+    rates = inertial.gyro_rad_s[np.arange(begin, end + 1).clip(max=len(times) - 1)]
+    turn = Rotation.identity()
+    for part in Rotation.from_rotvec(rates * np.diff(edges)[:, None]):
+        turn = turn * part
+    return turn
+
+
+def _usual_s(records: Wheels | Inertial | None) -> float:
+    """Usual time between two readings [s]."""
+    return 0.0 if records is None or len(records) < 2 else float(np.median(np.diff(records.time_s)))
+
+
+def _covers(time_s: FloatArray, first_s: float, last_s: float, slack_s: float) -> bool:
+    """Whether readings reach over both moments, but for so much time.
+
+    Of a distance that must be less than one reading's: after its end nothing is added, which would be standing.
+    """
+    return bool(time_s[0] - slack_s <= first_s and last_s <= time_s[-1] + slack_s)

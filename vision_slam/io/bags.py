@@ -1,0 +1,378 @@
+"""ROS 1 and ROS 2 bags, read without ROS: images, calibration, fixes, inertial readings, odometry."""
+
+import sqlite3
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.files import first_line
+from survey.core.geodesy import ELLIPSOIDAL
+from survey.data.camera import Camera, Frames, Image
+from survey.data.sensors import Inertial, Wheels
+from vision_slam.io.gps_files import GpsLog
+from vision_slam.io.images import bits_used, decoded, eight_bits, scaling_note
+from vision_slam.io.sequence import ImageSequence
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+_IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+_KINDS = {
+    "images": (_IMAGE, _COMPRESSED),
+    "calibration": ("sensor_msgs/msg/CameraInfo",),
+    "fixes": ("sensor_msgs/msg/NavSatFix",),
+    "inertial": ("sensor_msgs/msg/Imu",),
+    "odometry": ("nav_msgs/msg/Odometry",),
+}
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+_SAMPLED_EVERY = 10  # images that tell size and depth before any is used
+_BASES = ("base_footprint", "base_link")
+# Channels, and how OpenCV turns them into grey or blue-green-red; None leaves them.
+_ENCODINGS: dict[str, tuple[int, int | None]] = {
+    "mono8": (1, None),
+    "8UC1": (1, None),
+    "mono16": (1, None),
+    "16UC1": (1, None),
+    "bgr8": (3, None),
+    "8UC3": (3, None),
+    "bgr16": (3, None),
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "rgb16": (3, cv2.COLOR_RGB2BGR),
+    "bgra8": (4, cv2.COLOR_BGRA2BGR),
+    "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2BGR),
+    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2BGR),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2BGR),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
+}
+# A camera that looks forward, level: where nothing tells how it is mounted.
+_FORWARD = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is a ROS 1 bag, or a ROS 2 bag's folder or file.
+
+    Examples
+    --------
+    >>> is_bag(Path("drive.bag")), is_bag(Path("drive.csv"))
+    (True, False)
+    """
+    if path.suffix in {".bag", ".mcap", ".db3"}:
+        return True
+    return (path / "metadata.yaml").is_file() and any(path.glob("*.mcap*")) | any(path.glob("*.db3*"))
+
+
+def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None = None) -> ImageSequence:
+    """Read a bag; what each topic is, its type tells.
+
+    Images are raw or compressed (`sensor_msgs`), and read again when they are asked for;
+    calibration, fixes, inertial readings and odometry come whole. Poses of an odometry count
+    as wheels: only the distance between them is used. Where ``/tf_static`` tells how camera
+    and inertial unit sit on ``base_link``, both are turned into the body's frame; else the
+    camera is supposed to look forward, level, and the inertial unit to have the body's axes,
+    which a note says.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A ``.bag`` file, or the folder of a ROS 2 bag.
+    topics : sequence of str
+        Which topics to take, for those kinds of which the bag has several.
+    camera : Camera, optional
+        Calibration and mounting to use instead of the bag's.
+
+    Raises
+    ------
+    InputError
+        rosbags is not installed, the bag is damaged, has no images or no calibration, or
+        several topics of one kind of which none is named.
+    """
+    place = Path(path)
+    place = place.parent if place.suffix in {".mcap", ".db3"} else place
+    with _opened(place) as reader:
+        taken = _taken(reader.connections, topics, place)
+        if "images" not in taken:
+            raise InputError(
+                f"{place} holds no images (sensor_msgs Image or CompressedImage); name another bag."
+            )
+        found = _everything(reader, taken)
+    return _sequence(place, taken, found, camera)
+
+
+@dataclass
+class _Found:
+    """What one pass over the bag gave."""
+
+    stamps: list[float]
+    image_frame: str
+    size: tuple[int, int]
+    shift: int
+    calibration: Any
+    fixes: list[tuple[float, float, float, float]]
+    n_without_fix: int
+    inertial: list[tuple[float, ...]]
+    inertial_frame: str
+    odometry: list[tuple[float, ...]]
+    mounted: dict[str, tuple[str, FloatArray]]
+
+
+@contextmanager
+def _opened(place: Path) -> Iterator["AnyReader"]:
+    """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS.
+
+    Whatever the reader stumbles over becomes one refusal.
+    """
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.rosbag1 import ReaderError as FirstReaderError
+        from rosbags.rosbag2 import ReaderError as SecondReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise InputError(
+            f"{place} is a bag, and reading it needs rosbags; install firnline[bags]."
+        ) from error
+    damage = (AnyReaderError, FirstReaderError, SecondReaderError, sqlite3.Error, struct.error, OSError)
+    try:
+        with AnyReader([place], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except damage as error:
+        raise InputError(
+            f"{place} is no whole bag ({first_line(error)}); record or copy it again."
+        ) from error
+
+
+def _taken(connections: Sequence[Any], topics: Sequence[str], place: Path) -> dict[str, Any]:
+    """Choose one topic for each kind of record."""
+    unknown = [topic for topic in topics if topic not in {connection.topic for connection in connections}]
+    if unknown:
+        have = ", ".join(sorted({connection.topic for connection in connections}))
+        raise InputError(f"{place} has no topic {unknown[0]} (it has {have}); correct --topic.")
+    taken: dict[str, Any] = {}
+    for kind, types in _KINDS.items():
+        fitting = {connection.topic: connection for connection in connections if connection.msgtype in types}
+        named = {topic: fitting[topic] for topic in fitting if topic in topics} or fitting
+        if kind == "calibration" and len(named) > 1 and "images" in taken:
+            stem = taken["images"].topic.split("/image")[0]
+            named = {topic: c for topic, c in named.items() if topic.rsplit("/", 1)[0] == stem} or named
+        if len(named) > 1:
+            raise InputError(
+                f"{place} has {len(named)} topics of {kind} ({', '.join(sorted(named))}); choose one with --topic."
+            )
+        if named:
+            taken[kind] = next(iter(named.values()))
+    return taken
+
+
+def _messages(reader: "AnyReader", connections: list[Any]) -> Iterator[tuple[Any, int, Any]]:
+    """Read messages in the order of the bag."""
+    for connection, time_ns, raw in reader.messages(connections=connections):
+        yield connection, time_ns, reader.deserialize(raw, connection.msgtype)
+
+
+def _everything(reader: "AnyReader", taken: dict[str, Any]) -> _Found:
+    """Read everything but the images, of which only the times."""
+    found = _Found([], "", (0, 0), 0, None, [], 0, [], "", [], {})
+    kind_of = {connection.id: kind for kind, connection in taken.items()}
+    transforms = [connection for connection in reader.connections if connection.topic == "/tf_static"]
+    transforms = [connection for connection in transforms if connection.msgtype == _TRANSFORMS]
+    for connection, time_ns, message in _messages(reader, [*taken.values(), *transforms]):
+        kind = kind_of.get(connection.id, "transforms") if connection not in transforms else "transforms"
+        if kind == "transforms":
+            for link in message.transforms:
+                found.mounted[link.child_frame_id.lstrip("/")] = _link(link)
+            continue
+        stamp = _seconds(message.header.stamp) or 1e-9 * time_ns
+        _noted(found, kind, stamp, message, connection.msgtype)
+    return found
+
+
+def _noted(found: _Found, kind: str, stamp: float, message: Any, msgtype: str) -> None:
+    if kind == "images":
+        if len(found.stamps) % _SAMPLED_EVERY == 0:
+            pixels = _pixels(message, msgtype, f"the image at {stamp:.3f} s")
+            found.size = (pixels.shape[1], pixels.shape[0])
+            found.shift = max(found.shift, bits_used(pixels) - 8 if pixels.dtype == np.uint16 else 0)
+        found.stamps.append(stamp)
+        found.image_frame = message.header.frame_id.lstrip("/")
+    elif kind == "calibration":
+        found.calibration = message
+    elif kind == "fixes":
+        if message.status.status < 0 or not np.isfinite([message.latitude, message.longitude]).all():
+            found.n_without_fix += 1
+        else:
+            found.fixes.append((stamp, message.longitude, message.latitude, message.altitude))
+    elif kind == "inertial":
+        rate, force = message.angular_velocity, message.linear_acceleration
+        found.inertial.append((stamp, rate.x, rate.y, rate.z, force.x, force.y, force.z))
+        found.inertial_frame = message.header.frame_id.lstrip("/")
+    else:
+        at = message.pose.pose.position
+        turn = message.pose.pose.orientation
+        found.odometry.append((stamp, at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w))
+
+
+def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera | None) -> ImageSequence:
+    notes = [f"{kind} from {connection.topic}" for kind, connection in taken.items()]
+    if camera is None:
+        if found.calibration is None:
+            raise InputError(f"{place} holds no camera_info; name a calibration with --camera.")
+        mounted = _on_body(found, found.image_frame)
+        if mounted is None:
+            notes.append("nothing tells how the camera is mounted: supposed to look forward, level")
+        camera = _camera(found.calibration, _FORWARD if mounted is None else mounted, place)
+    if found.size != (camera.width, camera.height):
+        raise InputError(
+            f"{place} has images of {found.size[0]} × {found.size[1]} pixels, their calibration {camera.width} × {camera.height}; "
+            "name one for this size with --camera."
+        )
+    if found.shift:
+        notes.append(scaling_note(found.shift))
+    gps = None
+    if found.fixes or found.n_without_fix:
+        gps = _log(found, place)
+    inertial = None
+    if found.inertial:
+        rows, turned = np.array(found.inertial), _on_body(found, found.inertial_frame)
+        if turned is None:
+            notes.append("nothing tells how the inertial unit is mounted: supposed to have the body's axes")
+        turn = np.eye(3) if turned is None else turned[:3, :3]
+        inertial = Inertial(rows[:, 0], rows[:, 1:4] @ turn.T, rows[:, 4:7] @ turn.T)
+    return ImageSequence(
+        camera,
+        Frames(np.array(found.stamps), _BagImages(place, taken["images"].topic, found.shift)),
+        wheels=_wheels(found.odometry) if found.odometry else None,
+        inertial=inertial,
+        gps=gps,
+        notes=tuple(notes),
+    )
+
+
+class _BagImages:
+    """Images of a topic: asked for in their order, the bag is read once; asked for backwards, from its beginning."""
+
+    def __init__(self, place: Path, topic: str, shift: int) -> None:
+        self._place, self._topic, self._shift = place, topic, shift
+        self._next, self._images = 0, iter(())  # type: tuple[int, Iterator[Image]]
+        self._last: Image | None = None
+
+    def __getitem__(self, index: int) -> Image:
+        if self._last is not None and index == self._next - 1:
+            return self._last
+        if self._last is None or index < self._next:
+            self._next, self._images = 0, self._read()
+        while self._next <= index:
+            self._last = next(self._images)
+            self._next += 1
+        assert self._last is not None
+        return self._last
+
+    def _read(self) -> Iterator[Image]:
+        with _opened(self._place) as reader:
+            chosen = [connection for connection in reader.connections if connection.topic == self._topic]
+            for number, (connection, _, message) in enumerate(_messages(reader, chosen)):
+                where = f"{self._place}, image {number} of {self._topic}"
+                yield eight_bits(_pixels(message, connection.msgtype, where), self._shift, where)
+
+
+def _pixels(message: Any, msgtype: str, where: str) -> npt.NDArray[Any]:
+    """Pixels of an image message, grey or blue-green-red."""
+    if msgtype == _COMPRESSED:
+        return decoded(bytes(message.data), where)
+    if message.encoding not in _ENCODINGS:
+        raise InputError(
+            f"{where} has the encoding {message.encoding!r}; one of {', '.join(_ENCODINGS)} was expected, convert it."
+        )
+    channels, conversion = _ENCODINGS[message.encoding]
+    depth = np.dtype(np.uint16 if "16" in message.encoding else np.uint8)
+    depth = depth.newbyteorder(">" if message.is_bigendian else "<")
+    used = message.width * channels * depth.itemsize
+    if message.step < used or len(message.data) < message.step * message.height:
+        raise InputError(
+            f"{where} is cut off: {len(message.data)} bytes for {message.width} × {message.height} pixels."
+        )
+    rows = np.frombuffer(bytes(message.data), np.uint8)[: message.step * message.height]
+    rows = np.ascontiguousarray(rows.reshape(message.height, message.step)[:, :used])
+    pixels: npt.NDArray[Any] = rows.view(depth).astype(depth.newbyteorder("="))
+    if channels > 1:
+        pixels = pixels.reshape(message.height, message.width, channels)
+    return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion))
+
+
+def _camera(info: Any, mounted: FloatArray, place: Path) -> Camera:
+    """Calibration from a CameraInfo, whose fields are named in capitals in ROS 1."""
+    matrix, lens = (
+        np.asarray(getattr(info, n, getattr(info, n.upper(), None)), dtype=float) for n in ("k", "d")
+    )
+    if matrix.size != 9 or matrix.ravel()[0] <= 0.0:
+        raise InputError(
+            f"{place} has a camera_info without a calibration; calibrate, or name one with --camera."
+        )
+    if info.distortion_model in {"equidistant", "fisheye"}:
+        return Camera("fisheye", info.width, info.height, matrix.reshape(3, 3), _padded(lens, 4), mounted)
+    if len(lens) > 5 and np.any(lens[5:]):
+        raise InputError(
+            f"{place} has the distortion model {info.distortion_model!r} with {len(lens)} coefficients; "
+            "plumb_bob or equidistant was expected, rectify the images or calibrate again."
+        )
+    return Camera("pinhole", info.width, info.height, matrix.reshape(3, 3), _padded(lens, 5), mounted)
+
+
+def _padded(coefficients: FloatArray, n: int) -> FloatArray:
+    padded: FloatArray = np.r_[coefficients, np.zeros(n)][:n]
+    return padded
+
+
+def _log(found: _Found, place: Path) -> GpsLog:
+    if not found.fixes:
+        raise InputError(
+            f"{place} holds {found.n_without_fix} NavSatFix messages and no fix among them; record again once there is one."
+        )
+    rows = np.array(found.fixes)
+    return GpsLog(rows[:, 0], rows[:, 1:], True, True, found.n_without_fix, ELLIPSOIDAL)
+
+
+def _wheels(rows: list[tuple[float, ...]]) -> Wheels:
+    """Distance along the body's own forward axis, summed."""
+    table = np.array(rows)
+    forward = Rotation.from_quat(table[:-1, 4:]).apply([1.0, 0.0, 0.0])
+    steps = np.einsum("ni,ni->n", forward, np.diff(table[:, 1:4], axis=0))
+    travel = np.r_[0.0, np.cumsum(steps)]
+    return Wheels(table[:, 0], travel, travel)
+
+
+def _on_body(found: _Found, frame: str) -> FloatArray | None:
+    """Pose of a frame on the body by the static transforms; None where they do not reach it."""
+    pose: FloatArray = np.eye(4)
+    for _ in range(len(found.mounted) + 1):
+        if frame in _BASES:
+            return pose
+        if frame not in found.mounted:
+            return None
+        frame, link = found.mounted[frame]
+        pose = link @ pose
+    return None
+
+
+def _link(message: Any) -> tuple[str, FloatArray]:
+    """Parent frame, and the child's pose in it."""
+    shift, turn = message.transform.translation, message.transform.rotation
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+    pose[:3, 3] = shift.x, shift.y, shift.z
+    return message.header.frame_id.lstrip("/"), pose
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)

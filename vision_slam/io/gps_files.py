@@ -1,0 +1,192 @@
+"""Satellite fixes from receivers' own files: NMEA sentences, GPX tracks, CSV tables."""
+
+import csv
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import ConfigError, InputError
+from survey.core.files import existing_file
+from survey.core.geodesy import UNSTATED, projected_crs, transformed
+from survey.data.sensors import GpsFixes
+from survey.io.tables import read_table
+from survey.io.tracks import read_track
+
+WGS84 = CRS.from_epsg(4326)
+_DAY_S = 86400.0
+_GPX_EPOCH_S = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
+_DEGREES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
+_METRES = ("time_s", "easting_m", "northing_m", "height_m")
+
+
+@dataclass(frozen=True)
+class GpsLog:
+    """What a receiver wrote.
+
+    Parameters
+    ----------
+    time_s : (N,) ndarray
+        Times of the fixes [s]: Unix time when `is_dated`, else as the file counts.
+    place : (N, 3) ndarray
+        Longitude, latitude [deg] and height [m] where `is_geodetic`, else easting, northing
+        and height [m] in a CRS that the file does not tell.
+    is_geodetic, is_dated : bool
+        See above.
+    n_without_fix : int
+        Records that the receiver itself marked as no fix; they are left out.
+    vertical_datum : str
+        What heights count from; ``""`` when the file does not tell.
+    """
+
+    time_s: FloatArray
+    place: FloatArray
+    is_geodetic: bool = True
+    is_dated: bool = False
+    n_without_fix: int = 0
+    vertical_datum: str = UNSTATED
+
+    @property
+    def utm(self) -> CRS | None:
+        """The UTM zone of the first fix; None where the file has metres already."""
+        if not self.is_geodetic:
+            return None
+        longitude, latitude = self.place[0, :2].tolist()
+        zone = int((longitude + 180.0) // 6.0) % 60 + 1
+        return CRS.from_epsg((32600 if latitude >= 0.0 else 32700) + zone)
+
+    def fixes(self, crs: CRS | str | None = None) -> tuple[GpsFixes, CRS]:
+        """Return the fixes in a projected CRS, and which one that is: the UTM zone of the first fix unless named.
+
+        Raises
+        ------
+        ConfigError
+            The file has metres, and no CRS is named.
+        InputError
+            Fewer than two fixes, times that do not increase, or places beyond the CRS.
+
+        Examples
+        --------
+        >>> log = GpsLog(np.array([0.0, 1.0]), np.array([[-135.0, 58.4, 5.0], [-135.0, 58.5, 5.0]]))
+        >>> log.fixes()[1].to_epsg()
+        32608
+        """
+        if crs is None and self.utm is None:
+            raise ConfigError("the fixes are in metres, and nothing tells where they count from; name --crs.")
+        target = projected_crs(self.utm if crs is None else crs, "the fixes")
+        if not self.is_geodetic:
+            return GpsFixes(self.time_s, self.place), target
+        xy = transformed(self.place[:, :2], WGS84, target, "the fixes")
+        return GpsFixes(self.time_s, np.column_stack([xy, self.place[:, 2]])), target
+
+
+def read_gps(path: str | Path) -> GpsLog:
+    """Read what a receiver wrote; records without a fix are left out and counted.
+
+    ``.gpx``; ``.csv`` with the columns time_s, easting_m, northing_m, height_m or time_s,
+    latitude_deg, longitude_deg, height_m; anything else is read as NMEA 0183, bare or as
+    phones log it, of which the GGA sentences tell time of day, place and height above the
+    geoid, and RMC sentences the date.
+
+    Raises
+    ------
+    InputError
+        Missing, damaged, or no fix at all.
+    """
+    file = existing_file(path, "the fixes")
+    if file.suffix.lower() == ".gpx":
+        time_s, place = read_track(file, WGS84)
+        return GpsLog(time_s + _GPX_EPOCH_S, place, is_dated=True)
+    if file.suffix.lower() == ".csv":
+        return _from_table(file)
+    return _from_nmea(file)
+
+
+def _from_table(file: Path) -> GpsLog:
+    with file.open(encoding="utf-8", newline="") as stream:
+        header = next(csv.reader(stream), [])
+    names = _DEGREES if "latitude_deg" in header else _METRES
+    table = read_table(file, names, what="the table of fixes")
+    rows = np.column_stack([table[name] for name in names])
+    if names is _METRES:
+        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False)
+    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]])
+
+
+def _from_nmea(file: Path) -> GpsLog:
+    """Time since the first midnight, or Unix time where a sentence tells the date, and place of the GGA sentences."""
+    rows: list[tuple[float, float, float, float]] = []
+    n_without_fix, midnight_s = 0, None
+    for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
+        sentence = line[max(line.find("$"), 0) :]
+        kind, where = sentence[3:6], f"{file}, line {number}"
+        if kind not in {"GGA", "RMC"} or not sentence.startswith("$"):
+            continue
+        words = _checked_words(sentence, where)
+        try:
+            last_s = rows[-1][0] if rows else 0.0
+            if kind == "RMC":
+                midnight_s = _midnight_s(words, last_s) if midnight_s is None else midnight_s
+            elif words[6] in ("", "0"):
+                n_without_fix += 1
+            else:
+                rows.append(_gga(words, last_s))
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{where}: {error} in a {kind} sentence; correct or remove it.") from error
+    if not rows:
+        raise InputError(
+            f"{file} holds no GGA sentence with a fix ({n_without_fix} without one); record GGA, and wait for a fix."
+        )
+    table = np.array(rows)
+    return GpsLog(
+        table[:, 0] + (midnight_s or 0.0),
+        table[:, 1:],
+        is_dated=midnight_s is not None,
+        n_without_fix=n_without_fix,
+    )
+
+
+def _gga(words: list[str], last_s: float) -> tuple[float, float, float, float]:
+    """Time since the first midnight [s], longitude, latitude [deg] and height [m] of a fix after one at `last_s`."""
+    latitude = _degrees(words[2], 2) * (1.0 if words[3] == "N" else -1.0)
+    longitude = _degrees(words[4], 3) * (1.0 if words[5] == "E" else -1.0)
+    return _clock_s(words[1], last_s), longitude, latitude, float(words[9])
+
+
+def _clock_s(text: str, last_s: float) -> float:
+    """Seconds since the first midnight of hhmmss.ss, which comes after `last_s`."""
+    clock = float(text[:2]) * 3600.0 + float(text[2:4]) * 60.0 + float(text[4:])
+    clock += _DAY_S * float(np.floor(last_s / _DAY_S))
+    return clock + _DAY_S if clock < last_s - 0.5 * _DAY_S else clock
+
+
+def _midnight_s(words: list[str], last_s: float) -> float | None:
+    """Unix time of the log's first midnight by an RMC sentence; None when the receiver does not know the date yet."""
+    if words[2] != "A" or len(words[9]) != 6:
+        return None
+    midnight = datetime.strptime(words[9] + "+0000", "%d%m%y%z").timestamp()
+    return midnight - _DAY_S * float(np.floor(_clock_s(words[1], last_s) / _DAY_S))
+
+
+def _checked_words(line: str, where: str) -> list[str]:
+    body, star, told = line[1:].partition("*")
+    told = told.split(",")[0]  # phones add their own time of arrival
+    sum_of = 0
+    for letter in body:
+        sum_of ^= ord(letter)
+    if not star or told.strip().upper() != f"{sum_of & 0xFF:02X}":
+        raise InputError(
+            f"{where}: the checksum of the sentence is wrong; it was cut off or damaged, remove it."
+        )
+    words = body.split(",")
+    if len(words) < 10:
+        raise InputError(f"{where}: the sentence has {len(words)} fields; at least 10 were expected.")
+    return words
+
+
+def _degrees(text: str, n_digits: int) -> float:
+    """Degrees of ddmm.mmmm or dddmm.mmmm."""
+    return float(text[:n_digits]) + float(text[n_digits:]) / 60.0

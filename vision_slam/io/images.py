@@ -1,0 +1,141 @@
+"""Images of other people's cameras: grey or colour, of 8 or 16 bits, made 8-bit when they are asked for."""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from survey.core.errors import InputError
+from survey.core.files import existing_file
+from survey.data.camera import Camera, Image
+
+PICTURES = (".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff")
+_END_MARKS = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}
+_DEPTHS = (8, 10, 12, 14, 16)
+_N_SAMPLED = 9
+
+
+@dataclass(frozen=True)
+class AnyImages:
+    """Image files read when asked for; values of more than 8 bits are divided by 2 to the power `shift`.
+
+    One division for the whole sequence: scaling each image by itself would change with
+    whatever is brightest in it.
+    """
+
+    files: Sequence[Path]
+    shift: int = 0
+
+    def __getitem__(self, index: int) -> Image:
+        return eight_bits(read_pixels(self.files[index]), self.shift, str(self.files[index]))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was done to the pixels, in words."""
+        return (scaling_note(self.shift),) if self.shift else ()
+
+
+def images_of(files: Sequence[Path]) -> AnyImages:
+    """Return the images of a sequence, refused where one is cut off.
+
+    How many bits are in use is told by the brightest pixel of nine images spread over the
+    sequence: cameras of 10, 12 or 14 bits write them into the lower ones of 16.
+
+    Raises
+    ------
+    InputError
+        An image is missing, cut off, or of another depth than 8 or 16 bits.
+    """
+    for file in files:
+        refuse_cut_off(file)
+    sample = np.unique(np.linspace(0, len(files) - 1, _N_SAMPLED).astype(int)).tolist()
+    first = read_pixels(files[0])
+    deepest = 8
+    if first.dtype == np.uint16:
+        deepest = max(bits_used(read_pixels(files[index])) for index in sample)
+    return AnyImages(tuple(files), deepest - 8)
+
+
+def scaling_note(shift: int) -> str:
+    """Say how deep pixels became 8-bit."""
+    return f"images of {8 + shift} bits were divided by {2**shift}"
+
+
+def bits_used(pixels: npt.NDArray[Any]) -> int:
+    """Return the least common camera depth that holds the brightest pixel.
+
+    Examples
+    --------
+    >>> bits_used(np.array([[0, 4000]], np.uint16))
+    12
+    """
+    return next(bits for bits in _DEPTHS if int(pixels.max()) < 2**bits)
+
+
+def eight_bits(pixels: npt.NDArray[Any], shift: int, where: str) -> Image:
+    """Return (H, W) or (H, W, 3) pixels as 8 bits; what is brighter than the depth holds becomes white.
+
+    Examples
+    --------
+    >>> eight_bits(np.array([[0, 2048, 5000]], np.uint16), 4, "it").tolist()
+    [[0, 128, 255]]
+    """
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{where} has {pixels.dtype} pixels; 8- or 16-bit images were expected, convert it.")
+    if pixels.dtype == np.uint16:
+        pixels = np.minimum(pixels >> shift, 255).astype(np.uint8)
+    return np.asarray(pixels[:, :, :3] if pixels.ndim == 3 else pixels, dtype=np.uint8)
+
+
+def read_pixels(path: Path) -> npt.NDArray[Any]:
+    """Read an image file as it is.
+
+    Raises
+    ------
+    InputError
+        Missing, cut off, or no image.
+    """
+    refuse_cut_off(path)
+    return decoded(path.read_bytes(), str(path))
+
+
+def decoded(content: bytes, where: str) -> npt.NDArray[Any]:
+    """Return the pixels of an image file's content, whatever their depth; colours in the order blue, green, red."""
+    pixels: Any = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    if pixels is None:
+        raise InputError(f"{where} is no whole image; it may be cut off, get it again.")
+    return np.asarray(pixels)
+
+
+def refuse_cut_off(path: Path) -> None:
+    """Refuse a file that is missing, empty, or a PNG or JPEG without its end: OpenCV fills what lacks with zeros."""
+    with existing_file(path, "the image").open("rb") as stream:
+        head = stream.read(8)
+        stream.seek(-min(32, path.stat().st_size), 2)
+        tail = stream.read()
+    if any(head.startswith(mark) and end not in tail for mark, end in _END_MARKS.items()):
+        raise InputError(f"{path} is no whole image; it is cut off, get it again.")
+
+
+def refuse_other_sizes(files: Sequence[Path], camera: Camera) -> None:
+    """Refuse images that are not of the calibration's size, by their headers alone where they are PNG."""
+    for index, file in enumerate(files):
+        with file.open("rb") as stream:
+            head = stream.read(24)
+        if head.startswith(b"\x89PNG"):
+            size = struct.unpack(">II", head[16:24])
+        elif index == 0:
+            height, width = read_pixels(file).shape[:2]
+            size = (width, height)
+        else:
+            continue
+        if size != (camera.width, camera.height):
+            raise InputError(
+                f"{file} has {size[0]} × {size[1]} pixels, its calibration {camera.width} × {camera.height}; "
+                "calibrate for this size, or give images as they were calibrated."
+            )

@@ -1,0 +1,150 @@
+"""A drive recorded by someone else's robot: images and whatever else came with them."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray, checked
+from survey.core.errors import InputError
+from survey.data.camera import Camera, Frames
+from survey.data.recording import Recording
+from survey.data.sensors import Compass, GpsFixes, Inertial, Wheels
+from vision_slam.io.gps_files import GpsLog
+
+_DATED_S = 1e8  # times of images beyond this count from 1970
+
+
+class Sensed(Protocol):
+    """What visual odometry looks at, of a recording or of a sequence."""
+
+    @property
+    def camera(self) -> Camera | None:
+        """Calibration and mounting."""
+
+    @property
+    def frames(self) -> Frames | None:
+        """Images."""
+
+    @property
+    def wheels(self) -> Wheels | None:
+        """Encoders."""
+
+    @property
+    def inertial(self) -> Inertial | None:
+        """Gyro and accelerometer."""
+
+    @property
+    def compass(self) -> Compass | None:
+        """Heading."""
+
+
+@dataclass(frozen=True)
+class ImageSequence:
+    """Images with their calibration, and what else was recorded with them.
+
+    ``gps`` are fixes that came in the same recording. ``notes`` say in words what its reader
+    did or supposed, for the user to judge. ``reference_time_s`` (R,) and ``reference`` (R, 4, 4), body to the reference's own frame,
+    are poses to judge by; localization does not look at them, except where `scaled_by_first`
+    is asked to.
+    """
+
+    camera: Camera
+    frames: Frames
+    wheels: Wheels | None = None
+    inertial: Inertial | None = None
+    compass: Compass | None = None
+    reference_time_s: FloatArray | None = None
+    reference: FloatArray | None = None
+    gps: GpsLog | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if (self.reference is None) != (self.reference_time_s is None):
+            raise InputError("reference poses and their times are needed together; give both or neither.")
+        if self.reference is not None and self.reference_time_s is not None:
+            poses = checked(self.reference, (None, 4, 4), "the reference poses")
+            if len(poses) != len(self.reference_time_s):
+                raise InputError(
+                    f"there are {len(poses)} reference poses and {len(self.reference_time_s)} times; they must be as many."
+                )
+
+
+def scaled_by_first(sequence: ImageSequence, distance_m: float) -> ImageSequence:
+    """Give a sequence without wheels the odometer of its first metres, read from the reference.
+
+    After `distance_m` nothing of the reference is used: one camera knows no scale by itself,
+    and this hands it one.
+
+    Raises
+    ------
+    InputError
+        The sequence has no reference, or it ends within that distance.
+    """
+    if sequence.reference is None or sequence.reference_time_s is None:
+        raise InputError("the sequence has no reference poses to take the first metres from; add wheels.csv.")
+    steps = np.linalg.norm(np.diff(sequence.reference[:, :3, 3], axis=0), axis=1)
+    travel = np.r_[0.0, np.cumsum(steps)]
+    n = int(np.searchsorted(travel, distance_m)) + 1
+    if n > len(travel) or n < 2:
+        raise InputError(
+            f"the reference is {travel[-1]:.1f} m long; its first {distance_m:g} m cannot give the scale."
+        )
+    odometer = Wheels(sequence.reference_time_s[:n], travel[:n], travel[:n])
+    return replace(sequence, wheels=odometer)
+
+
+def placed(
+    sequence: ImageSequence, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
+) -> Recording:
+    """Put a sequence into the world by the fixes that were recorded beside it.
+
+    Parameters
+    ----------
+    sequence : ImageSequence
+        Images and what came with them.
+    log : GpsLog
+        The fixes.
+    crs : str or pyproj.CRS, optional
+        Projected CRS to work in; the UTM zone of the first fix unless given.
+    shift_s : float
+        Added to the times of the fixes, so that they count as those of the images [s].
+
+    Raises
+    ------
+    InputError
+        Fewer than two fixes fall into the time of the images.
+    """
+    fixes, working = log.fixes(crs)
+    fixes = GpsFixes(fixes.time_s + shift_s, fixes.position)
+    times = sequence.frames.time_s
+    inside = (fixes.time_s >= times[0]) & (fixes.time_s <= times[-1])
+    if inside.sum() < 2:
+        raise InputError(
+            f"{inside.sum()} of {len(fixes)} fixes ({_span(fixes.time_s)}) fall into the time of the images ({_span(times)}); "
+            f"name with --gps-shift the seconds to add to the times of the fixes{_guess(log, times)}."
+        )
+    start = [np.interp(times[0], fixes.time_s, axis) for axis in fixes.position.T]
+    return Recording(
+        crs=working,
+        start=np.array(start),
+        gps=fixes,
+        camera=sequence.camera,
+        frames=sequence.frames,
+        wheels=sequence.wheels,
+        inertial=sequence.inertial,
+        compass=sequence.compass,
+        vertical_datum=log.vertical_datum,
+    )
+
+
+def _span(time_s: FloatArray) -> str:
+    return f"{time_s[0]:.1f} to {time_s[-1]:.1f} s"
+
+
+def _guess(log: GpsLog, times: FloatArray) -> str:
+    """Midnight before the first image, where the images are dated and the fixes tell the time of day."""
+    if log.is_dated or times[0] < _DATED_S:
+        return ""
+    return f", such as {times[0] - times[0] % 86400.0:.0f} for times of day"

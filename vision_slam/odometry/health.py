@@ -1,0 +1,117 @@
+"""Whether an image, and what was followed into it, can be believed."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.data.camera import Image
+
+_LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
+_BRIDGED = 0.05  # relative error of the travel that wheels alone tell, beyond their scale
+_FEW, _MANY = 0.25, 0.5  # of the corners that are wanted
+
+
+@dataclass(frozen=True)
+class FrameHealth:
+    """What is known about one frame.
+
+    ``entropy_bits`` of the grey values, ``saturated`` share of white or black pixels,
+    ``sharpness`` standard deviation of the Laplacian [grey levels], ``n_followed``
+    corners, ``n_inliers`` of them that agree with one pose, and whether the pose
+    ``is_visual`` or was bridged by wheels and gyro. Where the last view before a hole was
+    recognised no corner was followed, and the inliers are features of that view.
+    """
+
+    entropy_bits: float
+    saturated: float
+    sharpness: float
+    n_followed: int = 0
+    n_inliers: int = 0
+    is_visual: bool = False
+
+    @property
+    def is_recognised(self) -> bool:
+        """Whether the pose is from a view that was recognised after a hole."""
+        return self.is_visual and self.n_followed == 0
+
+    @property
+    def inlier_ratio(self) -> float:
+        """Share of the followed corners that agree with one pose."""
+        return min(self.n_inliers / max(self.n_followed, 1), 1.0)
+
+
+def image_health(grey: Image) -> FrameHealth:
+    r"""Measure an image as it came from the camera, on every other pixel.
+
+    The entropy is H = −Σ p log₂ p over the 256 grey values: 0 for a blank image, about
+    2.4 for a blank one with noise of 1.3 grey levels, above 4 where there is anything to see.
+
+    Examples
+    --------
+    >>> image_health(np.full((40, 60), 200, np.uint8)).entropy_bits
+    0.0
+    """
+    small = grey[::2, ::2]
+    share = np.bincount(small.ravel(), minlength=256) / small.size
+    seen = share[share > 0.0]
+    return FrameHealth(
+        entropy_bits=float(-(seen * np.log2(seen)).sum() + 0.0),
+        saturated=float(share[0] + share[255]),
+        sharpness=float(cv2.Laplacian(small, cv2.CV_32F).std()),
+    )
+
+
+class Doubt:
+    """Whether images are worse than none.
+
+    Where images say that wheels spin, they are right if many corners say so. Few corners, such as
+    snow has without enhancement, let the map shrink little by little instead: from the first time that
+    fewer than a quarter of the corners that are wanted deny the wheels, nothing is believed that images
+    say, until half of those that are wanted agree again.
+
+    Parameters
+    ----------
+    n_wanted : int
+        Corners that are looked for.
+
+    Examples
+    --------
+    >>> doubt = Doubt(200)
+    >>> [doubt.remains(n, slips) for n, slips in ((40, False), (90, True), (40, True), (90, False), (120, False))]
+    [False, False, True, True, False]
+    """
+
+    def __init__(self, n_wanted: int) -> None:
+        self._n_wanted = n_wanted
+        self.is_on = False
+
+    def remains(self, n_inliers: int, is_slipping: bool) -> bool:
+        """Take how many corners agree with one pose, and whether poses so far say that wheels spin."""
+        if is_slipping and n_inliers < _FEW * self._n_wanted:
+            self.is_on = True
+        elif n_inliers >= _MANY * self._n_wanted:
+            self.is_on = False
+        return self.is_on
+
+
+def bridged_sigma_m(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:
+    """Return the error of steps (N - 1,) that wheels and gyro bridged [m]: a share of the way, the same for as long as it lasts."""
+    length = np.linalg.norm(steps, axis=1)
+    is_blind = np.array([not frame.is_visual for frame in health[1:]], dtype=bool)
+    edges = np.flatnonzero(np.diff(np.r_[False, is_blind, False]))
+    sigma = np.zeros(len(length))
+    for first, end in edges.reshape(-1, 2).tolist():
+        sigma[first:end] = _BRIDGED * length[first:end] * (end - first) ** 0.5
+    return sigma
+
+
+def is_lost(poses: FloatArray, health: tuple[FrameHealth, ...]) -> BoolArray:
+    """Tell of poses (N, 4, 4) which rest on wheels and gyro since more than 20 m."""
+    travel = np.r_[0.0, np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)]
+    blind_m, lost = 0.0, []
+    for index, (length, frame) in enumerate(zip(travel.tolist(), health, strict=True)):
+        blind_m = 0.0 if frame.is_visual or index == 0 else blind_m + length
+        lost.append(blind_m > _LOST_M)
+    return np.array(lost)

@@ -1,0 +1,167 @@
+"""Visual odometry while the drive goes on: the same numbers as of the whole recording afterwards."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.data.camera import Camera, Frames, Image
+from survey.data.sensors import Compass, Inertial, Odometry, SensorRecords, Sightings, Wheels
+from survey.io.tables import read_table, write_table
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.health import FrameHealth
+from vision_slam.odometry.visual_slam import FramePose, Sight, VisualOdometry
+
+Records = TypeVar("Records", bound=SensorRecords)
+
+_SET_OFF_M = 2e-3  # the wheels turn; until then they rest, and what the gyro says is bias
+_LEVELLED_S = 1.0
+_KEPT_S = 1.0
+_MOST_WAITING = 40
+
+
+@dataclass(frozen=True)
+class _Sensed:
+    """Records of a drive so far, or the latest of them."""
+
+    camera: Camera
+    wheels: Wheels | None
+    inertial: Inertial | None
+    compass: Compass | None = None
+    frames: Frames | None = None
+
+
+class OnboardOdometry:
+    """Takes readings and images as they come, and tells the motion.
+
+    An image is looked at as soon as wheels and gyro reach to its time. Those of the rest at
+    the start wait until the wheels turn: only then is it known what of the gyro was bias. In
+    memory stay, beside the window of keyframes, the corners that were followed and the
+    inertial records (20 MB an hour), which level the whole path in the end.
+
+    Parameters
+    ----------
+    camera : Camera
+        Calibration and mounting.
+    config : VisualOdometryConfig, optional
+        How images become motion.
+
+    Notes
+    -----
+    A drive without wheels or without gyro is looked at with a delay of forty images.
+    """
+
+    def __init__(self, camera: Camera, config: VisualOdometryConfig | None = None) -> None:
+        self._camera, self._config = camera, config
+        self._wheels, self._compass = list[Wheels](), list[Compass]()
+        self._inertial = list[Inertial]()
+        self._waiting: deque[tuple[float, Image]] = deque()
+        self._sight: Sight | None = None
+        self._at_s, self._n_told = 0.0, 0
+
+    def sense(self, wheels: Wheels | None, inertial: Inertial | None, compass: Compass | None) -> None:
+        """Take readings that came since the last call."""
+        self._wheels += [] if wheels is None else [wheels]
+        self._inertial += [] if inertial is None else [inertial]
+        self._compass += [] if compass is None else [compass]
+
+    def look(self, image: Image, time_s: float) -> None:
+        """Take the next image."""
+        self._waiting.append((time_s, image))
+
+    def poses(self) -> list[tuple[FramePose, FloatArray]]:
+        """Return the frames that could be placed since the last call, with the body's pose (4, 4) at each.
+
+        Poses count from the first image, upright there.
+        """
+        while self._waiting and self._is_ready():
+            self._look_at_next()
+        if self._sight is None:
+            return []
+        slam = self._sight.slam
+        fresh = slam.frames[self._n_told :]
+        self._n_told = len(slam.frames)
+        return [(frame, slam.pose(frame)) for frame in fresh]
+
+    def finished(self) -> VisualOdometry | None:
+        """Look at what still waits, and return what all images gave; None of fewer than two."""
+        while self._waiting:
+            self._look_at_next()
+        if self._sight is None or len(self._sight.slam.frames) < 2:
+            return None
+        whole = _Sensed(self._camera, joined(self._wheels), joined(self._inertial), joined(self._compass))
+        return self._sight.delivered(whole)
+
+    def _is_ready(self) -> bool:
+        """Whether the next image can be looked at: wheels and gyro reach to it, and the drive has begun."""
+        if len(self._waiting) > _MOST_WAITING:
+            return True
+        if not self._wheels or not self._inertial:
+            return False
+        reached_s = min(float(self._wheels[-1].time_s[-1]), float(self._inertial[-1].time_s[-1]))
+        if self._sight is not None:
+            return reached_s >= self._waiting[0][0]
+        first, last = self._wheels[0], self._wheels[-1]
+        rolled = abs(last.left_m[-1] - first.left_m[0]) + abs(last.right_m[-1] - first.right_m[0])
+        return bool(rolled > _SET_OFF_M) and reached_s > self._waiting[0][0] + _LEVELLED_S
+
+    def _look_at_next(self) -> None:
+        time_s, image = self._waiting.popleft()
+        recent = _Sensed(self._camera, self._latest(self._wheels), self._latest(self._inertial))
+        if self._sight is None:
+            self._sight = Sight(recent, self._config, time_s)
+        else:
+            self._sight.sensors.go_on(recent)
+        self._sight.take(image, time_s)
+        self._at_s = time_s
+
+    def _latest(self, parts: list[Records]) -> Records | None:
+        """Return the readings from a little before the last image on."""
+        n = 1
+        while n < len(parts) and parts[-n].time_s[0] > self._at_s - _KEPT_S:
+            n += 1
+        return joined(parts[-n:])
+
+
+def joined(parts: Sequence[Records]) -> Records | None:
+    """Return readings of one kind as one record."""
+    if not parts:
+        return None
+    names = [field.name for field in fields(parts[0])]
+    return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def write_seen(found: VisualOdometry, folder: Path) -> None:
+    """Write what images gave: ``odometry.csv``, ``sightings.csv`` and, one row a frame, ``health.csv``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found.odometry.write(folder / "odometry.csv")
+    found.sightings.write(folder / "sightings.csv")
+    columns = {name: np.array([getattr(frame, name) for frame in found.health], float) for name in _HEALTH}
+    write_table(folder / "health.csv", columns | {"is_lost": found.is_lost.astype(float)})
+
+
+def read_seen(folder: Path) -> VisualOdometry:
+    """Read what `write_seen` wrote; the numbers are the same to the last bit.
+
+    Raises
+    ------
+    InputError
+        A table is missing, or cut off.
+    """
+    table = read_table(folder / "health.csv", [*_HEALTH, "is_lost"], what="the health of the frames")
+    counts = {name: table[name].astype(int).tolist() for name in ("n_followed", "n_inliers")}
+    rows = {name: table[name].tolist() for name in _HEALTH} | counts
+    frames = [FrameHealth(*values) for values in zip(*(rows[name] for name in _HEALTH), strict=True)]
+    return VisualOdometry(
+        Odometry.read(folder / "odometry.csv"),
+        Sightings.read(folder / "sightings.csv"),
+        tuple(replace(frame, is_visual=bool(frame.is_visual)) for frame in frames),
+        table["is_lost"] > 0.5,
+    )
+
+
+_HEALTH = tuple(field.name for field in fields(FrameHealth))

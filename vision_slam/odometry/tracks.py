@@ -1,0 +1,70 @@
+"""Corners followed from image to image."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.data.camera import Image
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.features import Pixels
+
+
+@dataclass
+class Track:
+    """One corner: where the keyframes saw it, and the point that it is.
+
+    ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``;
+    ``point`` (3,) its place in the window's frame, None while unknown; ``is_far`` when no
+    motion so far has moved it, so that only its direction counts.
+    """
+
+    pixel: FloatArray
+    keyframes: list[int] = field(default_factory=list)
+    rays: list[FloatArray] = field(default_factory=list)
+    point: FloatArray | None = None
+    is_far: bool = False
+
+    def seen(self, keyframe: int, ray: FloatArray) -> None:
+        """Add a sight."""
+        self.keyframes.append(keyframe)
+        self.rays.append(ray)
+
+
+def followed(
+    before: Image, now: Image, pixels: Pixels, guess: Pixels, config: VisualOdometryConfig
+) -> tuple[Pixels, BoolArray]:
+    """Follow corners (N, 2) by pyramidal Lucas-Kanade, forth from a guess and back again.
+
+    Returns their new pixels and which came back to where they had started, inside the image.
+    """
+    if len(pixels) == 0:
+        return pixels, np.zeros(0, dtype=bool)
+    ends = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01)
+    start = np.ascontiguousarray(guess, dtype=np.float32)
+    forth, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, now, pixels, start, winSize=(17, 17), maxLevel=3, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        criteria=ends, minEigThreshold=1e-5,
+    )  # fmt: skip
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(
+        now, before, forth, pixels.copy(), winSize=(17, 17), maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        criteria=ends, minEigThreshold=1e-5,
+    )  # fmt: skip
+    height, width = now.shape
+    margin = 5.0
+    landed: Pixels = np.asarray(forth, dtype=np.float32)
+    inside = ((landed > margin) & (landed < np.array([width, height]) - 1 - margin)).all(axis=1)
+    came_back = np.linalg.norm(back - pixels, axis=1) < config.round_trip_px
+    return landed, (found.ravel() > 0) & (found_back.ravel() > 0) & came_back & inside
+
+
+def moved_as_one(before: FloatArray, now: FloatArray, angle: float) -> BoolArray:
+    """Tell which unit rays (N, 3) moved as some rigid motion of the camera would have it, to an angle [rad]."""
+    first, second = (np.ascontiguousarray(rays[:, :2] / rays[:, 2:]) for rays in (before, now))
+    cv2.setRNGSeed(0)  # RANSAC draws; the same images shall give the same bytes
+    found: Any = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.999, angle)
+    mask = found[1]
+    agree: BoolArray = np.zeros(len(before), dtype=bool) if mask is None else mask.ravel() > 0
+    return agree

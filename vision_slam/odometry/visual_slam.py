@@ -1,0 +1,437 @@
+"""Monocular visual SLAM: images, wheels and gyro in, poses and landmarks out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.errors import InputError
+from survey.data.camera import Camera, Image
+from survey.data.sensors import Odometry, Sightings
+from vision_slam.inertial.attitude import attitudes, upright_start
+from vision_slam.inertial.motion import Motion, MotionSensors
+from vision_slam.io.sequence import Sensed
+from vision_slam.odometry.clahe import Enhancer, grey_of
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.far_features import Skyline
+from vision_slam.odometry.features import Pixels, detect
+from vision_slam.odometry.health import Doubt, FrameHealth, bridged_sigma_m, image_health, is_lost
+from vision_slam.odometry.recognition import LastViews
+from vision_slam.odometry.resection import resected
+from vision_slam.odometry.scale_drift import beneath, resized, resizing
+from vision_slam.odometry.tracks import Track, followed, moved_as_one
+from vision_slam.odometry.triangulation import Landmarks
+from vision_slam.odometry.wheel_slip import SlipWatch
+from vision_slam.odometry.window import Window, half_turned
+from vision_slam.rotation import rotations
+
+_STILL_PX = 0.3
+_ROLLS_M = 0.02
+_LEAST_FAR = 10
+
+
+@dataclass(frozen=True)
+class FramePose:
+    """Pose of one frame, relative to the keyframe that it hangs on, and how it was found."""
+
+    time_s: float
+    keyframe: int
+    relative: FloatArray
+    health: FrameHealth
+
+
+class VisualSlam:
+    """Follows a rover by its camera, keyframe by keyframe.
+
+    Poses count from `start`. Their scale is the wheels'; without
+    wheels it is that of the first step, taken as one unit.
+
+    Parameters
+    ----------
+    camera : Camera
+        Calibration and mounting.
+    config : VisualOdometryConfig, optional
+        How images become motion.
+    start : (4, 4) ndarray, optional
+        Pose at the first image; its z axis points up. Level unless said.
+    """
+
+    def __init__(
+        self, camera: Camera, config: VisualOdometryConfig | None = None, start: FloatArray | None = None
+    ) -> None:
+        self.config = config or VisualOdometryConfig()
+        self.camera = camera
+        self.window = Window(camera, self.config)
+        self.frames: list[FramePose] = []
+        self.finished: list[Track] = []
+        self.rolled_m: list[float] = []
+        self._tracks: list[Track] = []
+        self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
+        self._slip = SlipWatch(camera.T_body_camera[2, 3])
+        self._image: Image | None = None
+        self._grey: Image | None = None
+        self._pose = np.eye(4) if start is None else start
+        self._step = np.eye(4)
+        self._since: Motion | None = None
+        self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
+        self._doubt = Doubt(self.config.n_features)
+        self._views = LastViews(camera, self.config)
+
+    def step(self, image: Image, time_s: float, motion: Motion | None) -> FramePose:
+        """Take the next image and the motion since the one before, which the first has not."""
+        grey = grey_of(image, self.camera.width, self.camera.height)
+        health = self._health(grey, motion)
+        enhanced = self._enhance(grey)
+        if self._image is None or motion is None:
+            return self._begin(enhanced, time_s, health)
+        predicted = self._predicted(motion)
+        pixels, came = self._follow(enhanced, predicted)
+        standing = self._is_standing(motion, pixels, came)
+        pose, agree = self._located(self._pose if standing else predicted, pixels, came)
+        health = self._judged(health, came, agree)
+        pose = self._pose if standing else pose if health.is_visual else predicted
+        self._keep(pixels, agree if health.is_visual else np.zeros_like(agree))
+        self._since = _joined(self._since, motion)
+        self._step = np.linalg.inv(self._pose) @ pose
+        self._views.moved(motion)
+        self._pose, self._image = pose, enhanced
+        met = (
+            self._views.recognised(enhanced, pose, self.window.poses) if self._may_recognise(health) else None
+        )
+        if met is not None:
+            self._pose = met.pose
+            self._since = Motion(self._since.seconds, None, None)  # the wheels shall not undo it
+            health = replace(health, n_followed=0, n_inliers=met.n_agree, is_visual=True)
+        if met is not None or self._deserves_keyframe(pose):
+            self._add_keyframe(enhanced, health)
+        return self._reported(time_s, health)
+
+    @property
+    def live_tracks(self) -> list[Track]:
+        """Corners that are being followed."""
+        return self._tracks
+
+    @property
+    def holds_heading(self) -> bool:
+        """Whether mountains are in sight: near ground alone lets the heading drift slowly."""
+        return sum(track.is_far for track in self._tracks) >= _LEAST_FAR
+
+    def pose(self, frame: FramePose) -> FloatArray:
+        """Return the body's pose (4, 4) at a frame, by what is known of its keyframe now."""
+        placed: FloatArray = self.window.poses[frame.keyframe] @ frame.relative
+        return placed
+
+    def _health(self, grey: Image, motion: Motion | None) -> FrameHealth:
+        """Measure an image; one that repeats the last while the wheels roll has nothing to tell: the camera froze."""
+        health = image_health(grey)
+        rolls = motion is not None and abs(motion.travel_m or 0.0) > _ROLLS_M
+        is_frozen = rolls and self._grey is not None and np.array_equal(grey, self._grey)
+        self._grey = grey
+        return replace(health, entropy_bits=0.0) if is_frozen else health
+
+    def _begin(self, enhanced: Image, time_s: float, health: FrameHealth) -> FramePose:
+        self.window.add(self._pose, None)
+        self._image = enhanced
+        self._replenish(enhanced, health)
+        return self._reported(time_s, health)
+
+    def _predicted(self, motion: Motion) -> FloatArray:
+        """Where wheels and gyro put the body; what they do not tell goes on as in the last step."""
+        step = self._step.copy()
+        if motion.rotation is not None:
+            step[:3, :3] = motion.rotation
+        if motion.travel_m is not None:
+            step[:3, 3] = half_turned(step[:3, :3]) @ [self._slip.share * motion.travel_m, 0.0, 0.0]
+        elif len(self.frames) == 1:
+            step[:3, 3] = [1.0, 0.0, 0.0]
+        predicted: FloatArray = self._pose @ step
+        return predicted
+
+    def _follow(self, enhanced: Image, predicted: FloatArray) -> tuple[Pixels, BoolArray]:
+        assert self._image is not None
+        pixels = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
+        points, is_far = self._guessed_points(pixels)
+        guess = self._projected(predicted, points, is_far)
+        lost = ~np.isfinite(guess).all(axis=1) | (np.abs(guess - pixels).max(axis=1, initial=0.0) > 150.0)
+        guess[lost] = pixels[lost]
+        return followed(self._image, enhanced, pixels, guess, self.config)
+
+    def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
+        """Points of the tracks; those still unknown lie on level ground, or far off above the horizon."""
+        camera = self._pose @ self.camera.T_body_camera
+        rays = self._rays(pixels) @ camera[:3, :3].T
+        down = -rays @ self._pose[:3, 2]
+        height = (camera[:3, 3] - self._pose[:3, 3]) @ self._pose[:3, 2]
+        is_far = down < 0.02
+        points = np.where(
+            is_far[:, None], rays, camera[:3, 3] + rays * (height / np.maximum(down, 0.02))[:, None]
+        )
+        for index, track in enumerate(self._tracks):
+            if track.point is not None:
+                points[index], is_far[index] = track.point, track.is_far
+        return points, is_far
+
+    def _rays(self, pixels: Pixels) -> FloatArray:
+        return self.camera.rays(pixels.astype(np.float64))
+
+    def _projected(self, body: FloatArray, points: FloatArray, is_far: BoolArray) -> Pixels:
+        camera = body @ self.camera.T_body_camera
+        seen = np.where(is_far[:, None], points, points - camera[:3, 3]) @ camera[:3, :3]
+        return self.camera.project(seen).astype(np.float32)
+
+    def _is_standing(self, motion: Motion, pixels: Pixels, came: BoolArray) -> bool:
+        """Whether neither the wheels nor the image moved."""
+        if motion.travel_m is not None:
+            return motion.is_standing
+        if came.sum() < self.config.least_inliers:
+            return False
+        before = np.array([track.pixel for track in self._tracks])
+        return bool(np.median(np.linalg.norm(pixels - before, axis=1)[came]) < _STILL_PX)
+
+    def _located(
+        self, predicted: FloatArray, pixels: Pixels, came: BoolArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Find the pose from the corners whose points are known; tell which corners agree with it."""
+        agree = came.copy()
+        known = np.array([track.point is not None for track in self._tracks], dtype=bool) & came
+        if known.sum() < self.config.least_inliers:
+            return predicted, self._epipolar(pixels, agree)
+        index = np.flatnonzero(known)
+        points = np.array([self._tracks[i].point for i in index])
+        is_far = np.array([self._tracks[i].is_far for i in index])
+        has_gyro = self._since is None or self._since.rotation is not None
+        camera, errors = resected(
+            predicted @ self.camera.T_body_camera, points, is_far, self._rays(pixels[index]),
+            angle_sigma=self.config.pixel_sigma / self._focal_px,
+            turn_sigma=0.01 if has_gyro else 0.1,
+            shift_sigma=0.1 if has_gyro else 1.0,
+        )  # fmt: skip
+        agree[index] = errors < self.config.gate_px / self._focal_px
+        return camera @ np.linalg.inv(self.camera.T_body_camera), agree
+
+    def _epipolar(self, pixels: Pixels, came: BoolArray) -> BoolArray:
+        """Before any point is known: which corners moved as some rigid motion would have it."""
+        if came.sum() < self.config.least_inliers:
+            return np.zeros_like(came)
+        before = self.camera.rays(np.array([track.pixel for track in self._tracks])[came])
+        agree = came.copy()
+        agree[came] = moved_as_one(before, self._rays(pixels[came]), 1.0 / self._focal_px)
+        return agree
+
+    def _judged(self, health: FrameHealth, came: BoolArray, agree: BoolArray) -> FrameHealth:
+        config = self.config
+        n_followed, n_inliers = int(came.sum()), int(agree.sum())
+        is_visual = (
+            health.entropy_bits >= config.least_entropy_bits
+            and n_inliers >= config.least_inliers
+            and n_inliers >= config.least_inlier_ratio * n_followed
+            and n_inliers >= config.least_kept_ratio * len(self._tracks)
+            and not self._doubt.remains(n_inliers, self._slip.is_slipping)
+        )
+        return replace(health, n_followed=n_followed, n_inliers=n_inliers, is_visual=is_visual)
+
+    def _may_recognise(self, health: FrameHealth) -> bool:
+        is_clear = health.entropy_bits >= self.config.least_entropy_bits
+        return is_clear and not health.is_visual and not self._doubt.is_on
+
+    def _keep(self, pixels: Pixels, agree: BoolArray) -> None:
+        kept = []
+        for track, pixel, is_good in zip(self._tracks, pixels, agree, strict=True):
+            if is_good:
+                track.pixel = pixel
+                kept.append(track)
+            else:
+                self.finished.append(track)
+        self._tracks = kept
+
+    def _deserves_keyframe(self, pose: FloatArray) -> bool:
+        relative = np.linalg.inv(self.window.poses[-1]) @ pose
+        turned = np.arccos(np.clip(0.5 * (np.trace(relative[:3, :3]) - 1.0), -1.0, 1.0))
+        return bool(
+            np.linalg.norm(relative[:3, 3]) >= self.config.keyframe_spacing_m
+            or turned >= np.radians(self.config.keyframe_turn_deg)
+        )
+
+    def _add_keyframe(self, enhanced: Image, health: FrameHealth) -> None:
+        assert self._since is not None
+        rolled = self._since.travel_m
+        self.rolled_m.append(np.nan if rolled is None else rolled)
+        if rolled is not None:
+            seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
+            told = self._slip.travel_m(rolled, seen if health.is_visual else None)
+            self._since = replace(self._since, travel_m=told)
+        self.window.add(self._pose, self._since)
+        self._since = None
+        pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
+        for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
+            track.seen(self.window.newest, ray)
+        if self._tracks:
+            self._keep(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
+            self._pose = self.window.poses[-1]
+        self._watch_size()
+        if health.is_visual:
+            self._views.keep(self.window.newest, enhanced, self.window.poses)
+        self._replenish(enhanced, health)
+
+    def _watch_size(self) -> None:
+        known = [track.point for track in self._tracks if track.point is not None and not track.is_far]
+        points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
+        travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
+        self._slip.observe(points, float(travel))
+
+    def _replenish(self, enhanced: Image, health: FrameHealth) -> None:
+        n_missing = self.config.n_features - len(self._tracks)
+        if n_missing < 0.1 * self.config.n_features or health.entropy_bits < self.config.least_entropy_bits:
+            return
+        taken = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
+        fresh = detect(enhanced, taken, n_missing, self.config)
+        for pixel, ray in zip(fresh, self._rays(fresh), strict=True):
+            if ray[2] > 0.2:
+                self._tracks.append(Track(pixel, [self.window.newest], [ray]))
+
+    def _reported(self, time_s: float, health: FrameHealth) -> FramePose:
+        relative = np.linalg.inv(self.window.poses[-1]) @ self._pose
+        self.frames.append(FramePose(time_s, self.window.newest, relative, health))
+        return self.frames[-1]
+
+
+def _joined(first: Motion | None, second: Motion) -> Motion:
+    """One motion after the other."""
+    if first is None:
+        return second
+    rotation = None if first.rotation is None or second.rotation is None else first.rotation @ second.rotation
+    travel = None if first.travel_m is None or second.travel_m is None else first.travel_m + second.travel_m
+    return Motion(first.seconds + second.seconds, rotation, travel)
+
+
+@dataclass(frozen=True)
+class VisualOdometry:
+    """What images gave: the same types as an odometry that was processed elsewhere.
+
+    Where there are wheels and a gyro its lengths are told by wheels and by the ground that it
+    stood on, all along; where there are wheels its heading is held by far ridges. ``health``
+    holds one entry a frame; ``is_lost`` says where the pose rests on wheels and gyro for too
+    long to be believed, or on nothing.
+    """
+
+    odometry: Odometry
+    sightings: Sightings
+    health: tuple[FrameHealth, ...]
+    is_lost: BoolArray
+
+
+def visual_odometry(
+    recording: Sensed,
+    config: VisualOdometryConfig | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> VisualOdometry:
+    """Estimate motion and landmarks from a recording's images, wheels and inertial records.
+
+    Where images are missing for long and wheels and gyro go on, there are poses all the
+    same, as of blank images: over a turn one step from end to end would cut the corner.
+
+    Raises
+    ------
+    InputError
+        No images, fewer than two, or images that do not fit their calibration.
+    """
+    if recording.frames is None or recording.camera is None:
+        raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
+    if len(recording.frames) < 2:
+        raise InputError("the recording has one frame; motion needs at least two.")
+    times = recording.frames.time_s
+    sight = Sight(recording, config, times[0])
+    for index, time_s in enumerate(times.tolist()):
+        sight.take(recording.frames[index], time_s)
+        if progress is not None:
+            progress("frames", index + 1, len(times))
+    return sight.delivered(recording)
+
+
+class Sight:
+    """Visual odometry on its way: takes one image after the other, with wheels and gyro in between.
+
+    Parameters
+    ----------
+    drive : Sensed
+        Camera, and the records up to where the wheels begin to turn, at least.
+    config : VisualOdometryConfig, optional
+        How images become motion.
+    start_s : float
+        Time of the first image [s].
+    """
+
+    def __init__(self, drive: Sensed, config: VisualOdometryConfig | None, start_s: float) -> None:
+        assert drive.camera is not None
+        self.slam = VisualSlam(drive.camera, config, upright_start(drive, start_s))
+        self.sensors = MotionSensors(drive)
+        self._blank = np.zeros((drive.camera.height, drive.camera.width), np.uint8)
+        self._before_s = start_s
+        self._landmarks = Landmarks(drive.camera, self.slam.config)
+        self._skyline = Skyline(drive.camera)
+        self._frame_of: dict[int, int] = {}
+        self._n_frames = 0
+
+    def take(self, image: Image, time_s: float) -> None:
+        """Take the next image; the records must reach to its time."""
+        slam, sensors, before_s = self.slam, self.sensors, self._before_s
+        for between_s in sensors.gap(before_s, time_s):
+            slam.step(self._blank, between_s, sensors.between(before_s, between_s))
+            before_s = between_s
+        motion = sensors.between(before_s, time_s) if slam.frames else None
+        frame = slam.step(image, time_s, motion)
+        self._before_s = time_s
+        if motion is not None and frame.health.is_visual and slam.holds_heading:
+            before = slam.pose(slam.frames[-2])
+            sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
+        self._place_ended(slam.window.newest - slam.config.n_free)
+
+    def _place_ended(self, last_settled: int) -> None:
+        """Place the corners that ended before the window: nothing moves the poses that saw them any more."""
+        slam = self.slam
+        for index in range(self._n_frames, len(slam.frames)):
+            self._frame_of.setdefault(slam.frames[index].keyframe, index)
+        self._n_frames = len(slam.frames)
+        ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
+        if ended:
+            slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
+            self._landmarks.add(ended, slam.window.poses, self._frame_of)
+            self._skyline.add(ended)
+
+    def delivered(self, drive: Sensed) -> VisualOdometry:
+        """Return what all images gave, levelled by the inertial records of the whole drive."""
+        slam = self.slam
+        slam.finished += slam.live_tracks
+        self._place_ended(slam.window.newest)
+        return _delivered(slam, self._landmarks.sightings, self._skyline, drive)
+
+
+def _delivered(slam: VisualSlam, sightings: Sightings, skyline: Skyline, drive: Sensed) -> VisualOdometry:
+    poses = np.array([slam.pose(frame) for frame in slam.frames])
+    times = np.array([frame.time_s for frame in slam.frames])
+    steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
+    keyframe, placed = np.array([frame.keyframe for frame in slam.frames]), np.array(slam.window.poses)
+    # Without a gyro the path bends up and down too much for the ground to tell.
+    height_m = 0.0 if drive.inertial is None else float(slam.camera.T_body_camera[2, 3])
+    ground = beneath(placed, sightings, keyframe[sightings.pose], height_m)
+    factor = resizing(placed, np.array(slam.rolled_m), ground)[keyframe]
+    steps *= factor[:-1, None]
+    health = tuple(frame.health for frame in slam.frames)
+    attitude = attitudes(poses[:, :3, :3], times, drive)
+    if drive.wheels is not None:  # how near ridges may be is known in metres, which images alone do not have
+        attitude[:, 2] -= skyline.drift_rad(*_levelled(slam, poses, attitude))
+    odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
+    return VisualOdometry(odometry, resized(sightings, factor), health, is_lost(poses, health))
+
+
+def _levelled(
+    slam: VisualSlam, poses: FloatArray, attitude_rad: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return turns (K, 3, 3) and places (K, 3) of the keyframes, upright, and the keyframe that each frame hangs on."""
+    keyframes, first, of_frame = np.unique(
+        [frame.keyframe for frame in slam.frames], return_index=True, return_inverse=True
+    )
+    assert len(keyframes) == len(slam.window.poses)
+    turned = attitude_rad[first] - [0.0, 0.0, attitude_rad[0, 2]]
+    return rotations(turned), poses[first, :3, 3], of_frame

@@ -1,0 +1,96 @@
+"""Pictures of what the camera saw: corners that were followed, before and after the contrast was raised."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.camera import Image
+from survey.figures.style import ESTIMATE, FULL_IN, styled
+from vision_slam.inertial.attitude import upright_start
+from vision_slam.inertial.motion import MotionSensors
+from vision_slam.io.sequence import Sensed
+from vision_slam.odometry.clahe import Enhancer, grey_of
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.visual_slam import VisualSlam
+
+_N_FOLLOWED = 10  # images over which corners are followed
+_N_DRAWN = 6  # of each corner's places, so that lines stay apart
+_YOUNG = "#f0e442"
+
+
+@styled
+def tracks_on_frames(drive: Sensed, config: VisualOdometryConfig | None = None, n_places: int = 2) -> Figure:
+    """Draw the corners that visual odometry follows over ten images, at a few places of a drive.
+
+    Visual odometry begins anew at each place, once with the images as they came (left) and
+    once after CLAHE (right); all else is the same. A line is the latest way of a corner that
+    agrees with the motion, the dot its last place. Near are corners whose distance the motion
+    has told; the others, on the horizon, tell turns alone.
+
+    Parameters
+    ----------
+    drive : Sensed
+        Recording or sequence with at least two images.
+    config : VisualOdometryConfig, optional
+        As used for the odometry.
+    n_places : int
+        How many places.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        As wide as a page.
+
+    Raises
+    ------
+    InputError
+        No images.
+    """
+    if drive.frames is None or drive.camera is None:
+        raise InputError("the drive has no images; tracks on frames need some.")
+    settings = config or VisualOdometryConfig()
+    plain = settings.model_copy(update={"clahe_clip": 0.0})
+    n, camera = len(drive.frames), drive.camera
+    n_each = min(_N_FOLLOWED, n)
+    ends = np.unique(np.linspace(n_each - 1, n - 1, n_places + 2)[1:-1].astype(int)).tolist()
+    height_in = len(ends) * (0.5 * FULL_IN * camera.height / camera.width + 0.3)
+    figure = Figure(figsize=(FULL_IN, height_in), layout="constrained")
+    panels = figure.subplots(len(ends), 2, squeeze=False)
+    for row, last in zip(panels, ends, strict=True):
+        grey = grey_of(drive.frames[last], camera.width, camera.height)
+        for axes, used, name in zip(row, (plain, settings), ("As it came", "After CLAHE"), strict=True):
+            ways, n_near = followed_ways(drive, range(last - n_each + 1, last + 1), used)
+            _draw(axes, Enhancer(used.clahe_clip, used.clahe_tiles)(grey), ways)
+            axes.set_title(f"{name}: {len(ways)} corners followed, {n_near} of them near", fontsize=9)
+        row[0].set_ylabel(f"{drive.frames.time_s[last] - drive.frames.time_s[0]:.1f} s")
+    return figure
+
+
+def followed_ways(drive: Sensed, frames: range, config: VisualOdometryConfig) -> tuple[list[FloatArray], int]:
+    """Return the latest pixels (K, 2) of each corner that is followed into the last of some frames; how many are near."""
+    assert drive.frames is not None
+    assert drive.camera is not None
+    times, sensors = drive.frames.time_s, MotionSensors(drive)
+    slam = VisualSlam(drive.camera, config, upright_start(drive, times[frames[0]]))
+    for index in frames:
+        motion = None if index == frames[0] else sensors.between(times[index - 1], times[index])
+        slam.step(drive.frames[index], times[index], motion)
+    tracks = [track for track in slam.live_tracks if len(track.rays) > 1]
+    ways = [
+        np.vstack([drive.camera.project(np.array(track.rays[-_N_DRAWN:])), track.pixel[None]])
+        for track in tracks
+    ]
+    return ways, sum(track.point is not None and not track.is_far for track in tracks)
+
+
+def _draw(axes: Axes, image: Image, ways: list[FloatArray]) -> None:
+    axes.imshow(image, cmap="gray", vmin=0, vmax=255, interpolation="antialiased")
+    for colour, width in (("black", 1.6), (_YOUNG, 0.8)):
+        axes.add_collection(LineCollection(ways, colors=colour, linewidths=width))
+    ends = np.array([way[-1] for way in ways]).reshape(-1, 2)
+    axes.plot(*ends.T, "o", color=ESTIMATE, markersize=2.6, markeredgecolor="white", markeredgewidth=0.3)
+    axes.set(xlim=(-0.5, image.shape[1] - 0.5), ylim=(image.shape[0] - 0.5, -0.5), xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
