@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from benchmarks.report import Row
 from sim.config.sensors import GpsConfig, InstrumentsConfig
 from sim.instruments.gps import GpsReceiver
-from sim.vehicle.motion import Motion
+from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -62,7 +62,7 @@ def fixes_along(survey: Survey, profile: Profile, seed: int) -> GpsFixes | None:
     """Read a receiver anew along the way that was really driven."""
     path = survey.real.trajectory
     still = np.zeros_like(path.position)
-    motion = Motion(path.time_s, path.position, path.quaternion, still, still, still[:, :2])
+    motion = RoverMotion(path.time_s, path.position, path.quaternion, still, still, still[:, :2])
     config = InstrumentsConfig(gps=GpsConfig(profile=profile))
     receiver = GpsReceiver(config, survey.recording.antenna_height_m, seed)
     return receiver.sense(motion, path.position[0])[0]

@@ -22,7 +22,7 @@ from sim.studies.glacier.joint_map import (
     NODES,
     SIDE_M,
     Case,
-    Outcome,
+    SurveyOutcome,
     judged,
     mission_of,
     site,
@@ -76,7 +76,7 @@ def _rows(case: Case, tau_s: float, n: int) -> Iterator[Row]:
     yield from _summary(f"{case.name}, tau {tau_s:.0f} s", case, done)
 
 
-def _summary(name: str, case: Case, done: list[Outcome]) -> Iterator[Row]:
+def _summary(name: str, case: Case, done: list[SurveyOutcome]) -> Iterator[Row]:
     rmse = np.array([out.rmse_m for out in done])
     coverage = np.array([out.coverage for out in done])
     yield _barred(f"{name}: RMSE, median", float(np.median(rmse)), "m", _MEDIAN_BARS.get(case.name))
@@ -108,7 +108,7 @@ def _own_sensor(n: int) -> Iterator[Row]:
         yield from _summary(f"landmarks of the statistical sensor, {name}, tau 300 s", _UNBARRED, done)
 
 
-def _surveyed_by_own_sensor(seed: int, case: Case) -> Outcome:
+def _surveyed_by_own_sensor(seed: int, case: Case) -> SurveyOutcome:
     terrain, cells = site(seed)
     mission = mission_of(seed, 300.0, case)
     recording, real = simulate_statistical(terrain, planners.plan(AREA, None, mission.planner), mission)

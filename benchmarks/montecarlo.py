@@ -23,7 +23,7 @@ from benchmarks.report import Row, cpu_seconds, main
 from sim.executors import Engine, done
 from sim.montecarlo.config import RandomKind, SearchedMap, StudyConfig
 from sim.montecarlo.study import run_study
-from sim.montecarlo.trials import Block, World, blocks_of, routes, samples_of, survey_block
+from sim.montecarlo.trials import TrialBlock, TrialTerrains, blocks_of, routes, samples_of, survey_block
 from survey.core.arrays import FloatArray
 
 SWATHS = tuple(range(1, 11))
@@ -51,7 +51,7 @@ def study(
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    survey_block(study(2, (1, 2)), Block(0, 0, 2))  # compiles, and fills caches
+    survey_block(study(2, (1, 2)), TrialBlock(0, 0, 2))  # compiles, and fills caches
     yield from _full_figure()
     yield from _against_sklearn(n_dems=2 if quick else 5)
     yield from _workers(quick)
@@ -86,9 +86,9 @@ def _against_sklearn(n_dems: int) -> Iterator[Row]:
         yield Row(f"{pattern}: mean error, scikit-learn", float(their_mean), "m")
 
 
-def _by_sklearn(wanted: StudyConfig, block: Block) -> dict[tuple[str, int, int], float]:
+def _by_sklearn(wanted: StudyConfig, block: TrialBlock) -> dict[tuple[str, int, int], float]:
     """Return the error of each survey of a block, fitted and mapped by scikit-learn."""
-    world = World(wanted, block)
+    world = TrialTerrains(wanted, block)
     errors = {}
     for design in wanted.designs:
         for driven in routes(world, design):

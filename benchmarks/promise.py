@@ -34,20 +34,20 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import planners
-from benchmarks.equal_error import FAMILIES, Family
+from benchmarks.equal_error import FAMILIES, SearchedFamily
 from benchmarks.report import Row, main
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
 from planners.guarantee.assurance import belief_from_prior
-from planners.guarantee.guarantee import Wanted, promise
+from planners.guarantee.guarantee import MapRequirement, promise
 from planners.prediction.predict import places
 from planners.swaths.heading import across_marked_grain
 from sim.executors import done
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.kernel_search import Family as CovarianceFamily
 from survey.reconstruction.gp.selection.kernel_search import KernelSearch, mapped
+from survey.reconstruction.gp.selection.kernel_search import SearchedFamily as CovarianceFamily
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells
 
@@ -228,7 +228,7 @@ def _adaptive(site: Site, task: Task) -> Outcome:
 
 
 def _beforehand(site: Site, task: Task) -> Outcome:
-    wanted = Wanted(
+    wanted = MapRequirement(
         CLASS_3_M,
         noise_m=task.noise_m,
         sample_step_m=STEP_M,
@@ -284,7 +284,7 @@ def site_of(task: Task) -> Site:
     return Site(terrain, prior, area)
 
 
-def _drawn(family: Family, index: int) -> Dem:
+def _drawn(family: SearchedFamily, index: int) -> Dem:
     from survey.terrain import random_dem
 
     grid = Grid((0.0, 0.0, 600.0, 600.0), 5.0)

@@ -13,7 +13,7 @@ from sim.config.sensors import GpsConfig, InertialConfig, InstrumentsConfig
 from sim.instruments.gps import GPS_PROFILES, GpsReceiver
 from sim.instruments.sensors import InertialUnit
 from sim.vehicle.energy_balance import EnergyBalance
-from sim.vehicle.motion import Motion
+from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
 from sim.world.scenery import FineTerrain, fine_terrain
@@ -172,12 +172,12 @@ def _energy_rows(seconds: float) -> Iterator[Row]:
         yield Row.of(f"energy not accounted for, {name}", 100.0 * share, "%", "<=", 2.0)
 
 
-def standing(seconds: float) -> Motion:
+def standing(seconds: float) -> RoverMotion:
     """Return the motion of a rover that stands still."""
     n = 2
     zero = np.zeros((n, 3))
     turn = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
-    return Motion(np.array([0.0, seconds]), zero, turn, zero, zero, np.zeros((n, 2)))
+    return RoverMotion(np.array([0.0, seconds]), zero, turn, zero, zero, np.zeros((n, 2)))
 
 
 def gps_errors(profile: str, n: int, seed: int = 1) -> FloatArray:

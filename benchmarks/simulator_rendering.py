@@ -19,7 +19,7 @@ from sim.rendering import Renderer, RoverBox
 from sim.rendering.plan_view import plan_view
 from sim.rendering.reference import brute_force_depth
 from sim.studies.glacier.images import clahe_yields, compare_with_photographs, gains, mountain_trap
-from sim.studies.glacier.snow_scenes import SKIES, Scene, at_contrast
+from sim.studies.glacier.snow_scenes import SKIES, SnowScene, at_contrast
 from sim.world.appearance import grain_tile, surface_tile
 from sim.world.scenery import FineTerrain, fine_terrain
 from survey.core.arrays import FloatArray
@@ -233,7 +233,7 @@ def _wrong_depths(
 
 def _flow_rows(n_pairs: int) -> Iterator[Row]:
     imaging = ImagingConfig(noise="off", gain=150.0)
-    scene = Scene(AppearanceConfig(), SEED, imaging)
+    scene = SnowScene(AppearanceConfig(), SEED, imaging)
     renderer, camera = scene.renderer, scene.renderer.camera
     exact, tracked = [], []
     for drive in range(n_pairs):

@@ -18,7 +18,7 @@ from benchmarks.report import Row, cpu_seconds, fastest, main
 from benchmarks.terrain_lattice_honesty import BLOCK_M, REAL_SIGMA_M, SHARE
 from benchmarks.terrain_lattice_honesty import _real_scans as real_scans
 from sim.studies.carving.bounds_and_timing import REGIMES, ROUGH, SEEDS, errors
-from sim.studies.carving.world import CRS, HALF_M, N_TRAIN, TERRAINS, Trial
+from sim.studies.carving.world import CRS, HALF_M, N_TRAIN, TERRAINS, ScanTrial
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.surface_points import SurfacePoints
@@ -48,7 +48,7 @@ def times(quick: bool) -> Iterator[Row]:
     """CPU time of 10,000 points in eight passes, beside scikit-learn's Gaussian process on 3,000 of them."""
     ratios = {}
     for name in ROUGH[:1] if quick else ROUGH:
-        trial = Trial.new(name, SEEDS[0])
+        trial = ScanTrial.new(name, SEEDS[0])
         SpaceCarvingKernel().fit(trial.train.select(np.arange(len(trial.train)) < 500))
         one, seconds = fastest(lambda t=trial: SpaceCarvingKernel(SURFACE).fit(t.train), 3)
         _, three = cpu_seconds(lambda t=trial: SpaceCarvingKernel().fit(t.train))
@@ -63,7 +63,7 @@ def times(quick: bool) -> Iterator[Row]:
     yield Row.of("one surface over the Gaussian process, worst terrain", max(ratios.values()), "", "<=", 0.6)
 
 
-def _peer(trial: Trial) -> FloatArray:
+def _peer(trial: ScanTrial) -> FloatArray:
     """Fit scikit-learn's Gaussian process with its hyperparameters given, and ask it for nothing."""
     points = trial.train.xyz[:N_PEER]
     kernel = 0.5 * RBF(2.0) + WhiteKernel(4e-4)
@@ -77,7 +77,7 @@ def growth(quick: bool) -> Iterator[Row]:
     """CPU time of one surface over ever larger ground, equally dense, to a million points."""
     seconds = {}
     tiles = (1, 3) if quick else (1, 3, 10)
-    hilly = Trial.new("hilly", SEEDS[0])
+    hilly = ScanTrial.new("hilly", SEEDS[0])
     for k in tiles:
         points = _tiled(hilly, k)
         model, seconds[k] = cpu_seconds(lambda p=points: SpaceCarvingKernel(SURFACE).fit(p))
@@ -89,7 +89,7 @@ def growth(quick: bool) -> Iterator[Row]:
     yield Row.of(f"time grows as points to the power of, to {last**2 * N_TRAIN:,}", exponent, "", "<=", 1.1)
 
 
-def _tiled(trial: Trial, k: int) -> SurfacePoints:
+def _tiled(trial: ScanTrial, k: int) -> SurfacePoints:
     """Return k × k copies of a scan side by side, each with its sensor."""
     steps = 2.0 * HALF_M * np.arange(k)
     shifts = np.column_stack([axis.ravel() for axis in np.meshgrid(steps, steps)] + [np.zeros(k * k)])
@@ -107,7 +107,7 @@ def gains(seeds: tuple[int, ...]) -> Iterator[Row]:
     for regime_name, regime in REGIMES.items():
         rough = []
         for terrain in TERRAINS:
-            pairs = np.array([errors(Trial.new(terrain, seed), regime) for seed in seeds])
+            pairs = np.array([errors(ScanTrial.new(terrain, seed), regime) for seed in seeds])
             mean = pairs.mean(axis=0)
             rough += [mean] if terrain in ROUGH else []
             changes = 100.0 * (pairs[:, 1] / pairs[:, 0] - 1.0)

@@ -22,7 +22,7 @@ from scipy.ndimage import distance_transform_edt, grey_opening
 from scipy.spatial import cKDTree
 
 from benchmarks.report import Row, fastest, main
-from sim.studies.carving.world import CRS, HALF_M, TERRAINS, Trial
+from sim.studies.carving.world import CRS, HALF_M, TERRAINS, ScanTrial
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.carving.config import SpaceCarvingConfig
@@ -70,13 +70,13 @@ class Score(NamedTuple):
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield all rows."""
-    warm = Trial.new("flat", 23, n_train=500)
+    warm = ScanTrial.new("flat", 23, n_train=500)
     for config in (FieldLatticeConfig(rays=True), FieldLatticeConfig()):
         FieldLattice(config, BOUNDS).fit(warm.train).predict(np.zeros((1, 2)), "upper")
     SpaceCarvingKernel().fit(warm.train)
     names = ("hilly", "flat") if quick else tuple(TERRAINS)
     for name in names:
-        scores = [score(Trial.new(name, seed), quick) for seed in (SEEDS[:1] if quick else SEEDS)]
+        scores = [score(ScanTrial.new(name, seed), quick) for seed in (SEEDS[:1] if quick else SEEDS)]
         yield from rows(name, scores)
     yield from real(quick)
 
@@ -124,7 +124,7 @@ def rows(name: str, scores: list[Score]) -> Iterator[Row]:
     yield Row.of(title, ratio, "", ">=", 10) if name in ROUGH else Row(title, ratio, "")
 
 
-def score(trial: Trial, quick: bool) -> Score:
+def score(trial: ScanTrial, quick: bool) -> Score:
     """Map one terrain with and without rays and by the kernels, and compare with the ground."""
     free, held = (
         FieldLattice(FieldLatticeConfig(step_m=STEP_M, rays=rays), BOUNDS).fit(trial.train)
@@ -155,7 +155,7 @@ def score(trial: Trial, quick: bool) -> Score:
     )
 
 
-def _ceiling_valid(model: FieldLattice, trial: Trial) -> float:
+def _ceiling_valid(model: FieldLattice, trial: ScanTrial) -> float:
     """Return the share of the nodes with a ceiling where the ground is below it."""
     assert model.rays is not None
     covered = model.rays.covered()
@@ -163,7 +163,7 @@ def _ceiling_valid(model: FieldLattice, trial: Trial) -> float:
     return float((ground <= model._ceiling(model._whole()))[covered].mean())
 
 
-def _steepness(model: FieldLattice, trial: Trial) -> tuple[float, float, float, float, float]:
+def _steepness(model: FieldLattice, trial: ScanTrial) -> tuple[float, float, float, float, float]:
     """Return precisions of the mask of steep ground, the share that it marks, and what it finds where no point was."""
     lower, upper = model._node_bounds()
     marked = steep_chords(lower, upper, STEP_M, LETHAL_DEG, 1.0)
@@ -192,7 +192,7 @@ def _steep(ground: FloatArray) -> BoolArray:
     return steep
 
 
-def _time_ratio(known: FieldLattice, trial: Trial, n: int) -> float:
+def _time_ratio(known: FieldLattice, trial: ScanTrial, n: int) -> float:
     """Return the CPU time of the kernels over that of a field whose stiffness is known, for the surface alone."""
     prior = known.stiffness_
     config = FieldLatticeConfig(

@@ -19,7 +19,7 @@ from benchmarks.report import Row, cpu_seconds, fastest, main
 from benchmarks.terrain_lattice_honesty import honesty
 from sim.studies.emap.octomap import OctoMapSurface
 from sim.studies.emap.runs import EMAP, FIELD, OCTOMAP, OCTOMAP_COARSE, SCENARIOS, RunScore, below, run
-from sim.studies.emap.world import N_RUNS, N_SCANS, Drive
+from sim.studies.emap.world import N_RUNS, N_SCANS, EmapRun
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
@@ -46,7 +46,7 @@ def measure(quick: bool) -> Iterator[Row]:
 
 def accuracy(n_runs: int, n_scans: int) -> Iterator[Row]:
     """Weighted errors below OctoMap's, and the error of cells that were hit."""
-    runs = [run(Drive(k, n_scans=n_scans)) for k in range(n_runs)]
+    runs = [run(EmapRun(k, n_scans=n_scans)) for k in range(n_runs)]
 
     def mean(method: str, scenario: str) -> float:
         return float(np.mean([scores[method].mean(scenario) for scores in runs]))
@@ -82,7 +82,7 @@ def times(n_scans: int) -> Iterator[Row]:
         "128 × 128 of 20,000 nodes": _windowed(x, y, 17.5),
         "128 × 128 of 1,000,000 nodes": _windowed(x, y, 125.0),
     }
-    scans = [points for _, points in Drive(n_scans=n_scans).scans()]
+    scans = [points for _, points in EmapRun(n_scans=n_scans).scans()]
     octomap = OctoMapSurface(0.10)
     # One method after the other, as each would run alone; OctoMap before and after them.
     for points in scans[: n_scans // 2]:
@@ -114,7 +114,7 @@ def _windowed(x: float, y: float, half_m: float) -> FieldLattice:
 
 def growth(quick: bool) -> Iterator[Row]:
     """Full solutions of one scan on finer and finer lattices of 20 × 20 m, from nothing; memory of the largest map."""
-    _, points = next(islice(Drive().scans(), 8, 9))
+    _, points = next(islice(EmapRun().scans(), 8, 9))
     sides = (40, 100, 316) if quick else (40, 100, 316, 1000)
     seconds = {}
     for n in sides:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import generic_filter
 
 from benchmarks.report import Row
-from sim.studies.emap.world import Drive, sine_hills
+from sim.studies.emap.world import EmapRun, sine_hills
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
@@ -107,7 +107,7 @@ def _height(z: FloatArray) -> Height:
 
 
 def _simulated(height: Height) -> FloatArray:
-    return np.concatenate([points.xyz for _, points in Drive(height=height, n_scans=N_SCANS).scans()])
+    return np.concatenate([points.xyz for _, points in EmapRun(height=height, n_scans=N_SCANS).scans()])
 
 
 def _real_scans() -> dict[str, FloatArray]:

@@ -14,11 +14,12 @@ from planners.driving.rover import Crew, Fleet, Rover, depots
 from planners.ground.transit import FreeGround
 from planners.ground.traversability import Drivable, drivable
 from planners.layout import swath_route
-from planners.prediction.choose import Progress, choose
+from planners.prediction.choose import choose
 from planners.prediction.informative import variance_driven
 from planners.prediction.predict import ErrorModel, terrain_kernel
 from planners.swaths.heading import heading_by
 from planners.swaths.wavy import slope_length_m
+from survey.core.arrays import Progress
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -1,13 +1,13 @@
 """A drive as its files tell it, whosever they are: opened and checked, then localized, then judged."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated, with_overrides
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera, Frames, ImageFiles
@@ -27,11 +27,9 @@ from vision_slam.pipeline import localize, localize_by_images
 from vision_slam.results import Compared, Localized, compared_from_its_start, compared_in_the_world
 from vision_slam.scale import localize_images, refuse_blind
 
-Progress = Callable[[str, int, int], None]
-
 
 @dataclass(frozen=True)
-class Drive:
+class RecordedDrive:
     """A recording that is ready to be localized.
 
     Parameters
@@ -148,7 +146,7 @@ def open_drive(
     crs: CRS | str | None = None,
     gps_shift_s: float = 0.0,
     scale_from_m: float | None = None,
-) -> Drive:
+) -> RecordedDrive:
     """Open a recording of ours, a bag, or a folder of images; whatever can be checked is checked here.
 
     Parameters
@@ -195,24 +193,24 @@ def open_drive(
     if log is None:
         if sequence.wheels is None:
             notes += ("no wheels and no fixes: lengths are no metres, the first step counts as one",)
-        return Drive(sequence, False, notes, sequence.reference_time_s, sequence.reference)
+        return RecordedDrive(sequence, False, notes, sequence.reference_time_s, sequence.reference)
     recording = placed(sequence, log, crs, gps_shift_s)
     notes += (f"works in {recording.crs.name}",)
     if log.n_without_fix:
         notes += (f"{log.n_without_fix} records of the receiver without a fix are left out",)
     if sequence.wheels is None:
         notes += ("no wheels: the scale is that of the fixes",)
-    return Drive(recording, False, notes)
+    return RecordedDrive(recording, False, notes)
 
 
-def _ours(source: Path) -> Drive:
+def _ours(source: Path) -> RecordedDrive:
     recording = Recording.read(source)
     frames, camera = recording.frames, recording.camera
     if frames is not None and camera is not None and isinstance(frames.images, ImageFiles):
         for file in frames.images.files:
             refuse_cut_off(file)
         refuse_other_sizes(frames.images.files, camera)
-    return Drive(recording, is_ours=True)
+    return RecordedDrive(recording, is_ours=True)
 
 
 def _turns(quaternion: FloatArray) -> FloatArray:

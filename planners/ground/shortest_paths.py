@@ -14,10 +14,10 @@ from numba import njit
 
 from survey.core.arrays import FloatArray, IntArray
 
-Place = tuple[float, float]
+PointXY = tuple[float, float]
 
 
-class Cells(NamedTuple):
+class RasterCells(NamedTuple):
     """A raster of square cells, numbered column by column."""
 
     x0: float
@@ -33,7 +33,7 @@ class Walls(NamedTuple):
     edges: FloatArray  # (M, 4) x0, y0, x1, y1
     start: IntArray  # (n_columns * n_rows + 1,) where a cell's edges begin
     listed: IntArray
-    cells: Cells
+    cells: RasterCells
 
 
 class Bends(NamedTuple):
@@ -52,7 +52,7 @@ class Links(NamedTuple):
     length: FloatArray
 
 
-class Sights(NamedTuple):
+class VisibleCorners(NamedTuple):
     """Which corners each of some points (P, 2) sees, in rows as in `Links`."""
 
     xy: FloatArray
@@ -63,14 +63,14 @@ class Sights(NamedTuple):
 class Network(NamedTuple):
     """Everything that a search needs."""
 
-    sights: Sights
+    sights: VisibleCorners
     bends: Bends
     links: Links
     walls: Walls
 
 
 @njit(cache=True)
-def _columns_along(p: Place, q: Place, cells: Cells) -> tuple[int, int]:
+def _columns_along(p: PointXY, q: PointXY, cells: RasterCells) -> tuple[int, int]:
     """Return the first and the last column of cells that a segment touches."""
     first = int(np.floor((min(p[0], q[0]) - cells.x0) / cells.cell_m - 1e-6))
     last = int(np.floor((max(p[0], q[0]) - cells.x0) / cells.cell_m + 1e-6))
@@ -78,7 +78,7 @@ def _columns_along(p: Place, q: Place, cells: Cells) -> tuple[int, int]:
 
 
 @njit(cache=True)
-def _rows_along(p: Place, q: Place, cells: Cells, column: int) -> tuple[int, int]:
+def _rows_along(p: PointXY, q: PointXY, cells: RasterCells, column: int) -> tuple[int, int]:
     """Return the first and the last row that a segment touches within a column."""
     lo, hi = 0.0, 1.0
     if p[0] != q[0]:
@@ -92,7 +92,7 @@ def _rows_along(p: Place, q: Place, cells: Cells, column: int) -> tuple[int, int
 
 
 @njit(cache=True)
-def _listed(edges: FloatArray, cells: Cells) -> tuple[IntArray, IntArray]:
+def _listed(edges: FloatArray, cells: RasterCells) -> tuple[IntArray, IntArray]:
     """List the edges cell by cell: count first, then fill."""
     start = np.zeros(cells.n_columns * cells.n_rows + 1, dtype=np.int64)
     listed = np.zeros(0, dtype=np.int64)
@@ -123,12 +123,12 @@ def walls(edges: FloatArray) -> Walls:
     extent = np.maximum(high - low, 1e-3)
     cell_m = float(max(np.sqrt(extent.prod() / len(edges)), extent.max() / 1024))
     n_columns, n_rows = (int(n) for n in np.floor(extent / cell_m) + 1)
-    cells = Cells(float(low[0]), float(low[1]), cell_m, n_columns, n_rows)
+    cells = RasterCells(float(low[0]), float(low[1]), cell_m, n_columns, n_rows)
     return Walls(edges, *_listed(edges, cells), cells)
 
 
 @njit(cache=True)
-def sees(p: Place, q: Place, walls: Walls) -> bool:
+def sees(p: PointXY, q: PointXY, walls: Walls) -> bool:
     """Tell whether no edge lies between two points that are strictly inside the ground.
 
     A corner on the line counts as left of it, so a line through a corner crosses exactly
@@ -155,7 +155,7 @@ def sees(p: Place, q: Place, walls: Walls) -> bool:
 
 
 @njit(cache=True)
-def _is_tangent(p: Place, corner: int, bends: Bends) -> bool:
+def _is_tangent(p: PointXY, corner: int, bends: Bends) -> bool:
     """Tell whether a line from `p` grazes a corner instead of running into it.
 
     Points within a tenth of a millimetre of an edge's line count as on it: those that were
@@ -205,7 +205,7 @@ def links(bends: Bends, walls: Walls) -> Links:
 
 
 @njit(cache=True)
-def sights(points: FloatArray, bends: Bends, walls: Walls) -> Sights:
+def sights(points: FloatArray, bends: Bends, walls: Walls) -> VisibleCorners:
     """List the corners that each point (P, 2) sees and that a taut string could bend at."""
     start = np.zeros(len(points) + 1, dtype=np.int64)
     found = [0 for _ in range(0)]
@@ -218,7 +218,7 @@ def sights(points: FloatArray, bends: Bends, walls: Walls) -> Sights:
     seen = np.empty(len(found), dtype=np.int64)
     for k in range(len(found)):
         seen[k] = found[k]
-    return Sights(points, start, seen)
+    return VisibleCorners(points, start, seen)
 
 
 @njit(cache=True)

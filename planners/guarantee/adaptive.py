@@ -17,7 +17,14 @@ import numpy as np
 
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.ground.transit import FreeGround
-from planners.guarantee.assurance import LEARNED, Assurance, Assured, Belief, belief_from_survey, fewest
+from planners.guarantee.assurance import (
+    LEARNED,
+    Assurance,
+    Assured,
+    KernelPosterior,
+    belief_from_survey,
+    fewest,
+)
 from planners.planning import plan
 from planners.swaths.decomposition import clipped
 from planners.swaths.swaths import axes_of, shortened
@@ -27,7 +34,7 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.route import Leg, Route
 
-Measure = Callable[[FloatArray], FloatArray]
+MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""
 
 _OUTER_SHARE = 0.35
@@ -83,7 +90,7 @@ class AdaptiveSurvey:
 
     route: Route | None
     samples: FloatArray
-    belief: Belief
+    belief: KernelPosterior
     assured: Assured
     holds: bool
 
@@ -201,7 +208,7 @@ def _gaps(driven: Sequence[float], width_m: float) -> list[_Gap]:
 
 
 def survey_adaptively(
-    area: SurveyArea, belief: Belief, config: AdaptiveConfig, measure: Measure
+    area: SurveyArea, belief: KernelPosterior, config: AdaptiveConfig, measure: MeasureHeights
 ) -> AdaptiveSurvey:
     """Drive a survey that plans itself, until its promise holds or cannot be kept.
 
@@ -241,7 +248,7 @@ def survey_adaptively(
     return AdaptiveSurvey(route, state.samples, state.belief, state.assured, lines is not None)
 
 
-def first_swaths(area: SurveyArea, belief: Belief, config: AdaptiveConfig) -> Route:
+def first_swaths(area: SurveyArea, belief: KernelPosterior, config: AdaptiveConfig) -> Route:
     """Return the swaths that are driven before anything is learned from them.
 
     Raises
@@ -310,7 +317,7 @@ def _nearest(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[flo
 class _State:
     """What was driven and measured, and what it teaches."""
 
-    def __init__(self, area: SurveyArea, belief: Belief, config: AdaptiveConfig) -> None:
+    def __init__(self, area: SurveyArea, belief: KernelPosterior, config: AdaptiveConfig) -> None:
         self.config, self.belief = config, belief
         self.lines = Swathes(area, config.heading_deg)
         self.assurance = Assurance(area, config.limit_m, config.sample_step_m, LEARNED)
@@ -384,7 +391,7 @@ class _State:
             raise InputError("no swath meets the free ground of the area; ask for another area.")
         return self.assurance.of(np.vstack(planned), self.belief)
 
-    def drive(self, line: tuple[float, float], measure: Measure) -> None:
+    def drive(self, line: tuple[float, float], measure: MeasureHeights) -> None:
         """Drive to a line and along it, and take samples all the way."""
         for piece in self._pieces(line, self.here):
             before = len(self.legs)

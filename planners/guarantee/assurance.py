@@ -1,6 +1,6 @@
 r"""How sure it is that a map will meet a limit, over all that the terrain may be.
 
-What is not known of the terrain is a set of covariances, each with a weight (`Belief`): learned from the
+What is not known of the terrain is a set of covariances, each with a weight (`KernelPosterior`): learned from the
 cells of a coarse prior, or from the survey itself. A prior shows nothing finer than its cells, so what is promised
 from it alone rests on the roughest family that they do not exclude (`cautious_belief`). For each covariance the
 mean squared error of the map over M nodes is a weighted sum of squared normal numbers. Its mean and variance follow
@@ -28,7 +28,7 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.covariance.stationary import Stationary
-from survey.reconstruction.gp.selection.kernel_search import ALL, Cell, Family, KernelSearch
+from survey.reconstruction.gp.selection.kernel_search import ALL, Cell, KernelSearch, SearchedFamily
 from survey.terrain.conditional import CoarseCells
 
 _N_NODES = 300
@@ -41,7 +41,7 @@ LEARNED = 1.02
 # Samples nearer to one another than this share of the slope length are averaged, but no more of them than here:
 # rough terrain changes between them.
 _AVERAGED = 0.2
-_MOST_AVERAGED: dict[Family, int] = {
+_MOST_AVERAGED: dict[SearchedFamily, int] = {
     "squared-exponential": 6,
     "matern-5/2": 4,
     "matern-3/2": 2,
@@ -60,7 +60,7 @@ _MOST_CLUSTERS = 60
 # Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
 _LEAST_RATIO = 4e-9
 # 2 ν + 1 for a smoothness ν; that of a squared exponential is finite as the noise has it.
-_GROWTH: dict[Family, float] = {
+_GROWTH: dict[SearchedFamily, float] = {
     "squared-exponential": 8.0,
     "matern-5/2": 6.0,
     "matern-3/2": 4.0,
@@ -106,13 +106,13 @@ class Believed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Belief:
+class KernelPosterior:
     """Covariances that the terrain may have, the weightiest first; weights sum to 1."""
 
     kernels: tuple[Believed, ...]
 
     @classmethod
-    def of(cls, found: list[Believed]) -> "Belief":
+    def of(cls, found: list[Believed]) -> "KernelPosterior":
         """Keep the weightiest, and scale their weights."""
         order = sorted(found, key=lambda one: -one.weight)
         kept = [one for one in order[:_MOST_KERNELS] if one.weight > _LEAST_WEIGHT * order[0].weight]
@@ -120,7 +120,7 @@ class Belief:
         return cls(tuple(one._replace(weight=one.weight / total) for one in kept))
 
     @classmethod
-    def of_families(cls, found: list[Believed]) -> "Belief":
+    def of_families(cls, found: list[Believed]) -> "KernelPosterior":
         """Keep the weightiest of each family, with the weight of the whole family.
 
         What cannot be told apart is so kept: cells of a prior seldom tell how rough the terrain is between them.
@@ -151,7 +151,7 @@ class Belief:
         return self.kernels[int(rng.choice(len(weights), p=weights))]
 
 
-def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0) -> Belief:
+def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0) -> KernelPosterior:
     """Learn covariances from the cells of a coarse prior, all families equally likely beforehand.
 
     Parameters
@@ -166,12 +166,12 @@ def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: flo
     Cells show nothing finer than themselves: how rough the terrain is between them is
     extrapolated through the families, and no more than that.
     """
-    return Belief.of_families(_lattice(cells, ALL, noise_m, localization_m))
+    return KernelPosterior.of_families(_lattice(cells, ALL, noise_m, localization_m))
 
 
 def cautious_belief(
-    cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0, assumed: Family | None = None
-) -> Belief:
+    cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0, assumed: SearchedFamily | None = None
+) -> KernelPosterior:
     """Return the covariances of the roughest family that the cells of a prior do not exclude.
 
     Parameters
@@ -187,11 +187,11 @@ def cautious_belief(
     most = max(one.weight for one in found)
     plausible = {one.cell.family for one in found if one.weight >= _EXCLUDED * most}
     roughest = max(plausible, key=ALL.index)
-    return Belief.of([one for one in found if one.cell.family == roughest])
+    return KernelPosterior.of([one for one in found if one.cell.family == roughest])
 
 
 def _lattice(
-    cells: CoarseCells, families: tuple[Family, ...], noise_m: float, localization_m: float
+    cells: CoarseCells, families: tuple[SearchedFamily, ...], noise_m: float, localization_m: float
 ) -> list[Believed]:
     """Weigh the covariances of a lattice of lengths and variances by how likely they make the cells."""
     height = cells.height_m - cells.height_m.mean()
@@ -228,7 +228,7 @@ def _log_likelihood(covariance: FloatArray, sigma_m: float, height: FloatArray) 
 
 def belief_from_survey(
     xy: FloatArray, heights: FloatArray, *, noise_m: float, localization_m: float = 0.0
-) -> Belief:
+) -> KernelPosterior:
     """Learn family, length scale, variance and noise from the samples of a survey.
 
     Parameters
@@ -247,7 +247,7 @@ def belief_from_survey(
 
     if localization_m > 0.0:
         stated = localized_noise_m(stated, localization_m, search(stated).found()[0].kernel)
-    return Belief.of(
+    return KernelPosterior.of(
         [
             Believed(one.cell, one.variance_m2, one.noise_m, weight, max(one.noise_m**2 - stated**2, 0.0))
             for one, weight in search(stated).plausible()
@@ -321,7 +321,7 @@ class Assurance:
         xmin, ymin, xmax, ymax = self.area.bounds
         return float(np.hypot(xmax - xmin, ymax - ymin))
 
-    def of(self, xy: FloatArray, belief: Belief) -> Assured:
+    def of(self, xy: FloatArray, belief: KernelPosterior) -> Assured:
         """Return what samples at the places (N, 2) [m] promise."""
         seen: dict[tuple[str, float], _Seen] = {}
         each = []

@@ -20,8 +20,8 @@ from planners.guarantee.assurance import (
     LEARNED,
     Assurance,
     Assured,
-    Belief,
     Believed,
+    KernelPosterior,
     belief_from_prior,
     cautious_belief,
     fewest,
@@ -36,7 +36,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
-from survey.reconstruction.gp.selection.kernel_search import ALL, Family, KernelSearch, mapped
+from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch, SearchedFamily, mapped
 from survey.scoring.standards.standards import map_classes
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 
@@ -44,11 +44,11 @@ _MOST_SWATHS = 30
 _STEP_M = 10.0
 _NODES_ALONG = 30
 
-Pattern = LawnmowerConfig | WavyConfig
+LinePattern = LawnmowerConfig | WavyConfig
 
 
 @dataclass(frozen=True)
-class Wanted:
+class MapRequirement:
     """What is to be promised, and what the samples will err.
 
     Parameters
@@ -84,7 +84,7 @@ class Wanted:
     prior_sigma_m: float = 1.0
     n_simulations: int = 100
     seed: int = 0
-    assumed: Family | None = None
+    assumed: SearchedFamily | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.probability < 1.0:
@@ -115,9 +115,9 @@ class Promise:
     """
 
     route: Route
-    config: Pattern
-    wanted: Wanted
-    belief: Belief
+    config: LinePattern
+    wanted: MapRequirement
+    belief: KernelPosterior
     predicted: Assured
     likely: Assured
     simulated_share: float
@@ -144,7 +144,7 @@ class Promise:
         )
 
 
-def promise(area: SurveyArea, prior: Dem, wanted: Wanted) -> Promise:
+def promise(area: SurveyArea, prior: Dem, wanted: MapRequirement) -> Promise:
     """Find the shortest survey that promises a map error, by prediction and by simulation.
 
     Parameters
@@ -178,7 +178,9 @@ def promise(area: SurveyArea, prior: Dem, wanted: Wanted) -> Promise:
         cells = _cells(area, prior, wanted)
         errors = {"noise_m": wanted.noise_m, "localization_m": wanted.localization_m}
         belief = cautious_belief(cells, **errors, assumed=wanted.assumed)
-        likely = belief if wanted.assumed else Belief.of([belief_from_prior(cells, **errors).likeliest])
+        likely = (
+            belief if wanted.assumed else KernelPosterior.of([belief_from_prior(cells, **errors).likeliest])
+        )
         proving_ground = _ProvingGround(area, cells, belief, wanted)
         assurance = Assurance(area, wanted.limit_m, wanted.sample_step_m, LEARNED)
         best: Promise | None = None
@@ -203,13 +205,13 @@ def reachable_class(rmse_m: float) -> str | None:
     )
 
 
-def belief_of(area: SurveyArea, prior: Dem, wanted: Wanted) -> Belief:
+def belief_of(area: SurveyArea, prior: Dem, wanted: MapRequirement) -> KernelPosterior:
     """Return what the cells of a prior tell of the terrain of an area."""
     cells = _cells(area, prior, wanted)
     return belief_from_prior(cells, noise_m=wanted.noise_m, localization_m=wanted.localization_m)
 
 
-def _cells(area: SurveyArea, prior: Dem, wanted: Wanted) -> CoarseCells:
+def _cells(area: SurveyArea, prior: Dem, wanted: MapRequirement) -> CoarseCells:
     area.require_crs(prior.crs, "the prior")
     half = 0.5 * prior.step_m
     xmin, ymin, xmax, ymax = area.bounds
@@ -227,7 +229,7 @@ def _is_better(one: Promise, other: Promise) -> bool:
     return one.predicted.probability > other.predicted.probability
 
 
-def _patterns(belief: Belief, heading_deg: float) -> Iterator[Pattern]:
+def _patterns(belief: KernelPosterior, heading_deg: float) -> Iterator[LinePattern]:
     """Wavy swaths, and straight ones that end before the border."""
     wavelength_m = WavyConfig(swaths=1).wavelength_scales * belief.slope_length_m
     yield WavyConfig(swaths=1, wavelength_m=wavelength_m, heading_deg=heading_deg)
@@ -235,17 +237,17 @@ def _patterns(belief: Belief, heading_deg: float) -> Iterator[Pattern]:
 
 
 def _proven(
-    shape: Pattern,
+    shape: LinePattern,
     assurance: Assurance,
-    beliefs: tuple[Belief, Belief],
+    beliefs: tuple[KernelPosterior, KernelPosterior],
     ground: "_ProvingGround",
-    wanted: Wanted,
+    wanted: MapRequirement,
 ) -> Promise:
     """Return the fewest swaths of a shape that are predicted to do, and more where the simulation wants more."""
     belief, likely = beliefs
 
     @cache
-    def predicted(n: int) -> tuple[Pattern, Route, Assured]:
+    def predicted(n: int) -> tuple[LinePattern, Route, Assured]:
         sized = shape.model_copy(update={"swaths": n})
         route = plan(assurance.area, None, sized)
         return sized, route, assurance.of(places(route, wanted.sample_step_m), belief)
@@ -275,7 +277,9 @@ def _proven(
 class _ProvingGround:
     """Terrain drawn from a belief so that it agrees with the prior's cells, on which routes are tried."""
 
-    def __init__(self, area: SurveyArea, cells: CoarseCells, belief: Belief, wanted: Wanted) -> None:
+    def __init__(
+        self, area: SurveyArea, cells: CoarseCells, belief: KernelPosterior, wanted: MapRequirement
+    ) -> None:
         self.wanted = wanted
         xmin, ymin, xmax, ymax = area.bounds
         self.nodes = self._nodes(area)

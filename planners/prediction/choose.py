@@ -11,6 +11,7 @@ from planners.layout import swath_route
 from planners.prediction.predict import ErrorModel
 from planners.swaths.swaths import narrowest_heading
 from planners.swaths.wavy import slope_length_m
+from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.route import Route
@@ -27,8 +28,6 @@ _MOST_SAMPLES = 700
 _MOST_SWATHS = 200
 
 Shape = LawnmowerConfig | WavyConfig
-Progress = Callable[[str, int, int], None]
-"""Told what is done, how much of it, and of how much."""
 
 
 @dataclass(frozen=True)

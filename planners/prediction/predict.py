@@ -11,12 +11,12 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.config import Family
+from survey.reconstruction.gp.config import KernelFamily
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.selection.families import likeliest
 
-_FAMILIES: tuple[Family, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+_FAMILIES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 _N_NODES_ALONG = 30
 _MOST_SAMPLES = 2000
 # Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.

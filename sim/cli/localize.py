@@ -11,7 +11,7 @@ from sim.cli.options import Json, Quiet
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
-    from vision_slam.recordings import Drive
+    from vision_slam.recordings import RecordedDrive
     from vision_slam.results import Compared, Localized
 
 
@@ -125,7 +125,7 @@ def localize(
     _tell(_told(drive, localized, compared, seconds), out, as_json=as_json)
 
 
-def _timed(drive: "Drive", settings: list[str], *, quiet: bool) -> "tuple[Localized, float]":
+def _timed(drive: "RecordedDrive", settings: list[str], *, quiet: bool) -> "tuple[Localized, float]":
     """Return path and landmarks, and the seconds that they took."""
     from sim.cli.progress import counted
 
@@ -137,7 +137,11 @@ def _timed(drive: "Drive", settings: list[str], *, quiet: bool) -> "tuple[Locali
 
 
 def _write(
-    out: Path, viewer: Path | None, drive: "Drive", localized: "Localized", compared: "Compared | None"
+    out: Path,
+    viewer: Path | None,
+    drive: "RecordedDrive",
+    localized: "Localized",
+    compared: "Compared | None",
 ) -> None:
     """Write files and pictures, and what rerun's viewer shows where that is wanted."""
     from vision_slam.results import pictures_of, write_localization, write_pictures
@@ -161,7 +165,7 @@ def _tell(told: dict[str, Any], out: Path, *, as_json: bool) -> None:
 
 
 def _told(
-    drive: "Drive", localized: "Localized", compared: "Compared | None", seconds: float
+    drive: "RecordedDrive", localized: "Localized", compared: "Compared | None", seconds: float
 ) -> dict[str, Any]:
     """Return what the command prints."""
     told: dict[str, Any] = {

@@ -12,9 +12,9 @@ from sim.cli.outcome import NOT_MET
 if TYPE_CHECKING:
     import survey
     from planners.guarantee.adaptive import AdaptiveConfig
-    from planners.guarantee.guarantee import Promise, Wanted
+    from planners.guarantee.guarantee import MapRequirement, Promise
     from survey.reconstruction.gp.covariance.kernels import Kernel
-    from survey.reconstruction.gp.selection.kernel_search import Family
+    from survey.reconstruction.gp.selection.kernel_search import SearchedFamily
 
 
 @dataclass(frozen=True)
@@ -47,17 +47,17 @@ def limit_of(require: str) -> float:
         ) from error
 
 
-def wanted_of(asked: Asked) -> "Wanted":
+def wanted_of(asked: Asked) -> "MapRequirement":
     """Return what is to be promised."""
-    from planners.guarantee.guarantee import Wanted
+    from planners.guarantee.guarantee import MapRequirement
 
-    return Wanted(
+    return MapRequirement(
         limit_of(asked.require),
         asked.probability,
         noise_m=asked.noise_m,
         localization_m=asked.localization_m,
         prior_sigma_m=asked.prior_sigma_m,
-        assumed=cast("Family | None", asked.assume),
+        assumed=cast("SearchedFamily | None", asked.assume),
     )
 
 
@@ -78,7 +78,7 @@ def plan_promised(
         _beforehand(area, prior, wanted, out, as_json=as_json)
 
 
-def promised(area: "survey.SurveyArea", prior: "survey.Dem", wanted: "Wanted") -> "Promise":
+def promised(area: "survey.SurveyArea", prior: "survey.Dem", wanted: "MapRequirement") -> "Promise":
     """Return the promise; end with exit code 5 and one sentence where it does not hold."""
     from planners.guarantee.guarantee import promise, reachable_class
 
@@ -96,7 +96,7 @@ def promised(area: "survey.SurveyArea", prior: "survey.Dem", wanted: "Wanted") -
 
 
 def _beforehand(
-    area: "survey.SurveyArea", prior: "survey.Dem", wanted: "Wanted", out: Path, *, as_json: bool
+    area: "survey.SurveyArea", prior: "survey.Dem", wanted: "MapRequirement", out: Path, *, as_json: bool
 ) -> None:
     made = promised(area, prior, wanted)
     best = made.belief.likeliest
@@ -143,7 +143,7 @@ def _adaptive(
     area: "survey.SurveyArea",
     prior: "survey.Dem",
     asked: Asked,
-    wanted: "Wanted",
+    wanted: "MapRequirement",
     out: Path,
     *,
     as_json: bool,

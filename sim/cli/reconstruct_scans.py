@@ -29,7 +29,7 @@ def map_of_scans(
     """Stream scans into a map, and tell how many; with `rays` returns from what overhangs the ground are left out."""
     from sim.cli.progress import counted
     from survey.core.errors import InputError
-    from survey.interchange.scans import Track, read_scans, scan_files
+    from survey.interchange.scans import SensorPath, read_scans, scan_files
     from survey.reconstruction.line_of_sight.ground import ground
 
     if rays and method == "emap":
@@ -37,7 +37,7 @@ def map_of_scans(
             "the springs of emap know no lines of sight; take field or carving, or leave --rays out."
         )
     files = scan_files(sources)
-    track = None if trajectory is None else Track.read(trajectory)
+    track = None if trajectory is None else SensorPath.read(trajectory)
     model = _model(method, step_m or _STEP_M, rays=rays)
     with counted(quiet=quiet) as progress:
         for n_read, scan in enumerate(read_scans(files, crs=crs, sigma_m=sigma_m, track=track), start=1):

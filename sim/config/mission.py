@@ -15,7 +15,7 @@ from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from vision_slam import LocalizationConfig
 
-Family = Literal[
+TerrainFamily = Literal[
     "squared_exponential",
     "matern32",
     "matern52",
@@ -31,7 +31,7 @@ class RandomTerrain(Section):
     """Terrain drawn at random."""
 
     source: Literal["random"]
-    family: Family = "squared_exponential"
+    family: TerrainFamily = "squared_exponential"
     """Kind of random surface."""
     size_m: PositiveFloat = 600.0
     """Side of the square site [m]."""

@@ -4,9 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 
-from survey.core.config import Section
-
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
+from survey.core.config import Section, Share
 
 
 class InstrumentConfig(Section):

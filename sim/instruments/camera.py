@@ -7,9 +7,8 @@ import numpy as np
 
 from sim.config.scene import ImagingConfig
 from sim.rendering import Renderer, RoverBox
-from sim.rendering.sensor import Image
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera
+from survey.data.camera import Camera, Image
 
 
 class PoseAt(Protocol):

@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.config.sensors import GpsConfig, InstrumentsConfig
 from sim.instruments.clock import Clock, GaussMarkov
-from sim.vehicle.motion import Motion
+from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.sensors import GpsFixes
@@ -96,7 +96,7 @@ class GpsReceiver:
         self._seed = seed
         self._per_axis = np.array([1.0, 1.0, gps.vertical_factor])
 
-    def sense(self, motion: Motion, start: FloatArray) -> tuple[GpsFixes | None, GpsFixes | None]:
+    def sense(self, motion: RoverMotion, start: FloatArray) -> tuple[GpsFixes | None, GpsFixes | None]:
         """Return the fixes of the rover and of the base at `start` during a stretch of motion; None for none."""
         at_s, shown_s = self._clock.due(float(motion.time_s[-1]))
         base_at_s, base_shown_s = self._base_clock.due(float(motion.time_s[-1]))

@@ -16,7 +16,7 @@ from sim.config.sensors import (
     WheelConfig,
 )
 from sim.instruments.clock import Clock, GaussMarkov
-from sim.vehicle.motion import Motion
+from sim.vehicle.motion import RoverMotion
 from sim.vehicle.physics import GRAVITY_M_S2
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
@@ -32,7 +32,7 @@ class WheelEncoders:
         self._config = config
         self._clock = Clock(config, seed, "wheels")
 
-    def sense(self, motion: Motion) -> Wheels | None:
+    def sense(self, motion: RoverMotion) -> Wheels | None:
         """Return the counts during a stretch."""
         at_s, shown_s = self._clock.due(float(motion.time_s[-1]))
         if not len(at_s):
@@ -69,7 +69,7 @@ class InertialUnit:
             rng["force"],
         )
 
-    def sense(self, motion: Motion) -> Inertial | None:
+    def sense(self, motion: RoverMotion) -> Inertial | None:
         """Return the readings during a stretch."""
         at_s, shown_s = self._clock.due(float(motion.time_s[-1]))
         at_s, shown_s = at_s[at_s > 0.0], shown_s[at_s > 0.0]
@@ -116,7 +116,7 @@ class PressureAltimeter:
         self._drift = GaussMarkov(config.drift_sigma_m, config.correlation_time_s, rng, 1)
         self._white = stream(seed, "instruments", name, "white")
 
-    def sense(self, motion: Motion) -> Barometer | None:
+    def sense(self, motion: RoverMotion) -> Barometer | None:
         """Return the heights during a stretch."""
         at_s, shown_s = self._clock.due(float(motion.time_s[-1]))
         if not len(at_s):
@@ -135,7 +135,7 @@ class MagneticCompass:
         self._phase = stream(seed, "instruments", "compass", "iron").uniform(0.0, 2.0 * np.pi, 2)
         self._rng = stream(seed, "instruments", "compass", "white")
 
-    def sense(self, motion: Motion) -> Compass | None:
+    def sense(self, motion: RoverMotion) -> Compass | None:
         """Return the headings during a stretch."""
         at_s, shown_s = self._clock.due(float(motion.time_s[-1]))
         if not len(at_s):
@@ -180,7 +180,7 @@ class WeatherStation:
         self._sigma = config.temperature_noise_c, config.humidity_noise_percent
         self._rng = stream(seed, "instruments", "weather", "white")
 
-    def sense(self, motion: Motion) -> Weather | None:
+    def sense(self, motion: RoverMotion) -> Weather | None:
         """Return the readings during a stretch."""
         at_s, shown_s = self._clock.due(float(motion.time_s[-1]))
         if not len(at_s):
@@ -212,7 +212,7 @@ class StakeSpotter:
         self.stakes = Stakes(surveyed, np.full(len(foot), config.survey_sigma_m)) if len(foot) else None
         self._n_seconds = 0
 
-    def sense(self, motion: Motion) -> StakeSightings | None:
+    def sense(self, motion: RoverMotion) -> StakeSightings | None:
         """Return the sightings during a stretch."""
         last = int(np.floor(motion.time_s[-1] + 1e-6))
         at_s = np.arange(self._n_seconds, last + 1, dtype=np.float64)

@@ -16,7 +16,7 @@ from sim.instruments.sensors import (
     WeatherStation,
     WheelEncoders,
 )
-from sim.vehicle.motion import Motion
+from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.data.camera import Image
 from survey.data.sensors import (
@@ -99,7 +99,7 @@ class Instruments:
             "stake_sightings": self.spotter,
         }
 
-    def read(self, motion: Motion) -> Readings:
+    def read(self, motion: RoverMotion) -> Readings:
         """Return what is sensed up to the end of a stretch of motion that begins where the last one ended."""
         fixes, base = self._gps.sense(motion, self._start)
         others = {name: instrument.sense(motion) for name, instrument in self._others.items()}

@@ -13,7 +13,7 @@ from survey.core.store import RunFolder
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.io.tables import read_table
-from survey.reporting import OnBoard, Surveyed, write_report
+from survey.reporting import OnBoard, SurveyResults, write_report
 from vision_slam.plotting import tracks_on_frames
 
 
@@ -25,7 +25,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
     area = survey.SurveyArea.read(plan / "area.gpkg")
     route = survey.Route.read(run.folder("simulate") / "driven_route.geojson")
     localization = run.folder("score") / "localization.json"
-    surveyed = Surveyed(
+    surveyed = SurveyResults(
         area=area,
         prior=survey.Dem.read(plan / "prior.tif"),
         truth=truth.dem,

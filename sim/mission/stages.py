@@ -37,7 +37,7 @@ from vision_slam.pipeline import localize_seen
 
 logger = logging.getLogger(__name__)
 
-Watch = Callable[[str], AbstractContextManager[object]]
+StageContext = Callable[[str], AbstractContextManager[object]]
 """Called with a stage's name; gives the context in which the stage runs, to show or time it."""
 
 
@@ -46,7 +46,7 @@ def run_mission(
     run: RunFolder,
     *,
     until: str = "report",
-    watch: Watch = nullcontext,
+    watch: StageContext = nullcontext,
     workers: int | None = None,
 ) -> None:
     """Do every stage that is not done yet, in order.

@@ -17,12 +17,12 @@ from pydantic import (
 )
 
 from planners import PlannerConfig
-from sim.config.mission import Family, RoverConfig, SatelliteConfig, SensorConfig
+from sim.config.mission import RoverConfig, SatelliteConfig, SensorConfig, TerrainFamily
 from survey.core.config import Section, read_toml, validated, with_overrides
 from survey.core.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.selection.kernel_search import Family as SearchedKernel
+from survey.reconstruction.gp.selection.kernel_search import SearchedFamily
 from survey.scoring.standards.standards import map_classes
 from vision_slam import LocalizationConfig
 
@@ -37,7 +37,7 @@ class RandomKind(Section):
     source: Literal["random"] = "random"
     name: Name
     """Name of the terrain in the table."""
-    family: Family
+    family: TerrainFamily
     """Kind of random surface."""
     length_scale_m: PositiveFloat = 220.0
     """Correlation length, for the families that have one [m]."""
@@ -65,7 +65,7 @@ class ConditionalKind(Section):
     """Cell of the fine terrain [m]."""
 
 
-Kind = Annotated[RandomKind | ConditionalKind, Field(discriminator="source")]
+TerrainKind = Annotated[RandomKind | ConditionalKind, Field(discriminator="source")]
 
 
 class SearchedMap(Section):
@@ -74,7 +74,7 @@ class SearchedMap(Section):
     method: Literal["searched"] = "searched"
     name: Name = "fitted"
     """Name of the map in the table."""
-    families: tuple[SearchedKernel, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+    families: tuple[SearchedFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
     """Covariance functions to compare by their likelihood."""
 
 
@@ -84,7 +84,7 @@ class GivenMap(Section):
     method: Literal["given"]
     name: Name
     """Name of the map in the table."""
-    family: SearchedKernel = "squared-exponential"
+    family: SearchedFamily = "squared-exponential"
     """Covariance function."""
     variance_m2: PositiveFloat
     """Prior variance about the mean [m²]."""
@@ -143,7 +143,7 @@ class StudyConfig(Section):
     """Number of terrains drawn of each kind."""
     fidelity: Literal["ideal", "statistical"] = "ideal"
     """Depth of the simulation."""
-    terrains: tuple[Kind, ...] = Field(min_length=1)
+    terrains: tuple[TerrainKind, ...] = Field(min_length=1)
     """Kinds of terrain."""
     planners: tuple[dict[str, Any], ...] = Field(min_length=1)
     """Planners as in a mission file; those without a size are tried at every number of `swaths`."""

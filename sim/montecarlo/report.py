@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sim.montecarlo.config import StudyConfig
-from sim.montecarlo.summary import Row, curves, minimum_swaths
+from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths
 from survey.core.files import replacing
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, png_bytes, styled
 from survey.reporting.pictures import Picture
@@ -20,7 +20,7 @@ from survey.scoring.standards.standards import map_classes
 _DASHES = ("-", (0, (4, 1.5)), ":", (0, (6, 1, 1, 1)))
 
 
-def write_study_report(folder: Path, study: StudyConfig, rows: Sequence[Row]) -> Path:
+def write_study_report(folder: Path, study: StudyConfig, rows: Sequence[SummaryRow]) -> Path:
     """Write ``index.html`` and ``figures/*.png`` into the study's folder; return the page."""
     (folder / "figures").mkdir(exist_ok=True)
     pictures = {}
@@ -41,7 +41,9 @@ def write_study_report(folder: Path, study: StudyConfig, rows: Sequence[Row]) ->
 
 
 @styled
-def error_curves(families: Mapping[str, Sequence[Row]], limit_m: float, *, top_m: float = 5.0) -> Figure:
+def error_curves(
+    families: Mapping[str, Sequence[SummaryRow]], limit_m: float, *, top_m: float = 5.0
+) -> Figure:
     """Draw mean error against swaths and against distance, one row of panels for each terrain.
 
     Parameters
@@ -66,7 +68,9 @@ def error_curves(families: Mapping[str, Sequence[Row]], limit_m: float, *, top_m
     return figure
 
 
-def draw_curves(axes: Axes, rows: Sequence[Row], x: str, limit_m: float, *, name_limits: bool = True) -> None:
+def draw_curves(
+    axes: Axes, rows: Sequence[SummaryRow], x: str, limit_m: float, *, name_limits: bool = True
+) -> None:
     """Draw the curves of one terrain on logarithmic errors, with the classes' limits."""
     found = curves(rows)
     looks = {planner: ROVERS[i % len(ROVERS)] for i, planner in enumerate(dict.fromkeys(k[1] for k in found))}
@@ -106,7 +110,7 @@ def draw_limits(axes: Axes, limit_m: float, *, named: bool = True) -> None:
         )
 
 
-def _render(study: StudyConfig, rows: Sequence[Row], pictures: dict[str, Picture]) -> str:
+def _render(study: StudyConfig, rows: Sequence[SummaryRow], pictures: dict[str, Picture]) -> str:
     environment = Environment(
         loader=PackageLoader("survey.reporting", "templates"),
         autoescape=True,
@@ -128,11 +132,11 @@ def _render(study: StudyConfig, rows: Sequence[Row], pictures: dict[str, Picture
     )
 
 
-def _shown_minimum(row: Row) -> Row:
+def _shown_minimum(row: SummaryRow) -> SummaryRow:
     return {key: "–" if value is None else value for key, value in row.items()}
 
 
-def _shown(row: Row) -> Row:
+def _shown(row: SummaryRow) -> SummaryRow:
     lengths = (
         "mean_rmse_m",
         "mean_rmse_m_low",

@@ -22,13 +22,13 @@ from sim.executors import Engine, done
 from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.report import write_study_report
 from sim.montecarlo.summary import minimum_swaths, summary, write_rows
-from sim.montecarlo.trials import Block, Trial, as_columns, blocks_of, survey_block
+from sim.montecarlo.trials import Trial, TrialBlock, as_columns, blocks_of, survey_block
 from survey.core.documents import read_json, write_json
 from survey.core.errors import ConfigError, InputError
 from survey.core.files import existing_file, replacing
 from survey.core.store import checksum
 
-Watch = Callable[[int, int], None]
+TrialProgress = Callable[[int, int], None]
 """Called with the number of trials done and of all trials."""
 
 _TYPES = {str: pa.string(), int: pa.int32(), float: pa.float64()}
@@ -43,7 +43,7 @@ def run_study(
     workers: int | None = None,
     scheduler: str | None = None,
     fresh: bool = False,
-    watch: Watch = lambda *_: None,
+    watch: TrialProgress = lambda *_: None,
 ) -> Path:
     """Do every trial that is not done yet, then the table, the summary and the page.
 
@@ -90,7 +90,7 @@ def run_study(
         return write_study_report(folder, study, rows)
 
 
-def write_table(folder: Path, blocks: Sequence[Block]) -> None:
+def write_table(folder: Path, blocks: Sequence[TrialBlock]) -> None:
     """Join the blocks, in the order of the study, into one Parquet and one CSV table; one block is in memory at a time."""
     with replacing(folder / "trials.parquet") as draft, pq.ParquetWriter(draft, SCHEMA) as parquet:
         for table in _tables(folder, blocks):
@@ -100,7 +100,7 @@ def write_table(folder: Path, blocks: Sequence[Block]) -> None:
             text.write_table(table)
 
 
-def _tables(folder: Path, blocks: Sequence[Block]) -> Iterator[pa.Table]:
+def _tables(folder: Path, blocks: Sequence[TrialBlock]) -> Iterator[pa.Table]:
     for block in blocks:
         file = _file(folder, block)
         try:
@@ -116,7 +116,7 @@ def _store(file: Path, trials: Sequence[Trial]) -> None:
         pq.write_table(pa.table(as_columns(trials), schema=SCHEMA), draft)
 
 
-def _file(folder: Path, block: Block) -> Path:
+def _file(folder: Path, block: TrialBlock) -> Path:
     return folder / "blocks" / f"{block.name}.parquet"
 
 

@@ -16,10 +16,10 @@ from survey.core.streams import stream
 
 _N_RESAMPLES = 1000
 _WANTED_SHARE = 0.9
-Row = dict[str, Any]
+SummaryRow = dict[str, Any]
 
 
-def summary(table: Path, study: StudyConfig) -> list[Row]:
+def summary(table: Path, study: StudyConfig) -> list[SummaryRow]:
     """Return one row for every terrain, planner, number of swaths and map, in the order of the study.
 
     Intervals hold 95 % of the values that resampled trials give (percentile bootstrap, Efron 1979).
@@ -46,7 +46,7 @@ def summary(table: Path, study: StudyConfig) -> list[Row]:
     return rows
 
 
-def statistics(values: Mapping[str, FloatArray], limit_m: float, names: Sequence[str]) -> Row:
+def statistics(values: Mapping[str, FloatArray], limit_m: float, names: Sequence[str]) -> SummaryRow:
     """Return the statistics of one set of trials; `names` name the stream of its bootstrap."""
     rmse = values["rmse_m"]
     rng = stream(0, "bootstrap", *names)
@@ -60,7 +60,7 @@ def statistics(values: Mapping[str, FloatArray], limit_m: float, names: Sequence
         picked = rmse[rng.integers(len(rmse), size=(50, len(rmse)))]
         for name, measure in measures.items():
             resampled[name].append(measure(picked))
-    row: Row = {"n": len(rmse), "mean_length_m": float(values["length_m"].mean())}
+    row: SummaryRow = {"n": len(rmse), "mean_length_m": float(values["length_m"].mean())}
     for name, measure in measures.items():
         low, high = np.percentile(np.concatenate(resampled[name]), [2.5, 97.5])
         row |= {name: float(measure(rmse)), f"{name}_low": float(low), f"{name}_high": float(high)}
@@ -71,7 +71,7 @@ def statistics(values: Mapping[str, FloatArray], limit_m: float, names: Sequence
     return row
 
 
-def minimum_swaths(rows: Sequence[Row], study: StudyConfig) -> list[Row]:
+def minimum_swaths(rows: Sequence[SummaryRow], study: StudyConfig) -> list[SummaryRow]:
     """Return, for each curve, the fewest swaths whose mean error meets the class, and those whose trials do in 90 %.
 
     Empty where no number of swaths tried does.
@@ -93,15 +93,15 @@ def minimum_swaths(rows: Sequence[Row], study: StudyConfig) -> list[Row]:
     return result
 
 
-def curves(rows: Sequence[Row]) -> dict[tuple[str, str, str], list[Row]]:
+def curves(rows: Sequence[SummaryRow]) -> dict[tuple[str, str, str], list[SummaryRow]]:
     """Return the points of each curve, (terrain, planner, map), by rising number of swaths."""
-    found: dict[tuple[str, str, str], list[Row]] = {}
+    found: dict[tuple[str, str, str], list[SummaryRow]] = {}
     for row in rows:
         found.setdefault((row["terrain"], row["planner"], row["map"]), []).append(row)
     return {key: sorted(points, key=lambda point: point["swaths"]) for key, points in found.items()}
 
 
-def write_rows(path: Path, rows: Sequence[Row]) -> None:
+def write_rows(path: Path, rows: Sequence[SummaryRow]) -> None:
     """Write rows as CSV; numbers read back as they were, nothing stands for None."""
     with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")

@@ -43,7 +43,7 @@ _WITH_LENGTH = ("squared_exponential", "matern32", "matern52")
 _CRS = CRS("EPSG:32608")
 
 
-class Block(NamedTuple):
+class TrialBlock(NamedTuple):
     """Trials ``first`` to ``first + n - 1`` on the terrain of this number in the study."""
 
     terrain: int
@@ -56,11 +56,11 @@ class Block(NamedTuple):
         return f"{self.terrain:03d}-{self.first:07d}"
 
 
-def blocks_of(study: StudyConfig) -> list[Block]:
+def blocks_of(study: StudyConfig) -> list[TrialBlock]:
     """Return the blocks of a study in the order of its table."""
     size = _TOGETHER[study.fidelity]
     return [
-        Block(terrain, first, min(size, study.trials - first))
+        TrialBlock(terrain, first, min(size, study.trials - first))
         for terrain in range(len(study.terrains))
         for first in range(0, study.trials, size)
     ]
@@ -92,10 +92,10 @@ class Trial:
     sd_m: float
 
 
-def survey_block(study: StudyConfig, block: Block) -> list[Trial]:
+def survey_block(study: StudyConfig, block: TrialBlock) -> list[Trial]:
     """Do the trials of one block, on one thread so that sums keep their order."""
     with threadpool_limits(1):
-        world = World(study, block)
+        world = TrialTerrains(study, block)
         survey_all = _surveyed_ideally if study.fidelity == "ideal" else _surveyed_statistically
         return [
             trial
@@ -105,10 +105,10 @@ def survey_block(study: StudyConfig, block: Block) -> list[Trial]:
         ]
 
 
-class World:
+class TrialTerrains:
     """The terrains of a block, and what every survey of them needs."""
 
-    def __init__(self, study: StudyConfig, block: Block) -> None:
+    def __init__(self, study: StudyConfig, block: TrialBlock) -> None:
         self.study = study
         self.kind = study.terrains[block.terrain]
         self.trials = range(block.first, block.first + block.n)
@@ -177,13 +177,13 @@ class Driven(NamedTuple):
     mine: Sequence[int]
 
 
-def _surveyed_ideally(world: World, driven: Driven) -> Iterator[Trial]:
+def _surveyed_ideally(world: TrialTerrains, driven: Driven) -> Iterator[Trial]:
     xy, heights = samples_of(world, driven)
     for how in world.study.maps:
         yield from _judged(world, driven, how, _maps(world, how, xy, heights, driven.mine))
 
 
-def routes(world: World, design: Design) -> list[Driven]:
+def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     """Return the routes of a design: one for all terrains where it depends on none."""
     everyone = range(len(world.dems))
     if _needs_prior(design.planner):
@@ -203,7 +203,7 @@ def _needs_prior(planner: planners.PlannerConfig) -> bool:
     return isinstance(planner, planners.BestConfig | planners.VarianceDrivenConfig)
 
 
-def _planned(world: World, design: Design, index: int | None) -> Route:
+def _planned(world: TrialTerrains, design: Design, index: int | None) -> Route:
     prior = None if index is None else world.prior(index)
     samples = world.study.samples
     return planners.plan(
@@ -211,7 +211,7 @@ def _planned(world: World, design: Design, index: int | None) -> Route:
     )
 
 
-def samples_of(world: World, driven: Driven) -> tuple[FloatArray, FloatArray]:
+def samples_of(world: TrialTerrains, driven: Driven) -> tuple[FloatArray, FloatArray]:
     """Return where the rover believes to sample (N, 2) and the heights that it measures (N, B) [m]."""
     samples = world.study.samples
     xy = places(driven.route, samples.step_m)
@@ -237,7 +237,9 @@ class _Mapped(NamedTuple):
     n_samples: int
 
 
-def _maps(world: World, how: Map, xy: FloatArray, heights: FloatArray, mine: Sequence[int]) -> _Mapped:
+def _maps(
+    world: TrialTerrains, how: Map, xy: FloatArray, heights: FloatArray, mine: Sequence[int]
+) -> _Mapped:
     if isinstance(how, ReconstructedMap):
         return _reconstructed(world, how, xy, heights, mine)
     if isinstance(how, SearchedMap):
@@ -261,7 +263,7 @@ def _given(how: GivenMap, study: StudyConfig) -> FoundKernel:
 
 
 def _reconstructed(
-    world: World, how: ReconstructedMap, xy: FloatArray, heights: FloatArray, mine: Sequence[int]
+    world: TrialTerrains, how: ReconstructedMap, xy: FloatArray, heights: FloatArray, mine: Sequence[int]
 ) -> _Mapped:
     noise = max(_noise_m(world.study), 1e-3)
     mean, claimed, kernels = np.empty((len(world.nodes.xy), len(mine))), np.empty(len(mine)), []
@@ -276,7 +278,7 @@ def _reconstructed(
 
 
 def _reconstruction(
-    world: World,
+    world: TrialTerrains,
     how: ReconstructedMap,
     points: survey.SurfacePoints,
     prior: Dem | None,
@@ -297,7 +299,7 @@ def _reconstruction(
     return result.mean.elevation.ravel(), claimed, kernel
 
 
-def _judged(world: World, driven: Driven, how: Map, maps: _Mapped) -> Iterator[Trial]:
+def _judged(world: TrialTerrains, driven: Driven, how: Map, maps: _Mapped) -> Iterator[Trial]:
     design = driven.design
     for column, index in enumerate(driven.mine):
         error = maps.mean[:, column] - world.actual[:, index]
@@ -316,7 +318,7 @@ def _judged(world: World, driven: Driven, how: Map, maps: _Mapped) -> Iterator[T
         )  # fmt: skip
 
 
-def _surveyed_statistically(world: World, driven: Driven) -> Iterator[Trial]:
+def _surveyed_statistically(world: TrialTerrains, driven: Driven) -> Iterator[Trial]:
     """Drive with sensors that err, estimate path and landmarks from what was sensed, and map those."""
     for index in driven.mine:
         trajectory, points = _localized(world, driven, index)
@@ -328,7 +330,7 @@ def _surveyed_statistically(world: World, driven: Driven) -> Iterator[Trial]:
 
 
 def _mapped_landmarks(
-    world: World,
+    world: TrialTerrains,
     how: ReconstructedMap,
     path: PathError | None,
     points: survey.SurfacePoints,
@@ -346,7 +348,9 @@ def _mapped_landmarks(
     return _Mapped(mean[:, None], np.array([claimed]), [kernel], len(points))
 
 
-def _localized(world: World, driven: Driven, index: int) -> tuple[survey.Trajectory, survey.SurfacePoints]:
+def _localized(
+    world: TrialTerrains, driven: Driven, index: int
+) -> tuple[survey.Trajectory, survey.SurfacePoints]:
     """Return the path and the landmarks that one survey with sensors that err estimates."""
     design = driven.design
     seed = int(world.stream("sensors", world.trials[index], design.label, design.swaths).integers(2**62))

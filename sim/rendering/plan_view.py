@@ -6,7 +6,7 @@ from sim.rendering.compiled import Floats, scalar
 from sim.rendering.footprint import Aim, Footprints
 from sim.rendering.light import shade
 from sim.rendering.renderer import Renderer
-from sim.rendering.rows import Scene, read_surface
+from sim.rendering.rows import RenderScene, read_surface
 from survey.core.arrays import FloatArray
 
 _NO_HAZE_M = 1e12
@@ -39,7 +39,7 @@ def plan_view(
 
 
 @scalar
-def _fill(scene: Scene, corner: FloatArray, texel_m: float, radiance: Floats) -> None:
+def _fill(scene: RenderScene, corner: FloatArray, texel_m: float, radiance: Floats) -> None:
     rows, columns = radiance.shape
     f, n = np.zeros((26, columns), np.float32), np.zeros((10, columns), np.int32)
     at = Footprints(

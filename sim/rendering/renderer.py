@@ -11,15 +11,15 @@ from sim.rendering.backdrop import backdrop
 from sim.rendering.compiled import Doubles, Floats, share_out
 from sim.rendering.ground_map import ground_map
 from sim.rendering.light import Light
-from sim.rendering.rows import Lens, Scene, Texture, render_rows
-from sim.rendering.sensor import Image, Sensor
+from sim.rendering.rows import Lens, RenderScene, Texture, render_rows
+from sim.rendering.sensor import Sensor
 from sim.rendering.surface import surface_of
 from sim.rendering.sweep import row_slopes, sample_ranges, sweep, view_of
 from sim.world.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
 from sim.world.scenery import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Camera
+from survey.data.camera import Camera, Image
 
 _MOST_TAPS = 6
 _BLUR_SAMPLES = 5
@@ -264,7 +264,7 @@ def _lens(camera: Camera) -> Lens:
 
 def _scene(
     terrain: FineTerrain, datum: float, look: AppearanceConfig, wind_from_deg: float, seed: int
-) -> Scene:
+) -> RenderScene:
     rows, columns = terrain.height.shape
     centre = 0.5 * terrain.step_m * np.array([columns - 1, rows - 1])
     # What needs much memory while it is made comes first.
@@ -272,7 +272,7 @@ def _scene(
     snow, grain = _texture(surface_tile(look, wind_from_deg, seed)), _texture(grain_tile(look, seed))
     surface = surface_of(terrain, datum)
     patches = snow_patches((rows, columns), terrain.step_m, look, seed)
-    return Scene(surface, ground_map(terrain, surface.height, patches, look), snow, grain, scenery)
+    return RenderScene(surface, ground_map(terrain, surface.height, patches, look), snow, grain, scenery)
 
 
 def _texture(tile: Tile) -> Texture:

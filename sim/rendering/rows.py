@@ -46,7 +46,7 @@ class Texture(NamedTuple):
     gain: float
 
 
-class Scene(NamedTuple):
+class RenderScene(NamedTuple):
     """Everything that does not change from frame to frame."""
 
     surface: Surface
@@ -65,7 +65,7 @@ def render_rows(
     origins: Doubles,
     view: View,
     table: Floats,
-    scene: Scene,
+    scene: RenderScene,
     light: Light,
     most_taps: int,
     shaded: bool,
@@ -110,7 +110,7 @@ def _paint_row(
     at: Footprints,
     to: Aim,
     origin: Doubles,
-    scene: Scene,
+    scene: RenderScene,
     light: Light,
     pixel_rad: float,
     most_taps: int,
@@ -193,7 +193,7 @@ def _paint_sky(
 
 
 @scalar
-def read_surface(n: int, at: Footprints, to: Aim, scene: Scene, origin: Doubles) -> None:
+def read_surface(n: int, at: Footprints, to: Aim, scene: RenderScene, origin: Doubles) -> None:
     """Read light and texture over the footprints."""
     ground, snow, grain = scene.ground, scene.snow, scene.grain
     longest, narrowest = _extremes(n, at)

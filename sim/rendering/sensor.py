@@ -2,14 +2,12 @@
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from sim.config.scene import ImagingConfig
 from sim.rendering.compiled import Floats, by_share, f32, hash32, share_out, u32
 from survey.core.streams import stream
-from survey.data.camera import Camera
+from survey.data.camera import Camera, Image
 
-Image = npt.NDArray[np.uint8]
 _DRAWS = 1 << 21
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.instruments.suite import Readings
-from sim.simulate.vision import Belief, Start
+from sim.simulate.vision import PoseEstimate, Start
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.sensors import Inertial, Odometry
@@ -160,7 +160,7 @@ class VisualNavigator:
         self._reckoning = DeadReckoning()
         self._n_asked = 0
 
-    def step(self, readings: Readings) -> Belief:
+    def step(self, readings: Readings) -> PoseEstimate:
         """Take the readings since the last call in, and say where the rover is."""
         self._aboard.ask(readings)
         self._reckoning.add(readings)
@@ -198,7 +198,7 @@ class DeadReckoning:
             turned = self._gyro[-1, 1] + np.cumsum((rates - self._bias) * gaps)
             self._gyro = np.vstack([self._gyro, np.column_stack([readings.inertial.time_s, turned])])
 
-    def since(self, known: Known) -> Belief:
+    def since(self, known: Known) -> PoseEstimate:
         """Return where wheels and gyro have carried the rover since it was known to be somewhere."""
         self._wheels = _from(self._wheels, known.time_s - _KEPT_S)
         self._gyro = _from(self._gyro, known.time_s - _KEPT_S)
@@ -208,7 +208,7 @@ class DeadReckoning:
         headings = known.heading_rad - np.interp(known.time_s, *self._gyro.T) + self._gyro[:, 1]
         along = np.interp(0.5 * (times[1:] + times[:-1]), self._gyro[:, 0], headings)
         moved = np.array([rolled @ np.cos(along), rolled @ np.sin(along)])
-        return Belief(known.xy + moved, float(headings[-1]))
+        return PoseEstimate(known.xy + moved, float(headings[-1]))
 
 
 def _from(records: FloatArray, time_s: float) -> FloatArray:

@@ -26,7 +26,7 @@ _PATIENCE_S = 1.0
 Make = Callable[[], OnboardComputer]
 
 
-class Here:
+class InProcess:
     """The computer in this process."""
 
     def __init__(self, make: Make) -> None:
@@ -46,7 +46,7 @@ class Here:
         return self._computer.finished(readings)
 
 
-class Apart:
+class Subprocess:
     """The computer in a process that is started anew, fed by a queue that holds a few images.
 
     Raises
@@ -62,7 +62,7 @@ class Apart:
         self._process = context.Process(target=_serve, args=(make, self._asked, self._told), daemon=True)
         self._n = 0
 
-    def __enter__(self) -> "Apart":
+    def __enter__(self) -> "Subprocess":
         self._process.start()
         return self
 
@@ -139,6 +139,8 @@ def navigating(mission: MissionConfig, workers: int) -> Iterator[Navigate]:
         def navigate(start: Start) -> VisualNavigator:
             height_m, seed = mission.rover.antenna_height_m, mission.seed
             make = partial(OnboardComputer, start, mission.assumed, height_m, seed)
-            return VisualNavigator(start, stack.enter_context(Apart(make)) if workers > 1 else Here(make))
+            return VisualNavigator(
+                start, stack.enter_context(Subprocess(make)) if workers > 1 else InProcess(make)
+            )
 
         yield navigate

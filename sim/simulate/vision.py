@@ -19,7 +19,7 @@ from sim.instruments.suite import Instruments, Log, Readings
 from sim.simulate.assembly import eye_of, physics_of, stakes_beside
 from sim.simulate.faults import Faults
 from sim.simulate.preview import write_contact_sheet, write_preview
-from sim.vehicle.motion import Motion
+from sim.vehicle.motion import RoverMotion
 from sim.vehicle.physics import RoverState
 from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.hazards import Hazard
@@ -66,7 +66,7 @@ class Ending(Enum):
     OUT_OF_TIME = "out of time"
 
 
-class Belief(NamedTuple):
+class PoseEstimate(NamedTuple):
     """Where a navigator thinks that the rover is: ``xy`` (2,) [m] and ``heading_rad`` from east."""
 
     xy: FloatArray
@@ -76,7 +76,7 @@ class Belief(NamedTuple):
 class Navigator(Protocol):
     """Steers by estimate: gets what was sensed and nothing else."""
 
-    def step(self, readings: Readings, /) -> Belief:
+    def step(self, readings: Readings, /) -> PoseEstimate:
         """Take the readings since the last call in, the newest frame among them, and say where the rover is."""
         ...
 
@@ -99,7 +99,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Drive:
+class SimulatedDrive:
     """What came of a drive.
 
     Parameters
@@ -174,7 +174,7 @@ def simulate_vision(
     navigate: Callable[[Start], Navigator] | None = None,
     *,
     steers: bool = True,
-) -> Drive:
+) -> SimulatedDrive:
     """Drive a route over fine ground and record what instruments and camera sense.
 
     Parameters
@@ -268,7 +268,7 @@ class _Run:
 
     def until_the_end(self, writer: FrameWriter, navigator: Navigator | None, *, steers: bool) -> Ending:
         """Drive until something ends the drive."""
-        belief: Belief | None = None
+        belief: PoseEstimate | None = None
         while True:
             self._drive_on(belief if steers else self._really())
             if self._frame_is_due():
@@ -278,16 +278,16 @@ class _Run:
                     self._believed.append((self._states[-1].time_s, *belief.xy.tolist(), belief.heading_rad))
             ending = self._ending()
             if ending is not None:
-                last = self._read(Motion.of(self._recent))
+                last = self._read(RoverMotion.of(self._recent))
                 self._log.add(last)
                 self._seen = None if navigator is None else navigator.finish(last)
                 return ending
 
-    def _really(self) -> Belief:
+    def _really(self) -> PoseEstimate:
         state = self._states[-1]
-        return Belief(np.array(state.position[:2]), _heading(state))
+        return PoseEstimate(np.array(state.position[:2]), _heading(state))
 
-    def _drive_on(self, belief: Belief | None) -> None:
+    def _drive_on(self, belief: PoseEstimate | None) -> None:
         """Drive for a tick of the steering; stand still for a second first, and while nothing is believed."""
         time_s = self._states[-1].time_s
         waits = belief is None or time_s < _STAND_S
@@ -315,7 +315,7 @@ class _Run:
 
     def _sensed(self, writer: FrameWriter) -> Readings:
         """Take the next frame and read the instruments."""
-        motion, time_s, index = Motion.of(self._recent), self._next_frame_s, self._n_frames
+        motion, time_s, index = RoverMotion.of(self._recent), self._next_frame_s, self._n_frames
         image = self._faults.image(time_s, index, self._eye.frame(motion.pose_at, time_s, index))
         self._n_frames += 1
         if image is not None:
@@ -325,7 +325,7 @@ class _Run:
         self._log.add(readings)
         return replace(readings, frame=None if image is None else (time_s, image))
 
-    def _read(self, motion: Motion) -> Readings:
+    def _read(self, motion: RoverMotion) -> Readings:
         """Read the instruments up to now, and forget motion that nobody reads any more."""
         readings = self._instruments.read(motion)
         kept_from = min(self._next_frame_s, self._recent[-1].time_s) - _KEPT_S
@@ -368,7 +368,7 @@ class _Run:
         shutil.rmtree(folder)
         return None
 
-    def result(self, ending: Ending, folder: Path) -> Drive:
+    def result(self, ending: Ending, folder: Path) -> SimulatedDrive:
         """Put recording and truth together."""
         records = self._log.records()
         if records["gps"] is None:
@@ -388,10 +388,10 @@ class _Run:
             frames=frames,
             **records,
         )
-        motion = Motion.of(self._states)
+        motion = RoverMotion.of(self._states)
         zero = np.zeros((len(self._states), 3, 3))
         trajectory = Trajectory(motion.time_s, motion.position, motion.quaternion, zero, ground.crs)
-        return Drive(
+        return SimulatedDrive(
             recording,
             Truth(ground.dem, trajectory),
             ending,

@@ -1,15 +1,12 @@
 """The papers' figures and tables, made anew: one study per figure, found by its name."""
 
 import difflib
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
+from survey.core.arrays import Progress
 from survey.core.errors import InputError
-
-Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
 
 
 class Study(Protocol):

@@ -12,7 +12,7 @@ from survey.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class Motion:
+class RoverMotion:
     """States of the rover at equal steps of time; what lies between is interpolated.
 
     Parameters
@@ -37,7 +37,7 @@ class Motion:
     rolled_m: FloatArray
 
     @classmethod
-    def of(cls, states: Sequence[RoverState]) -> "Motion":
+    def of(cls, states: Sequence[RoverState]) -> "RoverMotion":
         """Collect states in the order of time."""
         return cls(*(np.array([state[k] for state in states]) for k in range(6)))
 

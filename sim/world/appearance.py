@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.config.scene import AppearanceConfig
-from sim.world.scenery import FloatGrid, wavy
+from sim.world.hazards import FloatGrid
+from sim.world.scenery import wavy
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 

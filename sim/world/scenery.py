@@ -14,13 +14,12 @@ from scipy.interpolate import make_interp_spline
 
 from sim.config.scene import SceneryConfig
 from sim.world import hazards
-from sim.world.hazards import Ground, Hazard
+from sim.world.hazards import FloatGrid, Ground, Hazard
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.dem import Dem
 
-FloatGrid = npt.NDArray[np.float32]
 ByteGrid = npt.NDArray[np.uint8]
 
 

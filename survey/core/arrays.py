@@ -1,6 +1,6 @@
 """Read-only float arrays of a stated shape: what every noun of the package holds."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,12 @@ from survey.core.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
+ByteArray = npt.NDArray[np.uint8]
+Float32Array = npt.NDArray[np.float32]
+Bounds = tuple[float, float, float, float]
+"""West, south, east and north [m]."""
+Progress = Callable[[str, int, int], None]
+"""Progress callback: what is being done, how many of it are done, and how many there are."""
 
 
 def frozen(values: Any, dtype: Any = np.float64) -> Any:

@@ -5,9 +5,9 @@ import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from survey.core.errors import ConfigError
 from survey.core.files import existing_file
@@ -21,6 +21,8 @@ class Section(BaseModel):
     )
 
 
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+"""A share between 0 and 1."""
 AnySection = TypeVar("AnySection", bound=BaseModel)
 
 

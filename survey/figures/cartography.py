@@ -19,13 +19,11 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.ndimage import distance_transform_edt
 from shapely import MultiPolygon, Polygon, get_coordinates, get_parts
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
 from survey.figures.style import ELEVATION, INK, MUTED, NO_GO, ROVERS, VEIL, round_number
-
-Bounds = tuple[float, float, float, float]
 
 _MOST_CELLS = 1500
 _TALLEST_MAP_IN = 6.2

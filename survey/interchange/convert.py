@@ -14,12 +14,12 @@ from survey.io.points import PointTable, read_point_table, write_point_table
 from survey.io.raster import band_count, band_names, read_raster, write_raster
 from survey.io.tracks import write_kitti, write_track, write_tum
 
-Kind = Literal["raster", "points", "track", "area"]
+FileKind = Literal["raster", "points", "track", "area"]
 _RASTERS = (".tif", ".tiff", ".asc", ".nc")
 _CLOUDS = (".las", ".laz", ".ply")
 
 
-def kind_of(source: str | Path, out: str | Path) -> Kind | None:
+def kind_of(source: str | Path, out: str | Path) -> FileKind | None:
     """Tell what a file holds where the endings say so: ``None`` for those that hold many kinds.
 
     Examples
@@ -35,7 +35,7 @@ def kind_of(source: str | Path, out: str | Path) -> Kind | None:
     return "track" if ".tum" in endings else None
 
 
-def convert(source: str | Path, out: str | Path, kind: Kind, *, crs: Any = None) -> None:
+def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = None) -> None:
     """Write what a file holds in the format that the other's ending names.
 
     Parameters

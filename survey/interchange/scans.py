@@ -21,7 +21,7 @@ _TIMES = ("gps_time", "time_s", "time", "t")
 _CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
-class Track(NamedTuple):
+class SensorPath(NamedTuple):
     """Where the sensor was: times (N,) [s], ascending, positions (N, 3) [m] and attitudes, as a TUM file has them."""
 
     time_s: FloatArray
@@ -29,7 +29,7 @@ class Track(NamedTuple):
     attitude: Rotation
 
     @classmethod
-    def read(cls, path: str | Path) -> "Track":
+    def read(cls, path: str | Path) -> "SensorPath":
         """Read a TUM file.
 
         Raises
@@ -82,7 +82,7 @@ def scan_files(sources: Sequence[str | Path]) -> list[Path]:
 
 
 def read_scans(
-    files: Sequence[Path], *, crs: Any, sigma_m: float | None, track: Track | None = None
+    files: Sequence[Path], *, crs: Any, sigma_m: float | None, track: SensorPath | None = None
 ) -> Iterator[SurfacePoints]:
     """Read scans one after the other.
 
@@ -137,7 +137,7 @@ def _read_npz(path: Path, crs: Any, sigma_m: float | None) -> SurfacePoints:
     return _points(file, xyz, origins, arrays.get("sigma_m", sigma_m), crs)
 
 
-def _read_table(file: Path, crs: Any, sigma_m: float | None, track: Track | None) -> SurfacePoints:
+def _read_table(file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None) -> SurfacePoints:
     if track is None:
         return SurfacePoints.read(file, crs=crs, sigma_m=sigma_m)
     table = read_point_table(file)
@@ -152,7 +152,9 @@ def _read_table(file: Path, crs: Any, sigma_m: float | None, track: Track | None
     return _points(file, xyz, origins, columns.get("sigma_z_m", sigma_m), table.crs or crs)
 
 
-def _read_bag(path: Path, crs: Any, sigma_m: float | None, track: Track | None) -> Iterator[SurfacePoints]:
+def _read_bag(
+    path: Path, crs: Any, sigma_m: float | None, track: SensorPath | None
+) -> Iterator[SurfacePoints]:
     if track is None:
         raise InputError(
             f"the points of {path} are in the sensor's frame; give the trajectory of the sensor (TUM) with --trajectory."
@@ -178,7 +180,9 @@ def _read_bag(path: Path, crs: Any, sigma_m: float | None, track: Track | None) 
         ) from error
 
 
-def _of_message(message: Any, path: Path, track: Track, crs: Any, sigma_m: float | None) -> SurfacePoints:
+def _of_message(
+    message: Any, path: Path, track: SensorPath, crs: Any, sigma_m: float | None
+) -> SurfacePoints:
     """Return the points of one PointCloud2 in the world; points that say NaN met nothing and are left out."""
     time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     xyz = cloud_xyz(message, path)

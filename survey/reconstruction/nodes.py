@@ -114,7 +114,7 @@ class NodeWindow:
         return moved
 
 
-class Here(NamedTuple):
+class LatticeFrame(NamedTuple):
     """Where a lattice is and in which system: its nodes, the level of its heights, CRS and vertical datum."""
 
     window: NodeWindow
@@ -127,7 +127,7 @@ class LatticeModel(TerrainModel):
     """Heights on nodes, bilinear between them, and NaN beyond them."""
 
     method: ClassVar[str]
-    here: Here | None = None
+    here: LatticeFrame | None = None
 
     @abstractmethod
     def _nodes(self) -> FloatArray:
@@ -180,7 +180,7 @@ class LatticeModel(TerrainModel):
         return Grid(here.window.bounds, here.window.step_m, here.crs)
 
     @property
-    def where(self) -> Here:
+    def where(self) -> LatticeFrame:
         """The nodes' place, the level of their heights, and their system."""
         if self.here is None:
             raise not_fitted()

@@ -1,14 +1,18 @@
 """One quantity at the points, with its variance: what every method fits."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION
+
+Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
+"""From the points used (N,) and places (M, 2) [m] to mean (M,) [m] and variance (M,) [m²] of the surface."""
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from survey.core.errors import InputError
 from survey.core.files import replacing
 from survey.reporting import summary_text as words
 from survey.reporting.pictures import Picture, pictures_of
-from survey.reporting.surveyed import Surveyed
+from survey.reporting.surveyed import SurveyResults
 
 
 def write_report(
     folder: str | Path,
-    survey: Surveyed,
+    survey: SurveyResults,
     *,
     title: str,
     localization: Mapping[str, float | None] | None = None,
@@ -66,7 +66,7 @@ def write_report(
     return _write(place, page, pictures)
 
 
-def _said(survey: Surveyed) -> dict[str, object]:
+def _said(survey: SurveyResults) -> dict[str, object]:
     """Return what the page says of map and score, by the template's names."""
     score, route, reconstruction = survey.score, survey.route, survey.reconstruction
     datum = reconstruction.mean.vertical_datum or "an unstated datum"

@@ -11,7 +11,7 @@ from survey import figures
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.reporting.surveyed import OnBoard, Surveyed
+from survey.reporting.surveyed import OnBoard, SurveyResults
 
 
 class Picture(NamedTuple):
@@ -42,7 +42,7 @@ class Picture(NamedTuple):
         return int(width), int(height)
 
 
-def pictures_of(survey: Surveyed) -> dict[str, Picture]:
+def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
     """Draw all that there is to show of a survey, by the pictures' names."""
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if survey.trajectory is not None and survey.reference_trajectory is not None:
@@ -54,7 +54,7 @@ def pictures_of(survey: Surveyed) -> dict[str, Picture]:
     return pictures
 
 
-def _map_pictures(survey: Surveyed) -> dict[str, Picture]:
+def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:
     """Draw what was driven, what came out, and what it rests on."""
     area, route, reconstruction = survey.area, survey.route, survey.reconstruction
     pictures = {
@@ -90,7 +90,7 @@ def _map_pictures(survey: Surveyed) -> dict[str, Picture]:
     return pictures
 
 
-def _error_pictures(survey: Surveyed) -> dict[str, Picture]:
+def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:
     """Draw how far the map is from the reference, and if it knows so."""
     area, truth, route, reconstruction = survey.area, survey.truth, survey.route, survey.reconstruction
     return {
@@ -158,7 +158,7 @@ def _path_pictures(
     }
 
 
-def _drive_pictures(survey: Surveyed, driven: Trajectory, believed: FloatArray) -> dict[str, Picture]:
+def _drive_pictures(survey: SurveyResults, driven: Trajectory, believed: FloatArray) -> dict[str, Picture]:
     """Draw how the drive kept to its plan."""
     route, paths = survey.route, (driven.position, believed)
     return {

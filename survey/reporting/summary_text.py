@@ -38,7 +38,7 @@ _MEANINGS = {
 _ACRONYMS = {"ate", "gps", "nmad", "rmse", "rms", "rpe"}
 
 
-class Row(NamedTuple):
+class TableRow(NamedTuple):
     """One line of a table: what, how much, and what that means."""
 
     name: str
@@ -152,20 +152,24 @@ def classes_by_standard(score: Score) -> dict[str, list[tuple[Verdict, str, str]
     return tables
 
 
-def key_numbers(score: Score, route: Route) -> list[Row]:
+def key_numbers(score: Score, route: Route) -> list[TableRow]:
     """Return the numbers to read first."""
     elevation, verdict = score.elevation, score.verdicts[0]
     return [
-        Row("RMSE", number(elevation.rmse_m, "m"), f"limit {number(verdict.limit_m, 'm')}"),
-        Row("NMAD", number(elevation.nmad_m, "m"), "typical error, outliers aside"),
-        Row("95% of nodes within", number(elevation.p95_m, "m"), f"worst {number(elevation.worst_m, 'm')}"),
-        Row("95% interval holds", percent(score.calibration.coverage_95), "of the errors; 95% is honest"),
-        Row(
+        TableRow("RMSE", number(elevation.rmse_m, "m"), f"limit {number(verdict.limit_m, 'm')}"),
+        TableRow("NMAD", number(elevation.nmad_m, "m"), "typical error, outliers aside"),
+        TableRow(
+            "95% of nodes within", number(elevation.p95_m, "m"), f"worst {number(elevation.worst_m, 'm')}"
+        ),
+        TableRow(
+            "95% interval holds", percent(score.calibration.coverage_95), "of the errors; 95% is honest"
+        ),
+        TableRow(
             "Science coverage",
             percent(score.coverage.scc),
             f"{percent(score.coverage.cells_share)} of the cells",
         ),
-        Row("Route", number(route.length_m / 1000.0, "km", 2), _fleet(route)),
+        TableRow("Route", number(route.length_m / 1000.0, "km", 2), _fleet(route)),
     ]
 
 
@@ -174,44 +178,46 @@ def _fleet(route: Route) -> str:
     return swaths if route.n_rovers == 1 else f"{swaths}, {route.n_rovers} rovers"
 
 
-def score_rows(score: Score) -> dict[str, list[Row]]:
+def score_rows(score: Score) -> dict[str, list[TableRow]]:
     """Return the table of scores, grouped, each with a line that explains it."""
     return {
         "Elevation": _elevation_rows(score.elevation),
         "Uncertainty": _calibration_rows(score.calibration),
         "Coverage": _coverage_rows(score.coverage),
         "Nodes of the map": [
-            Row(
+            TableRow(
                 "Compared",
                 number(score.elevation.n, decimals=0),
                 "inside the area, with reference and height",
             ),
-            Row(
+            TableRow(
                 "Silent",
                 number(score.n_silent, decimals=0),
                 "inside the area, but without a height in the map",
             ),
-            Row("Unknown", number(score.n_unknown, decimals=0), "inside the area, but without reference"),
-            Row("Outside", number(score.n_outside, decimals=0), "outside the area, never scored"),
+            TableRow(
+                "Unknown", number(score.n_unknown, decimals=0), "inside the area, but without reference"
+            ),
+            TableRow("Outside", number(score.n_outside, decimals=0), "outside the area, never scored"),
         ],
     }
 
 
-def _elevation_rows(e: ErrorStatistics) -> list[Row]:
+def _elevation_rows(e: ErrorStatistics) -> list[TableRow]:
     return [
-        Row("RMSE", number(e.rmse_m, "m"), "root mean square error; what the standards judge"),
-        Row("Bias", number(e.bias_m, "m"), "mean error; positive: the map lies too high"),
-        Row("Standard deviation", number(e.std_m, "m"), "spread of the errors about the bias"),
-        Row("Median", number(e.median_m, "m"), "half of the errors are above, half below"),
-        Row(
+        TableRow("RMSE", number(e.rmse_m, "m"), "root mean square error; what the standards judge"),
+        TableRow("Bias", number(e.bias_m, "m"), "mean error; positive: the map lies too high"),
+        TableRow("Standard deviation", number(e.std_m, "m"), "spread of the errors about the bias"),
+        TableRow("Median", number(e.median_m, "m"), "half of the errors are above, half below"),
+        TableRow(
             "NMAD",
             number(e.nmad_m, "m"),
             "spread without regard to outliers; for normal errors the standard deviation",
         ),
-        Row("95th percentile of |error|", number(e.p95_m, "m"), "95 of 100 nodes err by less"),
-        Row("Largest |error|", number(e.worst_m, "m"), "the worst node"),
-        Row("Skewness", number(e.skewness, decimals=2), "0 for symmetric errors"),
-        Row(
+        TableRow("95th percentile of |error|", number(e.p95_m, "m"), "95 of 100 nodes err by less"),
+        TableRow("Largest |error|", number(e.worst_m, "m"), "the worst node"),
+        TableRow("Skewness", number(e.skewness, decimals=2), "0 for symmetric errors"),
+        TableRow(
             "Excess kurtosis",
             number(e.kurtosis, decimals=2),
             "0 for normal errors, above 0 for rare large ones",
@@ -219,36 +225,36 @@ def _elevation_rows(e: ErrorStatistics) -> list[Row]:
     ]
 
 
-def _calibration_rows(k: Calibration) -> list[Row]:
+def _calibration_rows(k: Calibration) -> list[TableRow]:
     return [
-        Row("Errors within the 95% interval", percent(k.coverage_95), "95% when the claim is honest"),
-        Row(
+        TableRow("Errors within the 95% interval", percent(k.coverage_95), "95% when the claim is honest"),
+        TableRow(
             "RMS of error over claimed σ", number(k.z_rms, decimals=2), "1 when honest, above 1 too confident"
         ),
     ]
 
 
-def _coverage_rows(c: Coverage) -> list[Row]:
+def _coverage_rows(c: Coverage) -> list[TableRow]:
     return [
-        Row(
+        TableRow(
             "Science-centric coverage (SCC)",
             percent(c.scc),
             "share of the possible samples, far ones counting more",
         ),
-        Row("Cells visited", percent(c.cells_share), "plain share of the possible samples"),
-        Row(
+        TableRow("Cells visited", percent(c.cells_share), "plain share of the possible samples"),
+        TableRow(
             "Robot-centric coverage",
             number(c.robot_centric),
             "distance driven over that of visiting every cell in lines",
         ),
-        Row(
+        TableRow(
             "Centeredness α", number(c.alpha), "0 when the samples are balanced about the centre, 1 at worst"
         ),
-        Row("Distributedness β", number(c.beta), "0 for straight swaths; – where it is not defined"),
+        TableRow("Distributedness β", number(c.beta), "0 for straight swaths; – where it is not defined"),
     ]
 
 
-def named_values(values: Mapping[str, float | None]) -> list[Row]:
+def named_values(values: Mapping[str, float | None]) -> list[TableRow]:
     """Turn names with unit suffixes into table rows; names that begin with ``n_`` are counts.
 
     Examples
@@ -259,16 +265,16 @@ def named_values(values: Mapping[str, float | None]) -> list[Row]:
     return [_named_value(key, value) for key, value in values.items()]
 
 
-def _named_value(key: str, value: float | None) -> Row:
+def _named_value(key: str, value: float | None) -> TableRow:
     meaning = _MEANINGS.get(key, "")
     if key.startswith("n_"):
-        return Row(_label(key.removeprefix("n_")), number(value, decimals=0), meaning)
+        return TableRow(_label(key.removeprefix("n_")), number(value, decimals=0), meaning)
     decimals = 3 if value is None or abs(value) < 100.0 else 0
     for suffix, unit in _UNITS.items():
         stem = key.removesuffix(f"_{suffix}")
         if stem != key:
-            return Row(_label(stem), number(value, unit, decimals), meaning)
-    return Row(_label(key), number(value, decimals=decimals), meaning)
+            return TableRow(_label(stem), number(value, unit, decimals), meaning)
+    return TableRow(_label(key), number(value, decimals=decimals), meaning)
 
 
 def _label(key: str) -> str:

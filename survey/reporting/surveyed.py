@@ -35,7 +35,7 @@ class OnBoard:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Surveyed:
+class SurveyResults:
     """A survey that came to its end, and all that it is judged by.
 
     Attributes

@@ -11,7 +11,7 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera
 from survey.data.sensors import Wheels
 from survey.data.trajectory import Trajectory
-from vision_slam.recordings import Drive, open_drive
+from vision_slam.recordings import RecordedDrive, open_drive
 from vision_slam.results import pictures_of, refuse_existing, write_localization, write_pictures
 from vision_slam.viewer import refuse_without_rerun, write_rrd
 
@@ -45,11 +45,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory, plane_world: object, camera
 
 
 @pytest.fixture(scope="module")
-def drive(folder: Path) -> Drive:
+def drive(folder: Path) -> RecordedDrive:
     return open_drive(folder, gps=folder / "phone.csv", crs=UTM)
 
 
-def test_images_without_wheels_take_scale_and_heading_from_the_fixes(drive: Drive, tmp_path: Path) -> None:
+def test_images_without_wheels_take_scale_and_heading_from_the_fixes(
+    drive: RecordedDrive, tmp_path: Path
+) -> None:
     localized = drive.localized()
     end = localized.position[-1] - [500000.0, 6470000.0, 50.0]
     length_m = STEP_M * (N - 1)
@@ -74,7 +76,7 @@ def test_images_without_wheels_take_scale_and_heading_from_the_fixes(drive: Driv
         refuse_existing(out, force=False)
 
 
-def test_wheels_beside_the_images_give_the_scale(folder: Path, drive: Drive) -> None:
+def test_wheels_beside_the_images_give_the_scale(folder: Path, drive: RecordedDrive) -> None:
     rolled = 0.25 * STEP_M * np.arange(N)
     Wheels(drive.sensed.frames.time_s, rolled, rolled).write(folder / "wheels.csv")  # type: ignore[union-attr]
     sequence = open_drive(folder).sensed
@@ -98,7 +100,7 @@ def test_blank_images_are_no_motion(folder: Path, tmp_path: Path) -> None:
         open_drive(tmp_path).localized()
 
 
-def test_a_camera_that_stands_still_invents_no_motion(drive: Drive, tmp_path: Path) -> None:
+def test_a_camera_that_stands_still_invents_no_motion(drive: RecordedDrive, tmp_path: Path) -> None:
     short = _first_images(drive, tmp_path / "still", 1)
     first = next(short.glob("*.png"))
     for k in range(1, 6):
@@ -116,7 +118,7 @@ def test_one_image_is_no_motion(folder: Path, tmp_path: Path) -> None:
         open_drive(tmp_path)
 
 
-def test_the_viewers_file_holds_the_drive(drive: Drive, tmp_path: Path) -> None:
+def test_the_viewers_file_holds_the_drive(drive: RecordedDrive, tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="rerun is not installed (firnline[viewer])")
     short = open_drive(_first_images(drive, tmp_path / "short", 6))
     localized = short.localized()
@@ -127,7 +129,7 @@ def test_the_viewers_file_holds_the_drive(drive: Drive, tmp_path: Path) -> None:
     assert len(content) > 6 * 1024
 
 
-def _first_images(drive: Drive, place: Path, n: int) -> Path:
+def _first_images(drive: RecordedDrive, place: Path, n: int) -> Path:
     place.mkdir()
     assert drive.camera is not None
     assert drive.frames is not None

@@ -17,7 +17,7 @@ _GAP_S, _COAST_S = 1.5, 0.25
 
 
 @dataclass(frozen=True)
-class Motion:
+class RelativeMotion:
     """Turn (3, 3), R_before_after of the body, and travel [m]; None where no sensor tells it."""
 
     seconds: float
@@ -43,9 +43,9 @@ class MotionSensors:
         self._wheels, self._inertial = recording.wheels, recording.inertial
         self._wheel_s, self._inertial_s = _usual_s(self._wheels), _usual_s(self._inertial)
 
-    def between(self, first_s: float, last_s: float) -> Motion:
+    def between(self, first_s: float, last_s: float) -> RelativeMotion:
         """Return the motion between two times."""
-        return Motion(last_s - first_s, self._turn(first_s, last_s), self._travel(first_s, last_s))
+        return RelativeMotion(last_s - first_s, self._turn(first_s, last_s), self._travel(first_s, last_s))
 
     def gap(self, first_s: float, last_s: float) -> list[float]:
         """Return moments between two images that are far apart, if wheels and gyro go on in between."""
@@ -64,7 +64,7 @@ class MotionSensors:
                 return False
         return True
 
-    def learn(self, motion: Motion, rotation: FloatArray) -> None:
+    def learn(self, motion: RelativeMotion, rotation: FloatArray) -> None:
         """Take from a turn that images have seen what of the gyro's was bias."""
         if motion.rotation is None or motion.seconds <= 0.0:
             return

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.data.camera import Camera, Image
-from vision_slam.inertial.motion import Motion
+from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.resection import resected, resection_information
 
@@ -112,7 +112,7 @@ class LastViews:
         self._was_asleep = False
         self._n_tries = 0
 
-    def moved(self, motion: Motion) -> None:
+    def moved(self, motion: RelativeMotion) -> None:
         """Add a motion since the newest view; over a hole of the instruments it tells nothing."""
         self._way_m += abs(motion.travel_m or 0.0)
         self._seconds += motion.seconds

@@ -10,7 +10,7 @@ from survey.core.errors import InputError
 from survey.data.camera import Camera, Image
 from survey.data.sensors import Odometry, Sightings
 from vision_slam.inertial.attitude import attitudes, upright_start
-from vision_slam.inertial.motion import Motion, MotionSensors
+from vision_slam.inertial.motion import MotionSensors, RelativeMotion
 from vision_slam.io.sequence import Sensed
 from vision_slam.odometry.clahe import Enhancer, grey_of
 from vision_slam.odometry.config import VisualOdometryConfig
@@ -73,12 +73,12 @@ class VisualSlam:
         self._grey: Image | None = None
         self._pose = np.eye(4) if start is None else start
         self._step = np.eye(4)
-        self._since: Motion | None = None
+        self._since: RelativeMotion | None = None
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
         self._doubt = Doubt(self.config.n_features)
         self._views = LastViews(camera, self.config)
 
-    def step(self, image: Image, time_s: float, motion: Motion | None) -> FramePose:
+    def step(self, image: Image, time_s: float, motion: RelativeMotion | None) -> FramePose:
         """Take the next image and the motion since the one before, which the first has not."""
         grey = grey_of(image, self.camera.width, self.camera.height)
         health = self._health(grey, motion)
@@ -101,7 +101,7 @@ class VisualSlam:
         )
         if met is not None:
             self._pose = met.pose
-            self._since = Motion(self._since.seconds, None, None)  # the wheels shall not undo it
+            self._since = RelativeMotion(self._since.seconds, None, None)  # the wheels shall not undo it
             health = replace(health, n_followed=0, n_inliers=met.n_agree, is_visual=True)
         if met is not None or self._deserves_keyframe(pose):
             self._add_keyframe(enhanced, health)
@@ -122,7 +122,7 @@ class VisualSlam:
         placed: FloatArray = self.window.poses[frame.keyframe] @ frame.relative
         return placed
 
-    def _health(self, grey: Image, motion: Motion | None) -> FrameHealth:
+    def _health(self, grey: Image, motion: RelativeMotion | None) -> FrameHealth:
         """Measure an image; one that repeats the last while the wheels roll has nothing to tell: the camera froze."""
         health = image_health(grey)
         rolls = motion is not None and abs(motion.travel_m or 0.0) > _ROLLS_M
@@ -136,7 +136,7 @@ class VisualSlam:
         self._replenish(enhanced, health)
         return self._reported(time_s, health)
 
-    def _predicted(self, motion: Motion) -> FloatArray:
+    def _predicted(self, motion: RelativeMotion) -> FloatArray:
         """Where wheels and gyro put the body; what they do not tell goes on as in the last step."""
         step = self._step.copy()
         if motion.rotation is not None:
@@ -180,7 +180,7 @@ class VisualSlam:
         seen = np.where(is_far[:, None], points, points - camera[:3, 3]) @ camera[:3, :3]
         return self.camera.project(seen).astype(np.float32)
 
-    def _is_standing(self, motion: Motion, pixels: Pixels, came: BoolArray) -> bool:
+    def _is_standing(self, motion: RelativeMotion, pixels: Pixels, came: BoolArray) -> bool:
         """Whether neither the wheels nor the image moved."""
         if motion.travel_m is not None:
             return motion.is_standing
@@ -296,13 +296,13 @@ class VisualSlam:
         return self.frames[-1]
 
 
-def _joined(first: Motion | None, second: Motion) -> Motion:
+def _joined(first: RelativeMotion | None, second: RelativeMotion) -> RelativeMotion:
     """One motion after the other."""
     if first is None:
         return second
     rotation = None if first.rotation is None or second.rotation is None else first.rotation @ second.rotation
     travel = None if first.travel_m is None or second.travel_m is None else first.travel_m + second.travel_m
-    return Motion(first.seconds + second.seconds, rotation, travel)
+    return RelativeMotion(first.seconds + second.seconds, rotation, travel)
 
 
 @dataclass(frozen=True)

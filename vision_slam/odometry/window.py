@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import X
 
 from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
-from vision_slam.inertial.motion import Motion
+from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track
 
@@ -68,7 +68,7 @@ class Window:
         self._optimizer.setMaxIterations(3)
         self._optimizer.setRelativeErrorTol(1e-2)
 
-    def add(self, pose: FloatArray, motion: Motion | None) -> None:
+    def add(self, pose: FloatArray, motion: RelativeMotion | None) -> None:
         """Add a keyframe with a first guess of its pose, reached by a motion from the one before."""
         if self.poses:
             assert motion is not None
@@ -182,7 +182,7 @@ class Window:
         pose = self.poses[k] @ self._body_camera
         return pose[:3, :3], pose[:3, 3]
 
-    def _constraint(self, guess: FloatArray, motion: Motion) -> _Between:
+    def _constraint(self, guess: FloatArray, motion: RelativeMotion) -> _Between:
         """Turn by the gyro, travel along the body by the wheels; what no sensor tells stays as good as free."""
         config = self._config
         relative = np.linalg.inv(self.poses[-1]) @ guess

@@ -28,7 +28,7 @@ _LEAST_WEIGHT = 0.02
 _N_FEATURES = 800
 _WIDE_M, _CONTRAST_M = 0.5, 0.7
 
-Descriptors = npt.NDArray[np.float32]
+ViewDescriptors = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class GroundView:
 
     pose: int
     xyz: FloatArray
-    descriptors: Descriptors
+    descriptors: ViewDescriptors
 
 
 class GroundMosaics:

@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.studies import Progress
-from sim.studies.carving.world import N_TRAIN, TERRAINS, Trial
+from sim.studies.carving.world import N_TRAIN, TERRAINS, ScanTrial
 from sim.studies.outputs import write_csv, write_figure
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.figures.style import ESTIMATE, FULL_IN, PRIOR, ROVERS, styled
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
@@ -34,7 +33,7 @@ class Regime(NamedTuple):
     first_length_m: float
     from_sensor: bool
 
-    def config(self, trial: Trial, *, carve: bool) -> SpaceCarvingConfig:
+    def config(self, trial: ScanTrial, *, carve: bool) -> SpaceCarvingConfig:
         """Return the settings for a trial."""
         return SpaceCarvingConfig(
             bounds=False,
@@ -60,7 +59,7 @@ class Errors(NamedTuple):
     grid_m2: float
 
 
-def errors(trial: Trial, regime: Regime) -> tuple[Errors, Errors]:
+def errors(trial: ScanTrial, regime: Regime) -> tuple[Errors, Errors]:
     """Return the errors without and with lines of sight."""
     fitted = (
         SpaceCarvingKernel(regime.config(trial, carve=carve)).fit(trial.train) for carve in (False, True)
@@ -83,7 +82,7 @@ def figure_11(folder: Path, *, quick: bool, progress: Progress) -> None:
     regime = REGIMES["short reach"]
     rows = []
     for k, n in enumerate(sizes, start=1):
-        pairs = [errors(Trial.new("piles", seed, n_train=n), regime) for seed in SEEDS[:2]]
+        pairs = [errors(ScanTrial.new("piles", seed, n_train=n), regime) for seed in SEEDS[:2]]
         without, carved = (np.mean([pair[j] for pair in pairs], axis=0) for j in (0, 1))
         rows.append((n, *without.tolist(), *carved.tolist()))
         progress("sizes", k, len(sizes))
@@ -96,7 +95,7 @@ def figure_12(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Follow the error on every terrain from pass to pass (Fig. 12)."""
     curves = {}
     for k, name in enumerate(TERRAINS, start=1):
-        trial = Trial.new(name, SEEDS[0], n_train=2000 if quick else N_TRAIN)
+        trial = ScanTrial.new(name, SEEDS[0], n_train=2000 if quick else N_TRAIN)
         model = SpaceCarvingKernel(REGIMES["5 m"].config(trial, carve=True)).begin(trial.train)
         curves[name] = [trial.errors(model.predict)[0] for _ in model.passes()]
         progress("terrains", k, len(TERRAINS))
@@ -128,7 +127,7 @@ def _table_rows(seeds: tuple[int, ...], progress: Progress) -> Iterator[tuple[ob
     n_done = 0
     for n_views in (1, 3):
         for terrain, paper in zip(TERRAINS, PAPER, strict=True):
-            trials = [Trial.new(terrain, seed, n_views=n_views) for seed in seeds]
+            trials = [ScanTrial.new(terrain, seed, n_views=n_views) for seed in seeds]
             for name, regime in REGIMES.items():
                 pairs = np.array([errors(trial, regime) for trial in trials])
                 without, carved = pairs.mean(axis=0)

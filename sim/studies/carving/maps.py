@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from sim.studies import Progress
-from sim.studies.carving.world import CRS, HALF_M, N_TRAIN, SENSOR_HEIGHT_M, Trial, World
-from sim.studies.emap.world import HeightField
+from sim.studies.carving.world import CRS, HALF_M, N_TRAIN, SENSOR_HEIGHT_M, CarvingWorld, ScanTrial
+from sim.studies.emap.world import RasterHeights
 from sim.studies.outputs import write_csv, write_figure
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.streams import stream
 from survey.data.grid import Grid
 from survey.figures.style import (
@@ -117,7 +116,7 @@ def figure_13(folder: Path, *, quick: bool, progress: Progress) -> None:
     write_figure(folder / "downhill.png", _draw_downhill(maps, train.xyz))
 
 
-def downhill_drive() -> World:
+def downhill_drive() -> CarvingWorld:
     """Return a smooth lane that falls by 5° towards the east, level before it, with a bank on its north side."""
     side, step_m = HALF_M + 3.0, 0.1
     x = np.arange(-side, side + step_m / 2, step_m)
@@ -125,14 +124,14 @@ def downhill_drive() -> World:
     lane = -np.tan(np.radians(SLOPE_DEG)) * np.maximum(east + HALF_M - 4.0, 0.0)
     bank = 1.5 / (1.0 + np.exp(-(north - 5.0) / 0.5))
     ripples = 0.03 * np.sin(1.3 * east) * np.cos(1.1 * north)
-    return World("downhill drive", HeightField(lane + bank + ripples, step_m, -side, -side))
+    return CarvingWorld("downhill drive", RasterHeights(lane + bank + ripples, step_m, -side, -side))
 
 
-def _trial(quick: bool) -> Trial:
-    return Trial.new("piles", SEED, n_train=2000 if quick else N_TRAIN)
+def _trial(quick: bool) -> ScanTrial:
+    return ScanTrial.new("piles", SEED, n_train=2000 if quick else N_TRAIN)
 
 
-def _learned(quick: bool, progress: Progress) -> tuple[Trial, SpaceCarvingKernel]:
+def _learned(quick: bool, progress: Progress) -> tuple[ScanTrial, SpaceCarvingKernel]:
     """Return the piles and the three surfaces that were learned of them."""
     trial = _trial(quick)
     model = SpaceCarvingKernel().begin(trial.train)
@@ -147,7 +146,7 @@ def _line(name: str, along: FloatArray) -> FloatArray:
     return np.column_stack([along, still] if axis == "north" else [still, along])
 
 
-def _cut(trial: Trial, model: SpaceCarvingKernel, name: str, along: FloatArray) -> FloatArray:
+def _cut(trial: ScanTrial, model: SpaceCarvingKernel, name: str, along: FloatArray) -> FloatArray:
     """Return ground, estimate, lower and upper surface (4, N) along a section."""
     xy = _line(name, along)
     return np.stack([trial.world.heights(xy), model.predict(xy), *model.prior_surfaces(xy)])
@@ -183,7 +182,7 @@ def _draw_surfaces(maps: dict[str, FloatArray], xy: FloatArray) -> Figure:
 
 
 @styled
-def _draw_sections(trial: Trial, along: FloatArray, cuts: dict[str, FloatArray]) -> Figure:
+def _draw_sections(trial: ScanTrial, along: FloatArray, cuts: dict[str, FloatArray]) -> Figure:
     figure = Figure(figsize=(FULL_IN, 7.2), layout="constrained")
     all_axes = figure.subplots(len(cuts), 1, sharex=True, sharey=True)
     for axes, (name, (ground, mean, lower, upper)) in zip(all_axes, cuts.items(), strict=True):
@@ -214,7 +213,7 @@ def _draw_sections(trial: Trial, along: FloatArray, cuts: dict[str, FloatArray])
 
 
 @styled
-def _draw_places(trial: Trial) -> Figure:
+def _draw_places(trial: ScanTrial) -> Figure:
     figure = Figure(figsize=(FULL_IN * 0.6, 5.0), layout="constrained")
     axes: Axes = figure.subplots()
     axes.plot(*trial.train.xy.T, ".", color=PRIOR, markersize=1.0)

@@ -6,10 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.studies import Progress
 from sim.studies.carving.world import CRS, NOISE_M
 from sim.studies.outputs import write_csv, write_figure
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.streams import stream
 from survey.data.surface_points import SurfacePoints
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, HALF_IN, INK, MUTED, ROVERS, styled

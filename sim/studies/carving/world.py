@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.instruments.lidar import Scanner
-from sim.studies.emap.world import HeightField
+from sim.studies.emap.world import RasterHeights
 from survey.core.arrays import FloatArray
 from survey.core.geodesy import projected_crs
 from survey.core.streams import stream
@@ -32,7 +32,7 @@ Rng = np.random.Generator
 
 
 @dataclass(frozen=True)
-class World:
+class CarvingWorld:
     """Ground of known height.
 
     Parameters
@@ -44,16 +44,16 @@ class World:
     """
 
     name: str
-    field: HeightField
+    field: RasterHeights
 
     @classmethod
-    def new(cls, name: str, seed: int) -> "World":
+    def new(cls, name: str, seed: int) -> "CarvingWorld":
         """Return one of the five terrains."""
         side = HALF_M + _MARGIN_M
         grid = Grid((-side, -side, side, side), _STEP_M, CRS)
         east, north = np.meshgrid(grid.x, grid.y)
         z = TERRAINS[name](grid, east, north, stream(seed, "carving", name))
-        field = HeightField(np.ascontiguousarray(z[::-1]), _STEP_M, float(grid.x[0]), float(grid.y[-1]))
+        field = RasterHeights(np.ascontiguousarray(z[::-1]), _STEP_M, float(grid.x[0]), float(grid.y[-1]))
         return cls(name, field)
 
     def heights(self, xy: FloatArray) -> FloatArray:
@@ -82,10 +82,10 @@ class World:
 
 
 @dataclass(frozen=True)
-class Trial:
+class ScanTrial:
     """Points to learn from, points of the same scan to test on, and the ground on a regular grid (3600, 3)."""
 
-    world: World
+    world: CarvingWorld
     train: SurfacePoints
     test: SurfacePoints
     reference: FloatArray
@@ -93,9 +93,9 @@ class Trial:
     @classmethod
     def new(
         cls, name: str, seed: int, *, n_views: int = 1, n_train: int = N_TRAIN, n_test: int = N_TEST
-    ) -> "Trial":
+    ) -> "ScanTrial":
         """Scan a terrain, and deal out its hits."""
-        world = World.new(name, seed)
+        world = CarvingWorld.new(name, seed)
         rng = stream(seed, "carving", name, "scan", n_views)
         points = world.scan(VIEWS[:n_views], rng)
         order = rng.permutation(len(points))

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sim.studies import Progress
 from sim.studies.emap.runs import (
     EMAP,
     FIELD,
@@ -24,9 +23,9 @@ from sim.studies.emap.runs import (
     mapper,
     run,
 )
-from sim.studies.emap.world import N_RUNS, N_SCANS, RANGE_M, SCAN_STEP_M, Drive, sine_hills, utilities
+from sim.studies.emap.world import N_RUNS, N_SCANS, RANGE_M, SCAN_STEP_M, EmapRun, sine_hills, utilities
 from sim.studies.outputs import write_csv, write_figure
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.figures.style import DENSITY, ELEVATION, ERROR, FULL_IN, INK, ROVERS, styled
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
@@ -45,7 +44,7 @@ COLOURS = dict(zip(METHODS, (INK, "#8a8f94", ROVERS[0], ROVERS[1]), strict=True)
 
 def figure_1(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Draw the surface, and its reconstruction by springs and field after a drive (Fig. 1)."""
-    drive = Drive(run=5, n_scans=12 if quick else N_SCANS)
+    drive = EmapRun(run=5, n_scans=12 if quick else N_SCANS)
     models = {method: mapper(method) for method in (EMAP, FIELD)}
     place = drive.sensors()[-1]
     for k, (_, points) in enumerate(drive.scans(), start=1):
@@ -64,7 +63,7 @@ def figure_2(folder: Path, *, quick: bool, progress: Progress) -> None:
     n_scans = 5 if quick else N_SCANS
     edges = np.arange(0.0, RANGE_M + 0.25, 0.25)
     counts = np.zeros(len(edges) - 1)
-    for k, (place, points) in enumerate(Drive(n_scans=n_scans).scans(), start=1):
+    for k, (place, points) in enumerate(EmapRun(n_scans=n_scans).scans(), start=1):
         counts += np.histogram(np.hypot(*(points.xy - place[:2]).T), edges)[0] / n_scans
         progress("scans", k, n_scans)
     density = counts / (np.pi * np.diff(edges**2))
@@ -116,7 +115,7 @@ def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:
 def figure_6(folder: Path, *, quick: bool, progress: Progress) -> None:
     """Time a scan against the number of nodes, to a million on the same 20 × 20 m (Fig. 6)."""
     sides = (40, 80, 160) if quick else (20, 40, 80, 160, 320, 1000)
-    scans = [points for _, points in islice(Drive().scans(), 5)]
+    scans = [points for _, points in islice(EmapRun().scans(), 5)]
     rows = []
     for k, n in enumerate(sides, start=1):
         step_m = SIDE_M / n
@@ -138,7 +137,7 @@ def range_extension(folder: Path, *, quick: bool, progress: Progress) -> None:
     """
     thresholds = np.arange(4.0, 10.01, 0.25)
     sums = {method: np.zeros((2, len(thresholds))) for method in (OCTOMAP, EMAP, FIELD)}
-    drives = [Drive(run=k, n_scans=_n_scans(quick)) for k in range(1 if quick else 3)]
+    drives = [EmapRun(run=k, n_scans=_n_scans(quick)) for k in range(1 if quick else 3)]
     for k, drive in enumerate(drives, start=1):
         _sum_over_thresholds(drive, thresholds, sums)
         progress("runs", k, len(drives))
@@ -164,11 +163,11 @@ def _runs(
     """Yield the scores of run after run."""
     n = 2 if quick else n_runs
     for k in range(n):
-        yield run(Drive(run=k, n_scans=_n_scans(quick)), methods)
+        yield run(EmapRun(run=k, n_scans=_n_scans(quick)), methods)
         progress("runs", k + 1, n)
 
 
-def _sum_over_thresholds(drive: Drive, thresholds: FloatArray, sums: Mapping[str, FloatArray]) -> None:
+def _sum_over_thresholds(drive: EmapRun, thresholds: FloatArray, sums: Mapping[str, FloatArray]) -> None:
     """Add one drive's Σ e² F² and Σ F² for every threshold r_s."""
     mappers = {method: mapper(method) for method in sums}
     for place, points in drive.scans():

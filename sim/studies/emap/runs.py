@@ -9,7 +9,7 @@ import numpy as np
 from sim.studies.emap.octomap import OctoMapSurface
 from sim.studies.emap.world import (
     RANGE_M,
-    Drive,
+    EmapRun,
     printed_mse_cm2,
     seen_gap_outside,
     utilities,
@@ -108,7 +108,7 @@ class RunScore:
         self.squared_m2 = squared if not self.squared_m2.size else self.squared_m2 + squared
 
 
-def run(drive: Drive, methods: Sequence[str] = METHODS) -> dict[str, RunScore]:
+def run(drive: EmapRun, methods: Sequence[str] = METHODS) -> dict[str, RunScore]:
     """Feed one drive's scans to every method, and score each after every scan."""
     mappers = {method: mapper(method) for method in methods}
     scores = {method: RunScore() for method in methods}

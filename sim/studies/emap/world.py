@@ -39,7 +39,7 @@ def sine_hills(xy: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class HeightField:
+class RasterHeights:
     """Heights (H, W) [m] on a raster of equal steps, as the rays meet them.
 
     Parameters
@@ -60,7 +60,7 @@ class HeightField:
     @classmethod
     def of(
         cls, height: Height, bounds: tuple[float, float, float, float], step_m: float = 0.05
-    ) -> "HeightField":
+    ) -> "RasterHeights":
         """Sample a surface over ``(xmin, ymin, xmax, ymax)`` [m]."""
         x = np.arange(bounds[0], bounds[2] + step_m, step_m)
         y = np.arange(bounds[1], bounds[3] + step_m, step_m)
@@ -127,7 +127,7 @@ def beams() -> FloatArray:
 
 
 def scan(
-    field: HeightField, sensor: FloatArray, rng: np.random.Generator, sigma_m: float = NOISE_M
+    field: RasterHeights, sensor: FloatArray, rng: np.random.Generator, sigma_m: float = NOISE_M
 ) -> SurfacePoints:
     """Return the points of one turn of the scanner within its range, each range off by Gaussian noise."""
     directions = beams()
@@ -140,7 +140,7 @@ def scan(
 
 
 @dataclass(frozen=True)
-class Drive:
+class EmapRun:
     """One run: along x at constant height, started at a y of its own (1 m apart from run to run)."""
 
     run: int = 0
@@ -158,7 +158,7 @@ class Drive:
         reach = RANGE_M + 1.0
         places = self.sensors()
         bounds = (-reach, self.run - reach, places[-1, 0] + reach, self.run + reach)
-        field = HeightField.of(self.height, bounds)
+        field = RasterHeights.of(self.height, bounds)
         rng = stream(0, "emap", "run", self.run)
         for place in places:
             yield place, scan(field, place, rng)

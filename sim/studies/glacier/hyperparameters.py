@@ -14,13 +14,12 @@ from matplotlib.figure import Figure
 import planners
 import survey
 from sim.config.mission import MissionConfig
-from sim.montecarlo.summary import Row, write_rows
+from sim.montecarlo.summary import SummaryRow, write_rows
 from sim.simulate.statistical import simulate_statistical
-from sim.studies import Progress
 from sim.studies.glacier.surveys import SURVEY
 from sim.studies.outputs import write_figure
 from sim.world.site import World, build_world
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated
 from survey.data.surface_points import SurfacePoints
 from survey.figures.style import DEVIATION, ESTIMATE, FULL_IN, INK, styled
@@ -52,7 +51,7 @@ def glacier_hyperparameters(folder: Path, *, quick: bool, progress: Progress) ->
         "paper, γ = 315 m": (ALPHA, GAMMA),
         "fitted by likelihood": _fitted(world, points),
     }
-    rows: list[Row] = [
+    rows: list[SummaryRow] = [
         {
             "what": name,
             "variance_m2": variance,

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray
+from survey.data.camera import Image
 
-Image = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
 _opencv: Any = cv2  # its stubs do not know what these functions take and give

@@ -21,11 +21,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sim.config.scene import AppearanceConfig, ImagingConfig
-from sim.studies import Progress
-from sim.studies.glacier.image_measures import METHODS, Image, Mask, clahe, relative_corners, statistics
-from sim.studies.glacier.snow_scenes import SKIES, Scene, at_contrast
+from sim.studies.glacier.image_measures import METHODS, Mask, clahe, relative_corners, statistics
+from sim.studies.glacier.snow_scenes import SKIES, SnowScene, at_contrast
+from survey.core.arrays import Progress
 from survey.core.files import replacing
-from survey.data.camera import read_image
+from survey.data.camera import Image, read_image
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
 
 BASELINES_M = 0.1, 0.25, 0.5, 1.0, 2.0, 4.0
@@ -74,13 +74,17 @@ def glacier_fig4(folder: Path, *, quick: bool, progress: Progress) -> None:
 # ------------------------------------------------------------------ what CLAHE does
 
 
-def _clahe_rows(scenes: Mapping[str, Scene], n_pairs: int, progress: Progress) -> Iterator[dict[str, Any]]:
+def _clahe_rows(
+    scenes: Mapping[str, SnowScene], n_pairs: int, progress: Progress
+) -> Iterator[dict[str, Any]]:
     for number, (name, scene) in enumerate(scenes.items()):
         progress("features before and after CLAHE", number, len(scenes))
         yield from clahe_yields(name, scene, n_pairs)
 
 
-def clahe_yields(name: str, scene: Scene, n_pairs: int, apart_m: float = 0.25) -> Iterator[dict[str, Any]]:
+def clahe_yields(
+    name: str, scene: SnowScene, n_pairs: int, apart_m: float = 0.25
+) -> Iterator[dict[str, Any]]:
     """Count what every method detects, matches and gets right, summed over pairs, raw and after CLAHE."""
     total = {(method, image): np.zeros(3, int) for method in METHODS for image in ("raw", "CLAHE")}
     for drive in range(n_pairs):
@@ -117,7 +121,7 @@ def gains(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
     return result
 
 
-def mountain_trap(scene: Scene, n_frames: int = 4) -> dict[str, int]:
+def mountain_trap(scene: SnowScene, n_frames: int = 4) -> dict[str, int]:
     """Count corners on snow by a relative threshold, with the mountains in the image and with them painted over."""
     counts = {"with mountains": 0, "mountains painted over": 0}
     for drive in range(n_frames):
@@ -131,7 +135,9 @@ def mountain_trap(scene: Scene, n_frames: int = 4) -> dict[str, int]:
     return counts
 
 
-def _baseline_rows(scenes: Mapping[str, Scene], n_pairs: int, progress: Progress) -> Iterator[dict[str, Any]]:
+def _baseline_rows(
+    scenes: Mapping[str, SnowScene], n_pairs: int, progress: Progress
+) -> Iterator[dict[str, Any]]:
     name, scene = next(iter(scenes.items()))
     for number, apart_m in enumerate(BASELINES_M):
         progress("matches over the distance between images", number, len(BASELINES_M))
@@ -247,7 +253,7 @@ def _rendered(
 ) -> tuple[dict[str, float], list[Image]]:
     """Return the median statistics of patches of rendered debris-covered ice, and the images."""
     look = AppearanceConfig(**settings, stones=1.0, patches=2.0, haze_m=2000.0)
-    scene = Scene(look, seed, ImagingConfig(gain=255.0))
+    scene = SnowScene(look, seed, ImagingConfig(gain=255.0))
     images = [scene.frame(drive) for drive in range(n_frames)]
     patches = _patch_statistics(images)
     return {name: float(np.median([p[name] for p in patches])) for name in patches[0]}, [i for i, _ in images]

@@ -20,8 +20,7 @@ from planners import LawnmowerConfig
 from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SensorConfig
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
-from sim.studies import Progress
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.geodesy import projected_crs
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
@@ -97,7 +96,7 @@ CASES = (
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SurveyOutcome:
     """How one survey came out: errors of the map [m], never debiased, its coverage, and the path's vertical error [m]."""
 
     rmse_m: float
@@ -153,7 +152,7 @@ def mission_of(seed: int, tau_s: float, case: Case) -> MissionConfig:
     )
 
 
-def survey_once(seed: int, tau_s: float, case: Case) -> Outcome:
+def survey_once(seed: int, tau_s: float, case: Case) -> SurveyOutcome:
     """Drive, localize and map one survey, and judge it."""
     terrain, cells = site(seed)
     mission = mission_of(seed, tau_s, case)
@@ -207,23 +206,23 @@ def _vertical_rms(trajectory: Trajectory, real: Trajectory) -> float:
     return float(np.sqrt(np.mean((trajectory.position[:, 2] - height) ** 2)))
 
 
-def judged(found: JointMap, terrain: Dem, trajectory: Trajectory, real: Trajectory) -> Outcome:
+def judged(found: JointMap, terrain: Dem, trajectory: Trajectory, real: Trajectory) -> SurveyOutcome:
     """Compare map and path of a joint estimate with what was really there."""
     before, after = (_vertical_rms(path, real) for path in (trajectory, found.correction.applied(trajectory)))
     return _judged(found.reconstruction, terrain, before, after)
 
 
-def _judged(result: Reconstruction, terrain: Dem, before: float, after: float) -> Outcome:
+def _judged(result: Reconstruction, terrain: Dem, before: float, after: float) -> SurveyOutcome:
     """Compare a map with the whole terrain, micro-relief and all."""
     error = result.mean.elevation - terrain.at(result.mean.xy).reshape(result.mean.shape)
     within = np.abs(error) <= 1.959964 * result.std.elevation
     rmse = float(np.sqrt(np.mean(error**2)))
-    return Outcome(rmse, float(error.mean()), float(within.mean()), before, after)
+    return SurveyOutcome(rmse, float(error.mean()), float(within.mean()), before, after)
 
 
 def outcomes(
     cases: tuple[Case, ...], taus_s: tuple[float, ...], seeds: range
-) -> Iterator[tuple[Case, float, int, Outcome]]:
+) -> Iterator[tuple[Case, float, int, SurveyOutcome]]:
     """Yield every case on the same terrain, odometry, receiver and satellite, seed by seed."""
     for seed in seeds:
         for tau_s in taus_s:

@@ -17,10 +17,9 @@ import planners
 from sim.montecarlo.config import GivenMap, Map, RandomKind, SearchedMap, StudyConfig
 from sim.montecarlo.report import draw_curves, error_curves
 from sim.montecarlo.study import run_study
-from sim.montecarlo.summary import Row, curves, minimum_swaths, summary, write_rows
-from sim.studies import Progress
+from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths, summary, write_rows
 from survey import Route, SurveyArea
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.files import replacing
 from survey.core.streams import stream
 from survey.data.route import Leg
@@ -75,7 +74,7 @@ def glacier_fig9(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
     """Distributions of samples that mislead: as many samples, told apart by α and β alone."""
     area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     routes = misleading_routes(area)
-    rows: list[Row] = []
+    rows: list[SummaryRow] = []
     for index, (name, route) in enumerate(routes.items(), start=1):
         coverage = Coverage.of(route, area)
         rows.append(
@@ -136,7 +135,7 @@ def _study(name: str, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: b
 
 def _studied(
     folder: Path, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: bool, progress: Progress
-) -> list[Row]:
+) -> list[SummaryRow]:
     """Run a study, from where it was stopped, and return its summary; its trials are not kept."""
     study = _study(folder.name, kinds, maps, quick)
     place = folder / ("unfinished-quick" if quick else "unfinished")
@@ -146,14 +145,14 @@ def _studied(
     return rows
 
 
-def side_by_side(minimum: Sequence[Row], rows: Sequence[Row]) -> list[Row]:
+def side_by_side(minimum: Sequence[SummaryRow], rows: Sequence[SummaryRow]) -> list[SummaryRow]:
     """Return one row for each family: the fewest swaths of either pattern for Class 3, and what they drive.
 
     ``_by_mean`` asks that the mean error meets the limit, as the paper does; ``_by_90_percent`` that nine surveys of
     ten do. Empty where no number tried suffices; ``distance_ratio`` is that of the fewest by the mean.
     """
     length_m = {(row["terrain"], row["planner"], row["swaths"]): row["mean_length_m"] for row in rows}
-    table: dict[str, Row] = {}
+    table: dict[str, SummaryRow] = {}
     for found in minimum:
         pattern = found["planner"].replace("-", "_")
         row = table.setdefault(found["terrain"], {"terrain": found["terrain"], "limit_m": found["limit_m"]})
@@ -169,9 +168,9 @@ def side_by_side(minimum: Sequence[Row], rows: Sequence[Row]) -> list[Row]:
 
 
 @styled
-def all_families(rows: Sequence[Row]) -> Figure:
+def all_families(rows: Sequence[SummaryRow]) -> Figure:
     """Draw one panel for each family, all on the same axes."""
-    by_kind: dict[str, list[Row]] = {}
+    by_kind: dict[str, list[SummaryRow]] = {}
     for row in rows:
         by_kind.setdefault(row["terrain"], []).append(row)
     figure = Figure(figsize=(FULL_IN, 7.6), layout="constrained")
@@ -191,7 +190,7 @@ def all_families(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _fewest(rows: Sequence[Row]) -> str:
+def _fewest(rows: Sequence[SummaryRow]) -> str:
     """Say how many swaths each pattern takes for Class 3 by its mean error."""
     counts = []
     for points in curves(rows).values():
@@ -201,7 +200,7 @@ def _fewest(rows: Sequence[Row]) -> str:
 
 
 @styled
-def distributions(area: SurveyArea, routes: dict[str, Route], rows: Sequence[Row]) -> Figure:
+def distributions(area: SurveyArea, routes: dict[str, Route], rows: Sequence[SummaryRow]) -> Figure:
     """Draw each route with its coverage, α and β."""
     figure = Figure(figsize=(FULL_IN, 2.7), layout="constrained")
     panels: Sequence[Axes] = figure.subplots(1, len(routes)).tolist()

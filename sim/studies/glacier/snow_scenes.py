@@ -10,10 +10,11 @@ import numpy as np
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.instruments.camera import rover_camera
 from sim.rendering import Renderer
-from sim.studies.glacier.image_measures import Image, Mask, Pair, local_contrast
+from sim.studies.glacier.image_measures import Mask, Pair, local_contrast
 from sim.world.scenery import fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
+from survey.data.camera import Image
 from survey.data.grid import Grid
 from survey.terrain import squared_exponential_field
 
@@ -33,7 +34,7 @@ SKIES: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Scene:
+class SnowScene:
     """A small site under one sky, seen by the default camera.
 
     Parameters
@@ -105,11 +106,11 @@ class Scene:
         return float(np.median([local_contrast(*self.frame(drive)) for drive in range(n_drives)]))
 
 
-def at_contrast(sky: Mapping[str, Any], seed: int, wanted: float = LOW_CONTRAST) -> Scene:
+def at_contrast(sky: Mapping[str, Any], seed: int, wanted: float = LOW_CONTRAST) -> SnowScene:
     """Return a scene under a sky whose texture is as strong as gives the wanted local contrast."""
     contrast = 1.0
     for _ in range(4):
-        scene = Scene(AppearanceConfig(**{**sky, "contrast": contrast}), seed)
+        scene = SnowScene(AppearanceConfig(**{**sky, "contrast": contrast}), seed)
         found = scene.ground_contrast()
         if abs(found - wanted) < 0.05 * wanted:
             break

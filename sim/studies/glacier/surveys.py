@@ -16,10 +16,9 @@ import survey
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
-from sim.montecarlo.summary import Row, write_rows
-from sim.studies import Progress
+from sim.montecarlo.summary import SummaryRow, write_rows
 from sim.studies.outputs import write_figure
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated
 from survey.core.documents import read_json
 from survey.core.store import RunFolder
@@ -75,7 +74,7 @@ _QUICK: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
-class Surveyed:
+class MissionResult:
     """What a mission left behind."""
 
     planner: str
@@ -108,7 +107,7 @@ def glacier_fig13(folder: Path, *, quick: bool, progress: Progress) -> None:
 
 
 @styled
-def paths_and_landmarks(done: list[Surveyed]) -> Figure:
+def paths_and_landmarks(done: list[MissionResult]) -> Figure:
     """Draw the paths over the landmarks that the maps were made of, as the paper's Fig. 12."""
     drawing = _side_by_side(done)
     drawing.bar.set_visible(False)
@@ -121,7 +120,7 @@ def paths_and_landmarks(done: list[Surveyed]) -> Figure:
 
 
 @styled
-def maps(done: list[Surveyed]) -> Figure:
+def maps(done: list[MissionResult]) -> Figure:
     """Draw the reconstructions in one scale of colours, as the paper's Fig. 13 a and c."""
     drawing = _side_by_side(done)
     limits = elevation_limits(*(one.map.mean for one in done))
@@ -134,7 +133,7 @@ def maps(done: list[Surveyed]) -> Figure:
 
 
 @styled
-def errors(done: list[Surveyed]) -> Figure:
+def errors(done: list[MissionResult]) -> Figure:
     """Draw the errors in one scale of colours, as the paper's Fig. 13 b and d."""
     drawing = _side_by_side(done)
     wrong = [height_error(one.map, one.real.dem, one.area) for one in done]
@@ -147,20 +146,20 @@ def errors(done: list[Surveyed]) -> Figure:
     return drawing.figure
 
 
-def _side_by_side(done: list[Surveyed]) -> MapFigure:
+def _side_by_side(done: list[MissionResult]) -> MapFigure:
     return map_figure(FULL_IN, done[0].area.bounds, n_maps=len(done))
 
 
-def _draw_path(axes: Axes, one: Surveyed) -> None:
+def _draw_path(axes: Axes, one: MissionResult) -> None:
     draw_area(axes, one.area, veil=False)
     axes.plot(*one.real.trajectory.position[:, :2].T, color=INK, linewidth=1.1, zorder=5)
 
 
-def _pattern(one: Surveyed) -> str:
+def _pattern(one: MissionResult) -> str:
     return one.planner.replace("-", " ").capitalize()
 
 
-def _row(one: Surveyed) -> Row:
+def _row(one: MissionResult) -> SummaryRow:
     path: FloatArray = one.real.trajectory.position[:, :2]
     return {
         "planner": one.planner,
@@ -172,7 +171,7 @@ def _row(one: Surveyed) -> Row:
     }
 
 
-def _surveyed(folder: Path, *, quick: bool, progress: Progress) -> list[Surveyed]:
+def _surveyed(folder: Path, *, quick: bool, progress: Progress) -> list[MissionResult]:
     """Run both missions, or read what stands of them."""
     done = []
     for index, planner in enumerate(SWATHS):
@@ -184,8 +183,8 @@ def _surveyed(folder: Path, *, quick: bool, progress: Progress) -> list[Surveyed
     return done
 
 
-def _read(planner: str, run: RunFolder) -> Surveyed:
-    return Surveyed(
+def _read(planner: str, run: RunFolder) -> MissionResult:
+    return MissionResult(
         planner,
         survey.SurveyArea.read(run.folder("plan") / "area.gpkg"),
         Truth.read(run.folder("simulate") / "truth"),

@@ -19,12 +19,11 @@ import planners
 import survey
 from sim.config.mission import AreaConfig, MissionConfig, RandomTerrain
 from sim.config.scene import SceneryConfig
-from sim.montecarlo.summary import Row, write_rows
+from sim.montecarlo.summary import SummaryRow, write_rows
 from sim.simulate.statistical import simulate_statistical
 from sim.simulate.vision import simulate_vision
-from sim.studies import Progress
 from sim.world.site import World, build_world
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.files import replacing
 from survey.core.streams import stream
 from survey.data.route import Leg, Route
@@ -102,7 +101,7 @@ def glacier_fig8(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
     area = survey.SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     route = planners.plan(area, None, planners.LawnmowerConfig(swaths=4))
     coverage = Coverage.of(route, area, sample_step_m=_SAMPLE_M)
-    row: Row = {
+    row: SummaryRow = {
         "swaths": 4,
         "driven_m": route.length_m,
         "cells_share": coverage.cells_share,
@@ -117,7 +116,7 @@ def glacier_fig8(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
 
 def glacier_tables(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa: ARG001
     """Write Tables I to III: the limits of the map classes."""
-    rows: list[Row] = [
+    rows: list[SummaryRow] = [
         {"class": one.map_class, "contour_interval_m": one.interval_m, "limiting_rmse_m": one.limit_m}
         for one in map_classes()
     ]
@@ -172,7 +171,7 @@ def _error(result: Reconstruction, done: Traverse) -> FloatArray:
     return error
 
 
-def _judged(name: str, result: Reconstruction, done: Traverse) -> Row:
+def _judged(name: str, result: Reconstruction, done: Traverse) -> SummaryRow:
     error = _error(result, done)
     hull = _hull(done.points)
     inside = shapely.contains_xy(hull, *result.mean.xy.T).reshape(error.shape)

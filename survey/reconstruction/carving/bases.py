@@ -18,7 +18,7 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 Kinds = npt.NDArray[np.uint8]
 
 
-class Cells(NamedTuple):
+class LevelCells(NamedTuple):
     """Square cells as wide as each level's length scale, one level after the other, with a rim of empty ones.
 
     ``length_m`` (E,) of the levels; ``n_east`` and ``n_north`` (E,) cells; ``first`` (E + 1,)
@@ -31,7 +31,7 @@ class Cells(NamedTuple):
     first: IntArray
 
     @classmethod
-    def over(cls, lengths_m: FloatArray, width_m: float, height_m: float) -> "Cells":
+    def over(cls, lengths_m: FloatArray, width_m: float, height_m: float) -> "LevelCells":
         """Return the cells of all levels over a rectangle from (0, 0)."""
         east, north = (np.floor(side / lengths_m).astype(np.int64) + 3 for side in (width_m, height_m))
         first = np.concatenate([[0], np.cumsum(east * north)])
@@ -56,7 +56,7 @@ class Columns(NamedTuple):
 class Bases(NamedTuple):
     """Kernels sorted by cell: places (n,) [m], weights (n,) [m], what made them (n,), and where each cell's begin."""
 
-    cells: Cells
+    cells: LevelCells
     x: FloatArray
     y: FloatArray
     weight: FloatArray
@@ -64,7 +64,7 @@ class Bases(NamedTuple):
     start: IntArray
 
     @classmethod
-    def none(cls, cells: Cells) -> "Bases":
+    def none(cls, cells: LevelCells) -> "Bases":
         """Return no bases."""
         empty = np.zeros(0)
         start = np.zeros(cells.n_cells + 1, np.int64)
@@ -98,7 +98,7 @@ class Bases(NamedTuple):
             ),
         )
 
-    def on(self, cells: Cells, east_m: float, north_m: float) -> "Bases":
+    def on(self, cells: LevelCells, east_m: float, north_m: float) -> "Bases":
         """Return the same bases on other cells, which begin so far west and south of these."""
         columns = self.columns()
         return Bases.none(cells).merged(columns._replace(x=self.x + east_m, y=self.y + north_m))
@@ -127,7 +127,7 @@ class Fresh(NamedTuple):
     n: IntArray
 
     @classmethod
-    def on(cls, cells: Cells, level: int, n_most: int) -> "Fresh":
+    def on(cls, cells: LevelCells, level: int, n_most: int) -> "Fresh":
         """Return room for so many kernels of a level."""
         n_east, n_north = int(cells.n_east[level]), int(cells.n_north[level])
         n_blocks = n_most // _BLOCK + min(n_most, n_east * n_north) + 1
@@ -234,7 +234,7 @@ def _heights(bases: Bases, xy: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def _sorted(cells: Cells, kernels: Columns) -> Bases:
+def _sorted(cells: LevelCells, kernels: Columns) -> Bases:
     """Bring kernels into the order of their cells, by counting; those of a cell stay as they came."""
     n = len(kernels.x)
     key = np.empty(n, np.int64)

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.reconstruction.carving.bases import Bases, Cells, Fresh
-from survey.reconstruction.carving.cloud import Sights
+from survey.reconstruction.carving.bases import Bases, Fresh, LevelCells
+from survey.reconstruction.carving.cloud import SightLines
 from survey.reconstruction.carving.descent import MOST_PER_POINT, Rasters, Step, Tally, Visited, descend
 
 # Nodes per length scale: of a pass's own raster, and of the one that holds all passes.
@@ -21,13 +21,13 @@ class Frame(NamedTuple):
 
     width_m: float
     height_m: float
-    cells: Cells
+    cells: LevelCells
     step_m: float
 
     @classmethod
     def over(cls, width_m: float, height_m: float, lengths_m: FloatArray) -> "Frame":
         """Return the frame of a rectangle for levels of these length scales."""
-        return cls(width_m, height_m, Cells.over(lengths_m, width_m, height_m), raster_step_m(lengths_m))
+        return cls(width_m, height_m, LevelCells.over(lengths_m, width_m, height_m), raster_step_m(lengths_m))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -40,7 +40,7 @@ def raster_step_m(lengths_m: FloatArray) -> float:
     return float(lengths_m[-1]) / _NODES_OF_LAST
 
 
-class Block(NamedTuple):
+class RasterBlock(NamedTuple):
     """A part of a raster: first row and column, rows and columns."""
 
     south: int
@@ -113,7 +113,7 @@ class CarvedSurface:
             self.raster = raster
         self.frame = frame
 
-    def learn(self, sights: Sights, order: IntArray, level: int, first_step: int) -> Tally:
+    def learn(self, sights: SightLines, order: IntArray, level: int, first_step: int) -> Tally:
         """Make one pass over points with kernels of one level."""
         xyz, origins = sights.xyz, sights.origins
         self._meet(xyz[len(self.known) :])
@@ -147,18 +147,18 @@ class CarvedSurface:
             self.before = np.concatenate([self.before, self.settled.heights(new[:, :2])])
             self.known = np.concatenate([self.known, self.latest.heights(new[:, :2])])
 
-    def _block(self, xyz: FloatArray, origins: FloatArray, reach_m: float) -> Block:
+    def _block(self, xyz: FloatArray, origins: FloatArray, reach_m: float) -> RasterBlock:
         """Return the part of the raster that a pass over points can change, with their sensors as far as they are in the frame."""
         if not self.step.carve:
-            return Block(0, 0, 2, 2)
+            return RasterBlock(0, 0, 2, 2)
         size = np.array([self.frame.width_m, self.frame.height_m])
         both = np.concatenate([xyz[:, :2], np.clip(origins[:, :2], 0.0, size)])
         low = np.floor(np.maximum(both.min(axis=0) - reach_m, 0.0) / self.frame.step_m).astype(int)
         high = np.ceil(np.minimum(both.max(axis=0) + reach_m, size) / self.frame.step_m).astype(int) + 1
         columns, rows = high - low + 1
-        return Block(int(low[1]), int(low[0]), int(rows), int(columns))
+        return RasterBlock(int(low[1]), int(low[0]), int(rows), int(columns))
 
-    def _rasters(self, length_m: float, block: Block) -> Rasters:
+    def _rasters(self, length_m: float, block: RasterBlock) -> Rasters:
         """Return the rasters of a pass: all before it, and an empty one as fine as its kernels need."""
         step_m = max(length_m / _NODES, self.frame.step_m)
         ratio = self.frame.step_m / step_m
@@ -170,7 +170,7 @@ class CarvedSurface:
         highest = np.array([float(self.raster[block.slices].max()), 0.0])
         return Rasters(self.raster, self.frame.step_m, np.zeros(shape), step_m, *corner, highest)
 
-    def _refined(self, rasters: Rasters, block: Block) -> FloatArray:
+    def _refined(self, rasters: Rasters, block: RasterBlock) -> FloatArray:
         """Return what a pass added on the fine nodes of its block."""
         if rasters.coarse_step_m == rasters.fine_step_m:
             return rasters.coarse[: block.rows, : block.columns]

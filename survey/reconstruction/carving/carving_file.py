@@ -9,7 +9,7 @@ from survey.core.config import validated
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.carving.bases import Bases, Columns
 from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame
-from survey.reconstruction.carving.cloud import Cloud, Place
+from survey.reconstruction.carving.cloud import CarvingFrame, Cloud
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.descent import Step
 
@@ -58,7 +58,9 @@ def read_carving(path: str | Path, kind: type[Model]) -> Model:
     facts, arrays = read_arrays(path, _FORMAT)
     model = kind(validated(SpaceCarvingConfig, facts["config"], "the settings of the space-carving kernels"))
     west, south, step_m, datum_m = facts["place"]
-    model.place = Place(west, south, step_m, datum_m, CRS.from_wkt(facts["crs"]), facts["vertical_datum"])
+    model.place = CarvingFrame(
+        west, south, step_m, datum_m, CRS.from_wkt(facts["crs"]), facts["vertical_datum"]
+    )
     width_m, height_m = facts["size_m"]
     model.frame = Frame.over(width_m, height_m, model.config.lengths_m())
     model.cloud = Cloud(arrays["hits"], arrays["origins"], arrays["sigma_m"], arrays["held"])

@@ -17,7 +17,7 @@ from survey.reconstruction.nodes import NodeWindow
 _TILE_M = 48.0
 
 
-class Place(NamedTuple):
+class CarvingFrame(NamedTuple):
     """Where a frame is: its south-west corner in nodes of its raster, the level of heights, CRS and vertical datum."""
 
     west: int
@@ -40,7 +40,7 @@ class Vote(NamedTuple):
     step_m: float
 
 
-class Sights(NamedTuple):
+class SightLines(NamedTuple):
     """Hits and sensors (N, 3) [m], errors of the heights (N,) [m], how deep under a surface each line of sight may run (N,) [m], and the vote.
 
     `gated` tells whether lines of sight have to earn belief.
@@ -72,7 +72,7 @@ class Cloud:
     def __len__(self) -> int:
         return len(self.xyz)
 
-    def add(self, points: SurfacePoints, place: Place, held: BoolArray) -> None:
+    def add(self, points: SurfacePoints, place: CarvingFrame, held: BoolArray) -> None:
         """Take in points; those without sensors stand for their own."""
         origins = points.xyz if points.origins is None else points.origins
         self.xyz = np.concatenate([self.xyz, points.xyz - place.corner])
@@ -85,7 +85,9 @@ class Cloud:
         self.xyz[:, :2] += by
         self.origins[:, :2] += by
 
-    def sights(self, visited: IntArray, config: SpaceCarvingConfig, size_m: tuple[float, float]) -> "Sights":
+    def sights(
+        self, visited: IntArray, config: SpaceCarvingConfig, size_m: tuple[float, float]
+    ) -> "SightLines":
         """Return what a pass goes over, in a frame of this width and height."""
         xyz, origins, sigma_m = self.xyz[visited], self.origins[visited], self.sigma_m[visited]
         slack_m = np.maximum(config.ray_sigmas * sigma_m, config.dead_band_m)
@@ -96,7 +98,7 @@ class Cloud:
             rays = LowestRays.empty(window.shape)
             rays.add(window, origins, xyz, np.zeros(len(xyz)))
             vote = Vote(rays.outvoted(), window.step_m)
-        return Sights(xyz, origins, sigma_m, slack_m, vote, gated)
+        return SightLines(xyz, origins, sigma_m, slack_m, vote, gated)
 
     def shuffled(
         self, visited: IntArray, rng: np.random.Generator, rng_of_tiles: np.random.Generator

@@ -26,7 +26,7 @@ from survey.reconstruction.base import (
 )
 from survey.reconstruction.carving.bases import BY_POINT, BY_RAY
 from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame, raster_step_m
-from survey.reconstruction.carving.cloud import Cloud, Place
+from survey.reconstruction.carving.cloud import CarvingFrame, Cloud
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.descent import Step
 from survey.reconstruction.carving.record import Pass, pass_of, rms
@@ -99,7 +99,7 @@ class SpaceCarvingKernel(TerrainModel):
     spread_m_: float = field(default=np.nan, init=False)
     """Root mean square distance of the points from the surface [m]."""
     frame: Frame = field(default=None, init=False, repr=False)  # type: ignore[assignment]  # laid with the first points
-    place: Place | None = field(default=None, init=False, repr=False)
+    place: CarvingFrame | None = field(default=None, init=False, repr=False)
     cloud: Cloud = field(default_factory=Cloud, init=False, repr=False)
     n_learned_: int = field(default=0, init=False, repr=False)
     _codes: Codes | None = field(default=None, init=False, repr=False)
@@ -140,7 +140,7 @@ class SpaceCarvingKernel(TerrainModel):
         believed = self._believed(points)
         datum_m = local_datum_m(believed.z)
         step_m = raster_step_m(self.config.lengths_m())
-        self.place = Place(0, 0, step_m, datum_m, points.crs, points.vertical_datum)
+        self.place = CarvingFrame(0, 0, step_m, datum_m, points.crs, points.vertical_datum)
         self.cloud, self.surfaces_, self.passes_, self._codes = Cloud(), {}, [], None
         self._cover(believed.xy)
         level = self.config.prior_m if self.config.prior_m is not None else float(np.median(believed.z))
@@ -288,7 +288,7 @@ class SpaceCarvingKernel(TerrainModel):
         return read_carving(path, cls)
 
     @property
-    def where(self) -> Place:
+    def where(self) -> CarvingFrame:
         """Where the frame is, the level of its heights, and their system."""
         if self.place is None:
             raise not_fitted()

@@ -1,6 +1,5 @@
 """An honest scale for the standard deviation, from points that the map was not shown."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -10,9 +9,7 @@ from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
-
-Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
-"""From the points kept (N,) and places (M, 2) to mean (M,) and variance (M,) of the surface."""
+from survey.reconstruction.observations import Predict
 
 _SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
 # Without enough points to say otherwise the scale is 1, give or take 30 %.
@@ -23,7 +20,7 @@ _N_TRIED = 6000
 
 
 @dataclass(frozen=True)
-class Calibration:
+class SigmaCalibration:
     """Factor on the standard deviation, by the distance to the nearest point.
 
     Parameters

@@ -15,7 +15,7 @@ from survey.reconstruction.gp.covariance.kernels import (
     Sum,
 )
 
-Family = Literal[
+KernelFamily = Literal[
     "auto",
     "squared-exponential",
     "matern-3/2",
@@ -71,7 +71,7 @@ class GaussianProcessConfig(Section):
 
     fit: bool = True
     """Whether to find the hyperparameters by their likelihood."""
-    family: Family = "auto"
+    family: KernelFamily = "auto"
     """Covariance function; ``auto`` takes the likeliest (the squared exponential when not fitted); two scales
     are the sum of two squared exponentials, of two Matérn 3/2 or of one of each, the smooth one first; three that of three
     squared exponentials."""
@@ -135,7 +135,7 @@ class GaussianProcessConfig(Section):
 
 
 def kernel_of(
-    family: Family,
+    family: KernelFamily,
     variance_m2: float,
     length_scale_m: float,
     *,

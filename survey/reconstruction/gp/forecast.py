@@ -6,12 +6,12 @@ from typing import Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.engines.fourier_basis import ComplexArray
 from survey.reconstruction.gp.engines.mean_solver import PointSums
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.resolution import Bounds, Resolution, amplitudes, resolve
+from survey.reconstruction.gp.engines.resolution import Resolution, amplitudes, resolve
 from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 

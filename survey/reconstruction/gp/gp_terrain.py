@@ -8,19 +8,19 @@ import numpy as np
 import numpy.typing as npt
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import BoolArray, FloatArray, checked
+from survey.core.arrays import BoolArray, Bounds, FloatArray, checked
 from survey.core.errors import InputError
 from survey.core.geodesy import UNSTATED, same_crs, same_vertical_datum
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, Capabilities, Reconstruction, TerrainModel, not_fitted
-from survey.reconstruction.gp.calibration import Calibration
+from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.learned import Learned, surface_variance
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
-from survey.reconstruction.gp.process import Bounds, Process, conditioned, leave_one_out
+from survey.reconstruction.gp.process import Process, conditioned, leave_one_out
 from survey.reconstruction.gp.satellite import with_prior_error
 from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
 from survey.reconstruction.gp.volume import Volume, quadrature
@@ -302,10 +302,10 @@ class GaussianProcessTerrain(TerrainModel):
 
     def _calibration(
         self, data: Observations, mean: Mean, variance: FloatArray, found: Hyperparameters
-    ) -> Calibration:
+    ) -> SigmaCalibration:
         wanted = self.config.fit if self.config.calibrate is None else self.config.calibrate
         if not wanted:
-            return Calibration.none()
+            return SigmaCalibration.none()
         residual = data.z - mean.at(data.xy)
         # Points beyond the grid are held out too.
         west_south, east_north = data.xy.min(axis=0), data.xy.max(axis=0)
@@ -321,7 +321,7 @@ class GaussianProcessTerrain(TerrainModel):
             height, spread = process.predict(xy)
             return height, surface_variance(process, spread, xy) + found.nugget_m**2
 
-        return Calibration.cross_validated(data.xy, residual, variance, predict, self._gaps_m(data.xy))
+        return SigmaCalibration.cross_validated(data.xy, residual, variance, predict, self._gaps_m(data.xy))
 
     def _gaps_m(self, xy: FloatArray) -> FloatArray:
         """Distances from places all over the site to the nearest point [m]."""

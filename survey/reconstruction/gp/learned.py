@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
-from survey.reconstruction.gp.calibration import Calibration
+from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.engines.variance_bound import variance_from_nearest
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.gp.process import Process
@@ -25,7 +25,7 @@ class Learned:
     process: Process
     mean: Mean
     found: Hyperparameters
-    calibration: Calibration
+    calibration: SigmaCalibration
     outliers: Outliers
     n_beyond_reach: int = 0
 

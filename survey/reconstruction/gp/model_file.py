@@ -14,7 +14,7 @@ from survey.core.config import validated
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
 from survey.data.dem import Dem
-from survey.reconstruction.gp.calibration import Calibration
+from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig, kernel_of
 from survey.reconstruction.gp.covariance.kernels import Sum
 from survey.reconstruction.gp.learned import Learned
@@ -129,7 +129,7 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any], kind: type[Model]) -
         DemMean(prior, config.prior_interpolation) if isinstance(prior, Dem) else prior or ConstantMean(0.0)
     )
     distance, scale = arrays["calibration"]
-    calibration = Calibration(distance, scale, facts["held_out"])
+    calibration = SigmaCalibration(distance, scale, facts["held_out"])
     outliers = Outliers(arrays["outlier_rows"], arrays["outlier_z"], facts["treatment"])
     return replace(
         kind(

@@ -2,15 +2,13 @@
 
 from typing import Any, Literal, Protocol, Self
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.core.errors import CapacityError
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import TrendName
-
-Bounds = tuple[float, float, float, float]
 
 # Up to this many points the dense factorization is the cheaper one.
 _N_DENSE = 400

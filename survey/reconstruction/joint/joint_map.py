@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.geodesy import same_crs, same_vertical_datum
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -16,12 +16,11 @@ from survey.data.path_error import POSE, PathError
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import ELEVATION, Reconstruction, local_datum_m
-from survey.reconstruction.gp.config import Family, GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig, KernelFamily
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.engines.resolution import (
-    Bounds,
     affordable_basis,
     amplitudes,
     modes_within,
@@ -36,7 +35,7 @@ from survey.reconstruction.joint.shared_error import SharedError, bow_levers, do
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.support import support_codes
 
-CANDIDATES: tuple[Family, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
+CANDIDATES: tuple[KernelFamily, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 """What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,
 of which landmarks tell so much that two scales go to these, and gaps between swaths would be mapped too boldly."""
 

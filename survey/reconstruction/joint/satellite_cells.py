@@ -6,13 +6,12 @@ from typing import Self
 import numpy as np
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.core.errors import InputError
 from survey.core.geodesy import transformed
 from survey.data.dem import Dem
 from survey.reconstruction.gp.config import SatelliteErrors
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
-from survey.reconstruction.gp.engines.resolution import Bounds
 
 # Beyond these many cells their covariance is no longer a detail.
 _MOST_CELLS = 4000

@@ -1,6 +1,5 @@
 """How honest a lattice's claims are, from blocks of points that it was not shown."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,9 +8,7 @@ from scipy.optimize import minimize
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
 from survey.reconstruction.base import SIGMAS_95
-
-Predict = Callable[[BoolArray, FloatArray], tuple[FloatArray, FloatArray]]
-"""From the points kept (N,) and places (M, 2) to mean (M,) and variance (M,) of the surface."""
+from survey.reconstruction.observations import Predict
 
 _BLOCK_IN_STEPS, _THIN_IN_STEPS = 4.0, 2.0
 _N_FOLDS, _SHARE = 3, 1.0 / 6.0

@@ -14,7 +14,7 @@ from survey.reconstruction.lattice.information import Information
 from survey.reconstruction.lattice.recent_points import RecentPoints
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.line_of_sight.ceiling import LowestRays
-from survey.reconstruction.nodes import Here, NodeWindow
+from survey.reconstruction.nodes import LatticeFrame, NodeWindow
 
 if TYPE_CHECKING:
     from survey.reconstruction.lattice.field_lattice import FieldLattice
@@ -71,7 +71,7 @@ def read_field(path: str | Path, kind: type[Model]) -> Model:
     )
     ends = np.cumsum(facts["lengths"])[:-1]
     model.resume(
-        Here(window, facts["datum_m"], CRS.from_wkt(facts["crs"]), facts["vertical_datum"]),
+        LatticeFrame(window, facts["datum_m"], CRS.from_wkt(facts["crs"]), facts["vertical_datum"]),
         FieldPosterior(information, arrays["z"], arrays["soft"] if arrays["soft"].size else None),
         Stiffness(*facts["stiffness"]),
         RecentPoints(np.split(arrays["recent"], ends)),

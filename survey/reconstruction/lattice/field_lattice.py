@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import BoolArray, FloatArray
+from survey.core.arrays import BoolArray, Bounds, FloatArray
 from survey.core.errors import InputError
 from survey.core.geodesy import same_crs
 from survey.data.grid import Grid
@@ -23,15 +23,13 @@ from survey.reconstruction.line_of_sight.ceiling import LowestRays, steepness
 from survey.reconstruction.line_of_sight.ghost_returns import ghosts
 from survey.reconstruction.line_of_sight.sight_lines import checked_origins, ends_far_below
 from survey.reconstruction.nodes import (
-    Here,
+    LatticeFrame,
     LatticeModel,
     NodeWindow,
     bilinear,
     require_room,
     sensor_place,
 )
-
-Bounds = tuple[float, float, float, float]
 
 _METHOD = "field"
 # A growing map takes on so many nodes more than the points need, so that it seldom grows.
@@ -85,7 +83,7 @@ class FieldLattice(LatticeModel):
 
     config: FieldLatticeConfig = field(default_factory=FieldLatticeConfig)
     bounds: Bounds | None = None
-    here: Here | None = field(default=None, init=False, repr=False)
+    here: LatticeFrame | None = field(default=None, init=False, repr=False)
     stiffness_: Stiffness = field(default=_UNTOLD, init=False)
     n_scans_: int = field(default=0, init=False)
     n_ghosts_: int = field(default=0, init=False)
@@ -108,7 +106,7 @@ class FieldLattice(LatticeModel):
             No origins though the map is to follow the sensor, or more nodes than memory.
         """
         window = self._window(points, None)
-        self.here = Here(window, local_datum_m(points.z), points.crs, points.vertical_datum)
+        self.here = LatticeFrame(window, local_datum_m(points.z), points.crs, points.vertical_datum)
         self.stiffness_ = self._given() or _UNTOLD
         self.n_scans_ = self.n_ghosts_ = 0
         self.recent = RecentPoints()
@@ -162,7 +160,7 @@ class FieldLattice(LatticeModel):
 
     def resume(
         self,
-        where: Here,
+        where: LatticeFrame,
         posterior: FieldPosterior,
         stiffness: Stiffness,
         recent: RecentPoints,

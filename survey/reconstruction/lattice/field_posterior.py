@@ -15,7 +15,7 @@ from survey.reconstruction.lattice.information import Information, plane_heights
 from survey.reconstruction.lattice.multigrid import stencil as kernel
 from survey.reconstruction.lattice.multigrid.banded import band_cholesky, band_of, exact_variance
 from survey.reconstruction.lattice.multigrid.obstacle import Ceiling, solve_below
-from survey.reconstruction.lattice.multigrid.solver import FREE, Operator, Preconditioner, Rim, solve
+from survey.reconstruction.lattice.multigrid.solver import FREE, Operator, Rim, VCyclePreconditioner, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.nodes import NodeWindow
 
@@ -112,7 +112,7 @@ class FieldPosterior:
         for _ in range(_N_SOFTENINGS if config.edge_preserving else 1):
             operator = self._operator(part, stencil, step_m, stiffness)
             if ceiling is None:
-                by = Preconditioner(operator, rim)
+                by = VCyclePreconditioner(operator, rim)
                 above, n = solve(operator, rhs, above, tolerance=config.tolerance, preconditioner=by)
             else:
                 spring = stiffness.noise_factor**2 / _CEILING_SIGMA_M**2
@@ -177,7 +177,7 @@ class FieldPosterior:
         self, operator: Operator, errors: Iterator[FloatArray], rng: np.random.Generator
     ) -> Iterator[FloatArray]:
         """Yield draws of the posterior's deviation: A⁻¹ times noise whose covariance is A."""
-        by = Preconditioner(operator, FREE)
+        by = VCyclePreconditioner(operator, FREE)
         start = np.zeros(operator.shape)
         for error in errors:
             kernel.prior_noise(

@@ -48,7 +48,7 @@ class Predicted(NamedTuple):
     away: FloatArray
 
 
-Predict = Callable[[BoolArray, FloatArray], Predicted]
+PredictHidden = Callable[[BoolArray, FloatArray], Predicted]
 """From the points kept (N,) and places (M, 2) to what a map of those points says there."""
 
 
@@ -96,7 +96,7 @@ class Scenes(NamedTuple):
     measured: BoolArray
 
 
-def bound_factors(scenes: Scenes, predict: Predict) -> BoundFactors:
+def bound_factors(scenes: Scenes, predict: PredictHidden) -> BoundFactors:
     """Leave points out, one view after the other, and return the factors that would have held for them."""
     errors, classes = [], []
     for out in _left_out(scenes):

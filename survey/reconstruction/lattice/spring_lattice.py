@@ -20,7 +20,7 @@ from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.base import Capabilities, local_datum_m
 from survey.reconstruction.lattice.config import SpringLatticeConfig
 from survey.reconstruction.lattice.multigrid.solver import Operator, solve
-from survey.reconstruction.nodes import Here, LatticeModel, NodeWindow, require_room, sensor_place
+from survey.reconstruction.nodes import LatticeFrame, LatticeModel, NodeWindow, require_room, sensor_place
 
 _FORMAT = "firnline spring lattice 1"
 _NOTE = "springs state none; the band holds the root mean square distance of a node's points from the surface, or of all points where it has none"
@@ -65,7 +65,7 @@ class SpringLattice(LatticeModel):
     method: ClassVar = "emap"
 
     config: SpringLatticeConfig = field(default_factory=SpringLatticeConfig)
-    here: Here | None = field(default=None, init=False, repr=False)
+    here: LatticeFrame | None = field(default=None, init=False, repr=False)
     z_: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), init=False, repr=False)
     """Heights of the nodes above the datum [m], (H, W)."""
     seen_: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64), init=False, repr=False)
@@ -84,7 +84,7 @@ class SpringLattice(LatticeModel):
             No origins though the lattice is to follow the sensor, or more nodes than memory.
         """
         window = self._window(points, None)
-        self.here = Here(window, local_datum_m(points.z), points.crs, points.vertical_datum)
+        self.here = LatticeFrame(window, local_datum_m(points.z), points.crs, points.vertical_datum)
         level = float(np.median(points.z)) - self.here.datum_m
         self.z_, self.seen_ = np.full(window.shape, level), np.zeros(window.shape, dtype=np.int64)
         self.squared_, self.n_scans_ = np.zeros(window.shape), 0
@@ -140,7 +140,9 @@ class SpringLattice(LatticeModel):
         facts, arrays = read_arrays(path, _FORMAT)
         model = cls(validated(SpringLatticeConfig, facts["config"], "the spring lattice's settings"))
         crs = CRS.from_wkt(facts["crs"])
-        model.here = Here(NodeWindow(*facts["window"]), facts["datum_m"], crs, facts["vertical_datum"])
+        model.here = LatticeFrame(
+            NodeWindow(*facts["window"]), facts["datum_m"], crs, facts["vertical_datum"]
+        )
         model.z_, model.seen_, model.squared_ = arrays["z"], arrays["seen"], arrays["squared"]
         model.n_scans_ = facts["n_scans"]
         return model

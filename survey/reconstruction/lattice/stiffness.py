@@ -51,7 +51,7 @@ class Stiffness(NamedTuple):
         return float(self.range_m / np.sqrt(32.0 * np.pi * self.stiffness))
 
 
-class Evidence:
+class LatticeLikelihood:
     """The likelihood of points on a small lattice, as a function of stiffness and range.
 
     Parameters
@@ -105,7 +105,7 @@ def _prior_band(range_m: float, step_m: float) -> tuple[FloatArray, float]:
 class _Joint:
     """The likelihood of several patches, at the noise factor that makes it largest."""
 
-    def __init__(self, patches: list[Evidence]) -> None:
+    def __init__(self, patches: list[LatticeLikelihood]) -> None:
         self._patches = patches
         self._n = sum(patch.n_points for patch in patches)
 
@@ -133,7 +133,7 @@ def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None)
     start : Stiffness, optional
         What was likeliest before; near it the search is short.
     """
-    patches = [Evidence(*patch, step_m) for patch in _fullest(points, step_m)]
+    patches = [LatticeLikelihood(*patch, step_m) for patch in _fullest(points, step_m)]
     if not patches:
         return None
     joint = _Joint(patches)

@@ -137,12 +137,12 @@ class Change:
 
 
 Outlines = Mapping[str, Polygon | MultiPolygon]
-Surface = Dem | Reconstruction
+ElevationSurface = Dem | Reconstruction
 
 
 def change(
-    later: Surface,
-    earlier: Surface,
+    later: ElevationSurface,
+    earlier: ElevationSurface,
     outlines: Outlines,
     *,
     stable: Polygon | MultiPolygon | None = None,
@@ -366,7 +366,7 @@ class _Carry(NamedTuple):
         )
 
 
-def _dem(surface: Surface) -> Dem:
+def _dem(surface: ElevationSurface) -> Dem:
     if isinstance(surface, Dem):
         return surface
     if surface.quantity != ELEVATION:
@@ -374,7 +374,7 @@ def _dem(surface: Surface) -> Dem:
     return surface.mean
 
 
-def _claimed(later: Surface, earlier: Surface, grid: Grid) -> FloatArray:
+def _claimed(later: ElevationSurface, earlier: ElevationSurface, grid: Grid) -> FloatArray:
     """Return the difference's stated deviations relative to their mean; 1 where a survey states none."""
     if isinstance(later, Dem) or isinstance(earlier, Dem):
         return np.ones(grid.shape)

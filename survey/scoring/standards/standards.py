@@ -18,7 +18,7 @@ NSSDA = "nssda-1998"
 ASPRS_2014 = "asprs-2014"
 EDITION_2 = "asprs-edition-2"
 
-Measure = Literal["rmse", "share", "accuracy_95", "nva_vva", "rmse_v"]
+AccuracyMeasure = Literal["rmse", "share", "accuracy_95", "nva_vva", "rmse_v"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Standard:
 
     name: str
     edition: str
-    measure: Measure
+    measure: AccuracyMeasure
     n_least: int | None = None
     quadrant_share: float | None = None
     spacing_share: float | None = None

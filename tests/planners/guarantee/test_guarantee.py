@@ -9,15 +9,15 @@ from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import AdaptiveConfig, first_swaths, gaps_filled, survey_adaptively
 from planners.guarantee.assurance import (
     Assurance,
-    Belief,
     Believed,
+    KernelPosterior,
     belief_from_prior,
     belief_from_survey,
     cautious_belief,
     fewest,
     localized_noise_m,
 )
-from planners.guarantee.guarantee import Wanted, promise, reachable_class
+from planners.guarantee.guarantee import MapRequirement, promise, reachable_class
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, SurveyArea
 from survey.core.errors import ConfigError, InputError
@@ -59,7 +59,7 @@ def test_the_chance_of_a_limit_is_that_of_drawn_errors(rng):
     heights = field[: len(xy)] + SMOOTH.noise_m * rng.standard_normal((len(xy), 400))
     weights = np.linalg.solve(among, kernel.covariance(xy, nodes)).T
     rmse = np.sqrt(np.mean((weights @ heights - field[len(xy) :]) ** 2, axis=0))
-    told = assurance.of(xy, Belief((SMOOTH,)))
+    told = assurance.of(xy, KernelPosterior((SMOOTH,)))
     # 400 draws know a share to 0.025; the unknown constant and thinned samples add a little.
     assert told.probability == pytest.approx(np.mean(rmse <= 0.5), abs=0.1)
     assert told.rmse_m == pytest.approx(rmse.mean(), rel=0.1)
@@ -67,7 +67,7 @@ def test_the_chance_of_a_limit_is_that_of_drawn_errors(rng):
 
 def test_more_swaths_promise_more():
     assurance = Assurance(AREA, limit_m=0.4572, step_m=10.0)
-    chances = [assurance.of(lines(n), Belief((SMOOTH,))).probability for n in (1, 2, 4, 8)]
+    chances = [assurance.of(lines(n), KernelPosterior((SMOOTH,))).probability for n in (1, 2, 4, 8)]
     assert chances == sorted(chances)
     assert chances[0] < 0.01
     assert chances[-1] > 0.99
@@ -170,7 +170,7 @@ def test_swaths_of_a_survey_run_across_a_marked_grain():
     assert across_marked_grain(ground, ridges) == 90.0
     assert across_marked_grain(ground, coarse(smooth_terrain())) == 0.0
     config = AdaptiveConfig(limit_m=0.3, heading_deg=90.0)
-    for swath in first_swaths(AREA, Belief((SMOOTH,)), config).swaths:
+    for swath in first_swaths(AREA, KernelPosterior((SMOOTH,)), config).swaths:
         (east, north) = np.abs(swath.axis[1] - swath.axis[0])
         assert east < 1e-9
         assert north > 200.0
@@ -180,7 +180,7 @@ def test_a_survey_is_not_given_up_for_what_a_prior_makes_one_fear():
     terrain, rng = smooth_terrain(), stream(9)
     # As likely as not the terrain is so rough that no thirty swaths would do.
     fear = Believed(Cell.of("whittle", 80.0, -12.0), 400.0, 0.1, 0.5)
-    belief = Belief((SMOOTH._replace(weight=0.5), fear))
+    belief = KernelPosterior((SMOOTH._replace(weight=0.5), fear))
     survey = survey_adaptively(
         AREA,
         belief,
@@ -204,7 +204,7 @@ def test_an_adaptive_survey_tells_when_no_survey_would_do():
 
 
 def test_a_promise_is_kept_on_simulated_terrain_and_states_what_it_assumes():
-    wanted = Wanted(0.4572, noise_m=0.1, n_simulations=30, prior_sigma_m=0.5)
+    wanted = MapRequirement(0.4572, noise_m=0.1, n_simulations=30, prior_sigma_m=0.5)
     made = promise(AREA, coarse(smooth_terrain()), wanted)
     assert made.holds
     assert made.simulated_share >= 0.9
@@ -220,7 +220,7 @@ def test_a_promise_is_kept_on_simulated_terrain_and_states_what_it_assumes():
 def test_swaths_promised_run_across_a_marked_grain():
     grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 50.0, CRS)
     ridges = Dem.on(grid, np.outer(5.0 * np.sin(np.arange(7.0)), np.ones(7)))
-    made = promise(AREA, ridges, Wanted(1.0, noise_m=0.1, n_simulations=10, prior_sigma_m=0.5))
+    made = promise(AREA, ridges, MapRequirement(1.0, noise_m=0.1, n_simulations=10, prior_sigma_m=0.5))
     for swath in made.route.swaths:
         (east, north) = np.abs(swath.axis[1] - swath.axis[0])
         assert east < 1e-9
@@ -243,13 +243,13 @@ def test_what_is_reachable_is_named_by_its_class():
 )
 def test_wishes_out_of_range_are_refused(change, words):
     with pytest.raises(ConfigError, match=words):
-        replace(Wanted(0.4572), **change)
+        replace(MapRequirement(0.4572), **change)
 
 
 def test_a_prior_too_coarse_to_tell_is_refused():
     cells = Dem.on(Grid((75.0, 75.0, 225.0, 225.0), 150.0, CRS), np.zeros((2, 2)))
     with pytest.raises(InputError, match="4 known cells"):
-        promise(AREA, cells, Wanted(0.4572))
+        promise(AREA, cells, MapRequirement(0.4572))
 
 
 def test_cells_of_a_grid_share_their_covariances_by_lag(rng):
@@ -269,6 +269,6 @@ def test_a_family_keeps_the_weight_of_all_its_cells():
     rough = [
         Believed(Cell.of("whittle", length, -12.0), 25.0, 0.1, 0.1) for length in (100.0, 200.0, 300.0, 400.0)
     ]
-    belief = Belief.of_families([*smooth, *rough])
+    belief = KernelPosterior.of_families([*smooth, *rough])
     assert [one.cell.family for one in belief.kernels] == ["squared-exponential", "whittle"]
     assert [one.weight for one in belief.kernels] == pytest.approx([0.6, 0.4])

@@ -19,12 +19,12 @@ from sim.config.sensors import (
 from sim.instruments.gps import GPS_PROFILES, GpsReceiver
 from sim.instruments.sensors import InertialUnit, MagneticCompass, StakeSpotter, WeatherField, WheelEncoders
 from sim.instruments.suite import Instruments, Log
-from sim.vehicle.motion import Motion
+from sim.vehicle.motion import RoverMotion
 
 
 def standing(seconds):
     zero, turn = np.zeros((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
-    return Motion(np.array([0.0, seconds]), zero, turn, zero, zero, np.zeros((2, 2)))
+    return RoverMotion(np.array([0.0, seconds]), zero, turn, zero, zero, np.zeros((2, 2)))
 
 
 def circling(seconds=10.0, rate=0.5, radius=4.0, hz=80):
@@ -36,7 +36,7 @@ def circling(seconds=10.0, rate=0.5, radius=4.0, hz=80):
     turn = Rotation.from_euler("z", angle[:, None]).as_quat()
     spin = np.tile([0.0, 0.0, rate], (len(t), 1))
     rolled = np.column_stack([(radius - 0.2) * angle, (radius + 0.2) * angle])
-    return Motion(t, position, turn, velocity, spin, rolled)
+    return RoverMotion(t, position, turn, velocity, spin, rolled)
 
 
 def parts_of(motion, n):
@@ -44,7 +44,7 @@ def parts_of(motion, n):
     edges = np.linspace(0, len(motion.time_s) - 1, n + 1).astype(int)
     for first, last in pairwise(edges):
         window = slice(max(first - 4, 0), last + 1)
-        yield Motion(*(getattr(motion, f)[window] for f in Motion.__dataclass_fields__))
+        yield RoverMotion(*(getattr(motion, f)[window] for f in RoverMotion.__dataclass_fields__))
 
 
 @pytest.mark.parametrize("profile", list(GPS_PROFILES))

@@ -13,7 +13,7 @@ from sim.executors import done
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import run_study
 from sim.montecarlo.summary import statistics
-from sim.montecarlo.trials import World, _localized, blocks_of, routes, survey_block
+from sim.montecarlo.trials import TrialTerrains, _localized, blocks_of, routes, survey_block
 from survey import Dem, Grid, reconstruct
 from survey.core.errors import ConfigError, InputError
 
@@ -109,7 +109,7 @@ def test_landmarks_are_mapped_as_one_estimate_with_the_path_unless_told_otherwis
     claimed = {trial.map: trial.claimed_m for trial in survey_block(study, block)}
     # One estimate claims what mission and `reconstruct` with the path claim; more landmarks do not mend the path.
     assert claimed["independent"] < claimed["joint"]
-    world = World(study, block)
+    world = TrialTerrains(study, block)
     (driven,) = routes(world, study.designs[0])
     trajectory, points = _localized(world, driven, 0)
     result = reconstruct(points, world.nodes, config=study.maps[0].gp, path=trajectory.error)

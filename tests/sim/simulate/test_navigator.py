@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from sim.config.mission import MissionConfig
 from sim.instruments.suite import Readings
 from sim.simulate.navigator import OnboardComputer
-from sim.simulate.navigator_process import Apart, navigating
+from sim.simulate.navigator_process import Subprocess, navigating
 from sim.simulate.vision import Ending, Start, simulate_vision
 from survey.core.config import validated
 from survey.core.errors import InputError
@@ -109,7 +109,7 @@ def test_a_computer_that_dies_is_told_of_in_one_sentence():
     with navigating(mission(), 2) as navigate:
         navigator = navigate(start)
         aboard = navigator._aboard
-        assert isinstance(aboard, Apart)
+        assert isinstance(aboard, Subprocess)
         os.kill(aboard._process.pid, signal.SIGKILL)
         with pytest.raises(InputError, match="ended with code -9 after about 0 images"):
             _step_often(navigator)

@@ -9,7 +9,7 @@ import pytest
 
 from sim.config.mission import MissionConfig
 from sim.instruments.lidar import Scanner, scan
-from sim.simulate.vision import Belief, Ending, simulate_vision
+from sim.simulate.vision import Ending, PoseEstimate, simulate_vision
 from sim.world.scenery import fine_terrain
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
@@ -232,13 +232,13 @@ class GpsNavigator:
 
     def __init__(self):
         self.seen = []
-        self._belief = Belief(np.array([6.0, 12.0]), 0.0)
+        self._belief = PoseEstimate(np.array([6.0, 12.0]), 0.0)
 
     def step(self, readings):
         self.seen.append(readings)
         xy = self._belief.xy if readings.gps is None else readings.gps.position[-1, :2]
         heading = self._belief.heading_rad if readings.compass is None else readings.compass.heading_rad[-1]
-        self._belief = Belief(xy, float(heading))
+        self._belief = PoseEstimate(xy, float(heading))
         return self._belief
 
     def finish(self, readings):
@@ -259,7 +259,7 @@ def test_a_rover_steers_by_what_its_navigator_believes(tmp_path):
     assert all(readings.frame is not None for readings in navigator.seen)
     shifted = GpsNavigator()
     step = shifted.step
-    shifted.step = lambda readings: Belief(step(readings).xy + [0.0, 2.0], shifted._belief.heading_rad)
+    shifted.step = lambda readings: PoseEstimate(step(readings).xy + [0.0, 2.0], shifted._belief.heading_rad)
     away = simulate_vision(ground(), SHORT, mission(**settings), tmp_path / "shifted", lambda _: shifted)
     assert away.truth.trajectory.position[-1, 1] < 12.6  # it believes itself 2 m north of where it is
 

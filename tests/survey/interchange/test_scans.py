@@ -8,7 +8,7 @@ import pytest
 
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
-from survey.interchange.scans import Track, cloud_xyz, read_scans, scan_files
+from survey.interchange.scans import SensorPath, cloud_xyz, read_scans, scan_files
 
 CRS = "EPSG:32608"
 XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.5]])
@@ -47,12 +47,12 @@ def test_a_trajectory_tells_where_the_sensor_stood(tmp_path: Path) -> None:
     SurfacePoints(XYZ, sigma_m=0.02, values=times, crs=CRS).write(path)
     track_file = tmp_path / "track.txt"
     track_file.write_text("0 0 0 2 0 0 0 1\n1 10 0 2 0 0 0 1\n", encoding="utf-8")
-    scan = read(path, track=Track.read(track_file))
+    scan = read(path, track=SensorPath.read(track_file))
     np.testing.assert_allclose(scan.origins, [[0, 0, 2], [5, 0, 2], [10, 0, 2]])
     late = tmp_path / "late.txt"
     late.write_text("5 0 0 2 0 0 0 1\n6 10 0 2 0 0 0 1\n", encoding="utf-8")
     with pytest.raises(InputError, match="same drive"):
-        read(path, track=Track.read(late))
+        read(path, track=SensorPath.read(late))
 
 
 def test_a_point_cloud_message_is_read_by_its_offsets() -> None:
@@ -111,7 +111,7 @@ def test_a_ros_2_recording_is_turned_into_the_world(tmp_path: Path) -> None:
     (file,) = scan_files([tmp_path / "bag"])
     with pytest.raises(InputError, match="--trajectory"):
         next(read_scans([file], crs=CRS, sigma_m=0.03))
-    scan = next(read_scans([file], crs=CRS, sigma_m=0.03, track=Track.read(tmp_path / "track.txt")))
+    scan = next(read_scans([file], crs=CRS, sigma_m=0.03, track=SensorPath.read(tmp_path / "track.txt")))
     # A quarter turn to the left, then 100 m east and 2 m up; the point that met nothing is left out.
     expected = np.column_stack([100.0 - XYZ[:, 1], XYZ[:, 0], XYZ[:, 2] + 2.0])
     np.testing.assert_allclose(scan.xyz, expected, atol=1e-5)

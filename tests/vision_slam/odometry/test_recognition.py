@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
 from tests.vision_slam.conftest import PlaneWorld
-from vision_slam.inertial.motion import Motion
+from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.clahe import Enhancer
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.recognition import LastViews
@@ -43,7 +43,7 @@ def test_a_rover_that_was_moved_asleep_is_found_with_the_error_that_it_claims(
     plane_world: PlaneWorld, camera: Camera
 ) -> None:
     views, poses = _views(plane_world, camera)
-    views.moved(Motion(60.0, None, None))
+    views.moved(RelativeMotion(60.0, None, None))
     enhance, rng = Enhancer(4.0, 8), np.random.default_rng(3)
     squared = []
     for _ in range(6):
@@ -63,7 +63,7 @@ def test_other_ground_is_not_recognised(
     plane_world: PlaneWorld, elsewhere: PlaneWorld, camera: Camera
 ) -> None:
     views, poses = _views(plane_world, camera)
-    views.moved(Motion(60.0, None, None))
+    views.moved(RelativeMotion(60.0, None, None))
     enhance = Enhancer(4.0, 8)
     for yaw_deg in (0.0, 20.0):
         image = enhance(elsewhere.image(poses[-1] @ _pose(0.1, yaw_deg=yaw_deg)))
@@ -74,7 +74,7 @@ def test_other_ground_is_not_recognised(
 
 def test_a_gyro_that_went_on_is_not_contradicted(plane_world: PlaneWorld, camera: Camera) -> None:
     views, poses = _views(plane_world, camera)
-    views.moved(Motion(1.0, np.eye(3), 0.1))
+    views.moved(RelativeMotion(1.0, np.eye(3), 0.1))
     image = Enhancer(4.0, 8)(plane_world.image(poses[-1] @ _pose(0.1, yaw_deg=6.0)))
     assert views.recognised(image, poses[-1] @ _pose(0.1), poses) is None
     assert views.recognised(image, poses[-1] @ _pose(0.1, yaw_deg=6.0), poses) is not None
@@ -91,7 +91,7 @@ def test_wheels_that_spin_in_a_white_out_are_found_out_after_it(
         is_blank = 9 <= k < 13
         image = np.full((240, 320), 230, np.uint8) if is_blank else plane_world.image(_pose(x_m))
         rolled = 0.6 if is_blank else STEP_M
-        slam.step(image, 0.25 * k, Motion(0.25, np.eye(3), rolled) if k else None)
+        slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), rolled) if k else None)
     health = [frame.health for frame in slam.frames]
     assert not any(frame.is_visual for frame in health[9:13])
     assert health[13].is_recognised
@@ -104,7 +104,7 @@ def test_few_corners_that_deny_the_wheels_are_doubted(plane_world: PlaneWorld, c
     # Of 1200 corners that are wanted the ground gives fewer than a quarter; from the thirteenth frame on the wheels spin.
     slam = VisualSlam(camera, VisualOdometryConfig(n_features=1200))
     for k in range(20):
-        motion = None if k == 0 else Motion(0.25, np.eye(3), 0.2 if k < 12 else 0.3)
+        motion = None if k == 0 else RelativeMotion(0.25, np.eye(3), 0.2 if k < 12 else 0.3)
         slam.step(plane_world.image(_pose(0.2 * k)), 0.25 * k, motion)
     is_visual = [frame.health.is_visual for frame in slam.frames]
     # It takes ten keyframes until the wheels' scale is known, and a frame until what is said counts.

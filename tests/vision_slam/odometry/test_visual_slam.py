@@ -19,7 +19,7 @@ from survey.data.camera import Camera, Frames
 from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes, Inertial, Wheels
 from vision_slam.config import LocalizationConfig
-from vision_slam.inertial.motion import Motion
+from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, scaled_by_first
 from vision_slam.odometry.config import VisualOdometryConfig
@@ -46,7 +46,7 @@ def _driven(world: object, camera: Camera, poses: list[FloatArray], travel: bool
         motion = None
         if k:
             step = np.linalg.inv(poses[k - 1]) @ pose
-            motion = Motion(0.25, step[:3, :3], float(step[0, 3]) if travel else None)
+            motion = RelativeMotion(0.25, step[:3, :3], float(step[0, 3]) if travel else None)
         slam.step(world.image(pose), 0.25 * k, motion)  # type: ignore[attr-defined]
     return slam
 
@@ -69,7 +69,7 @@ def test_wheels_that_slip_for_a_while_do_not_stretch_the_path(plane_world: objec
     slam = VisualSlam(camera)
     for k, pose in enumerate(poses):
         rolled = 0.2 if k < 12 or k >= 18 else 0.3
-        motion = None if k == 0 else Motion(0.25, np.eye(3), rolled)
+        motion = None if k == 0 else RelativeMotion(0.25, np.eye(3), rolled)
         slam.step(plane_world.image(pose), 0.25 * k, motion)  # type: ignore[attr-defined]
     # Wheels alone would end 0.6 m too far; images keep the scale of the metres before.
     assert abs(slam.pose(slam.frames[-1])[0, 3] - poses[-1][0, 3]) < 0.15
@@ -91,7 +91,7 @@ def test_a_frozen_camera_does_not_hold_the_rover_back(plane_world: object, camer
     slam = VisualSlam(camera)
     for k in range(len(poses)):
         shown = poses[min(k, 9)] if k < 15 else poses[k]
-        slam.step(plane_world.image(shown), 0.25 * k, Motion(0.25, np.eye(3), 0.2) if k else None)  # type: ignore[attr-defined]
+        slam.step(plane_world.image(shown), 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)  # type: ignore[attr-defined]
     is_visual = [frame.health.is_visual for frame in slam.frames]
     assert all(is_visual[1:10])
     assert not any(is_visual[10:15])
@@ -141,7 +141,7 @@ def test_a_standing_camera_invents_no_motion(plane_world: object, camera: Camera
     scene = plane_world.image(_pose(0.0)).astype(float)  # type: ignore[attr-defined]
     for k in range(15):
         noisy = (scene + rng.normal(0.0, 1.3, scene.shape)).clip(0, 255).astype(np.uint8)
-        slam.step(noisy, 0.25 * k, Motion(0.25, None, None) if k else None)
+        slam.step(noisy, 0.25 * k, RelativeMotion(0.25, None, None) if k else None)
     assert np.array_equal(slam.pose(slam.frames[-1]), np.eye(4))
     assert slam.window.newest == 0
 
@@ -153,7 +153,7 @@ def test_wheels_and_gyro_bridge_a_whiteout_that_is_declared(plane_world: object,
         image = plane_world.image(_pose(0.2 * k))  # type: ignore[attr-defined]
         if 10 <= k < 15:
             image = (235 + rng.normal(0.0, 1.3, image.shape)).clip(0, 255).astype(np.uint8)
-        slam.step(image, 0.25 * k, Motion(0.25, np.eye(3), 0.2) if k else None)
+        slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
     visual = [frame.health.is_visual for frame in slam.frames]
     assert not any(visual[10:15])
     # The first images after it find new corners, which are known from the second on.
@@ -167,7 +167,7 @@ def test_steps_of_exposure_do_not_lose_the_corners(plane_world: object, camera: 
     for k in range(24):
         light = 0.5 if 8 <= k < 14 else 1.3 if k >= 18 else 1.0
         image = np.clip(light * plane_world.image(_pose(0.2 * k)), 0, 255).astype(np.uint8)  # type: ignore[attr-defined]
-        slam.step(image, 0.25 * k, Motion(0.25, np.eye(3), 0.2) if k else None)
+        slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
     assert all(frame.health.is_visual for frame in slam.frames[1:])
     assert np.linalg.norm(slam.pose(slam.frames[-1])[:3, 3] - [4.6, 0.0, 0.0]) < 0.01 * 4.6
 
@@ -180,7 +180,7 @@ def test_the_few_corners_that_outlive_a_leap_are_not_believed(plane_world: objec
         if k >= 10:
             strange = plane_world.image(_pose(40.0 + 0.2 * k))  # type: ignore[attr-defined]
             image[:, 60:] = strange[:, 60:]
-        slam.step(image, 0.25 * k, Motion(0.25, np.eye(3), 0.2) if k else None)
+        slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
     is_visual = [frame.health.is_visual for frame in slam.frames]
     assert all(is_visual[1:10])
     assert not is_visual[10]
@@ -254,7 +254,7 @@ def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None
         step = np.linalg.inv(before) @ pose
         guess = pose.copy()
         guess[:3, 3] += rng.normal(0.0, 0.01, 3)
-        window.add(guess, Motion(0.25, step[:3, :3], float(np.linalg.norm(step[:3, 3]))))
+        window.add(guess, RelativeMotion(0.25, step[:3, :3], float(np.linalg.norm(step[:3, 3]))))
     between = list(window._between)
     rays = np.concatenate([plane, np.ones((4, 40, 1))], axis=2)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
@@ -306,7 +306,7 @@ def test_corners_that_jump_do_not_bend_the_window(camera: Camera) -> None:
     window = Window(camera, VisualOdometryConfig())
     window.add(real[0], None)
     for pose in real[1:]:
-        window.add(pose.copy(), Motion(0.25, np.eye(3), 0.25))
+        window.add(pose.copy(), RelativeMotion(0.25, np.eye(3), 0.25))
     tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
     agree = window.solve(tracks)
     # All else is exact: what the leaping corners bend shows in full.
@@ -318,7 +318,7 @@ def test_a_horizon_that_turns_with_the_camera_leaves_the_poses_and_is_mostly_giv
     """Drops on the lens or noise: twenty corners stay where they are in the image while the gyro turns by 170 degrees."""
     window = Window(camera, VisualOdometryConfig())
     window.add(_pose(0.0), None)
-    window.add(_pose(0.25, 170.0), Motion(0.25, _pose(0.0, 170.0)[:3, :3], 0.25))
+    window.add(_pose(0.25, 170.0), RelativeMotion(0.25, _pose(0.0, 170.0)[:3, :3], 0.25))
     ahead = np.column_stack([np.ones(20), 0.005 * np.arange(20), np.full(20, 0.05)])
     rays = ahead / np.linalg.norm(ahead, axis=1, keepdims=True) @ camera.T_body_camera[:3, :3]
     agree = window.solve([Track(np.zeros(2), [0, 1], [ray, ray]) for ray in rays])
@@ -360,7 +360,7 @@ def test_colour_and_grey_are_the_same_drive(plane_world: object, camera: Camera)
     images = [plane_world.image(_pose(0.2 * k)) for k in range(3)]  # type: ignore[attr-defined]
     grey, colour = VisualSlam(camera), VisualSlam(camera)
     for k, image in enumerate(images):
-        motion = Motion(0.25, np.eye(3), 0.2) if k else None
+        motion = RelativeMotion(0.25, np.eye(3), 0.2) if k else None
         grey.step(image, 0.25 * k, motion)
         colour.step(np.repeat(image[:, :, None], 3, axis=2), 0.25 * k, motion)
     assert np.array_equal(grey.window.poses[-1], colour.window.poses[-1])

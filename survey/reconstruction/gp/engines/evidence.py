@@ -17,7 +17,7 @@ from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 
 @dataclass(frozen=True)
-class Evidence:
+class MarginalLikelihood:
     r"""Log marginal likelihood of the points, the trend's coefficients integrated out.
 
     .. math::  \log p = -\tfrac12 \left( y^T \Pi y + \log |K + N| + \log |P^T (K + N)^{-1} P|

@@ -10,16 +10,15 @@ from typing import Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, checked
+from survey.core.arrays import Bounds, FloatArray, checked
 from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.stationary import Kernel
-from survey.reconstruction.gp.engines.evidence import Evidence
+from survey.reconstruction.gp.engines.evidence import MarginalLikelihood
 from survey.reconstruction.gp.engines.fourier_basis import ComplexArray
 from survey.reconstruction.gp.engines.mean_solver import MeanSystem, PointSums, inner
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
 from survey.reconstruction.gp.engines.resolution import (
-    Bounds,
     Resolution,
     amplitudes,
     line_variances,
@@ -215,10 +214,10 @@ class FourierGaussianProcess:
         return variance
 
     @cached_property
-    def evidence(self) -> Evidence:
+    def evidence(self) -> MarginalLikelihood:
         """Likelihood with its gradient, and leave-one-out predictions, with the waves of the covariance."""
         noise = self.data.noise_m2 + self.resolution.tail_m2
-        return Evidence(self.kernel, self.data, self.trend, noise, self.posterior)
+        return MarginalLikelihood(self.kernel, self.data, self.trend, noise, self.posterior)
 
     @property
     def log_marginal_likelihood(self) -> float:

@@ -88,7 +88,7 @@ class MeanSystem:
         starts: tuple[ComplexArray, ...] | None = None,
     ) -> tuple[ComplexArray, ...]:
         """Weights for every data column, starting from given ones or from the fewer waves' own answer."""
-        preconditioner = Preconditioner(posterior)
+        preconditioner = FourierPreconditioner(posterior)
         sides = [self.right_hand_side(moment) for moment in sums.moments]
         if starts is None:
             starts = tuple(preconditioner.alone(side) for side in sides)
@@ -96,7 +96,11 @@ class MeanSystem:
         return tuple(self.solve(side, preconditioner, accuracy, start) for side, start in pairs)
 
     def solve(
-        self, side: ComplexArray, preconditioner: "Preconditioner", accuracy: float, start: ComplexArray
+        self,
+        side: ComplexArray,
+        preconditioner: "FourierPreconditioner",
+        accuracy: float,
+        start: ComplexArray,
     ) -> ComplexArray:
         """Solve by conjugate gradients until the error of the weights is below `accuracy`.
 
@@ -132,7 +136,7 @@ class MeanSystem:
 
 
 @dataclass(frozen=True)
-class Preconditioner:
+class FourierPreconditioner:
     """Covariance of the fewer waves on their weights, the identity on the others."""
 
     posterior: WeightPosterior

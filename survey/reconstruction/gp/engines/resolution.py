@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.errors import CapacityError
 from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
-
-Bounds = tuple[float, float, float, float]
 
 # Largest |p| or |q| of a wave of the mean; its transforms are then 1,024 squared.
 LARGEST_HALF = 256

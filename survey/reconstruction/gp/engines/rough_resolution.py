@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.errors import CapacityError
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
 from survey.reconstruction.gp.engines.resolution import (
     LARGEST_HALF,
-    Bounds,
     Resolution,
     modes_within,
     resolve,

@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.reconstruction.gp.config import Family, GaussianProcessConfig, kernel_of
+from survey.reconstruction.gp.config import GaussianProcessConfig, KernelFamily, kernel_of
 from survey.reconstruction.gp.covariance.kernels import Kernel, Sum
 
-CANDIDATES: tuple[Family, ...] = ("squared-exponential", "matern-3/2", "two-scale", "two-scale-matern")
+CANDIDATES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-3/2", "two-scale", "two-scale-matern")
 """What ``family = "auto"`` chooses from."""
 
 _N_SEARCHED = 640
@@ -27,7 +27,7 @@ _STEP = 1e-4
 class Hyperparameters:
     """A covariance function, the relief too fine to be mapped [m], and the log likelihood that chose them."""
 
-    family: Family
+    family: KernelFamily
     kernel: Kernel
     nugget_m: float
     log_likelihood: float
@@ -51,7 +51,7 @@ def likeliest(
     config: GaussianProcessConfig,
     shared: SharedCovariance | None = None,
     *,
-    candidates: tuple[Family, ...] = CANDIDATES,
+    candidates: tuple[KernelFamily, ...] = CANDIDATES,
 ) -> Hyperparameters:
     """Fit the families that `config` allows to at most 640 of the points, and return the likeliest.
 
@@ -104,12 +104,12 @@ class _Search:
         together = None if shared is None else (shared[pairs], np.diag(shared))
         return cls(values - values.mean(), noise_m2, lags, pairs, extent, nugget_m, together)
 
-    def fit(self, family: Family, config: GaussianProcessConfig) -> Hyperparameters:
+    def fit(self, family: KernelFamily, config: GaussianProcessConfig) -> Hyperparameters:
         """Climb to the greatest likelihood of one family, from one start a long and one a short way off."""
         found = [self._climb(family, config, share) for share in (0.15, 0.04)]
         return max(found, key=lambda one: one.log_likelihood)
 
-    def _climb(self, family: Family, config: GaussianProcessConfig, share: float) -> Hyperparameters:
+    def _climb(self, family: KernelFamily, config: GaussianProcessConfig, share: float) -> Hyperparameters:
         noise = float(np.median(self.noise_m2))
         spread = max(float(np.var(self.values)), noise)
         start = kernel_of(

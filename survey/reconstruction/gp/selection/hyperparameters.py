@@ -8,13 +8,13 @@ import numpy as np
 from scipy.optimize import Bounds as Limits
 from scipy.optimize import minimize
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential, Sum
-from survey.reconstruction.gp.engines.evidence import Evidence
+from survey.reconstruction.gp.engines.evidence import MarginalLikelihood
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
-from survey.reconstruction.gp.engines.resolution import Bounds, affordable_basis, modes_within, sharpest_std_m
+from survey.reconstruction.gp.engines.resolution import affordable_basis, modes_within, sharpest_std_m
 
 
 class Stage(NamedTuple):
@@ -110,7 +110,7 @@ class KernelFit:
         basis = affordable_basis(kernel, self.bounds, sharpest, stage.tolerance * sharpest, n_modes)
         trend = PolynomialTrend(self.trend, basis.box)
         extra = (scale**2 - 1) * stated + nugget
-        evidence = Evidence.of(kernel, basis, self.data, trend, extra)
+        evidence = MarginalLikelihood.of(kernel, basis, self.data, trend, extra)
         gradient = [evidence.kernel_gradient]
         if self.with_nugget:
             gradient.append(np.array([nugget * evidence.noise_gradient.sum()]))

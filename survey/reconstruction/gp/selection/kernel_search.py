@@ -35,15 +35,15 @@ from survey.reconstruction.gp.covariance.kernels import (
 )
 from survey.reconstruction.gp.covariance.stationary import Stationary
 
-Family = Literal["squared-exponential", "matern-5/2", "matern-3/2", "whittle"]
+SearchedFamily = Literal["squared-exponential", "matern-5/2", "matern-3/2", "whittle"]
 
-SEARCHED: tuple[Family, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
+SEARCHED: tuple[SearchedFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 """Families that a search compares unless told otherwise."""
 
-ALL: tuple[Family, ...] = (*SEARCHED, "whittle")
+ALL: tuple[SearchedFamily, ...] = (*SEARCHED, "whittle")
 """Every family that can be searched, the smoothest first."""
 
-_KINDS: dict[Family, type[Stationary]] = {
+_KINDS: dict[SearchedFamily, type[Stationary]] = {
     "squared-exponential": SquaredExponential,
     "matern-5/2": Matern52,
     "matern-3/2": Matern32,
@@ -72,12 +72,12 @@ likeliest is told near the tops alone.
 class Cell(NamedTuple):
     """A covariance up to its variance: family, length scale 2^(length/4) m, ratio 2^ratio."""
 
-    family: Family
+    family: SearchedFamily
     length: float
     ratio: float
 
     @classmethod
-    def of(cls, family: Family, length_scale_m: float, ratio: float) -> "Cell":
+    def of(cls, family: SearchedFamily, length_scale_m: float, ratio: float) -> "Cell":
         """Return the cell of a given covariance; its length scale and ratio need not lie on the lattice."""
         length = _PER_DOUBLING * float(np.log2(length_scale_m))
         return cls(family, length, max(float(np.log2(max(ratio, 1e-300))), _LEAST_RATIO))
@@ -177,7 +177,7 @@ class KernelSearch:
     xy: FloatArray
     heights: FloatArray
     noise_m: float
-    families: tuple[Family, ...] = SEARCHED
+    families: tuple[SearchedFamily, ...] = SEARCHED
     most: int = _MOST_SEARCHED
 
     def __post_init__(self) -> None:
@@ -348,7 +348,7 @@ class _View:
             for top in dict.fromkeys(best):
                 yield top, np.array([one == top for one in best]) & (logs > -np.inf)
 
-    def racing(self, families: Sequence[Family], within: float) -> Iterator[_Wish]:
+    def racing(self, families: Sequence[SearchedFamily], within: float) -> Iterator[_Wish]:
         """Return the best cell of every family for the surveys that it makes nearly as likely as any [nats]."""
         mine = {family: [cell for cell in self.seen if cell.family == family] for family in families}
         bests = [self.best(cells) for cells in mine.values() if cells]

@@ -17,9 +17,9 @@ from survey.core.arrays import FloatArray
 from survey.reconstruction.lattice.multigrid.solver import (
     FREE,
     Operator,
-    Preconditioner,
     Rim,
     Solution,
+    VCyclePreconditioner,
     solve,
 )
 
@@ -99,7 +99,7 @@ def solve_below(
     z, n_iterations = start, 0
     # At first all springs pull as they like: a soft surface far above its ceiling is no contradiction.
     pull = foreseen = ceiling._replace(yield_m=np.inf).pull(z)
-    by = Preconditioner(_pulled(operator, foreseen), rim)
+    by = VCyclePreconditioner(_pulled(operator, foreseen), rim)
     allowed = _ROUGHLY * tolerance
     for _ in range(_MOST_STEPS):
         z, n = solve(_pulled(operator, pull), rhs + pull * level, z, tolerance=allowed, preconditioner=by)
@@ -112,7 +112,7 @@ def solve_below(
         # A preconditioner made for stronger springs still serves; for weaker ones it could fail.
         if (pull > foreseen).any():
             foreseen = np.maximum(pull, foreseen)
-            by = Preconditioner(_pulled(operator, foreseen), rim)
+            by = VCyclePreconditioner(_pulled(operator, foreseen), rim)
     return Solution(z, n_iterations)
 
 

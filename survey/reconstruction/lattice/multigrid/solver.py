@@ -30,7 +30,7 @@ FREE = Rim()
 """Nothing is held fixed."""
 
 
-class Preconditioner:
+class VCyclePreconditioner:
     """One V-cycle as an approximate inverse, symmetric and positive definite.
 
     Parameters
@@ -66,7 +66,7 @@ def solve(
     start: FloatArray,
     *,
     tolerance: float = 1e-2,
-    preconditioner: Preconditioner | None = None,
+    preconditioner: VCyclePreconditioner | None = None,
     max_iterations: int = 300,
 ) -> Solution:
     r"""Solve ``A z = rhs`` by preconditioned conjugate gradients.
@@ -107,9 +107,9 @@ def solve(
     """
     if not operator.shape == rhs.shape == start.shape:
         raise ValueError(f"shapes differ: operator {operator.shape}, rhs {rhs.shape}, start {start.shape}")
-    by = preconditioner or Preconditioner(operator)
+    by = preconditioner or VCyclePreconditioner(operator)
     until = (tolerance, max_iterations)
     return Solution(*multigrid.conjugate_gradients(operator, by.levels, rhs, start, until))
 
 
-__all__ = ["FREE", "Operator", "Preconditioner", "Rim", "Solution", "solve"]
+__all__ = ["FREE", "Operator", "Rim", "Solution", "VCyclePreconditioner", "solve"]

@@ -9,11 +9,11 @@ from sim.studies import study
 from sim.studies.carving.bounds_and_timing import ROUGH, TERRAINS
 from sim.studies.carving.maps import SLOPE_DEG, downhill_drive
 from sim.studies.carving.sine import SENSOR_M, seen_of_the_sine, sine
-from sim.studies.carving.world import NOISE_M, Trial
+from sim.studies.carving.world import NOISE_M, ScanTrial
 
 
 def test_hits_lie_on_the_ground_and_lines_of_sight_above_it() -> None:
-    trial = Trial.new("piles", 7, n_train=500, n_test=200)
+    trial = ScanTrial.new("piles", 7, n_train=500, n_test=200)
     assert (len(trial.train), len(trial.test), len(trial.reference)) == (500, 200, 3600)
     off = trial.train.z - trial.world.heights(trial.train.xy)
     # Most rays graze the ground, where an error of the range is a smaller one of the height.
@@ -28,11 +28,11 @@ def test_hits_lie_on_the_ground_and_lines_of_sight_above_it() -> None:
 def test_terrains_are_known_by_their_seed_and_get_flatter() -> None:
     relief = {}
     for name in TERRAINS:
-        z = Trial.new(name, 7, n_train=10, n_test=10).reference[:, 2]
+        z = ScanTrial.new(name, 7, n_train=10, n_test=10).reference[:, 2]
         relief[name] = float(np.ptp(z))
     assert min(relief[name] for name in ROUGH) > relief["nearly flat"] > relief["flat"] > 0.0
-    again = Trial.new("flat", 7, n_train=10, n_test=10)
-    np.testing.assert_array_equal(again.train.xyz, Trial.new("flat", 7, n_train=10, n_test=10).train.xyz)
+    again = ScanTrial.new("flat", 7, n_train=10, n_test=10)
+    np.testing.assert_array_equal(again.train.xyz, ScanTrial.new("flat", 7, n_train=10, n_test=10).train.xyz)
 
 
 def test_the_lane_falls_by_five_degrees() -> None:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sim.studies import study
-from sim.studies.emap.world import HeightField, beams, utilities, weighted_mse_cm2
+from sim.studies.emap.world import RasterHeights, beams, utilities, weighted_mse_cm2
 from survey.core.errors import InputError
 
 
 def test_rays_meet_a_slope_where_geometry_says() -> None:
-    field = HeightField.of(lambda xy: 0.2 * xy[:, 0], (-12.0, -12.0, 12.0, 12.0))
+    field = RasterHeights.of(lambda xy: 0.2 * xy[:, 0], (-12.0, -12.0, 12.0, 12.0))
     rays = np.array([[0.6, 0.0, -0.8], [0.0, 0.6, -0.8], [-0.6, 0.0, -0.8], [0.0, 0.0, 1.0]])
     # 2 - 0.8 t = 0.2 · 0.6 t, and the like; the last ray goes up.
     expected = [2.0 / 0.92, 2.5, 2.0 / 0.68, np.inf]

@@ -7,9 +7,9 @@ from survey.reconstruction.carving.bases import (
     BY_POINT,
     BY_RAY,
     Bases,
-    Cells,
     Columns,
     Fresh,
+    LevelCells,
     add_fresh,
     fresh_height,
 )
@@ -54,11 +54,11 @@ def by_hand(kernels: Columns, lengths: np.ndarray, xy: np.ndarray) -> np.ndarray
 def test_sums_by_cells_are_sums_over_all_kernels(rng: np.random.Generator) -> None:
     lengths = np.array([3.0, 1.1, 0.4])
     kernels = columns(rng, 400, 3)
-    bases = Bases.none(Cells.over(lengths, 9.0, 7.0)).merged(kernels)
+    bases = Bases.none(LevelCells.over(lengths, 9.0, 7.0)).merged(kernels)
     xy = rng.uniform(0.0, 1.0, (50, 2)) * (9.0, 7.0)
     # 400 terms of order 1 in another order.
     np.testing.assert_allclose(bases.heights(xy), by_hand(kernels, lengths, xy), atol=1e-12)
-    wider = bases.on(Cells.over(lengths, 20.0, 30.0), 5.0, 8.0)
+    wider = bases.on(LevelCells.over(lengths, 20.0, 30.0), 5.0, 8.0)
     np.testing.assert_allclose(wider.heights(xy + (5.0, 8.0)), bases.heights(xy), atol=1e-12)
     assert sorted(wider.made_by) == sorted(bases.made_by)
 
@@ -66,7 +66,7 @@ def test_sums_by_cells_are_sums_over_all_kernels(rng: np.random.Generator) -> No
 def test_kernels_being_added_count_at_once(rng: np.random.Generator) -> None:
     lengths = np.array([2.0])
     kernels = columns(rng, 300, 1)
-    fresh = Fresh.on(Cells.over(lengths, 9.0, 7.0), 0, 300)
+    fresh = Fresh.on(LevelCells.over(lengths, 9.0, 7.0), 0, 300)
     for x, y, weight, made_by, _ in zip(*kernels, strict=True):
         add_fresh(fresh, x, y, weight, made_by)
     xy = np.array([[4.0, 3.0], [0.0, 0.0], [9.0, 7.0]])

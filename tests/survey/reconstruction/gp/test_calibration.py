@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.reconstruction.gp.calibration import Calibration, left_out
+from survey.reconstruction.gp.calibration import SigmaCalibration, left_out
 
 RNG = np.random.default_rng(3)
 SWATHS = np.column_stack([100.0 * RNG.integers(0, 4, 900) + RNG.normal(0, 6, 900), RNG.uniform(0, 400, 900)])
@@ -33,7 +33,7 @@ def test_bold_maps_are_scaled_up_and_cautious_ones_left(spread: float, low: floa
         assert kept.sum() + len(xy) == 900
         return np.zeros(len(xy)), np.ones(len(xy))
 
-    found = Calibration.cross_validated(SWATHS, values, np.full(900, 1e-4), predict, GAPS)
+    found = SigmaCalibration.cross_validated(SWATHS, values, np.full(900, 1e-4), predict, GAPS)
     assert low <= found.at(np.array([5.0]))[0] <= high
     assert found.held_out["coverage_95_after"] >= found.held_out["coverage_95_before"]
 
@@ -45,7 +45,7 @@ def test_a_survey_of_one_corner_still_keeps_most_of_its_points() -> None:
 
 
 def test_few_points_change_nothing() -> None:
-    found = Calibration.cross_validated(
+    found = SigmaCalibration.cross_validated(
         SWATHS[:40], np.full(40, 9.0), np.ones(40), lambda _, xy: (np.zeros(len(xy)), np.ones(len(xy))), GAPS
     )
     assert found.at(np.array([0.0, 50.0])).tolist() == [1.0, 1.0]

@@ -14,7 +14,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.multigrid.solver import Operator, Preconditioner, Rim, solve
+from survey.reconstruction.lattice.multigrid.solver import Operator, Rim, VCyclePreconditioner, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.line_of_sight.ghost_returns import ghosts
 
@@ -208,7 +208,7 @@ def test_samples_have_the_posteriors_mean_and_spread() -> None:
 def test_the_v_cycle_is_symmetric_and_held_rims_stay() -> None:
     stencil = field().fit(scan(hills(60))).posterior.information.stencil
     operator = Operator(stencil, Stiffness(50.0, 10.0).weights(0.5))
-    cycle = Preconditioner(operator, Rim(2, 0, 0, 2))
+    cycle = VCyclePreconditioner(operator, Rim(2, 0, 0, 2))
     a, b = np.random.default_rng(0).standard_normal((2, 20, 20))
     assert np.isclose(np.sum(a * cycle(b)), np.sum(b * cycle(a)), rtol=1e-10)
     start = np.random.default_rng(1).standard_normal((20, 20))

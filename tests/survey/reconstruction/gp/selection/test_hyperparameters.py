@@ -6,7 +6,7 @@ import pytest
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential, Sum
-from survey.reconstruction.gp.engines.evidence import Evidence
+from survey.reconstruction.gp.engines.evidence import MarginalLikelihood
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
 from survey.reconstruction.gp.engines.resolution import affordable_basis
@@ -44,10 +44,10 @@ def test_gradient_matches_finite_differences(kernel: Kernel, tolerance_m: float,
     surface = PolynomialTrend(trend, basis.box)
 
     def value(theta: FloatArray, extra: float = 0.0) -> float:
-        return Evidence.of(kernel.with_log_parameters(theta), basis, data, surface, extra).value
+        return MarginalLikelihood.of(kernel.with_log_parameters(theta), basis, data, surface, extra).value
 
     theta = kernel.log_parameters
-    evidence = Evidence.of(kernel, basis, data, surface)
+    evidence = MarginalLikelihood.of(kernel, basis, data, surface)
     differences = [(value(theta + e) - value(theta - e)) / 2e-5 for e in 1e-5 * np.eye(len(theta))]
     scale = np.abs(differences).max()
     # rounding of a log determinant over a step of 2e-5
