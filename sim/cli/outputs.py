@@ -1,0 +1,85 @@
+"""Checks of a command's outputs, made before any work starts."""
+
+import os
+import tempfile
+from collections.abc import Collection, Iterable
+from pathlib import Path
+
+
+def refuse_existing(
+    outputs: Iterable[Path],
+    *,
+    force: bool,
+    inputs: Iterable[Path | None] = (),
+    own: Collection[str] = (),
+) -> None:
+    """Refuse outputs that exist, that are inputs, or that cannot be written.
+
+    Parameters
+    ----------
+    outputs : iterable of pathlib.Path
+        Every file or folder that the command will write, companions included (``route.png``).
+        An empty folder counts as missing.
+    force : bool
+        Whether an output that exists may be replaced. An input is never replaced.
+    inputs : iterable of pathlib.Path or None
+        Every file or folder that the command reads; None stands for an option that was not given.
+    own : collection of str
+        For output folders: patterns of the files that the command writes there, as for
+        `survey.core.exchange.replacing_folder`. Without them all outputs are files.
+
+    Raises
+    ------
+    InputError
+        One sentence that names the output and what to do.
+    """
+    given = [Path(path).resolve() for path in inputs if path is not None]
+    for output in outputs:
+        _refuse_input(output, given)
+        _refuse_unwritable(output, is_folder=bool(own))
+        _refuse_present(output, force=force, own=own)
+
+
+def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
+    from survey.core.errors import InputError
+
+    place = output.resolve()
+    for path in inputs:
+        if path == place or place in path.parents:
+            raise InputError(
+                f"the output {output} is or contains the input {path}; choose another place for the output."
+            )
+
+
+def _refuse_unwritable(output: Path, *, is_folder: bool) -> None:
+    """Refuse a place in which nothing can be created; the missing parents of an output folder will be."""
+    from survey.core.errors import InputError
+    from survey.core.exchange import write_refusal
+
+    parent = output.resolve().parent
+    while is_folder and not os.path.lexists(parent):
+        parent = parent.parent
+    if not parent.is_dir():
+        found = "is a file" if os.path.lexists(parent) else "does not exist"
+        raise InputError(
+            f"{output} cannot be written: {parent} {found}, and a folder was expected; choose another place."
+        )
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".firnline-", dir=parent))  # noqa: PTH106
+    except OSError as error:
+        raise write_refusal(output, error) from error
+
+
+def _refuse_present(output: Path, *, force: bool, own: Collection[str]) -> None:
+    from survey.core.errors import InputError
+    from survey.core.exchange import refuse_foreign
+
+    if not os.path.lexists(output):
+        return
+    is_folder = output.is_dir()
+    if not force and not (is_folder and not any(output.iterdir())):
+        raise InputError(f"{output} exists; choose another name or add --force to replace it.")
+    if own:
+        refuse_foreign(output, own)
+    elif is_folder:
+        raise InputError(f"{output} is a folder, and a file was to be written; choose another name.")
