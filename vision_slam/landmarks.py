@@ -51,7 +51,8 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
     points = SurfacePoints(
         path.position[pose] + arm,
         covariance=_symmetric(own + shared),
-        origins=path.position[pose],
+        origins=path.position[pose] + rotation @ recording.camera_in_body_m,
+        body=path.position[pose],
         range_m=sightings.range_m[keep],
         crs=recording.crs,
         vertical_datum=recording.vertical_datum,

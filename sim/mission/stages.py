@@ -173,14 +173,12 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
 def _bounded(
     result: survey.Reconstruction, points: survey.SurfacePoints, mission: MissionConfig
 ) -> survey.Reconstruction:
-    """Return the map below its landmarks' lines of sight, if they are to count; they begin at the camera, not at the body."""
+    """Return the map bounded by its landmarks' lines of sight, if the mission asks for it."""
     if not mission.reconstruction.rays:
         return result
     from survey.reconstruction.line_of_sight.truncation import below_sight_lines
 
-    up = np.array([0.0, 0.0, mission.rover.camera_height_m])
-    camera = None if points.origins is None else points.origins + up
-    return below_sight_lines(result, replace(points, origins=camera))
+    return below_sight_lines(result, points)
 
 
 def within(prior: survey.Dem, points: survey.SurfacePoints) -> survey.SurfacePoints:

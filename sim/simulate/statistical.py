@@ -80,6 +80,7 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
         _sightings(terrain, trajectory, attitude, mission, stream(seed, "sensors", "landmarks")),
         mission.rover.antenna_height_m,
         terrain.vertical_datum,
+        camera_height_m=mission.rover.camera_height_m,
     )
     return with_aids(recording, trajectory, attitude, route, mission), Truth(terrain, trajectory)
 

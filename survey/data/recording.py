@@ -40,6 +40,8 @@ class RecordingHeader(Section):
     """Surveyed position of the start: easting, northing, elevation [m]."""
     antenna_height_m: float
     """Height of the GPS antenna above the ground [m]."""
+    camera_height_m: float = 0.0
+    """Height of the camera above the body's origin [m], for recordings without a camera's calibration."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,8 @@ class Recording:
         Height of the GPS antenna above the ground [m].
     vertical_datum : str
         What heights count from.
+    camera_height_m : float
+        Height of the camera above the body's origin [m]; used where there is no `camera`.
     """
 
     crs: CRS
@@ -94,6 +98,7 @@ class Recording:
     closures: Closures | None = None
     camera: Camera | None = None
     frames: Frames | None = None
+    camera_height_m: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "crs", projected_crs(self.crs, "the recording"))
@@ -110,6 +115,13 @@ class Recording:
                 raise InputError(
                     f"a sighting names a stake outside 0 … {n_stakes - 1}; add it to stakes.csv."
                 )
+
+    @property
+    def camera_in_body_m(self) -> FloatArray:
+        """Place of the camera in the body frame (3,) [m]."""
+        if self.camera is None:
+            return np.array([0.0, 0.0, self.camera_height_m])
+        return self.camera.T_body_camera[:3, 3]
 
     def _check_sightings(self, sightings: Sightings) -> None:
         if self.odometry is None:
@@ -153,6 +165,7 @@ class Recording:
             vertical_datum=self.vertical_datum,
             start_m=(east, north, up),
             antenna_height_m=self.antenna_height_m,
+            camera_height_m=self.camera_height_m,
         )
         with replacing(place / "recording.json") as draft:
             draft.write_text(header.model_dump_json(indent=2) + "\n", encoding="utf-8")
@@ -187,6 +200,7 @@ class Recording:
             crs=projected_crs(header.crs, str(file)),
             start=np.array(header.start_m),
             antenna_height_m=header.antenna_height_m,
+            camera_height_m=header.camera_height_m,
             vertical_datum=header.vertical_datum,
             camera=Camera.read(place / "camera.toml") if (place / "camera.toml").exists() else None,
             frames=Frames.read(place / "frames") if (place / "frames").exists() else None,

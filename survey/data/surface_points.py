@@ -25,6 +25,7 @@ _COVARIANCE = {
 }
 _OWN = {f"own_{name}": place for name, place in _COVARIANCE.items()}
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
+_BODY = ("body_x_m", "body_y_m", "body_z_m")
 _RANGE = "range_m"
 _KEYFRAME, _HEADING = "keyframe", "heading_rad"
 _VALUE_SIGMA = "sigma_"
@@ -44,7 +45,7 @@ class SurfacePoints:
         Standard deviation of the elevation [m], for points whose place is exact. Give
         this or `covariance`.
     origins : (N, 3) array_like, optional
-        Where the sensor stood [m].
+        Where the sensor stood [m]: a camera, a scanner or an antenna, not the vehicle's foot.
     range_m : (N,) array_like, optional
         Distance from the sensor when the point was first seen [m].
     values : mapping of str to (N,) array_like
@@ -60,9 +61,11 @@ class SurfacePoints:
     keyframe : (N,) array_like, optional
         Where among the keyframes of the path the point was seen from: 2.25 is a quarter of
         the way from the third to the fourth (`survey.data.path_error.PathError`). It goes with
-        `own_covariance`, `origins` and `heading_rad`.
+        `own_covariance`, `body` and `heading_rad`.
     heading_rad : (N,) array_like, optional
         Heading of the body then, counter-clockwise from east [rad].
+    body : (N, 3) array_like, optional
+        Place of the body's origin then [m], whose pose the keyframe is; by default the origins.
 
     Raises
     ------
@@ -89,6 +92,7 @@ class SurfacePoints:
     own_covariance: FloatArray | None = None
     keyframe: FloatArray | None = None
     heading_rad: FloatArray | None = None
+    body: FloatArray | None = None
 
     def __post_init__(self) -> None:
         xyz = checked(self.xyz, (None, 3), "the surface points")
@@ -100,6 +104,8 @@ class SurfacePoints:
         self._check_uncertainty(n)
         if self.origins is not None:
             object.__setattr__(self, "origins", checked(self.origins, (n, 3), "the origins of the sightings"))
+        if self.body is not None:
+            object.__setattr__(self, "body", checked(self.body, (n, 3), "the places of the body"))
         if self.range_m is not None:
             object.__setattr__(self, "range_m", checked(self.range_m, (n,), "the ranges at first sight"))
         self._check_keyframes(n)
@@ -139,7 +145,9 @@ class SurfacePoints:
         """Points that name a keyframe must say all that ties them to it."""
         if self.keyframe is None:
             return
-        needed = {"own_covariance": (n, 3, 3), "keyframe": (n,), "heading_rad": (n,), "origins": (n, 3)}
+        if self.body is None:
+            object.__setattr__(self, "body", self.origins)
+        needed = {"own_covariance": (n, 3, 3), "keyframe": (n,), "heading_rad": (n,), "body": (n, 3)}
         for name, shape in needed.items():
             if getattr(self, name) is None:
                 raise InputError(
@@ -162,7 +170,7 @@ class SurfacePoints:
         for the uncertainty either ``sigma_z_m`` or the six ``cov_xx_m2``, ``cov_xy_m2``,
         ``cov_xz_m2``, ``cov_yy_m2``, ``cov_yz_m2``, ``cov_zz_m2``. Optional ones are
         ``origin_x_m``, ``origin_y_m``, ``origin_z_m`` and ``range_m``, and for points of a
-        path ``keyframe``, ``heading_rad`` and six ``own_cov_…``. Every other column of
+        path ``keyframe``, ``heading_rad``, ``body_x_m``, ``body_y_m``, ``body_z_m`` and six ``own_cov_…``. Every other column of
         numbers is a sampled value, such as ``temperature_c``; ``sigma_temperature_c`` is its
         standard deviation.
 
@@ -194,8 +202,7 @@ class SurfacePoints:
         columns = dict(table.columns)
         xyz = np.column_stack([columns.pop(name) for name in PLACE])
         covariance, sigma = _uncertainty(columns, sigma_m)
-        has_origins = all(name in columns for name in _ORIGIN)
-        origins = np.column_stack([columns.pop(name) for name in _ORIGIN]) if has_origins else None
+        origins, body = _places(columns, _ORIGIN), _places(columns, _BODY)
         range_m = columns.pop(_RANGE, None)
         keyframe, heading = columns.pop(_KEYFRAME, None), columns.pop(_HEADING, None)
         own = _symmetric(columns, _OWN) if all(name in columns for name in _OWN) else None
@@ -220,6 +227,7 @@ class SurfacePoints:
             own,
             keyframe,
             heading,
+            body,
         )
 
     def write(self, path: str | Path) -> None:
@@ -245,6 +253,8 @@ class SurfacePoints:
         if self.keyframe is not None and self.own_covariance is not None and self.heading_rad is not None:
             columns |= {name: self.own_covariance[:, i, j] for name, (i, j) in _OWN.items()}
             columns |= {_KEYFRAME: self.keyframe, _HEADING: self.heading_rad}
+        if self.body is not None:
+            columns |= dict(zip(_BODY, self.body.T, strict=True))
         columns |= dict(self.values)
         columns |= {_VALUE_SIGMA + name: sigma for name, sigma in self.value_sigmas.items()}
         write_point_table(path, PointTable(columns, self.crs, self.vertical_datum))
@@ -289,7 +299,15 @@ class SurfacePoints:
             pick(self.own_covariance),
             pick(self.keyframe),
             pick(self.heading_rad),
+            pick(self.body),
         )
+
+
+def _places(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray | None:
+    """Take the columns of a place out, and return it (N, 3), or None where one of them is missing."""
+    if not all(name in columns for name in names):
+        return None
+    return np.column_stack([columns.pop(name) for name in names])
 
 
 def _symmetric(columns: dict[str, FloatArray], names: Mapping[str, tuple[int, int]]) -> FloatArray:

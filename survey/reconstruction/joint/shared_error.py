@@ -76,10 +76,7 @@ def height_levers(points: SurfacePoints, slope: FloatArray) -> FloatArray:
     less g times the horizontal one. Heading and arm give the levers: across the heading
     for roll, along it for pitch.
     """
-    origins, heading = points.origins, points.heading_rad
-    assert origins is not None
-    assert heading is not None
-    x, y, z = (points.xyz - origins).T
+    (x, y, z), heading = _arms(points)
     cosine, sine = np.cos(heading), np.sin(heading)
     above = np.column_stack([-slope, np.ones(len(slope))])
     by_yaw = np.column_stack([-y, x, np.zeros_like(x)])
@@ -95,10 +92,7 @@ def bow_levers(points: SurfacePoints) -> FloatArray:
     What a camera sees may lie too high or too low by a share of either, on all of a drive alike: lens and
     mounting are never known exactly. Swaths then look like ridges, and the gaps between them like valleys.
     """
-    origins, heading = points.origins, points.heading_rad
-    assert origins is not None
-    assert heading is not None
-    x, y, _ = (points.xyz - origins).T
+    (x, y, _), heading = _arms(points)
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.column_stack([cosine * x + sine * y, np.abs(cosine * y - sine * x)])
 
@@ -107,6 +101,16 @@ def side_by_side(*blocks: Any) -> Any:
     """Return matrices of as many rows, sparse or not, as one sparse one."""
     parts: Any = blocks
     return sparse.csr_array(sparse.hstack(parts))
+
+
+def _arms(points: SurfacePoints) -> tuple[FloatArray, FloatArray]:
+    """Return the vectors (3, N) from the body to the points [m], and the body's headings (N,) [rad]."""
+    if points.body is None or points.heading_rad is None:
+        raise InputError(
+            "the points do not state place and heading of the body that they were seen from; localize again, "
+            "or map them as independent."
+        )
+    return (points.xyz - points.body).T, points.heading_rad
 
 
 def _levers(points: SurfacePoints, slope: FloatArray) -> tuple[FloatArray, FloatArray]:

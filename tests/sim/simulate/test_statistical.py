@@ -5,6 +5,7 @@ from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig, RandomTerrain
 from sim.simulate.statistical import gauss_markov, simulate_statistical
 from survey import Dem, Grid, InputError, Leg, Route
+from survey.reconstruction.line_of_sight.sight_lines import checked_origins
 from vision_slam import localize, trajectory_error
 from vision_slam.rotation import rotations
 
@@ -119,3 +120,11 @@ def test_what_lies_behind_a_ridge_is_not_seen():
     assert in_front.sum() > 100
     # Errors along the line of sight may push a few of the crest's landmarks over it.
     assert behind.sum() < 0.1 * in_front.sum()
+
+
+def test_landmarks_state_the_camera_as_origin_and_pass_the_check_of_lines_of_sight():
+    settings = mission(3)
+    recording, _ = simulate_statistical(rolling_ground(), hairpin(), settings)
+    _, points = localize(recording, settings.assumed)
+    above = np.linalg.norm(checked_origins(points) - points.body, axis=1)
+    np.testing.assert_allclose(above, settings.rover.camera_height_m, rtol=1e-9)

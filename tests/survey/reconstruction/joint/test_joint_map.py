@@ -261,8 +261,15 @@ def test_points_carry_their_keyframes_through_a_file(tmp_path):
     points = seen_points(20)
     points.write(tmp_path / "points.gpkg")
     back = SurfacePoints.read(tmp_path / "points.gpkg")
-    for name in ("keyframe", "heading_rad", "own_covariance", "origins"):
+    for name in ("keyframe", "heading_rad", "own_covariance", "origins", "body"):
         np.testing.assert_array_equal(getattr(back, name), getattr(points, name))
+
+
+def test_the_place_of_the_camera_on_the_body_does_not_move_the_joint_map():
+    points = seen_points()
+    raised = replace(points, origins=points.origins + [0.2, 0.0, 0.7])
+    one, other = (mapped(path_error(0.5), p).reconstruction.mean.elevation for p in (points, raised))
+    np.testing.assert_array_equal(one, other)
 
 
 def test_landmarks_that_sink_alike_to_both_sides_do_not_bend_the_gaps():
