@@ -12,7 +12,6 @@ from sim.config.scene import SceneryConfig
 from sim.config.sensors import GpsConfig, InertialConfig, InstrumentsConfig
 from sim.instruments.gps import GPS_PROFILES, GpsReceiver
 from sim.instruments.sensors import InertialUnit
-from sim.vehicle.energy_balance import EnergyBalance
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
@@ -22,6 +21,7 @@ from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.terrain import random_dem
+from tests.sim.vehicle.energy_balance import EnergyBalance
 
 ROVER = Rover(mass_kg=18.0, idle_w=20.0)
 SMOOTH = SceneryConfig(

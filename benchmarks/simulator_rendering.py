@@ -16,8 +16,6 @@ from benchmarks.report import Row, cpu_seconds, main
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.instruments.camera import rover_camera
 from sim.rendering import Renderer, RoverBox
-from sim.rendering.plan_view import plan_view
-from sim.rendering.reference import brute_force_depth
 from sim.studies.glacier.images import clahe_yields, compare_with_photographs, gains, mountain_trap
 from sim.studies.glacier.snow_scenes import SKIES, SnowScene, at_contrast
 from sim.world.appearance import grain_tile, surface_tile
@@ -27,6 +25,8 @@ from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.terrain import squared_exponential_field
+from tests.sim.rendering.plan_view import plan_view
+from tests.sim.rendering.reference import brute_force_depth
 
 SEED = 77
 BUSY = SceneryConfig(crevasses_per_ha=1.0, bridged_share=0.3, pools_per_ha=1.0)

@@ -8,13 +8,13 @@ import pytest
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.instruments.camera import RoverCamera, rover_camera
 from sim.rendering import Renderer, RoverBox
-from sim.rendering.plan_view import plan_view
-from sim.rendering.reference import brute_force_depth
 from sim.world.scenery import FineTerrain, fine_terrain
 from survey.core.errors import InputError
 from survey.data.camera import Camera
 from survey.data.dem import Dem
 from survey.data.grid import Grid
+from tests.sim.rendering.plan_view import plan_view
+from tests.sim.rendering.reference import brute_force_depth
 
 QUIET = ImagingConfig(width=80, height=60, noise="off", vignetting=0.0, blur_px=0.0)
 

@@ -107,7 +107,7 @@ def test_a_stuck_track_turns_the_rover_towards_it():
 
 
 def test_energy_balance_closes():
-    from sim.vehicle.energy_balance import EnergyBalance
+    from tests.sim.vehicle.energy_balance import EnergyBalance
 
     balance = EnergyBalance(ContactRover(Plane(8.0), PhysicsConfig(), ROVER, np.array([30.0, 50.0]), 0.5))
     for _ in range(480):

@@ -1,4 +1,4 @@
-"""The renderer's judge: every cell that a ray crosses, in double precision, without tables or short cuts."""
+"""Reference ray caster for tests: every cell that a ray crosses, in double precision, without tables."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The surface's radiance seen from straight above: a map of the snow, to look for patterns that repeat."""
+"""Top-down radiance map of the rendered surface, for tests of repeating patterns."""
 
 import numpy as np
 

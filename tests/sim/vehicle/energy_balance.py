@@ -1,4 +1,4 @@
-"""Where the energy of a drive goes: what the tracks' motors do against what moves, rises and rubs."""
+"""Energy balance of the contact physics: motor work against kinetic, potential and dissipated energy."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from survey.core.arrays import FloatArray
 
 @dataclass
 class EnergyBalance:
-    r"""Follows a rover step by step and adds up every force's work.
+    r"""Sum of the work of every force on a rover, step by step.
 
     .. math:: W_{motors} = \Delta (E_{kin} + m g z) + W_{snow} + W_{contacts}
 
@@ -35,7 +35,7 @@ class EnergyBalance:
         self._resisted_before_j = self.rover.resisted_j
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
-        """Let the rover make a step, and look at its contacts."""
+        """Advance the rover by one step and add the work of its contacts."""
         before = self._bodies
         self.rover.step(left_m_s, right_m_s)
         self._bodies = self._moving()
@@ -56,7 +56,7 @@ class EnergyBalance:
 
     @property
     def missing_j(self) -> float:
-        """What the motors did and nothing accounts for [J]."""
+        """Motor work that no other term accounts for [J]."""
         gained = self._mechanical_j() - self._energy_before_j
         resisted = self.rover.resisted_j - self._resisted_before_j
         return self.motors_j - gained - resisted - self.contacts_j
