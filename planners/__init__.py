@@ -3,8 +3,8 @@
 from planners.config import (
     BestConfig,
     LawnmowerConfig,
+    PatternConfig,
     PiecewiseContinuousConfig,
-    PlannerConfig,
     RandomWanderConfig,
     VarianceDrivenConfig,
     WavyConfig,
@@ -12,15 +12,18 @@ from planners.config import (
 from planners.driving.energy import Mobility
 from planners.driving.rover import Fleet, Rover
 from planners.ground.traversability import Drivable, LeftOut, RoverLimits, drivable
+from planners.patterns.planner import LayoutTask, Planner
 from planners.planning import plan
 from planners.prediction.choose import Choice, choose
 from planners.prediction.predict import ErrorModel, PredictedError, predict_error, terrain_kernel
+from planners.registry import PLANNERS, PlannerConfig, pattern_names, planner_config, planner_of, steering_of
 from planners.steering.piecewise_continuous import PiecewiseContinuousSteering
 from planners.steering.random_wander import RandomWanderSteering
-from planners.steering.rollout import rollout, steering_of
+from planners.steering.rollout import rollout
 from planners.steering.steering import Attitude, Band, Steering, SteeringState, attitude_sensor
 
 __all__ = [
+    "PLANNERS",
     "Attitude",
     "Band",
     "BestConfig",
@@ -29,10 +32,13 @@ __all__ = [
     "ErrorModel",
     "Fleet",
     "LawnmowerConfig",
+    "LayoutTask",
     "LeftOut",
     "Mobility",
+    "PatternConfig",
     "PiecewiseContinuousConfig",
     "PiecewiseContinuousSteering",
+    "Planner",
     "PlannerConfig",
     "PredictedError",
     "RandomWanderConfig",
@@ -46,7 +52,10 @@ __all__ = [
     "attitude_sensor",
     "choose",
     "drivable",
+    "pattern_names",
     "plan",
+    "planner_config",
+    "planner_of",
     "predict_error",
     "rollout",
     "steering_of",

@@ -1,6 +1,6 @@
 """What a planner is asked for; every length in metres, every angle in degrees."""
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
@@ -10,7 +10,18 @@ Corner = Literal["south-west", "south-east", "north-west", "north-east"]
 HeadingRule = Literal["narrowest", "fewest-swaths", "slope", "grain"]
 
 
-class SwathConfig(Section):
+class PatternConfig(Section):
+    """Base of all configurations of planners.
+
+    Subclasses have a field ``pattern`` whose only value is the planner's name.
+    """
+
+    if TYPE_CHECKING:
+        # A field of the base would come first in every file that is written.
+        pattern: str
+
+
+class SwathConfig(PatternConfig):
     """Parallel reference lines over the area: how many, which way, how far from the border."""
 
     swaths: PositiveInt | None = None
@@ -115,7 +126,7 @@ class RandomWanderConfig(SteeredConfig):
     """Name of the pattern."""
 
 
-class VarianceDrivenConfig(Section):
+class VarianceDrivenConfig(PatternConfig):
     """A path that goes where the map is predicted to be least certain; give a budget or a wanted error."""
 
     pattern: Literal["variance-driven"] = "variance-driven"
@@ -136,7 +147,7 @@ class VarianceDrivenConfig(Section):
         return self
 
 
-class BestConfig(Section):
+class BestConfig(PatternConfig):
     """The swaths of least predicted error: straight or wavy, their heading, inset and spacing are chosen."""
 
     pattern: Literal["best"] = "best"
@@ -159,14 +170,3 @@ class BestConfig(Section):
         if [self.swaths, self.spacing_m, self.budget_m, self.rmse_m].count(None) != 3:
             raise ValueError("give one of swaths, spacing_m, budget_m and rmse_m")
         return self
-
-
-PlannerConfig = Annotated[
-    LawnmowerConfig
-    | WavyConfig
-    | PiecewiseContinuousConfig
-    | RandomWanderConfig
-    | VarianceDrivenConfig
-    | BestConfig,
-    Field(discriminator="pattern"),
-]

@@ -1,18 +1,19 @@
 """From a pattern to a route: its swaths on the ground that there is, joined by transits."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import shapely
 
-from planners.config import LawnmowerConfig, SteeredConfig, WavyConfig
+from planners.config import SwathConfig, WavyConfig
 from planners.driving.fleet import share
 from planners.driving.ordering import connect
 from planners.driving.rover import Crew, Rover, depots
 from planners.driving.turns import headland_m
 from planners.ground.transit import FreeGround
 from planners.swaths.decomposition import clipped, swaths_on
+from planners.swaths.heading import heading_by
 from planners.swaths.lawnmower import lawnmower
 from planners.swaths.swaths import ReferenceLines, Swath, reference_lines, shortened
 from planners.swaths.tie_lines import tie_lines
@@ -22,38 +23,92 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
 from survey.data.route import Leg, Route
 
-Pattern = LawnmowerConfig | WavyConfig | SteeredConfig
+SwathShape = Callable[[list[FloatArray], float], list[Swath]]
+"""Returns what is driven along axes, each (2, 2) [m], that are a spacing [m] apart."""
 
 
-def swath_route(
-    area: SurveyArea,
-    config: Pattern,
-    *,
-    slope_length_m: float | None = None,
-    crew: Crew | None = None,
-) -> Route:
-    """Lay a pattern of swaths over an area and join them.
+def straight_route(area: SurveyArea, config: SwathConfig, *, crew: Crew | None = None) -> Route:
+    """Lay straight swaths over an area and join them.
 
     On a rectangle that the swaths run along, one rover that pivots sweeps them back and
     forth; otherwise they are cut into cells and joined by the shortest transits found.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        The free ground.
+    config : SwathConfig
+        Number or spacing of the swaths, heading and border.
+    crew : Crew, optional
+        Rovers and prior elevations; one rover that pivots by default.
+
+    Returns
+    -------
+    Route
+        Without a prediction.
+    """
+    return _route(area, config, crew or Crew(), lambda axes, _: lawnmower(axes))
+
+
+def wavy_route(
+    area: SurveyArea, config: WavyConfig, *, slope_length_m: float | None = None, crew: Crew | None = None
+) -> Route:
+    """Lay wavy swaths over an area and join them.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        The free ground.
+    config : WavyConfig
+        Number or spacing of the swaths, heading, border and waves.
+    slope_length_m : float, optional
+        Distance over which the terrain's slopes change [m]; needed without a wavelength.
+    crew : Crew, optional
+        Rovers and prior elevations; one rover that pivots by default.
+
+    Returns
+    -------
+    Route
+        Without a prediction.
+
+    Raises
+    ------
+    ConfigError
+        Neither a wavelength nor a slope length.
     """
     crew = crew or Crew()
+    wavelength_m = _wavelength_m(config, slope_length_m)
+    radius_m = crew.rover.turn_radius_m
+
+    def waves(axes: list[FloatArray], spacing_m: float) -> list[Swath]:
+        return wavy(axes, area, config, spacing_m, wavelength_m, turn_radius_m=radius_m)
+
+    return _route(area, config, crew, waves)
+
+
+def _route(area: SurveyArea, config: SwathConfig, crew: Crew, shape: SwathShape) -> Route:
+    """Lay swaths of a shape, and tie lines, and join them."""
+    config = _with_heading(area, config, crew)
     lines = reference_lines(area, config)
 
     def swaths(axes: list[FloatArray]) -> list[Swath]:
-        laid = lawnmower(axes)
-        if isinstance(config, WavyConfig):
-            wavelength_m = _wavelength_m(config, slope_length_m)
-            radius_m = crew.rover.turn_radius_m
-            laid = wavy(axes, area, config, lines.spacing_m, wavelength_m, turn_radius_m=radius_m)
+        laid = shape(axes, lines.spacing_m)
         return laid + tie_lines(area, config, lines.heading_deg, laid[-1].xy[-1])
 
     legs = _back_and_forth(swaths(lines.back_and_forth), area) if crew.is_unbound else None
     if legs is None:
         corner = None if config.start is None else lines.lines[0][0][0]
         legs = _joined(swaths(_axes_on(area, config, lines, crew.rover)), area, crew, corner)
-    pattern = str(getattr(config, "pattern", "swaths"))
-    return Route(legs, area.crs, pattern, lines.spacing_m)
+    return Route(legs, area.crs, config.pattern, lines.spacing_m)
+
+
+def _with_heading(area: SurveyArea, config: SwathConfig, crew: Crew) -> SwathConfig:
+    """Return the configuration with the heading that its rule gives."""
+    if config.heading_deg is not None or config.heading_rule == "narrowest":
+        return config
+    ground = FreeGround(area.free)
+    heading_deg = heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
+    return config.model_copy(update={"heading_deg": heading_deg})
 
 
 def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
@@ -80,7 +135,7 @@ def _back_and_forth(swaths: Sequence[Swath], area: SurveyArea) -> tuple[Leg, ...
     return tuple(legs) if stays else None
 
 
-def _axes_on(area: SurveyArea, config: Pattern, lines: ReferenceLines, rover: Rover) -> list[FloatArray]:
+def _axes_on(area: SurveyArea, config: SwathConfig, lines: ReferenceLines, rover: Rover) -> list[FloatArray]:
     """Cut the lines to ground of any shape, every metre proven to be on it, with room for turns at their ends."""
     room_m = headland_m(rover, lines.spacing_m)
     axes = swaths_on(

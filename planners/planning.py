@@ -7,18 +7,14 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from planners.config import BestConfig, PlannerConfig, SteeredConfig, VarianceDrivenConfig, WavyConfig
+from planners.config import PatternConfig
 from planners.driving.energy import predicted
 from planners.driving.fleet import departures
 from planners.driving.rover import Crew, Fleet, Rover, depots
-from planners.ground.transit import FreeGround
 from planners.ground.traversability import Drivable, drivable
-from planners.layout import swath_route
-from planners.prediction.choose import choose
-from planners.prediction.informative import variance_driven
+from planners.patterns.planner import LayoutTask, Planner
 from planners.prediction.predict import ErrorModel, terrain_kernel
-from planners.swaths.heading import heading_by
-from planners.swaths.wavy import slope_length_m
+from planners.registry import PLANNERS, planner_of
 from survey.core.arrays import Progress
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
@@ -35,7 +31,7 @@ _LEAST_TOLD = 1e-3
 def plan(
     area: SurveyArea,
     prior: Dem | None,
-    config: PlannerConfig,
+    config: PatternConfig,
     *,
     rover: Rover | None = None,
     fleet: Fleet | None = None,
@@ -104,11 +100,12 @@ def plan(
     (2850.0, 6.0)
     """
     crew = Crew(rover or Rover(), fleet or Fleet(), prior)
-    _require_able(config, crew)
+    planner = planner_of(config)
+    _require_able(planner, crew)
     depots(area, crew.fleet)  # starts that do not fit the fleet are refused before any work
     if prior is not None:
         area.require_crs(prior.crs, "the prior")
-    if kernel is None and _needs_kernel(config):
+    if kernel is None and planner.needs_kernel(config):
         kernel = _kernel_of(prior, area)
     model = None
     if kernel is not None:
@@ -116,9 +113,9 @@ def plan(
     site, left_out_share = _site(area, crew)
     # Matrices of some hundred rows: spinning threads would only slow them down.
     with nullcontext() if model is None else threadpool_limits(1):
-        route = _route(site.within(area), config, model, crew, progress)
+        route = planner.layout(config, LayoutTask(site.within(area), crew, model, progress))
         facts = _facts(route, crew) | {"left_out_share": left_out_share}
-        if model is not None and not isinstance(config, SteeredConfig):
+        if model is not None and planner.steering is None:
             facts["rmse_m"] = model.rmse_m(route)
     return replace(route, prediction=facts)
 
@@ -132,37 +129,15 @@ def _site(area: SurveyArea, crew: Crew) -> tuple[Drivable, float]:
     return site, left_out_share
 
 
-def _require_able(config: PlannerConfig, crew: Crew) -> None:
+def _require_able(planner: Planner, crew: Crew) -> None:
     """Refuse patterns that this rover or fleet cannot drive."""
-    if not isinstance(config, VarianceDrivenConfig | SteeredConfig) or crew.is_unbound:
+    if planner.is_for_fleets or crew.is_unbound:
         return
+    able = ", ".join(other.name for other in PLANNERS if other.is_for_fleets)
     raise ConfigError(
-        f"the pattern {config.pattern} is for one rover that pivots, has no battery to watch and may finish anywhere; "
-        "choose lawnmower, wavy or best."
+        f"the pattern {planner.name} is for one rover that pivots, has no battery to watch and may finish anywhere; "
+        f"choose one of {able}."
     )
-
-
-def _route(
-    area: SurveyArea,
-    config: PlannerConfig,
-    model: ErrorModel | None,
-    crew: Crew,
-    progress: Progress | None,
-) -> Route:
-    if isinstance(config, VarianceDrivenConfig | BestConfig):
-        if model is None:
-            raise InputError(
-                f"the pattern {config.pattern} needs a covariance of the terrain; give a prior or a kernel."
-            )
-        if isinstance(config, VarianceDrivenConfig):
-            return Route(variance_driven(area, config, model, progress), area.crs, config.pattern)
-        return choose(area, config, model, crew=crew, progress=progress).route
-    if config.heading_deg is None and config.heading_rule != "narrowest":
-        ground = FreeGround(area.free)
-        heading_deg = heading_by(config.heading_rule, ground, dem=crew.dem, spacing_m=config.spacing_m)
-        config = config.model_copy(update={"heading_deg": heading_deg})
-    scale_m = None if model is None else slope_length_m(model.kernel)
-    return swath_route(area, config, slope_length_m=scale_m, crew=crew)
 
 
 def _facts(route: Route, crew: Crew) -> dict[str, float]:
@@ -170,12 +145,6 @@ def _facts(route: Route, crew: Crew) -> dict[str, float]:
     separation_m = crew.fleet.separation_m
     waits_s = None if separation_m is None else departures(route.legs, crew.rover, separation_m)
     return predicted(route.legs, crew.rover, _if_whole(crew.dem, route), waits_s=waits_s)
-
-
-def _needs_kernel(config: PlannerConfig) -> bool:
-    if isinstance(config, WavyConfig):
-        return config.wavelength_m is None
-    return isinstance(config, VarianceDrivenConfig | BestConfig)
 
 
 def _kernel_of(prior: Dem | None, area: SurveyArea) -> Kernel:

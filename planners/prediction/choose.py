@@ -7,7 +7,7 @@ from itertools import count
 
 from planners.config import BestConfig, LawnmowerConfig, WavyConfig
 from planners.driving.rover import Crew
-from planners.layout import swath_route
+from planners.layout import straight_route, wavy_route
 from planners.prediction.predict import ErrorModel
 from planners.swaths.swaths import narrowest_heading
 from planners.swaths.wavy import slope_length_m
@@ -28,6 +28,7 @@ _MOST_SAMPLES = 700
 _MOST_SWATHS = 200
 
 Shape = LawnmowerConfig | WavyConfig
+_ROUTES: dict[str, Callable[..., Route]] = {"lawnmower": straight_route, "wavy": wavy_route}
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def choose(
     InputError
         A budget that no single swath fits, an error that 200 swaths do not reach.
     """
-    lay = partial(swath_route, area, crew=crew)
+    lay = partial(_laid, area, crew)
     sized = _counted(_sizer(lay, config, model), _n_shapes(area, config), progress)
     value = _least(config)
 
@@ -78,6 +79,11 @@ def choose(
     turned = best_of(_replaced(straight.config, heading_deg=heading) for heading in _headings(area, config))
     wavy = best_of(_default_wave(heading, config, model) for heading in _headings(area, config))
     return min(straight, turned, wavy, best_of(_waves_like(wavy.config, model)), key=value)
+
+
+def _laid(area: SurveyArea, crew: Crew | None, shape: Shape) -> Route:
+    """Return the route of a shape."""
+    return _ROUTES[shape.pattern](area, shape, crew=crew)
 
 
 def _replaced(shape: Shape, **changes: object) -> Shape:
@@ -201,4 +207,4 @@ def inset_lawnmower(area: SurveyArea, config: BestConfig, model: ErrorModel) -> 
     """Return the inset lawnmower of the same budget or wanted error: what the choice is measured by."""
     heading = narrowest_heading(area.free) if config.heading_deg is None else config.heading_deg
     shape = LawnmowerConfig(swaths=1, heading_deg=heading, start=config.start, inset_share=INSET_SHARE)
-    return _sizer(partial(swath_route, area), config, model)(shape)
+    return _sizer(partial(_laid, area, None), config, model)(shape)

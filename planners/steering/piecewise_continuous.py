@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.config import SteeredConfig
-from planners.steering.steering import Attitude, SteeringState
+from planners.steering.steering import Attitude, ConfiguredSteering, SteeringState
 from survey.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class PiecewiseContinuousSteering:
+class PiecewiseContinuousSteering(ConfiguredSteering):
     r"""Steepest ascent or descent among a few headings, switched at random.
 
     .. math::  h = \arg\max_{c} \; g \cdot e_{c} \;\; (\mathrm{flag} = 1), \qquad
@@ -35,18 +34,6 @@ class PiecewiseContinuousSteering:
     >>> [np.degrees(steering.steer(left_side_up, SteeringState(0.0, np.array([flag])))) for flag in (0, 1)]
     [array([-45.]), array([45.])]
     """
-
-    config: SteeredConfig
-
-    @property
-    def step_m(self) -> float:
-        """Distance driven between two decisions [m]."""
-        return self.config.step_m
-
-    @property
-    def band_share(self) -> float:
-        """Greatest distance from the swath, in spacings."""
-        return self.config.band_share
 
     def begin(self, swath_heading_rad: float, draws: FloatArray) -> SteeringState:
         """Return the state at the start of a swath: either rule with equal chance."""

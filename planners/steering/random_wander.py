@@ -4,30 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.config import SteeredConfig
-from planners.steering.steering import Attitude, SteeringState
+from planners.steering.steering import Attitude, ConfiguredSteering, SteeringState
 from survey.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class RandomWanderSteering:
+class RandomWanderSteering(ConfiguredSteering):
     """One of the candidate headings, drawn anew with `toggle_probability` at every step; nothing is sensed.
 
     What a pattern gains over this one is due to its sensing; what this one gains over
     straight swaths is due to leaving the line.
     """
-
-    config: SteeredConfig
-
-    @property
-    def step_m(self) -> float:
-        """Distance driven between two decisions [m]."""
-        return self.config.step_m
-
-    @property
-    def band_share(self) -> float:
-        """Greatest distance from the swath, in spacings."""
-        return self.config.band_share
 
     def begin(self, swath_heading_rad: float, draws: FloatArray) -> SteeringState:
         """Return the state at the start of a swath: any candidate with equal chance."""

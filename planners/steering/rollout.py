@@ -6,22 +6,12 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from planners.config import PiecewiseContinuousConfig, PlannerConfig, RandomWanderConfig
 from planners.driving.energy import Mobility, predicted
-from planners.steering.piecewise_continuous import PiecewiseContinuousSteering
-from planners.steering.random_wander import RandomWanderSteering
 from planners.steering.steering import AttitudeSensor, Band, Steering
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.route import Leg, Route
-
-
-def steering_of(config: PlannerConfig) -> Steering | None:
-    """Return the steering of a pattern that is steered while driving, or None for one that is planned whole."""
-    if isinstance(config, PiecewiseContinuousConfig):
-        return PiecewiseContinuousSteering(config)
-    return RandomWanderSteering(config) if isinstance(config, RandomWanderConfig) else None
 
 
 def rollout(
@@ -68,7 +58,7 @@ def rollout(
     >>> config = planners.RandomWanderConfig(swaths=2)
     >>> reference = planners.plan(area, None, config)
     >>> level = lambda xy, heading: planners.Attitude(0.0 * heading, 0.0 * heading, heading)
-    >>> routes = rollout(area, reference, steering_of(config), level, [np.random.default_rng(1)])
+    >>> routes = rollout(area, reference, planners.steering_of(config), level, [np.random.default_rng(1)])
     >>> routes[0].length_m > reference.length_m
     True
     """

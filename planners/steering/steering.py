@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import shapely
 
+from planners.config import SteeredConfig
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
@@ -68,6 +69,23 @@ class Steering(Protocol):
 
     def after_step(self, state: SteeringState, draws: FloatArray) -> SteeringState:
         """Return the state for the next step; a draw of 1 changes nothing."""
+
+
+@dataclass(frozen=True)
+class ConfiguredSteering:
+    """Base of steering whose step and band are those of a configuration."""
+
+    config: SteeredConfig
+
+    @property
+    def step_m(self) -> float:
+        """Distance driven between two decisions [m]."""
+        return self.config.step_m
+
+    @property
+    def band_share(self) -> float:
+        """Greatest distance from the swath, in spacings."""
+        return self.config.band_share
 
 
 @dataclass(frozen=True)

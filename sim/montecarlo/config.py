@@ -1,6 +1,5 @@
 """The study file of a Monte Carlo: which terrain, which planners, which maps, how many trials."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -12,11 +11,9 @@ from pydantic import (
     PositiveFloat,
     PositiveInt,
     PrivateAttr,
-    TypeAdapter,
-    ValidationError,
 )
 
-from planners import PlannerConfig
+from planners import PlannerConfig, planner_config
 from sim.config.mission import RoverConfig, SatelliteConfig, SensorConfig, TerrainFamily
 from survey.core.config import Section, read_toml, validated, with_overrides
 from survey.core.errors import ConfigError
@@ -215,32 +212,17 @@ class StudyConfig(Section):
         settings = dict(given)
         label = str(settings.pop("label", settings.get("pattern", "")))
         if any(size in settings for size in _SIZES):
-            return [Design(label, int(settings.get("swaths") or 0), _planner(index, settings))]
+            return [
+                Design(label, int(settings.get("swaths") or 0), planner_config(settings, f"planners.{index}"))
+            ]
         if not self.swaths:
             raise ConfigError(
                 f"planners.{index} has no size; give it swaths, or give the study a list of swaths."
             )
-        return [Design(label, n, _planner(index, {**settings, "swaths": n})) for n in self.swaths]
-
-
-_PLANNER: TypeAdapter[PlannerConfig] = TypeAdapter(PlannerConfig)
-
-
-def _planner(index: int, settings: dict[str, Any]) -> PlannerConfig:
-    """Check the settings of one planner; what is wrong is told in one line."""
-    try:
-        return _PLANNER.validate_json(json.dumps(settings))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in ("planners", index, *first["loc"][1:]))
-        if first["type"] in ("union_tag_invalid", "union_tag_not_found"):
-            known = str(first.get("ctx", {}).get("expected_tags", "")).replace("'", "")
-            raise ConfigError(
-                f"{where}: the planner {settings.get('pattern')!r} is not known; one of {known} was expected."
-            ) from error
-        if first["type"] == "extra_forbidden":
-            raise ConfigError(f"{where}: this key is not known; remove it.") from error
-        raise ConfigError(f"{where}: {first['msg'].removeprefix('Value error, ')}; correct it.") from error
+        return [
+            Design(label, n, planner_config({**settings, "swaths": n}, f"planners.{index}"))
+            for n in self.swaths
+        ]
 
 
 def read_study(path: Path, overrides: Sequence[str] = ()) -> StudyConfig:

@@ -186,7 +186,7 @@ def _surveyed_ideally(world: TrialTerrains, driven: Driven) -> Iterator[Trial]:
 def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     """Return the routes of a design: one for all terrains where it depends on none."""
     everyone = range(len(world.dems))
-    if _needs_prior(design.planner):
+    if planners.planner_of(design.planner).needs_kernel(design.planner):
         return [Driven(design, _planned(world, design, index), [index]) for index in everyone]
     route = _planned(world, design, None)
     steering = planners.steering_of(design.planner)
@@ -195,12 +195,6 @@ def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     rngs = [world.stream("steering", trial, design.label, design.swaths) for trial in world.trials]
     driven = planners.rollout(world.area, route, steering, planners.attitude_sensor(world.dems), rngs)
     return [Driven(design, route, [index]) for index, route in enumerate(driven)]
-
-
-def _needs_prior(planner: planners.PlannerConfig) -> bool:
-    if isinstance(planner, planners.WavyConfig):
-        return planner.wavelength_m is None
-    return isinstance(planner, planners.BestConfig | planners.VarianceDrivenConfig)
 
 
 def _planned(world: TrialTerrains, design: Design, index: int | None) -> Route:

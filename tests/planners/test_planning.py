@@ -51,7 +51,7 @@ def test_plans_are_the_same_every_time(config):
 
 
 @pytest.mark.parametrize("config", EVERY_PATTERN, ids=lambda config: config.pattern)
-def test_patterns_are_told_apart_by_their_name(config):
+def test_patterns_are_distinguished_by_their_name(config):
     values = config.model_dump(mode="json", exclude_none=True)
     assert TypeAdapter(PlannerConfig).validate_python(values) == config
 

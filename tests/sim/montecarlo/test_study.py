@@ -169,7 +169,7 @@ def test_a_damaged_block_is_named(study, tmp_path):
         ("trials = 3", "trials = 0", "trials: input should be greater than 0"),
         ("swaths = [2, 3]", "", "planners.0 has no size"),
         ("size_m", "sise_m", "did you mean size_m"),
-        ("[[planners]]", "[[planners]]\nswat = 3", "swat: this key is not known"),
+        ("[[planners]]", "[[planners]]\nswat = 3", "swat is not known; did you mean swaths?"),
         ("piecewise-continuous", "lawnmower", "same label"),
     ],
 )
