@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import shapely
@@ -12,15 +12,20 @@ from shapely import MultiPolygon, Point, Polygon
 from shapely.validation import explain_validity
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs, same_crs, transformed
+from survey.data.conversions import to_geodataframe
 from survey.io.vector import Features, read_features, write_features
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
 
 _ROLES = ("area", "no-go", "start")
 
 
-@dataclass(frozen=True)
-class SurveyArea:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurveyArea(DataObject):
     """Ground to be mapped, in a projected CRS.
 
     Parameters
@@ -128,9 +133,36 @@ class SurveyArea:
 
     def write(self, path: str | Path) -> None:
         """Write outline, no-go zones and starts with a ``role`` column."""
-        shapes = [self.polygon, *self.no_go, *(Point(start) for start in self.starts)]
-        roles = ["area"] + ["no-go"] * len(self.no_go) + ["start"] * len(self.starts)
+        shapes, roles = self._shapes_and_roles()
         write_features(path, shapes, {"role": np.array(roles, dtype=object)}, self.crs, layer="area")
+
+    def to_geodataframe(self) -> "GeoDataFrame":
+        """Return outline, no-go zones and starts as a table with a ``role`` column.
+
+        Returns
+        -------
+        geopandas.GeoDataFrame
+            The outline first, then no-go zones, then starts.
+
+        Raises
+        ------
+        InputError
+            When GeoPandas is not installed.
+        """
+        shapes, roles = self._shapes_and_roles()
+        return to_geodataframe(shapes, {"role": roles}, self.crs)
+
+    def _shapes_and_roles(self) -> tuple[list[Any], list[str]]:
+        shapes = [self.polygon, *self.no_go, *(Point(start) for start in self.starts)]
+        return shapes, ["area"] + ["no-go"] * len(self.no_go) + ["start"] * len(self.starts)
+
+    def _summary(self) -> str:
+        parts = [
+            f"{self.polygon.area:.0f} m²",
+            f"{len(self.no_go)} no-go zones",
+            f"{len(self.starts)} starts",
+        ]
+        return ", ".join([*parts, self.crs.name])
 
     @cached_property
     def free(self) -> Polygon | MultiPolygon:

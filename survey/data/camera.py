@@ -14,6 +14,7 @@ import tomlkit
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.config import Section, read_toml, validated
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
 
@@ -44,8 +45,8 @@ class CameraFile(Section):
     """Time between the exposures of neighbouring rows; 0 for a global shutter [s]."""
 
 
-@dataclass(frozen=True)
-class Camera:
+@dataclass(frozen=True, eq=False, repr=False)
+class Camera(DataObject):
     """Lens, sensor and mounting.
 
     Parameters
@@ -194,8 +195,8 @@ class ImageSource(Protocol):
     def __getitem__(self, index: int) -> Image: ...
 
 
-@dataclass(frozen=True)
-class Frames:
+@dataclass(frozen=True, eq=False, repr=False)
+class Frames(DataObject):
     """Images in the order of their times; each is read when it is asked for.
 
     Parameters

@@ -3,21 +3,28 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from affine import Affine
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray, frozen
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import UNSTATED, projected_crs
+from survey.data.conversions import to_dataset
 from survey.data.grid import Grid
+from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import read_raster, write_raster
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from xarray import DataArray
 
-@dataclass(frozen=True)
-class Dem:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Dem(DataObject):
     """Terrain elevation at the centres of square, north-up cells.
 
     Parameters
@@ -259,6 +266,55 @@ class Dem:
         n_valid = np.isfinite(blocks).sum(axis=(1, 3))
         mean = np.where(n_valid * 2 >= n * n, np.nansum(blocks, axis=(1, 3)) / np.maximum(n_valid, 1), np.nan)
         return self._with(mean, self.transform @ Affine.scale(n))
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the elevation as a coloured raster.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Easting and northing [m].
+
+        Notes
+        -----
+        Of rasters beyond 1,000 rows or columns, every second, third … cell is drawn.
+        """
+        return draw_raster(ax, self.elevation, self.bounds, "Elevation [m]")
+
+    def to_xarray(self) -> "DataArray":
+        """Return the elevation as an xarray object with CF metadata.
+
+        Returns
+        -------
+        xarray.DataArray
+            Dimensions y and x [m]; the CRS is the coordinate ``spatial_ref``.
+
+        Raises
+        ------
+        InputError
+            When xarray is not installed.
+        """
+        facts = {"vertical_datum": self.vertical_datum}
+        return to_dataset({"elevation": (self.elevation, "m")}, self.x, self.y, self.crs, facts)["elevation"]
+
+    def _facts(self) -> dict[str, str]:
+        rows, columns = self.shape
+        return {
+            "cells": f"{rows} × {columns} of {self.step_m:g} m",
+            "elevation": value_range(self.elevation),
+            "CRS": self.crs.name,
+        }
+
+    def _summary(self) -> str:
+        return ", ".join(self._facts().values())
+
+    def _repr_html_(self) -> str:
+        return html_table("Dem", self._facts(), self.plot)
 
     def _with(self, elevation: FloatArray, transform: Affine | None = None) -> Self:
         return type(self)(elevation, transform or self.transform, self.crs, self.vertical_datum)

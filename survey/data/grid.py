@@ -9,12 +9,13 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked, frozen
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs
 
 
-@dataclass(frozen=True)
-class Grid:
+@dataclass(frozen=True, repr=False)
+class Grid(DataObject):
     """Nodes at equal steps over a rectangle, the ends included.
 
     A raster on this grid has one cell centred on each node; its first row is the
@@ -77,6 +78,10 @@ class Grid:
             raise InputError(f"the grid's step is {step_m} m; it must be greater than 0.")
         columns, rows = np.ceil((xmax - xmin) / step_m - 1e-9), np.ceil((ymax - ymin) / step_m - 1e-9)
         return cls((xmin, ymin, xmin + float(columns) * step_m, ymin + float(rows) * step_m), step_m, crs)
+
+    def _summary(self) -> str:
+        rows, columns = self.shape
+        return f"{rows} × {columns} nodes every {self.step_m:g} m, {self.crs.name}"
 
     @property
     def shape(self) -> tuple[int, int]:

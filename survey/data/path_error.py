@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from survey.core.arrays import FloatArray, IntArray, checked
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
 
@@ -22,8 +23,8 @@ POSE = 6
 _AT_ONCE = 64
 
 
-@dataclass(frozen=True)
-class PathError:
+@dataclass(frozen=True, eq=False, repr=False)
+class PathError(DataObject):
     r"""Gaussian posterior of a path's error, as the sparse information of a smoother.
 
     The unknowns are those of K keyframes, n each, then globals. The first six of a
@@ -85,6 +86,14 @@ class PathError:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def _compared(self) -> dict[str, Any]:
+        matrix = self.information.sorted_indices()
+        parts = {name: getattr(matrix, name) for name in ("shape", "data", "indices", "indptr")}
+        return {"time_s": self.time_s, "n_states": self.n_states, **parts}
+
+    def _summary(self) -> str:
+        return f"{len(self)} keyframes of {self.n_states} states, {self.n_unknowns} unknowns"
 
     @property
     def n_unknowns(self) -> int:

@@ -9,6 +9,7 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.config import Section
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files import replacing
 from survey.core.geodesy import projected_crs
@@ -44,8 +45,8 @@ class RecordingHeader(Section):
     """Height of the camera above the body's origin [m], for recordings without a camera's calibration."""
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(DataObject):
     """The records of one drive.
 
     Without odometry and frames it is a kinematic GPS survey: the fixes themselves are the
@@ -122,6 +123,10 @@ class Recording:
         if self.camera is None:
             return np.array([0.0, 0.0, self.camera_height_m])
         return self.camera.T_body_camera[:3, 3]
+
+    def _summary(self) -> str:
+        sensed = [name for name in (*_TABLES, "frames") if getattr(self, name) is not None]
+        return f"{', '.join(sensed)}, {self.crs.name}"
 
     def _check_sightings(self, sightings: Sightings) -> None:
         if self.odometry is None:

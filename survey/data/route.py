@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 import shapely
@@ -14,15 +13,23 @@ from pyproj import CRS
 from shapely import LineString
 
 from survey.core.arrays import FloatArray, IntArray, checked
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs
+from survey.core.mappings import ReadOnlyMapping
+from survey.data.conversions import to_geodataframe
+from survey.data.plots import draw_lines, html_table
 from survey.io.vector import read_features, write_features
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+    from matplotlib.axes import Axes
 
 LegKind = Literal["swath", "transit"]
 
 
-@dataclass(frozen=True)
-class Leg:
+@dataclass(frozen=True, eq=False, repr=False)
+class Leg(DataObject):
     """One stretch that a rover drives.
 
     Parameters
@@ -53,6 +60,9 @@ class Leg:
         axis = xy[[0, -1]] if self.axis is None else self.axis
         object.__setattr__(self, "axis", checked(axis, (2, 2), f"the axis of a {self.kind}"))
 
+    def _summary(self) -> str:
+        return f"{self.kind} of rover {self.rover}, {len(self.xy)} waypoints, {self.length_m:.1f} m"
+
     @property
     def length_m(self) -> float:
         """Distance along the waypoints [m]."""
@@ -72,8 +82,8 @@ class RouteSamples(NamedTuple):
     heading_rad: FloatArray
 
 
-@dataclass(frozen=True)
-class Route:
+@dataclass(frozen=True, eq=False, repr=False)
+class Route(DataObject):
     """The legs of a survey in driving order.
 
     Parameters
@@ -110,7 +120,7 @@ class Route:
     def __post_init__(self) -> None:
         object.__setattr__(self, "crs", projected_crs(self.crs, "the route"))
         object.__setattr__(self, "legs", tuple(self.legs))
-        object.__setattr__(self, "prediction", MappingProxyType(dict(self.prediction)))
+        object.__setattr__(self, "prediction", ReadOnlyMapping(dict(self.prediction)))
         if not self.legs:
             raise InputError("the route has no legs; plan at least one swath.")
         for rover in range(self.n_rovers):
@@ -179,6 +189,11 @@ class Route:
 
     def write(self, path: str | Path) -> None:
         """Write the legs with rover, order and kind (GeoJSON, GeoPackage, …)."""
+        lines = [LineString(leg.xy) for leg in self.legs]
+        write_features(path, lines, self._columns(), self.crs, layer="route")
+
+    def _columns(self) -> dict[str, Any]:
+        """Return the attributes of the legs, one value for each leg."""
         n = len(self.legs)
         columns: dict[str, Any] = {
             "order": np.arange(n, dtype=np.int32),
@@ -192,7 +207,54 @@ class Route:
             columns[name] = np.array([leg.axis.ravel()[index] for leg in self.legs])
         for name, value in self.prediction.items():
             columns[f"predicted_{name}"] = np.full(n, value)
-        write_features(path, [LineString(leg.xy) for leg in self.legs], columns, self.crs, layer="route")
+        return columns
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the swaths as solid and the transits as dashed lines, one colour for each rover.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Easting and northing [m].
+        """
+        style = {"swath": "-", "transit": ":"}
+        lines = [(leg.xy, {"linestyle": style[leg.kind], "color": f"C{leg.rover % 10}"}) for leg in self.legs]
+        return draw_lines(ax, lines)
+
+    def to_geodataframe(self) -> "GeoDataFrame":
+        """Return the legs as a table: order, kind, rover, length and what `write` writes besides.
+
+        Returns
+        -------
+        geopandas.GeoDataFrame
+            One row for each leg, in driving order.
+
+        Raises
+        ------
+        InputError
+            When GeoPandas is not installed.
+        """
+        return to_geodataframe([LineString(leg.xy) for leg in self.legs], self._columns(), self.crs)
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "pattern": self.pattern,
+            "swaths": f"{len(self.swaths)} swath{'' if len(self.swaths) == 1 else 's'}",
+            "length": f"{self.length_m:.0f} m",
+            "rovers": f"{self.n_rovers} rover{'s' if self.n_rovers > 1 else ''}",
+            "CRS": self.crs.name,
+        }
+
+    def _summary(self) -> str:
+        return ", ".join(self._facts().values())
+
+    def _repr_html_(self) -> str:
+        return html_table("Route", self._facts(), self.plot)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

@@ -12,14 +12,15 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from survey.core.arrays import FloatArray, IntArray, checked, frozen
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.io.tables import read_table, write_table
 
 _UPPER = np.triu_indices(3)
 
 
-@dataclass(frozen=True)
-class SensorRecords:
+@dataclass(frozen=True, eq=False, repr=False)
+class SensorRecords(DataObject):
     """What all sensors share: increasing times, one row a reading, a CSV table with units."""
 
     COLUMNS: ClassVar[dict[str, tuple[str, ...]]] = {}
@@ -87,7 +88,7 @@ def _joined(columns: list[FloatArray]) -> FloatArray:
     return matrices
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class GpsFixes(SensorRecords):
     """Positions from a satellite receiver: ``time_s`` (N,), ``position`` (N, 3) east, north, up [m].
 
@@ -101,7 +102,7 @@ class GpsFixes(SensorRecords):
     position: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Barometer(SensorRecords):
     """Pressure altitude: ``time_s`` (N,), ``height_m`` (N,) above an unknown datum."""
 
@@ -110,7 +111,7 @@ class Barometer(SensorRecords):
     height_m: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Wheels(SensorRecords):
     """Encoders: ``time_s`` (N,), distance rolled by the left and the right track since the start [m].
 
@@ -123,7 +124,7 @@ class Wheels(SensorRecords):
     right_m: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Inertial(SensorRecords):
     """Gyro and accelerometer in the body frame.
 
@@ -141,7 +142,7 @@ class Inertial(SensorRecords):
     specific_force_m_s2: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Compass(SensorRecords):
     """Magnetic heading: ``heading_rad`` (N,), counter-clockwise from grid east, with its distortion."""
 
@@ -150,7 +151,7 @@ class Compass(SensorRecords):
     heading_rad: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Weather(SensorRecords):
     """Science payload: ``temperature_c`` (N,) and relative ``humidity_percent`` (N,)."""
 
@@ -160,7 +161,7 @@ class Weather(SensorRecords):
     humidity_percent: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class StakeSightings(SensorRecords):
     """Stakes recognised in passing.
 
@@ -189,7 +190,7 @@ class StakeSightings(SensorRecords):
         return self.stake.astype(np.int64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Closures(SensorRecords):
     """Places recognised again.
 
@@ -211,8 +212,8 @@ class Closures(SensorRecords):
             raise InputError(f"the times of the {self.WHAT} run backwards; sort them.")
 
 
-@dataclass(frozen=True)
-class Stakes:
+@dataclass(frozen=True, eq=False, repr=False)
+class Stakes(DataObject):
     """Benchmarks of surveyed position: `position` (K, 3) world [m], `sigma_m` (K,) of each coordinate."""
 
     position: FloatArray
@@ -243,8 +244,8 @@ class Stakes:
         return cls(np.column_stack([table[name] for name in names[:3]]), table["sigma_m"])
 
 
-@dataclass(frozen=True)
-class Odometry:
+@dataclass(frozen=True, eq=False, repr=False)
+class Odometry(DataObject):
     """Incremental motion from vision and wheels.
 
     Parameters
@@ -300,8 +301,8 @@ class Odometry:
         return cls(table["time_s"], body[1:, :3], body[:, 3:], **torn)
 
 
-@dataclass(frozen=True)
-class Sightings:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sightings(DataObject):
     """Landmarks as triangulated from the rover.
 
     Parameters

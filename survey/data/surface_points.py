@@ -3,16 +3,24 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import shapely
 from pyproj import CRS
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum
+from survey.core.mappings import ReadOnlyMapping
+from survey.data.conversions import to_geodataframe
+from survey.data.plots import draw_points, value_range
 from survey.io.points import PLACE, PointTable, read_point_table, write_point_table
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+    from matplotlib.axes import Axes
 
 _SIGMA = "sigma_z_m"
 _COVARIANCE = {
@@ -31,8 +39,8 @@ _KEYFRAME, _HEADING = "keyframe", "heading_rad"
 _VALUE_SIGMA = "sigma_"
 
 
-@dataclass(frozen=True)
-class SurfacePoints:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfacePoints(DataObject):
     """Points on the terrain with covariances.
 
     Parameters
@@ -114,7 +122,7 @@ class SurfacePoints:
                 key: checked(column, (n,), f"the values of {key}")
                 for key, column in getattr(self, name).items()
             }
-            object.__setattr__(self, name, MappingProxyType(columns))
+            object.__setattr__(self, name, ReadOnlyMapping(columns))
 
     def _check_uncertainty(self, n: int) -> None:
         if (self.covariance is None) == (self.sigma_m is None):
@@ -241,7 +249,12 @@ class SurfacePoints:
         InputError
             Another ending, a missing folder or a full disk.
         """
-        columns: dict[str, FloatArray] = dict(zip(PLACE, self.xyz.T, strict=True))
+        columns: dict[str, FloatArray] = dict(zip(PLACE, self.xyz.T, strict=True)) | self._columns()
+        write_point_table(path, PointTable(columns, self.crs, self.vertical_datum))
+
+    def _columns(self) -> dict[str, FloatArray]:
+        """Return every column beside the place, one value for each point."""
+        columns: dict[str, FloatArray] = {}
         if self.covariance is not None:
             columns |= {name: self.covariance[:, i, j] for name, (i, j) in _COVARIANCE.items()}
         else:
@@ -256,8 +269,40 @@ class SurfacePoints:
         if self.body is not None:
             columns |= dict(zip(_BODY, self.body.T, strict=True))
         columns |= dict(self.values)
-        columns |= {_VALUE_SIGMA + name: sigma for name, sigma in self.value_sigmas.items()}
-        write_point_table(path, PointTable(columns, self.crs, self.vertical_datum))
+        return columns | {_VALUE_SIGMA + name: sigma for name, sigma in self.value_sigmas.items()}
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the points in the colour of their elevation.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Easting and northing [m].
+        """
+        return draw_points(ax, self.xy, self.z, "Elevation [m]")
+
+    def to_geodataframe(self) -> "GeoDataFrame":
+        """Return the points as a table with the columns that `write` writes.
+
+        Returns
+        -------
+        geopandas.GeoDataFrame
+            One row for each point; its geometry has easting, northing and elevation [m].
+
+        Raises
+        ------
+        InputError
+            When GeoPandas is not installed.
+        """
+        return to_geodataframe(shapely.points(self.xyz), self._columns(), self.crs)
+
+    def _summary(self) -> str:
+        return f"{len(self)} points, {value_range(self.z)}, {self.crs.name}"
 
     def __len__(self) -> int:
         return len(self.xyz)

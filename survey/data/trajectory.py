@@ -2,21 +2,29 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import shapely
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs
+from survey.data.conversions import to_geodataframe
 from survey.data.path_error import PathError
+from survey.data.plots import draw_lines
 from survey.io.tables import read_table, write_table
 from survey.io.tracks import TUM_COLUMNS, read_tum, write_tum
 
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+    from matplotlib.axes import Axes
 
-@dataclass(frozen=True)
-class Trajectory:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(DataObject):
     """Poses of a rover in the survey's CRS.
 
     Parameters
@@ -85,6 +93,43 @@ class Trajectory:
     def length_m(self) -> float:
         """Distance travelled [m]."""
         return float(np.linalg.norm(np.diff(self.position, axis=0), axis=1).sum())
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the path from above.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Easting and northing [m].
+        """
+        return draw_lines(ax, [(self.position[:, :2], {})])
+
+    def to_geodataframe(self) -> "GeoDataFrame":
+        """Return the poses as a table of points with time, standard deviations and health.
+
+        Returns
+        -------
+        geopandas.GeoDataFrame
+            One row for each pose; its point has easting, northing and elevation [m].
+
+        Raises
+        ------
+        InputError
+            When GeoPandas is not installed.
+        """
+        sigma = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        names = ("sigma_x_m", "sigma_y_m", "sigma_z_m")
+        columns = {"time_s": self.time_s, **dict(zip(names, sigma.T, strict=True)), "health": self.health}
+        return to_geodataframe(shapely.points(self.position), columns, self.crs)
+
+    def _summary(self) -> str:
+        duration_s = self.time_s[-1] - self.time_s[0]
+        return f"{len(self)} poses, {self.length_m:.1f} m in {duration_s:.1f} s, {self.crs.name}"
 
     def write(self, path: str | Path) -> None:
         """Write ``.tum`` text (poses alone) or a ``.csv`` table (with covariance and health).

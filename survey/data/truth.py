@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from survey.core.data_object import DataObject
 from survey.data.dem import Dem
 from survey.data.trajectory import Trajectory
 
 
-@dataclass(frozen=True)
-class Truth:
+@dataclass(frozen=True, eq=False, repr=False)
+class Truth(DataObject):
     """The real terrain and the path that was really driven.
 
     Parameters

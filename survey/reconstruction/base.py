@@ -5,20 +5,27 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, checked, frozen
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
 from survey.core.geodesy import same_crs
+from survey.core.mappings import ReadOnlyMapping
+from survey.data.conversions import to_dataset
 from survey.data.dem import Dem
 from survey.data.grid import Grid
+from survey.data.plots import draw_raster, html_table, value_range
 from survey.data.surface_points import SurfacePoints
 from survey.io.raster import read_raster, write_raster
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from xarray import Dataset
 
 UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
 """Codes of `Reconstruction.support`: what stands behind the height of a node."""
@@ -30,8 +37,8 @@ SIGMAS_95 = 1.959964
 """Standard deviations on either side of the mean that hold 95 %."""
 
 
-@dataclass(frozen=True)
-class Reconstruction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reconstruction(DataObject):
     """A map of the terrain with its uncertainty.
 
     Parameters
@@ -96,7 +103,7 @@ class Reconstruction:
             if dem.shape != self.mean.shape or not dem.transform.almost_equals(self.mean.transform):
                 raise InputError(f"the mean and the {name} do not lie on one grid; compute both on the same.")
         for name in ("hyperparameters", "diagnostics"):
-            object.__setattr__(self, name, MappingProxyType(_plain(getattr(self, name), name)))
+            object.__setattr__(self, name, ReadOnlyMapping(_plain(getattr(self, name), name)))
 
     def share_of(self, code: int) -> float:
         """Return the share of nodes with this support code."""
@@ -112,6 +119,65 @@ class Reconstruction:
             Dem.on(grid, self.mean.elevation - half, datum),
             Dem.on(grid, self.mean.elevation + half, datum),
         )
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the mean as a coloured raster.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Easting and northing [m].
+        """
+        return draw_raster(ax, self.mean.elevation, self.mean.bounds, self._name_and_unit()[2])
+
+    def to_xarray(self) -> "Dataset":
+        """Return mean, standard deviation and support codes as an xarray object with CF metadata.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dimensions y and x [m]; variables ``elevation`` (or the quantity that is mapped),
+            ``standard_deviation`` and ``support``, ``lower`` and ``upper`` where the method gives them.
+
+        Raises
+        ------
+        InputError
+            When xarray is not installed.
+        """
+        name, unit, _ = self._name_and_unit()
+        bounds = {"lower": self.lower, "upper": self.upper}
+        variables: dict[str, tuple[npt.NDArray[Any], str]] = {"support": (self.support, "")}
+        variables |= {name: (self.mean.elevation, unit), "standard_deviation": (self.std.elevation, unit)}
+        variables |= {key: (dem.elevation, unit) for key, dem in bounds.items() if dem is not None}
+        facts = {"method": self.method, "vertical_datum": self.mean.vertical_datum}
+        return to_dataset(variables, self.mean.x, self.mean.y, self.mean.crs, facts)
+
+    def _name_and_unit(self) -> tuple[str, str, str]:
+        """Return the name of the quantity, its unit, and the label of an axis."""
+        name, _, unit = self.quantity.rpartition("_")
+        return name, unit, f"{name.replace('_', ' ').capitalize()} [{unit}]"
+
+    def _facts(self) -> dict[str, str]:
+        rows, columns = self.mean.shape
+        name, unit, _ = self._name_and_unit()
+        return {
+            "method": self.method,
+            "nodes": f"{rows} × {columns} of {self.mean.step_m:g} m",
+            name: value_range(self.mean.elevation, unit),
+            "standard deviation": f"σ {value_range(self.std.elevation, unit)}",
+            "CRS": self.mean.crs.name,
+        }
+
+    def _summary(self) -> str:
+        return ", ".join(self._facts().values())
+
+    def _repr_html_(self) -> str:
+        return html_table("Reconstruction", self._facts(), self.plot)
 
     def write(self, folder: str | Path) -> None:
         """Write ``dem.tif``, ``support.tif`` and ``reconstruction.json`` into an existing folder.

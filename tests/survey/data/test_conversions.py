@@ -1,0 +1,74 @@
+"""Data types as xarray and GeoPandas objects."""
+
+import sys
+
+import numpy as np
+import pytest
+import shapely
+
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Leg, Route
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
+from survey.reconstruction.base import Reconstruction
+
+GRID = Grid((0.0, 0.0, 3.0, 2.0), 1.0)
+DEM = Dem.on(GRID, GRID.xy[:, 0].reshape(GRID.shape), "EGM2008")
+
+
+def test_dem_becomes_a_data_array_with_coordinates_and_crs():
+    array = DEM.to_xarray()
+    assert array.sel(x=2.0, y=1.0).item() == 2.0
+    assert array.attrs["units"] == "m"
+    assert "zone 8N" in array.coords["spatial_ref"].attrs["crs_wkt"]
+
+
+def test_reconstruction_becomes_a_dataset():
+    dataset = Reconstruction(
+        DEM, DEM, np.full(GRID.shape, 3), "tin", {}, quantity="temperature_c"
+    ).to_xarray()
+    assert set(dataset.data_vars) == {"temperature", "standard_deviation", "support"}
+    assert dataset["temperature"].attrs["units"] == "c"
+    assert dataset.attrs == {"method": "tin", "vertical_datum": "EGM2008"}
+
+
+def test_route_becomes_a_table_of_legs():
+    legs = (Leg("swath", [[0.0, 0.0], [3.0, 0.0]]), Leg("transit", [[3.0, 0.0], [3.0, 2.0]]))
+    frame = Route(legs, GRID.crs, "line", prediction={"rmse_m": 0.4}).to_geodataframe()
+    assert list(frame["kind"]) == ["swath", "transit"]
+    assert list(frame.length) == [3.0, 2.0]
+    assert frame.crs == GRID.crs
+    assert (frame["predicted_rmse_m"] == 0.4).all()
+
+
+def test_points_and_poses_become_tables_with_elevations():
+    points = SurfacePoints([[0.0, 1.0, 5.0]], sigma_m=0.1, crs=GRID.crs).to_geodataframe()
+    assert shapely.get_coordinates(points.geometry, include_z=True).tolist() == [[0.0, 1.0, 5.0]]
+    assert points["sigma_z_m"].tolist() == [0.1]
+    pose = Trajectory([0.0], [[0.0, 1.0, 5.0]], [[0.0, 0.0, 0.0, 1.0]], 4.0 * np.eye(3)[None], GRID.crs)
+    frame = pose.to_geodataframe()
+    assert frame[["sigma_x_m", "sigma_z_m", "health"]].to_numpy().tolist() == [[2.0, 2.0, 1.0]]
+
+
+def test_survey_area_becomes_a_table_with_roles():
+    hole = shapely.box(1.0, 1.0, 2.0, 2.0)
+    area = SurveyArea(shapely.box(0.0, 0.0, 9.0, 9.0), GRID.crs, (hole,), [[5.0, 5.0]])
+    assert area.to_geodataframe()["role"].tolist() == ["area", "no-go", "start"]
+
+
+@pytest.mark.parametrize(
+    ("package", "convert"),
+    [
+        ("xarray", DEM.to_xarray),
+        ("geopandas", lambda: SurveyArea.rectangle(GRID.bounds, GRID.crs).to_geodataframe()),
+    ],
+)
+def test_a_missing_optional_package_is_named_with_its_extra(package, convert, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(
+        InputError, match=rf"needs {package}, which is not installed; install firnline\[notebook\]"
+    ):
+        convert()
