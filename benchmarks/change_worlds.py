@@ -8,6 +8,8 @@ import shapely
 from scipy.fft import irfft2, rfft2
 
 from survey.core.arrays import FloatArray
+from survey.core.ground_measures import areal_factors, ground_area_m2
+from survey.core.map_scale import scale_factors
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -16,7 +18,9 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.volume import quadrature
-from survey.scoring.change.change import VolumeChange, change, change_of_models
+from survey.scoring.change.change import change
+from survey.scoring.change.models import change_of_models
+from survey.scoring.change.results import VolumeChange
 
 UTM = "EPSG:32608"
 
@@ -71,7 +75,9 @@ def raster_pair(seed: int, world: World) -> Judged:
     found = change(
         Dem.on(grid, terrain + sunk + errors), Dem.on(grid, terrain), {"glacier": outline}
     ).volumes[0]
-    return judged(found, float(sunk[inside].mean()) * outline.area)
+    ground = 1.0 / areal_factors(grid.crs, grid.x, grid.y)
+    mean_m = np.average(sunk[inside], weights=ground[inside])
+    return judged(found, float(mean_m) * ground_area_m2(grid.crs, outline))
 
 
 def exponential_field(rng: np.random.Generator, n: int, length_cells: float) -> FloatArray:
@@ -103,6 +109,7 @@ def model_pair(seed: int, *, n_points: int = 120, shared: float = 0.0) -> Judged
         points = SurfacePoints(np.column_stack([places[k], z]), sigma_m=sigma, crs=UTM)
         models.append(GaussianProcessTerrain(config, bounds=grid.bounds).fit(points))
     found = change_of_models(models[1], models[0], {"site": outline}, grid).volumes[0]
+    areas = areas / scale_factors(UTM, nodes).areal
     true_m3 = float(areas @ (terrains[1] - terrains[0])[2 * n_points :])
     return judged(found, true_m3)
 
@@ -126,7 +133,7 @@ def landlab_pair(data: Path) -> Landslide:
     outline = {"runout": shapely.union_all(cells)}
     after = Dem.on(grid, before.elevation + np.nan_to_num(moved))
     exact = change(after, before, outline)
-    true_m3 = float(np.nansum(moved)) * 100.0
+    true_m3 = float(np.nansum(moved / areal_factors(crs, grid.x, grid.y))) * 100.0
     rng = stream(7, "noisy landslide")
     noisy = [Dem.on(grid, dem.elevation + rng.normal(0.0, 0.3, grid.shape)) for dem in (after, before)]
     found = change(*noisy, outline).volumes[0]

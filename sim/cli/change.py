@@ -9,7 +9,7 @@ from sim.cli.options import Json
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
-    from survey.scoring.change.change import Change
+    from survey.scoring.change.results import Change
 
 
 @refusals_told
@@ -105,7 +105,7 @@ def _models_compared(
     from survey import Grid
     from survey.core.errors import InputError
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-    from survey.scoring.change.change import change_of_models
+    from survey.scoring.change.models import change_of_models
     from survey.scoring.change.outlines import read_outlines
 
     new, old = GaussianProcessTerrain.load(later), GaussianProcessTerrain.load(earlier)

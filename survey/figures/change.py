@@ -18,7 +18,7 @@ from survey.figures.cartography import (
     view,
 )
 from survey.figures.style import ERROR, FULL_IN, INK, VEIL, styled, symmetric_limits
-from survey.scoring.change.change import Change
+from survey.scoring.change.results import Change
 
 
 @styled

@@ -1,8 +1,10 @@
 """How good a survey was: coverage, spread, errors, honesty of the uncertainty, class of the map, change."""
 
 from survey.scoring.accuracy import Calibration, ErrorStatistics
-from survey.scoring.change.change import Change, MassBalance, VolumeChange, change, change_of_models
+from survey.scoring.change.change import change
 from survey.scoring.change.coregistration import Shift, coregister
+from survey.scoring.change.models import change_of_models
+from survey.scoring.change.results import Change, MassBalance, VolumeChange
 from survey.scoring.coverage import Coverage, SampleCells, science_coverage
 from survey.scoring.score import Score, score
 from survey.scoring.spread import centeredness, distribution

@@ -6,11 +6,13 @@ from typing import ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
+from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray, checked
 from survey.core.errors import InputError
 from survey.core.geodesy import UNSTATED, same_crs, same_vertical_datum
+from survey.core.map_scale import scale_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
@@ -160,7 +162,14 @@ class GaussianProcessTerrain(TerrainModel):
         degrees = np.degrees(std / (1.0 + slope**2))
         return Dem.on(grid, np.degrees(np.arctan(slope))), Dem.on(grid, degrees)
 
-    def volume(self, polygon: Polygon | MultiPolygon, *, base_m: float = 0.0, step_m: float = 2.0) -> Volume:
+    def volume(
+        self,
+        polygon: Polygon | MultiPolygon,
+        *,
+        base_m: float = 0.0,
+        step_m: float = 2.0,
+        crs: CRS | None = None,
+    ) -> Volume:
         """Return the volume between the surface and a level, over a polygon.
 
         The errors of neighbouring places are correlated, and that is in the standard
@@ -174,11 +183,16 @@ class GaussianProcessTerrain(TerrainModel):
             Height of the level [m].
         step_m : float
             Spacing of the quadrature [m]; a fraction of the shortest length scale.
+        crs : pyproj.CRS, optional
+            Of the polygon. With it the areal scale factor is applied, and volume and area count on the
+            ground; without it they count in grid metres.
         """
         from survey.reconstruction.gp.map_samples import weighted_sum_of
 
         known = self._known
         nodes, weights = quadrature(polygon, step_m)
+        if crs is not None:
+            weights = weights / scale_factors(crs, nodes).areal
         mean, std = weighted_sum_of(known.process, nodes, weights)
         mean += float(weights @ (known.mean.at(nodes) - base_m))
         factor = float(known.calibration.at(known.nearest_m(nodes)).max())

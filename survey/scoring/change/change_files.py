@@ -11,7 +11,7 @@ import numpy as np
 from survey.core.documents import write_json
 from survey.core.files import replacing
 from survey.io.raster import write_raster
-from survey.scoring.change.change import Change
+from survey.scoring.change.results import Change
 
 TABLE_COLUMNS = (
     "name",
@@ -58,6 +58,7 @@ def change_facts(
         "shift": None if change.shift is None else asdict(change.shift),
         "variogram": None if change.variogram is None else asdict(change.variogram),
         "significant_share": float(np.mean(np.asarray(change.significant) != 0)),
+        "map_scale": change.map_scale.to_dict(),
         "notes": list(change.notes),
     }
 
