@@ -5,15 +5,39 @@ import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from survey.core.errors import ConfigError
 from survey.core.files import existing_file
 
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
 
-class Section(BaseModel):
+
+class _SectionMeta(ModelMetaclass):
+    """Raise `ConfigError` when a section that is constructed in Python has a wrong setting."""
+
+    if not TYPE_CHECKING:  # the signature of the class is that of its fields
+
+        def __call__(self, *args: Any, **settings: Any) -> Any:
+            if args:
+                raise TypeError(f"{self.__name__} takes settings by keyword only, e.g. {_example(self)}.")
+            try:
+                return super().__call__(**settings)
+            except ValidationError as error:
+                raise ConfigError(_sentence(error, self, self.__name__)) from error
+
+
+def _example(model: type[BaseModel]) -> str:
+    """Return a call with the first setting of a section."""
+    return f"{model.__name__}({next(iter(model.model_fields))}=...)"
+
+
+class Section(BaseModel, metaclass=_SectionMeta):
     """One section of a configuration: unknown keys are refused, values are never converted."""
 
     model_config = ConfigDict(

@@ -1,4 +1,5 @@
 import pytest
+from pydantic import Field
 
 from survey import ConfigError, InputError
 from survey.core.config import Section, read_toml, validated, with_overrides
@@ -55,3 +56,31 @@ def test_broken_toml_is_named(tmp_path):
         read_toml(tmp_path / "m.toml")
     with pytest.raises(InputError, match="does not exist"):
         read_toml(tmp_path / "other.toml")
+
+
+class Lines(Section):
+    swaths: int = 4
+
+
+class Pattern(Section):
+    inner: Lines = Lines()
+    spacing_m: float = Field(default=1.0, gt=0.0)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Lines(swath=3), "Lines: the key swath is not known; did you mean swaths?"),
+        (lambda: Lines(swaths="many"), r"Lines: swaths: input should be a valid integer \(found 'many'\)"),
+        (lambda: Pattern(spacing_m=-1.0), "Pattern: spacing_m: input should be greater than 0"),
+        (lambda: Pattern(inner={"swaths": 1.5}), "Pattern: inner.swaths: input should be a valid integer"),
+    ],
+)
+def test_a_wrong_setting_of_a_section_made_in_python_is_a_config_error(build, message):
+    with pytest.raises(ConfigError, match=message):
+        build()
+
+
+def test_settings_are_given_by_keyword():
+    with pytest.raises(TypeError, match=r"Lines takes settings by keyword only, e.g. Lines\(swaths=...\)"):
+        Lines(3)
