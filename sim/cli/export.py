@@ -61,6 +61,6 @@ def export(
         convert(source, out, kind, crs=crs)  # type: ignore[arg-type]  # checked above
         typer.echo(f"{out} written")
         return
-    file = RunFolder.find(source).folder("plan") / "route.geojson" if source.is_dir() else source
+    file = RunFolder.find(source).verified("plan") / "route.geojson" if source.is_dir() else source
     write_plan(survey.Route.read(file), out, rover=rover)
     typer.echo(f"{out} written")

@@ -27,9 +27,7 @@ def run_until(
 ) -> tuple[MissionConfig, RunFolder]:
     """Run a mission up to a stage, from where it was left or from `first` on."""
     mission = read_mission(mission_file, settings or ())
-    run = open_run(mission, runs)
-    if first is not None:
-        run.discard_from(first)
+    run = open_run(mission, runs, first=first)
     with logged_to(run.path / "log.jsonl", verbose):
         run_mission(mission, run, until=stage, watch=StageProgress(quiet=quiet), workers=workers)
     return mission, run

@@ -1,7 +1,6 @@
 """Checks of a command's outputs, made before any work starts."""
 
 import os
-import tempfile
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
@@ -33,10 +32,12 @@ def refuse_existing(
     InputError
         One sentence that names the output and what to do.
     """
+    from survey.core.exchange import refuse_unwritable
+
     given = [Path(path).resolve() for path in inputs if path is not None]
     for output in outputs:
         _refuse_input(output, given)
-        _refuse_unwritable(output, is_folder=bool(own))
+        refuse_unwritable(output, is_folder=bool(own))
         _refuse_present(output, force=force, own=own)
 
 
@@ -49,25 +50,6 @@ def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
             raise InputError(
                 f"the output {output} is or contains the input {path}; choose another place for the output."
             )
-
-
-def _refuse_unwritable(output: Path, *, is_folder: bool) -> None:
-    """Refuse a place in which nothing can be created; the missing parents of an output folder will be."""
-    from survey.core.errors import InputError
-    from survey.core.exchange import write_refusal
-
-    parent = output.resolve().parent
-    while is_folder and not os.path.lexists(parent):
-        parent = parent.parent
-    if not parent.is_dir():
-        found = "is a file" if os.path.lexists(parent) else "does not exist"
-        raise InputError(
-            f"{output} cannot be written: {parent} {found}, and a folder was expected; choose another place."
-        )
-    try:
-        os.rmdir(tempfile.mkdtemp(prefix=".firnline-", dir=parent))  # noqa: PTH106
-    except OSError as error:
-        raise write_refusal(output, error) from error
 
 
 def _refuse_present(output: Path, *, force: bool, own: Collection[str]) -> None:

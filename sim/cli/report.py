@@ -42,7 +42,6 @@ def report(
             )
         for stage in ("plan", "simulate", "localize", "reconstruct", "score"):
             run.verify(stage)
-        run.discard_from("report")
         with run.stage("report") as folder:
             write_mission_report(folder, run)
     tell(run, as_json=as_json)

@@ -42,7 +42,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         surveyed,
         title=run.path.parent.name,
         localization=read_json(localization, "the localization error") if localization.exists() else None,
-        config_text=(run.path / "config.toml").read_text(encoding="utf-8"),
+        config_text=run.config_text(),
         provenance=_provenance(run),
     )
 

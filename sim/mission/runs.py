@@ -1,23 +1,37 @@
-"""From a mission file to its run folder."""
+"""Mission files and run folders: read a mission, open the folder that belongs to it."""
 
+import os
 import platform
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 
 import tomlkit
 
 from sim.config.mission import MissionConfig
+from sim.mission.versions import current_versions
 from sim.world.site import build_world
 from survey.core.config import read_toml, validated, with_overrides
+from survey.core.exchange import refuse_unwritable
 from survey.core.files import existing_file
-from survey.core.store import RunFolder, checksum
-
-_PACKAGES = ("firnline", "numpy", "scipy", "rasterio", "pyproj", "shapely", "finufft", "numba", "matplotlib")
+from survey.core.manifest import file_sha256
+from survey.core.store import RunFolder
+from survey.io.companions import companion_files
 
 
 def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:
-    """Read a mission file, put ``section.key=value`` overrides in, and check all of it.
+    """Read a mission file, apply overrides and check all settings.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The mission file (TOML).
+    overrides : sequence of str
+        Settings as ``section.key=value``.
+
+    Returns
+    -------
+    MissionConfig
+        The mission; its relative paths count from the folder of the file.
 
     Raises
     ------
@@ -30,28 +44,89 @@ def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:
     return mission.read_from(path.parent)
 
 
-def open_run(mission: MissionConfig, runs: Path) -> RunFolder:
-    """Find or make the run folder that belongs to a mission and its input files.
+def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) -> RunFolder:
+    """Open the run folder that belongs to a mission and its input files, or create it.
 
-    The world of a new mission is built once before anything is written, so that bad input
-    is refused and leaves nothing behind.
+    The world of a new mission is built once before anything is written, so that bad input is
+    refused and leaves nothing behind.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+    runs : pathlib.Path
+        The folder of all runs.
+    first : str, optional
+        Do this stage and all that follow it again. With ``"plan"`` a damaged manifest is replaced.
+
+    Returns
+    -------
+    RunFolder
+        Its name follows from the configuration and from every file that decides a value,
+        companions (``.prj``, ``.aux.xml``, sources of a ``.vrt``) included.
+
+    Raises
+    ------
+    InputError
+        An input file is missing, or the folder cannot be written to or is damaged.
     """
-    inputs = {
-        name: checksum(existing_file(file, f"the file of {name},"))
-        for name, file in mission.input_files.items()
-    }
+    inputs = input_checksums(mission.input_files)
     facts = {
         "mission": mission.name,
         "seed": mission.seed,
         "python": platform.python_version(),
-        "versions": {name: version(name) for name in _PACKAGES},
+        "versions": current_versions(),
     }
     text = resolved_text(mission)
-    if not RunFolder.place(runs, mission.name, text, inputs).exists():
+    place = RunFolder.place(runs, mission.name, text, inputs)
+    refuse_unwritable(place, is_folder=True)
+    if not place.exists():
         build_world(mission)
-    return RunFolder.open(runs, mission.name, text, inputs, facts)
+    run = RunFolder.open(runs, mission.name, text, inputs, facts, fresh=first == "plan")
+    if first not in (None, "plan"):
+        run.redo_from(first, facts)
+    return run
+
+
+def input_checksums(files: dict[str, Path]) -> dict[str, str]:
+    """Return the SHA-256 of input files and of the companions that decide what is read from them.
+
+    Parameters
+    ----------
+    files : dict of str to pathlib.Path
+        Input files by name.
+
+    Returns
+    -------
+    dict
+        SHA-256 by name; a companion's name is that of its file and its place relative to it.
+    """
+    found = {}
+    for name, path in files.items():
+        file = existing_file(path, f"the file of {name},")
+        found[name] = file_sha256(file)
+        for companion in companion_files(file):
+            place = os.path.relpath(companion, file.parent)
+            found[f"{name}/{_printable(place)}"] = file_sha256(companion)
+    return found
+
+
+def _printable(name: str) -> str:
+    """Escape the bytes of a file name that are no UTF-8."""
+    return name.encode("utf-8", errors="surrogateescape").decode("utf-8", errors="backslashreplace")
 
 
 def resolved_text(mission: MissionConfig) -> str:
-    """Return the mission with every default written out, as TOML."""
+    """Return the mission with every default written out.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
     return tomlkit.dumps(mission.model_dump(mode="json", exclude_none=True))

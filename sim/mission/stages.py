@@ -7,7 +7,7 @@ report ◀──report── score ◀──score──────────�
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -20,6 +20,7 @@ import planners
 import survey
 from sim.config.mission import MissionConfig
 from sim.mission.report import write_mission_report
+from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
 from sim.simulate.ideal import simulate_ideal
 from sim.simulate.navigator_process import navigating
@@ -70,16 +71,26 @@ def run_mission(
     InputError
         What a stage refuses, or a finished stage whose files were changed.
     """
+    wanted = STAGES[: STAGES.index(until) + 1]
+    _refuse_mixed_versions(run, wanted)
     n = len(os.sched_getaffinity(0)) if workers is None else workers
     stages = _STAGES | {"simulate": partial(simulate, workers=n)}
     with threadpool_limits(limits=1):  # one order of sums keeps the bytes, and spinning threads are slower
-        for name in STAGES[: STAGES.index(until) + 1]:
+        for name in wanted:
             if run.has(name):
                 run.verify(name)
                 continue
             with watch(name), run.stage(name) as folder:
                 stages[name](mission, run, folder)
             logger.info("finished the stage %s", name)
+
+
+def _refuse_mixed_versions(run: RunFolder, wanted: Sequence[str]) -> None:
+    """Refuse to add stages to those that other versions of the computing packages have made."""
+    n_done = sum(run.has(name) for name in wanted)
+    if 0 < n_done < len(wanted):
+        remedy = "do all stages again with --fresh, or those from one stage on with --from STAGE"
+        refuse_other_versions(run.manifest["versions"], f"the run {run.path}", remedy)
 
 
 def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:

@@ -26,7 +26,7 @@ from sim.montecarlo.trials import Trial, TrialBlock, as_columns, blocks_of, surv
 from survey.core.documents import read_json, write_json
 from survey.core.errors import ConfigError, InputError
 from survey.core.files import existing_file, replacing
-from survey.core.store import checksum
+from survey.core.manifest import file_sha256
 
 TrialProgress = Callable[[int, int], None]
 """Called with the number of trials done and of all trials."""
@@ -124,7 +124,7 @@ def _file(folder: Path, block: TrialBlock) -> Path:
 def _opened(study: StudyConfig, folder: Path, *, fresh: bool) -> Iterator[None]:
     """Hold the study's folder for one run; make it, or check that it holds this very study."""
     inputs = {
-        name: checksum(existing_file(file, f"the prior of {name},"))
+        name: file_sha256(existing_file(file, f"the prior of {name},"))
         for name, file in study.input_files.items()
     }
     begun = {"study": study.model_dump(mode="json"), "inputs_sha256": inputs}

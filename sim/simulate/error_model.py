@@ -94,6 +94,7 @@ def errors_of(run: RunFolder) -> DriveErrors:
     place = run.folder("simulate")
     if not (place / "recording" / ONBOARD).is_dir():
         raise InputError(f"{run.path} holds no drive in images; run a mission of fidelity vision first.")
+    run.verify("simulate")
     recording = Recording.read(place / "recording")
     return drive_errors(recording, read_seen(place / "recording" / ONBOARD), Truth.read(place / "truth"))
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 from survey.core.documents import read_json, write_json
 from survey.core.errors import InputError
-from survey.core.store import checksum
+from survey.core.manifest import file_sha256
 
 _RECORD = "made.json"
 
 
 def record(folder: Path, *, quick: bool) -> None:
     """Tell that a study is whole: how it was made, and the checksums of its files."""
-    files = {path.name: checksum(path) for path in sorted(folder.iterdir()) if _is_product(path)}
+    files = {path.name: file_sha256(path) for path in sorted(folder.iterdir()) if _is_product(path)}
     made = {"firnline": version("firnline"), "quick": quick, "files_sha256": files}
     write_json(folder / _RECORD, made)
 
@@ -27,7 +27,7 @@ def stands(folder: Path, *, quick: bool) -> bool:
         is_enough = quick or not made["quick"]
     except (InputError, KeyError, AttributeError):
         return False
-    return is_enough and all(path.is_file() and checksum(path) == digest for path, digest in kept.items())
+    return is_enough and all(path.is_file() and file_sha256(path) == digest for path, digest in kept.items())
 
 
 def forget(folder: Path) -> None:

@@ -145,6 +145,35 @@ def replacing_files(*paths: str | Path) -> Iterator[tuple[Path, ...]]:
             raise write_refusal(main, error) from error
 
 
+def refuse_unwritable(path: Path, *, is_folder: bool) -> None:
+    """Refuse an output in whose place nothing can be created.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The output, existing or not.
+    is_folder : bool
+        Whether the output is a folder, whose missing parents will be created.
+
+    Raises
+    ------
+    InputError
+        A parent is a file, the folder of a file is missing, or it may not be written to.
+    """
+    parent = path.resolve().parent
+    while is_folder and not os.path.lexists(parent):
+        parent = parent.parent
+    if not parent.is_dir():
+        found = "is a file" if os.path.lexists(parent) else "does not exist"
+        raise InputError(
+            f"{path} cannot be written: {parent} {found}, and a folder was expected; choose another place."
+        )
+    try:
+        Path(tempfile.mkdtemp(prefix=".firnline-", dir=parent)).rmdir()
+    except OSError as error:
+        raise write_refusal(path, error) from error
+
+
 def write_refusal(path: Path, error: OSError) -> InputError:
     """Return the refusal of an output that could not be written, with the remedy that its reason asks for.
 

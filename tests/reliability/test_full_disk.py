@@ -67,7 +67,7 @@ def test_a_full_disk_is_told_and_the_mission_goes_on_afterwards(
 
 
 @pytest.mark.reliability
-def test_a_raster_that_does_not_fit_is_told(tmp_path):
+def test_a_raster_that_does_not_fit_is_refused(tmp_path):
     write = (
         "import resource, numpy as np\n"
         "from survey import Dem, Grid, InputError\n"
@@ -84,6 +84,6 @@ def test_a_raster_that_does_not_fit_is_told(tmp_path):
 
 
 @pytest.mark.reliability
-def test_a_forbidden_place_is_told(tmp_path):
+def test_a_forbidden_place_is_refused(tmp_path):
     (tmp_path / "m.toml").write_text(MISSION)
-    assert "cannot be made" in said(run(tmp_path, runs="/proc/firnline"))
+    assert "could not be written" in said(run(tmp_path, runs="/proc/firnline"))
