@@ -19,19 +19,11 @@ from sim.instruments.sensors import (
 from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.data.camera import Image
-from survey.data.sensors import (
-    Barometer,
-    Compass,
-    GpsFixes,
-    Inertial,
-    StakeSightings,
-    Weather,
-    Wheels,
-)
+from survey.data.sensors import GpsFixes, SensorTables, table_types
 
 
-@dataclass(frozen=True)
-class Readings:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Readings(SensorTables):
     """What the rover has sensed during a stretch of time; what brought no reading is None.
 
     The records are those of a `survey.data.recording.Recording`; `frame` is the image at the end
@@ -39,25 +31,12 @@ class Readings:
     """
 
     gps: GpsFixes | None = None
-    base: GpsFixes | None = None
-    barometer: Barometer | None = None
-    wheels: Wheels | None = None
-    inertial: Inertial | None = None
-    compass: Compass | None = None
-    weather: Weather | None = None
-    stake_sightings: StakeSightings | None = None
     frame: tuple[float, Image] | None = None
 
 
-_KINDS: dict[str, Any] = {
-    "gps": GpsFixes,
-    "base": GpsFixes,
-    "barometer": Barometer,
-    "wheels": Wheels,
-    "inertial": Inertial,
-    "compass": Compass,
-    "weather": Weather,
-    "stake_sightings": StakeSightings,
+_KINDS = {
+    name: table_types()[name]
+    for name in ("gps", "base", "barometer", "wheels", "inertial", "compass", "weather", "stake_sightings")
 }
 
 

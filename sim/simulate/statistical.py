@@ -75,11 +75,11 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
         route.crs,
         trajectory.position[0],
         _gps(trajectory, mission, stream(seed, "sensors", "gps")),
-        _odometry(trajectory, attitude, sensors, stream(seed, "sensors", "odometry")),
-        _barometer(trajectory, sensors, stream(seed, "sensors", "barometer")),
-        _sightings(terrain, trajectory, attitude, mission, stream(seed, "sensors", "landmarks")),
-        mission.rover.antenna_height_m,
-        terrain.vertical_datum,
+        odometry=_odometry(trajectory, attitude, sensors, stream(seed, "sensors", "odometry")),
+        barometer=_barometer(trajectory, sensors, stream(seed, "sensors", "barometer")),
+        sightings=_sightings(terrain, trajectory, attitude, mission, stream(seed, "sensors", "landmarks")),
+        antenna_height_m=mission.rover.antenna_height_m,
+        vertical_datum=terrain.vertical_datum,
         camera_height_m=mission.rover.camera_height_m,
     )
     return with_aids(recording, trajectory, attitude, route, mission), Truth(terrain, trajectory)

@@ -1,6 +1,6 @@
 """What a rover senses and nothing else: the only thing that localization is given."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -9,24 +9,11 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.config import Section
-from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files import replacing
 from survey.core.geodesy import projected_crs
 from survey.data.camera import Camera, Frames, FrameWriter
-from survey.data.sensors import (
-    Barometer,
-    Closures,
-    Compass,
-    GpsFixes,
-    Inertial,
-    Odometry,
-    Sightings,
-    Stakes,
-    StakeSightings,
-    Weather,
-    Wheels,
-)
+from survey.data.sensors import GpsFixes, SensorTables, Sightings, table_types
 
 
 class RecordingHeader(Section):
@@ -46,7 +33,7 @@ class RecordingHeader(Section):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording(DataObject):
+class Recording(SensorTables):
     """The records of one drive.
 
     Without odometry and frames it is a kinematic GPS survey: the fixes themselves are the
@@ -83,20 +70,8 @@ class Recording(DataObject):
     crs: CRS
     start: FloatArray
     gps: GpsFixes
-    odometry: Odometry | None = None
-    barometer: Barometer | None = None
-    sightings: Sightings | None = None
     antenna_height_m: float = 0.0
     vertical_datum: str = ""
-    wheels: Wheels | None = None
-    inertial: Inertial | None = None
-    compass: Compass | None = None
-    weather: Weather | None = None
-    base: GpsFixes | None = None
-    base_barometer: Barometer | None = None
-    stakes: Stakes | None = None
-    stake_sightings: StakeSightings | None = None
-    closures: Closures | None = None
     camera: Camera | None = None
     frames: Frames | None = None
     camera_height_m: float = 0.0
@@ -125,7 +100,7 @@ class Recording(DataObject):
         return self.camera.T_body_camera[:3, 3]
 
     def _summary(self) -> str:
-        sensed = [name for name in (*_TABLES, "frames") if getattr(self, name) is not None]
+        sensed = [name for name in (*table_types(), "frames") if getattr(self, name) is not None]
         return f"{', '.join(sensed)}, {self.crs.name}"
 
     def _check_sightings(self, sightings: Sightings) -> None:
@@ -160,7 +135,7 @@ class Recording(DataObject):
                     writer.add(time_s, self.frames[index])
         if self.camera is not None:
             self.camera.write(place / "camera.toml")
-        for name in _TABLES:
+        for name in table_types():
             sensor = getattr(self, name)
             if sensor is not None:
                 sensor.write(place / f"{name}.csv")
@@ -198,7 +173,7 @@ class Recording(DataObject):
             ) from error
         sensed: dict[str, Any] = {
             name: kind.read(place / f"{name}.csv")
-            for name, kind in _TABLES.items()
+            for name, kind in table_types().items()
             if name == "gps" or (place / f"{name}.csv").exists()
         }
         return cls(
@@ -211,23 +186,3 @@ class Recording(DataObject):
             frames=Frames.read(place / "frames") if (place / "frames").exists() else None,
             **sensed,
         )
-
-
-_TABLES: dict[str, Any] = {
-    "gps": GpsFixes,
-    "odometry": Odometry,
-    "barometer": Barometer,
-    "sightings": Sightings,
-    "wheels": Wheels,
-    "inertial": Inertial,
-    "compass": Compass,
-    "weather": Weather,
-    "base": GpsFixes,
-    "base_barometer": Barometer,
-    "stakes": Stakes,
-    "stake_sightings": StakeSightings,
-    "closures": Closures,
-}
-"""Fields of a recording that are kept as CSV tables of the same name."""
-
-assert set(_TABLES) < {field.name for field in fields(Recording)}

@@ -7,7 +7,7 @@ easting, northing, elevation. Attitudes are roll, pitch (nose down positive) and
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, get_args, get_type_hints
 
 import numpy as np
 
@@ -352,3 +352,38 @@ _SIGHTINGS = (
     *("pose", "forward_m", "left_m", "up_m", "range_m"),
     *("var_ff_m2", "cov_fl_m2", "cov_fu_m2", "var_ll_m2", "cov_lu_m2", "var_uu_m2"),
 )
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SensorTables(DataObject):
+    """Optional tables of a recording; None where a sensor gave no readings.
+
+    A field declared here is a table of every recording: it is written to and read from a CSV
+    file of the same name, and the simulator collects its readings.
+    """
+
+    odometry: Odometry | None = None
+    barometer: Barometer | None = None
+    sightings: Sightings | None = None
+    wheels: Wheels | None = None
+    inertial: Inertial | None = None
+    compass: Compass | None = None
+    weather: Weather | None = None
+    base: GpsFixes | None = None
+    base_barometer: Barometer | None = None
+    stakes: Stakes | None = None
+    stake_sightings: StakeSightings | None = None
+    closures: Closures | None = None
+
+
+def table_types() -> dict[str, Any]:
+    """Return the record type of every table of a recording, by the table's name.
+
+    Examples
+    --------
+    >>> table_types()["base"].__name__
+    'GpsFixes'
+    """
+    hints = get_type_hints(SensorTables)
+    optional = {field.name: get_args(hints[field.name])[0] for field in fields(SensorTables)}
+    return {"gps": GpsFixes} | optional

@@ -52,8 +52,8 @@ def _drive(seed: int = 1, n: int = 240) -> tuple[Recording, FloatArray]:
         "EPSG:32608",
         place[0],
         GpsFixes(times, place + error),
-        Odometry(times, told, attitude + wrong),
-        Barometer(times, height),
+        odometry=Odometry(times, told, attitude + wrong),
+        barometer=Barometer(times, height),
     )
     return recording, place
 

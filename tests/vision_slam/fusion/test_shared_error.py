@@ -35,7 +35,7 @@ def drifting(seed: int = 2, n: int = 600) -> tuple[Recording, np.ndarray, np.nda
     steps = np.einsum("nji,nj->ni", rotations(attitude[:-1]), np.diff(position, axis=0))
     bias = gauss_markov(gaps, 300.0, 3.0, rng, 3) + rng.standard_normal((n, 3))
     fixes = GpsFixes(time_s, position + bias * [1.0, 1.0, 1.7])
-    return Recording(CRS, position[0], fixes, Odometry(time_s, steps, sensed)), position, attitude
+    return Recording(CRS, position[0], fixes, odometry=Odometry(time_s, steps, sensed)), position, attitude
 
 
 def smoothed(recording: Recording, config: LocalizationConfig = LASTING) -> SmoothedPath:

@@ -52,7 +52,9 @@ def test_exact_records_leave_the_path_where_it_is():
     time_s, position, attitude = circle()
     odometry = odometry_of(time_s, position, attitude)
     barometer = Barometer(time_s, position[:, 2] + 500.0)
-    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry, barometer)
+    recording = Recording(
+        CRS, position[0], GpsFixes(time_s, position), odometry=odometry, barometer=barometer
+    )
     path = smooth(recording, dead_reckoning(odometry, position[0]), LocalizationConfig())
     np.testing.assert_allclose(path.position, position, atol=1e-6)
     np.testing.assert_allclose(path.attitude_rad, attitude, atol=1e-6)
@@ -62,7 +64,9 @@ def test_what_was_read_after_the_last_pose_does_not_pull_the_path():
     time_s, position, attitude = circle()
     odometry = odometry_of(time_s[:200], position[:200], attitude[:200])
     barometer = Barometer(time_s, position[:, 2] + 500.0)
-    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry, barometer)
+    recording = Recording(
+        CRS, position[0], GpsFixes(time_s, position), odometry=odometry, barometer=barometer
+    )
     path = smooth(recording, dead_reckoning(odometry, position[0]), LocalizationConfig())
     # The reading of the second after the last pose counts as of that pose, 1 m further on, among ten at the node.
     np.testing.assert_allclose(path.position, position[:200], atol=0.1)
@@ -72,7 +76,7 @@ def test_scale_error_is_found_by_gps():
     time_s, position, attitude = circle(1200)
     odometry = odometry_of(time_s, position, attitude)
     stretched = Odometry(time_s, odometry.step * 1.004, odometry.attitude_rad)
-    recording = Recording(CRS, position[0], GpsFixes(time_s, position), stretched)
+    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry=stretched)
     config = LocalizationConfig(gps_bias_sigma_m=0.02, gps_white_sigma_m=0.02)
     reckoned = dead_reckoning(stretched, position[0])
     before = np.abs(reckoned - position).max()
@@ -86,7 +90,7 @@ def test_uncertainty_grows_without_gps_and_is_small_at_the_surveyed_start():
     time_s, position, attitude = circle(1000)
     odometry = odometry_of(time_s, position, attitude)
     only_two = GpsFixes(time_s[:2], position[:2])
-    recording = Recording(CRS, position[0], only_two, odometry)
+    recording = Recording(CRS, position[0], only_two, odometry=odometry)
     path = smooth(recording, dead_reckoning(odometry, position[0]), LocalizationConfig())
     sigma = np.sqrt(np.trace(path.covariance[:, :3, :3], axis1=1, axis2=2))
     assert sigma[0] == pytest.approx(0.02 * np.sqrt(3), rel=0.01)
@@ -98,7 +102,11 @@ def test_no_landmark_through_the_gates_is_refused():
     time_s, position, attitude = circle(50)
     sightings = Sightings([3], [[4.0, 0.0, 0.0]], [np.eye(3) * 0.01], [4.0])
     recording = Recording(
-        CRS, position[0], GpsFixes(time_s, position), odometry_of(time_s, position, attitude), None, sightings
+        CRS,
+        position[0],
+        GpsFixes(time_s, position),
+        odometry=odometry_of(time_s, position, attitude),
+        sightings=sightings,
     )
     with pytest.raises(InputError, match="none of 1 landmarks"):
         localize(recording)
@@ -110,7 +118,14 @@ def test_recording_gives_itself_back(tmp_path):
     sightings = Sightings([3], [[4.0, 1.0, 0.0]], [np.diag([1.0, 2.0, 3.0])], [4.0])
     barometer = Barometer(time_s, position[:, 2])
     recording = Recording(
-        CRS, position[0], GpsFixes(time_s, position), odometry, barometer, sightings, 0.5, "EGM96 height"
+        CRS,
+        position[0],
+        GpsFixes(time_s, position),
+        odometry=odometry,
+        barometer=barometer,
+        sightings=sightings,
+        antenna_height_m=0.5,
+        vertical_datum="EGM96 height",
     )
     recording.write(tmp_path / "r")
     back = Recording.read(tmp_path / "r")
@@ -130,9 +145,8 @@ def test_sightings_must_belong_to_poses():
             CRS,
             position[0],
             GpsFixes(time_s, position),
-            odometry_of(time_s, position, attitude),
-            None,
-            sightings,
+            odometry=odometry_of(time_s, position, attitude),
+            sightings=sightings,
         )
 
 
@@ -143,7 +157,7 @@ def test_gravity_says_nothing_new_of_an_odometry_that_it_levelled():
     up = np.einsum("nji,j->ni", rotations(attitude), [0.0, 0.0, 9.81])
     jolts = 0.3 * np.random.default_rng(1).standard_normal((len(time_s), 3))
     inertial = Inertial(time_s, np.zeros((len(time_s), 3)), up + jolts)
-    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry, inertial=inertial)
+    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry=odometry, inertial=inertial)
     reckoned = dead_reckoning(odometry, position[0])
     other = smooth(recording, reckoned, LocalizationConfig())
     levelled = smooth(recording, reckoned, LocalizationConfig(levelling_sigma_deg=0.15))

@@ -49,7 +49,7 @@ def _drive(seed: int = 1, n: int = 600) -> tuple[Recording, FloatArray]:
         "EPSG:32608",
         place[0],
         GpsFixes(times, place + error * level),
-        Odometry(times, told, attitude + walk[:, None] * [0.0, 0.0, 1.0]),
+        odometry=Odometry(times, told, attitude + walk[:, None] * [0.0, 0.0, 1.0]),
         inertial=Inertial(fine, rates, np.tile([0.0, 0.0, 9.81], (n * HZ, 1))),
     )
     return recording, place

@@ -58,7 +58,13 @@ def drive(plane_world: object, camera: Camera) -> Recording:
     fixes = GpsFixes(odometry.time_s[[0, -1]], places[[0, -1]])
     frames = Frames(odometry.time_s, images)
     return Recording(
-        CRS("EPSG:32608"), places[0], fixes, odometry, sightings=NO_LANDMARKS, camera=camera, frames=frames
+        CRS("EPSG:32608"),
+        places[0],
+        fixes,
+        odometry=odometry,
+        sightings=NO_LANDMARKS,
+        camera=camera,
+        frames=frames,
     )
 
 
