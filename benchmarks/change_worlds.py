@@ -8,8 +8,7 @@ import shapely
 from scipy.fft import irfft2, rfft2
 
 from survey.core.arrays import FloatArray
-from survey.core.ground_measures import areal_factors, ground_area_m2
-from survey.core.map_scale import scale_factors
+from survey.core.map_scale import areal_factors, ground_area_m2, scale_factors
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid

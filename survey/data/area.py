@@ -15,6 +15,7 @@ from survey.core.arrays import BoolArray, FloatArray, checked, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs, same_crs, transformed
+from survey.core.map_scale import ground_area_m2
 from survey.data.conversions import to_geodataframe
 from survey.io.vector import Features, read_features, write_features
 
@@ -158,7 +159,7 @@ class SurveyArea(DataObject):
 
     def _summary(self) -> str:
         parts = [
-            f"{self.polygon.area:.0f} m²",
+            f"{ground_area_m2(self.crs, self.polygon):.0f} m²",
             f"{len(self.no_go)} no-go zones",
             f"{len(self.starts)} starts",
         ]
@@ -172,6 +173,11 @@ class SurveyArea(DataObject):
         rest = self.polygon.difference(shapely.union_all(list(self.no_go)))
         parts = [part for part in shapely.get_parts(rest) if part.geom_type == "Polygon"]
         return parts[0] if len(parts) == 1 else MultiPolygon(parts)
+
+    @cached_property
+    def ground_area_m2(self) -> float:
+        """Area of the free ground on the ground [m²]: the areal scale factor of the CRS is applied."""
+        return ground_area_m2(self.crs, self.free)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:

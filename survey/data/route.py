@@ -16,6 +16,7 @@ from survey.core.arrays import FloatArray, IntArray, checked
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs
+from survey.core.map_scale import ground_lengths_m
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe
 from survey.data.plots import draw_lines, html_table
@@ -65,7 +66,7 @@ class Leg(DataObject):
 
     @property
     def length_m(self) -> float:
-        """Distance along the waypoints [m]."""
+        """Distance along the waypoints in the CRS of the route [m]."""
         return float(np.hypot(*np.diff(self.xy, axis=0).T).sum())
 
 
@@ -139,8 +140,26 @@ class Route(DataObject):
 
     @property
     def length_m(self) -> float:
-        """Metres driven by all rovers together."""
+        """Length of all legs together in the CRS [m]; `ground_length_m` is that on the ground."""
         return float(sum(leg.length_m for leg in self.legs))
+
+    @cached_property
+    def ground_length_m(self) -> float:
+        """Distance that all rovers together drive over the ground, without relief [m].
+
+        The length of the legs, each divided by the local scale factor of the CRS.
+        """
+        return float(self.ground_leg_lengths_m.sum())
+
+    @cached_property
+    def ground_leg_lengths_m(self) -> FloatArray:
+        """Length of each leg on the ground [m], (L,)."""
+        segments = ground_lengths_m(self.crs, np.vstack([leg.xy for leg in self.legs]))
+        counts = np.array([len(leg.xy) for leg in self.legs])
+        first = np.r_[0, np.cumsum(counts)[:-1]]
+        sums = np.r_[0.0, np.cumsum(np.r_[segments, 0.0])]
+        lengths: FloatArray = sums[first + counts - 1] - sums[first]
+        return lengths
 
     @property
     def swaths(self) -> tuple[Leg, ...]:
@@ -199,7 +218,7 @@ class Route(DataObject):
             "order": np.arange(n, dtype=np.int32),
             "kind": np.array([leg.kind for leg in self.legs], dtype=object),
             "rover": np.array([leg.rover for leg in self.legs], dtype=np.int32),
-            "length_m": np.array([leg.length_m for leg in self.legs]),
+            "length_m": self.ground_leg_lengths_m,
             "pattern": np.array([self.pattern] * n, dtype=object),
             "spacing_m": np.full(n, np.nan if self.spacing_m is None else self.spacing_m),
         }
@@ -245,7 +264,7 @@ class Route(DataObject):
         return {
             "pattern": self.pattern,
             "swaths": f"{len(self.swaths)} swath{'' if len(self.swaths) == 1 else 's'}",
-            "length": f"{self.length_m:.0f} m",
+            "length": f"{self.ground_length_m:.0f} m",
             "rovers": f"{self.n_rovers} rover{'s' if self.n_rovers > 1 else ''}",
             "CRS": self.crs.name,
         }

@@ -149,7 +149,7 @@ def _write_lines(route: Route, path: Path) -> None:
         "order": np.arange(len(legs), dtype=np.int32),
         "kind": np.array([leg.kind for leg in legs], dtype=object),
         "rover": np.array([leg.rover for leg in legs], dtype=np.int32),
-        "length_m": np.round([leg.length_m for leg in legs], 3),
+        "length_m": np.round(route.ground_leg_lengths_m, 3),
     }
     lines = [LineString(np.round(_lonlat(route, leg.xy), 9)) for leg in legs]
     write_features(path, lines, columns, _WGS84, layer="route")
@@ -197,7 +197,9 @@ def _waypoints(route: Route, path: Path) -> FloatArray:
 def _write_qgc_plan(route: Route, path: Path) -> None:
     waypoints = _waypoints(route, path)
     speed_m_s = (
-        route.length_m / route.prediction["time_s"] if route.prediction.get("time_s", 0.0) > 0.0 else 1.0
+        route.ground_length_m / route.prediction["time_s"]
+        if route.prediction.get("time_s", 0.0) > 0.0
+        else 1.0
     )
     items = [
         _simple_item(i, latitude, longitude) for i, (latitude, longitude) in enumerate(waypoints, start=1)

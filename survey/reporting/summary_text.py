@@ -169,7 +169,7 @@ def key_numbers(score: Score, route: Route) -> list[TableRow]:
             percent(score.coverage.scc),
             f"{percent(score.coverage.cells_share)} of the cells",
         ),
-        TableRow("Route", number(route.length_m / 1000.0, "km", 2), _fleet(route)),
+        TableRow("Route", number(route.ground_length_m / 1000.0, "km", 2), _fleet(route)),
     ]
 
 

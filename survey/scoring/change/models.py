@@ -9,7 +9,7 @@ from shapely import MultiPolygon, Polygon
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.geodesy import same_vertical_datum
-from survey.core.ground_measures import areal_factors
+from survey.core.map_scale import areal_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.base import ELEVATION

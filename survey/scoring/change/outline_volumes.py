@@ -9,8 +9,7 @@ from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
-from survey.core.ground_measures import areal_factors, ground_area_m2
-from survey.core.map_scale import MapScale
+from survey.core.map_scale import MapScale, areal_factors, ground_area_m2
 from survey.data.dem import Dem
 from survey.scoring.change.results import SIGNIFICANT, VolumeChange
 from survey.scoring.change.variogram import Variogram, error_of_sum

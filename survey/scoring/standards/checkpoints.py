@@ -195,7 +195,7 @@ class Spread:
     spacing_share : float
         Least distance between two of them over the rectangle's diagonal; infinite for one point.
     area_m2 : float
-        Ground that is judged [m²].
+        Free ground of the area that is judged, on the ground [m²].
     """
 
     quadrant_shares: tuple[float, float, float, float]
@@ -210,7 +210,7 @@ class Spread:
         --------
         >>> square = SurveyArea.rectangle((0.0, 0.0, 30.0, 40.0), "EPSG:32608")
         >>> Spread.of([[1.0, 1.0], [29.0, 1.0], [1.0, 6.0]], square)
-        Spread(quadrant_shares=(0.667, 0.333, 0.0, 0.0), spacing_share=0.1, area_m2=1200.0)
+        Spread(quadrant_shares=(0.667, 0.333, 0.0, 0.0), spacing_share=0.1, area_m2=1193.6)
         """
         points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
         xmin, ymin, xmax, ymax = area.bounds
@@ -218,7 +218,7 @@ class Spread:
         counts = np.bincount(2 * north + east, minlength=4) / max(len(points), 1)
         nearest = np.asarray(cKDTree(points).query(points, k=2)[0])[:, 1].min() if len(points) > 1 else np.inf
         shares = (float(counts[0]), float(counts[1]), float(counts[2]), float(counts[3]))
-        return cls(shares, float(nearest / np.hypot(xmax - xmin, ymax - ymin)), float(area.free.area))
+        return cls(shares, float(nearest / np.hypot(xmax - xmin, ymax - ymin)), area.ground_area_m2)
 
 
 @dataclass(frozen=True)

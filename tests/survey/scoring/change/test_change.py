@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from benchmarks.change_worlds import World, exponential_field, landlab_pair, model_pair, raster_pair
 from sim.cli.main import app
 from survey import Dem, Grid, InputError, Reconstruction
-from survey.core.ground_measures import ground_area_m2
+from survey.core.map_scale import ground_area_m2
 from survey.io.vector import write_features
 from survey.scoring import VolumeChange, change, coregister
 from survey.scoring.change.variogram import Variogram, error_of_sum

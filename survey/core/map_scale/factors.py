@@ -3,7 +3,7 @@
 Coordinates, steps and geometry stay in the metres of the survey's CRS (grid metres). What is reported as a
 length, area or volume counts on the ground: lengths are divided by the linear scale factor, areas by the areal
 one. The ground is the ellipsoid of the CRS's datum; the height above it changes a length by 0.016 % per
-kilometre and is left out. `survey.core.ground_measures` has the lengths and areas.
+kilometre and is left out. `survey.core.map_scale.ground` has the lengths and areas.
 """
 
 from dataclasses import asdict, dataclass
@@ -13,7 +13,7 @@ import numpy as np
 
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.geodesy import projected_crs
-from survey.core.projection import ground_jacobian
+from survey.core.map_scale.derivatives import ground_jacobian
 
 NOTABLE = 0.01
 """A linear scale factor farther than this from 1 is warned of."""

@@ -7,8 +7,8 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import FloatArray
-from survey.core.map_scale import scale_factors
-from survey.core.projection import ground_jacobian
+from survey.core.map_scale.derivatives import ground_jacobian
+from survey.core.map_scale.factors import scale_factors
 
 # Factors of a raster are interpolated between this many nodes along each side; at 1000 km errors stay below 1e-6.
 _N_NODES = 65

@@ -5,8 +5,13 @@ import pytest
 import shapely
 from pyproj import Geod, Transformer
 
-from survey.core.ground_measures import areal_factors, ground_area_m2, ground_length_m, ground_lengths_m
-from survey.core.map_scale import scale_factors
+from survey.core.map_scale import (
+    areal_factors,
+    ground_area_m2,
+    ground_length_m,
+    ground_lengths_m,
+    scale_factors,
+)
 
 LATITUDE = 61.0
 SCENES = ("EPSG:3857", "EPSG:3413", "EPSG:32610")
