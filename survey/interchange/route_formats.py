@@ -28,9 +28,9 @@ from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
 from survey.core.geodesy import projected_crs, transformed
 from survey.data.route import Leg, Route
+from survey.io.degrees import WGS84, require_transformation
 from survey.io.vector import read_features, write_features
 
-_WGS84 = CRS("EPSG:4326")
 _NAV_WAYPOINT, _GROUND_ROVER, _PX4 = 16, 10, 12
 _FRAME_GLOBAL, _FRAME_RELATIVE_ALTITUDE = 0, 3
 _CSV_COLUMNS = (
@@ -131,8 +131,10 @@ def _part(route: Route, rover: int | None) -> Route:
     return Route(legs, route.crs, route.pattern, route.spacing_m, route.prediction)
 
 
-def _lonlat(route: Route, xy: FloatArray) -> FloatArray:
-    return transformed(xy, route.crs, _WGS84, "the route")
+def _lonlat(route: Route, xy: FloatArray, path: Path) -> FloatArray:
+    """Return longitude and latitude (N, 2) [deg]; refuses a CRS that no transformation ties to the Earth."""
+    require_transformation(route.crs, path)
+    return transformed(xy, route.crs, WGS84, "the route")
 
 
 def _write_gpkg(route: Route, path: Path) -> None:
@@ -151,16 +153,16 @@ def _write_lines(route: Route, path: Path) -> None:
         "rover": np.array([leg.rover for leg in legs], dtype=np.int32),
         "length_m": np.round(route.ground_leg_lengths_m, 3),
     }
-    lines = [LineString(np.round(_lonlat(route, leg.xy), 9)) for leg in legs]
-    write_features(path, lines, columns, _WGS84, layer="route")
+    lines = [LineString(np.round(_lonlat(route, leg.xy, path), 9)) for leg in legs]
+    write_features(path, lines, columns, WGS84, layer="route")
 
 
 def _write_gpx(route: Route, path: Path) -> None:
     rovers = range(route.n_rovers)
-    lines = [LineString(np.round(_lonlat(route, route.path(rover)), 9)) for rover in rovers]
+    lines = [LineString(np.round(_lonlat(route, route.path(rover), path), 9)) for rover in rovers]
     names = np.array([f"{route.pattern}, rover {rover}" for rover in rovers], dtype=object)
     columns = {"name": names, "number": np.array(rovers, dtype=np.int32)}
-    write_features(path, lines, columns, _WGS84, layer="routes")
+    write_features(path, lines, columns, WGS84, layer="routes")
 
 
 def _write_csv(route: Route, path: Path) -> None:
@@ -168,7 +170,7 @@ def _write_csv(route: Route, path: Path) -> None:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(_CSV_COLUMNS)
     for index, leg in enumerate(route.legs):
-        for k, (here, degrees) in enumerate(zip(leg.xy, _lonlat(route, leg.xy), strict=True)):
+        for k, (here, degrees) in enumerate(zip(leg.xy, _lonlat(route, leg.xy, path), strict=True)):
             metres = [f"{value:.4f}" for value in here]
             rows.writerow([leg.rover, index, leg.kind, k, *metres, *(f"{value:.9f}" for value in degrees)])
     _write_text(path, text.getvalue())
@@ -191,7 +193,7 @@ def _waypoints(route: Route, path: Path) -> FloatArray:
         raise InputError(
             f"{path.name} holds the mission of one vehicle, but the route has {route.n_rovers}; write one file per rover (rover=0, 1, …)."
         )
-    return _lonlat(route, route.path())[:, ::-1]
+    return _lonlat(route, route.path(), path)[:, ::-1]
 
 
 def _write_qgc_plan(route: Route, path: Path) -> None:
@@ -273,7 +275,7 @@ def _read_gpx(path: Path, crs: CRS) -> list[Leg]:
     features = read_features(path, layer="routes", what="the plan")
     lines = enumerate(features.geometry)
     return [
-        Leg("swath", transformed(shapely.get_coordinates(g), _WGS84, crs, f"the plan {path}"), i)
+        Leg("swath", transformed(shapely.get_coordinates(g), WGS84, crs, f"the plan {path}"), i)
         for i, g in lines
     ]
 
@@ -320,7 +322,7 @@ def _mission(latlon: list[tuple[float, float]], crs: CRS, path: Path) -> list[Le
     if len(latlon) < 2:
         return []
     degrees = np.array(latlon)[:, ::-1]
-    return [Leg("swath", transformed(degrees, _WGS84, crs, f"the plan {path}"))]
+    return [Leg("swath", transformed(degrees, WGS84, crs, f"the plan {path}"))]
 
 
 def _joined(legs: list[Leg]) -> list[Leg]:

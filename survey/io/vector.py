@@ -12,6 +12,7 @@ from pyproj import CRS
 
 from survey.core.errors import InputError
 from survey.core.files import existing_file, first_line, replacing, unwritable, warnings_logged
+from survey.io.degrees import SURVEY_CRS, WGS84, coded_crs, in_degrees, in_survey_crs, require_transformation
 
 _DRIVERS = {
     ".gpkg": "GPKG",
@@ -79,9 +80,10 @@ def read_features(
         raise InputError(
             f"{what} {file} holds a geometry that cannot be built ({first_line(error)}); correct it in a GIS."
         ) from error
-    return Features(
-        np.asarray(shapes, dtype=object), dict(zip(meta["fields"], columns, strict=True)), meta["crs"]
-    )
+    shapes, attributes = np.asarray(shapes, dtype=object), dict(zip(meta["fields"], columns, strict=True))
+    if SURVEY_CRS in attributes:
+        return Features(*in_survey_crs(shapes, attributes, f"{what} {file}"))
+    return Features(shapes, attributes, meta["crs"])
 
 
 def write_features(
@@ -108,6 +110,7 @@ def write_features(
     shapes = np.asarray(geometry, dtype=object)
     if driver == "ESRI Shapefile":
         _check_for_shapefile(target, shapes, attributes)
+    shapes, attributes, crs = _for_driver(driver, shapes, attributes, crs, target)
     columns = [np.asarray(column) for column in attributes.values()]
     gdal = _gdal()
     with replacing(target) as draft:
@@ -127,6 +130,20 @@ def write_features(
             )
         except _faults(gdal) as error:
             raise unwritable(target, error) from error
+
+
+def _for_driver(
+    driver: str, shapes: npt.NDArray[Any], attributes: Mapping[str, Any], crs: CRS, path: Path
+) -> tuple[npt.NDArray[Any], Mapping[str, Any], CRS]:
+    """Return what a format can hold: a GeoJSON names a registered CRS, else it holds degrees."""
+    if driver in ("KML", "GPX"):
+        require_transformation(crs, path)
+    if driver != "GeoJSON":
+        return shapes, attributes, crs
+    registered = coded_crs(crs)
+    if registered is not None:
+        return shapes, attributes, registered
+    return *in_degrees(shapes, attributes, crs, path), WGS84
 
 
 def _in_utc(attributes: Mapping[str, Any]) -> dict[str, Any]:

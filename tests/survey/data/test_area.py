@@ -89,3 +89,10 @@ def test_real_outlines_are_read_and_broken_ones_are_named(real_data):
         SurveyArea.read(real_data / "dem_oggm_glaciers" / "outlines" / "rgi_oetztal.shp", crs="EPSG:32632")
     with pytest.raises(InputError, match="empty polygon"):
         SurveyArea.read(real_data / "coverage_fields2cover" / "strips.geojson", crs="EPSG:32632")
+
+
+def test_the_area_on_the_ground_leaves_no_go_zones_out():
+    area = SurveyArea(shapely.box(0.0, 8.5e6, 1000.0, 8.501e6), "EPSG:3857")
+    half = SurveyArea(area.polygon, area.crs, no_go=(shapely.box(0.0, 8.5e6, 500.0, 8.501e6),))
+    assert area.ground_area_m2 == pytest.approx(1e6 / 4.05, rel=0.02)
+    assert half.ground_area_m2 == pytest.approx(0.5 * area.ground_area_m2, rel=1e-6)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from survey import InputError, Leg, Route
+from survey.core.map_scale import ground_length_m
 
 CRS = "EPSG:32608"
 
@@ -54,3 +55,14 @@ def test_refuses_a_bad_leg(kind, xy, words):
 def test_refuses_a_route_without_length():
     with pytest.raises(InputError, match="no length"):
         Route((Leg("swath", [[1, 1], [1, 1]]),), CRS, "x").sample(1.0)
+
+
+def test_lengths_on_the_ground_are_those_of_the_projection_corrected():
+    xy = np.array([[0.0, 8_500_000.0], [1000.0, 8_500_000.0], [1000.0, 8_502_000.0]])
+    route = Route((Leg("swath", xy[:2]), Leg("transit", xy[1:])), "EPSG:3857", "x")
+    assert route.length_m == 3000.0
+    np.testing.assert_allclose(
+        route.ground_leg_lengths_m, [ground_length_m("EPSG:3857", leg.xy) for leg in route.legs], rtol=1e-9
+    )
+    assert route.ground_length_m == pytest.approx(1490.0, rel=0.02)
+    assert route.to_geodataframe()["length_m"].sum() == pytest.approx(route.ground_length_m)
