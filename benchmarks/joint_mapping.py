@@ -34,7 +34,7 @@ from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
 from survey.reconstruction.joint.joint_map import JointTerrain
 from vision_slam import localize
 from vision_slam.fusion.smoother import smooth
-from vision_slam.pipeline import dead_reckoning
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 
 FIRST_SEED = 6000
 TAUS_S = (60.0, 300.0)
@@ -112,7 +112,8 @@ def _surveyed_by_own_sensor(seed: int, case: Case) -> SurveyOutcome:
     terrain, cells = site(seed)
     mission = mission_of(seed, 300.0, case)
     recording, real = simulate_statistical(terrain, planners.plan(AREA, None, mission.planner), mission)
-    trajectory, points = localize(recording, mission.assumed)
+    localized = localize(recording, mission.assumed)
+    trajectory, points = localized.trajectory, localized.points
     assert trajectory.error is not None
     found = JointTerrain(trajectory.error, cells, case.gp, case.joint).map(points, NODES)
     return judged(found, terrain, trajectory, real.trajectory)
@@ -173,7 +174,8 @@ def _cost(quick: bool) -> Iterator[Row]:
         mission = mission.model_copy(update={"sensors": sensors})
         route = planners.plan(AREA, None, mission.planner)
         recording, _ = simulate_statistical(terrain, route, mission)
-        trajectory, points = localize(recording, mission.assumed)
+        localized = localize(recording, mission.assumed)
+        trajectory, points = localized.trajectory, localized.points
         assert trajectory.error is not None
         points = points.select(np.arange(min(n_wanted, len(points))))
         model = JointTerrain(trajectory.error, cells, KERNEL, LEVEL.joint)

@@ -33,7 +33,7 @@ from survey.data.trajectory import Trajectory
 from survey.reconstruction import GaussianProcessConfig, reconstruct
 from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
 from survey.reconstruction.joint.joint_map import JointTerrain
-from vision_slam.pipeline import localize_seen
+from vision_slam import localize
 
 SEEDS = tuple(int(seed) for seed in os.environ.get("FIRNLINE_SURVEY_SEEDS", "71,72,73").split(","))
 STATED = JointConfig(satellite=SatelliteErrors(sigma_m=1.0), bow_sigma_deg=0.3)
@@ -91,8 +91,8 @@ def _outcomes(survey: Survey, profile: Profile, draw: int) -> dict[str, Outcome]
     for case in CASES:
         if case.without not in paths:
             kept: dict[str, Any] = {"gps": fixes, "base": None} | dict.fromkeys(case.without)
-            paths[case.without] = localize_seen(replace(survey.recording, **kept), survey.found, LASTING)
-        trajectory, points, _ = paths[case.without]
+            paths[case.without] = localize(replace(survey.recording, **kept), LASTING, visual=survey.found)
+        trajectory, points = paths[case.without].trajectory, paths[case.without].points
         with suppress(CapacityError) if case.errors != "joint" else nullcontext():
             outcomes[case.name] = _mapped(survey, case, trajectory, points)
     return outcomes

@@ -30,10 +30,10 @@ from survey.data.sensors import Inertial
 from survey.data.trajectory import Trajectory
 from vision_slam.config import ImageOdometryErrors, LocalizationConfig
 from vision_slam.evaluation import consistency
-from vision_slam.fusion.online import OnlinePath, believing, follow
+from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes
 from vision_slam.fusion.particle_filter import ParticleFilter
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.pipeline import dead_reckoning
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 
 FIRST_SEED = 51_000
 _JUDGED = ("SBAS", "3 m, tau 60 s")
@@ -138,8 +138,8 @@ def _gyro(real: Trajectory, mission: MissionConfig) -> Inertial:
 def _localized(mission: MissionConfig, recording: Recording, place: FloatArray) -> Run:
     assert recording.odometry is not None
     reckoned = dead_reckoning(recording.odometry, recording.start)
-    online = follow(recording, reckoned, mission.assumed)
-    smoothed = smooth(believing(recording, online), reckoned, mission.assumed)
+    online = filter_path(recording, reckoned, mission.assumed)
+    smoothed = smooth(gate_fixes(recording, online), reckoned, mission.assumed)
     return Run(recording, reckoned, online, smoothed, place)
 
 
@@ -345,12 +345,12 @@ def _linear_case() -> Iterator[Row]:
         step, fix = np.array([1.0, 0.0, 0.0]), 3.0 * rng.standard_normal(3)
         fix = fix + filtered.estimate().position
         filtered.move(step, 1.0)
-        believed = filtered.correct(fix)
+        accepted = filtered.correct(fix)
         for axis in range(3):
             x[axis] = move @ x[axis] + [step[axis], 0.0]
             noise = np.diag([config.step_sigma_m**2, (1.0 - memory**2) * bias[axis]])
             p[axis] = move @ p[axis] @ move + noise
-            gain = p[axis].sum(axis=1) / (p[axis].sum() + white[axis]) * believed
+            gain = p[axis].sum(axis=1) / (p[axis].sum() + white[axis]) * accepted
             x[axis], p[axis] = (
                 x[axis] + gain * (fix[axis] - x[axis].sum()),
                 p[axis] - np.outer(gain, p[axis].sum(axis=0)),

@@ -23,10 +23,11 @@ from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.online import believing, follow
+from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.visual_slam import VisualOdometry
-from vision_slam.pipeline import dead_reckoning, for_images, headed
+from vision_slam.pipeline import align_heading, image_config
 
 SEEDS = (21, 22, 23, 24, 25)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
@@ -59,17 +60,16 @@ class Outcome:
 
 def judged(recording: Recording, found: VisualOdometry, folder: Path, n_draws: int) -> Outcome:
     """Localize one drive under several draws of the receiver."""
-    config = for_images(LocalizationConfig())
+    config = image_config(LocalizationConfig())
     real = Trajectory.read(folder / "truth" / "trajectory.tum", recording.crs)
     times = found.odometry.time_s
     place = _at(times, real)
     level, height, squared = [], [], []
     for draw in range(n_draws):
-        seen, _ = headed(replace(recording, gps=_fixes(recording, real, config, draw)), found)
-        assert seen.odometry is not None
+        seen, _ = align_heading(replace(recording, gps=_fixes(recording, real, config, draw)), found)
         reckoned = dead_reckoning(seen.odometry, seen.start)
-        online = follow(seen, reckoned, config)
-        smoothed = smooth(believing(seen, online), reckoned, config)
+        online = filter_path(seen, reckoned, config)
+        smoothed = smooth(gate_fixes(seen, online), reckoned, config)
         errors = [path - place for path in (reckoned, online.position, smoothed.position)]
         level.append([np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()) for error in errors])
         height.append([np.sqrt((error[:, 2] ** 2).mean()) for error in errors])

@@ -46,10 +46,9 @@ from survey.data.sensors import GpsFixes
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import Reconstruction, reconstruct
 from survey.reconstruction.joint.joint_map import JointTerrain
-from vision_slam import LocalizationConfig
+from vision_slam import LocalizationConfig, localize
 from vision_slam.odometry.onboard import read_seen
 from vision_slam.odometry.visual_slam import VisualOdometry
-from vision_slam.pipeline import localize_seen
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MISSIONS = Path(tempfile.gettempdir()) / "firnline-missions"
@@ -241,7 +240,8 @@ def treated(survey: Survey, fixes: GpsFixes | None, assumed: LocalizationConfig,
     kept: dict[str, Any] = {"gps": fixes, "base": None}
     if treatment != "joint, 4 stakes":
         kept |= {"stakes": None, "stake_sightings": None}
-    path, points, _ = localize_seen(replace(survey.recording, **kept), survey.found, assumed)
+    localized = localize(replace(survey.recording, **kept), assumed, visual=survey.found)
+    path, points = localized.trajectory, localized.points
     if treatment == "independent":
         points = replace(points, covariance=points.own_covariance)
         return judged(_around_the_prior(points, survey), survey.real, path)

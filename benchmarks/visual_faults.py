@@ -35,7 +35,7 @@ from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
-from vision_slam.pipeline import for_images, headed, localize_seen, recognised
+from vision_slam.pipeline import align_heading, image_config, localize, with_loop_closures
 
 # Everything was chosen on seeds 31 to 33, 41 and 42.
 SEEDS = (43, 44)
@@ -171,7 +171,8 @@ def _outcome(seed: int, faults: tuple[dict[str, Any], ...], seen: dict[int, Visu
         found = visual_odometry(recording)
     else:
         found = seen[seed] = seen.get(seed) or visual_odometry(recording)
-    trajectory, _, found = localize_seen(recording, found)
+    localized = localize(recording, visual=found)
+    trajectory, found = localized.trajectory, localized.visual_odometry or found
     real = Trajectory.read(folder / "truth" / "trajectory.tum", recording.crs)
     return _judged(trajectory, found, real, max(ends, default=0.0))
 
@@ -201,8 +202,8 @@ def _closures(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Errors (M, 3) [m] of the places recognised on a long drive, in claimed standard deviations, and the headings."""
     folder = driven_once(seed, (), KNOT)
     recording = Recording.read(folder / "recording")
-    seen, _ = headed(recording, visual_odometry(recording))
-    closures = recognised(seen, for_images(LocalizationConfig())).closures
+    seen, _ = align_heading(recording, visual_odometry(recording))
+    closures = with_loop_closures(seen, image_config(LocalizationConfig())).loop_closures
     assert closures is not None
     real = Trajectory.read(folder / "truth" / "trajectory.tum", recording.crs)
     turns = Slerp(real.time_s, Rotation.from_quat(real.quaternion))

@@ -1,201 +1,287 @@
-"""The main path of localization: records in, trajectory and landmarks out."""
+"""Localization pipeline: one list of steps from a recording to a path and landmarks."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, Progress
 from survey.core.errors import InputError
-from survey.data.recording import Recording
-from survey.data.sensors import Odometry
+from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.online import believing, follow
-from vision_slam.fusion.sanity_checks import lateness_s, with_credible_start, without_repeats
+from vision_slam.fusion.landmarks import place_landmarks
+from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes
+from vision_slam.fusion.sanity_checks import fix_delay_s, remove_repeated_fixes, with_credible_start
 from vision_slam.fusion.smoother import SmoothedPath, smooth
+from vision_slam.fusion.visual_scale import (
+    refuse_short_fixes,
+    refuse_untracked,
+    scale_by_fixes,
+    scale_visual_odometry,
+)
 from vision_slam.inertial.attitude import heading_correction
-from vision_slam.landmarks import placed_landmarks
-from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.localization import Localization
 from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
-from vision_slam.places.loop_closures import closures_by_images
-from vision_slam.places.relocalization import rejoined, torn_at
-from vision_slam.rotation import quaternions, rotations
+from vision_slam.places.loop_closures import detect_loop_closures
+from vision_slam.places.relocalization import relocalize_segments, segment_starts
+from vision_slam.rotation import quaternions
 
 
 def localize(
     recording: Recording,
     config: LocalizationConfig | None = None,
     *,
-    told_online: Callable[[Trajectory], None] | None = None,
-) -> tuple[Trajectory, SurfacePoints]:
-    """Estimate where the rover was and where its landmarks are.
+    visual: VisualOdometry | None = None,
+    progress: Progress | None = None,
+) -> Localization:
+    """Estimate the path of a rover and its landmarks from a recording.
 
-    The odometry is reckoned from the surveyed start, its errors are estimated from GPS
-    and barometer, and the landmarks are placed from the corrected path. Images are turned
-    into odometry and sightings first, where the recording has no odometry. One without
-    either is a kinematic GPS survey: the fixes are the path and the ground
-    below the antenna the surface.
+    Images are processed to odometry and sightings first, where the recording has no
+    odometry. Without wheels the scale of the images is that of the fixes. Start, delay and
+    outliers of the fixes are then checked, loop closures are added, and path and landmarks
+    are smoothed. A recording without images and odometry is a kinematic GPS survey: the
+    fixes are the path, and the surface is the ground below the antenna.
 
     Parameters
     ----------
     recording : Recording
-        What the rover sensed.
+        Records of one drive.
     config : LocalizationConfig, optional
-        What is assumed of the sensors.
-    told_online : callable, optional
-        Called with the path as it was known at every moment, before anything that came after.
+        Errors assumed of the sensors.
+    visual : VisualOdometry, optional
+        Visual odometry of the images of this recording; computed where left out.
+    progress : callable, optional
+        Progress callback (stage, done, total) of the images.
 
     Returns
     -------
-    trajectory : Trajectory
-        Poses with covariances of position.
-    points : SurfacePoints
-        Landmarks with 3 × 3 covariances that hold both the sighting's own error and the
-        path's. Neighbouring landmarks share the path's part: as independent points they
-        claim more than they know.
+    Localization
+        Path, landmarks, causal path, visual odometry and notes.
 
     Raises
     ------
     InputError
-        Sightings are missing, or none passes the gates.
+        Sightings are missing, no landmark passes the gates, the images cannot be followed,
+        or, without wheels, the fixes spread over less than 20 m.
+
+    Examples
+    --------
+    >>> from survey.data.sensors import GpsFixes
+    >>> times = np.arange(3.0)
+    >>> place = np.column_stack([times, np.zeros(3), np.zeros(3)]) + [5e5, 6e6, 100.0]
+    >>> survey = Recording("EPSG:32608", place[0], GpsFixes(times, place), antenna_height_m=1.5)
+    >>> localize(survey).points.xyz[:, 2].tolist()
+    [98.5, 98.5, 98.5]
     """
     settings = config or LocalizationConfig()
-    if recording.odometry is None and recording.frames is not None:
-        trajectory, points, _ = localize_by_images(recording, settings, told_online=told_online)
-        return trajectory, points
-    if recording.odometry is None:
-        return _kinematic_survey(recording, settings)
-    if recording.sightings is None:
-        raise InputError(
-            "the recording has odometry and no sightings; without landmarks there is no surface to map."
-        )
-    reckoned = dead_reckoning(recording.odometry, recording.start)
-    online = follow(recording, reckoned, settings)
-    if told_online is not None:
-        told_online(online.trajectory(recording))
-    path = smooth(believing(recording, online), reckoned, settings)
-    return _trajectory(recording, path), placed_landmarks(recording, path, settings)
+    if recording.odometry is None and recording.frames is None and visual is None:
+        return kinematic_survey(recording, settings)
+    drive = measure_motion(recording, settings, visual, progress)
+    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay):
+        drive = step(drive)
+    accepted = add_loop_closures(drop_refused_fixes(drive))
+    path = smooth(accepted.recording, accepted.path, accepted.config)
+    points = place_landmarks(accepted.recording, path, accepted.config)
+    return Localization(
+        _trajectory(accepted, path),
+        points,
+        drive.online.trajectory(drive.recording),
+        drive.visual,
+        n_fixes=drive.online.n_fixes,
+        n_fixes_refused=drive.online.n_refused,
+        notes=drive.notes,
+    )
 
 
-def localize_by_images(
+@dataclass(frozen=True)
+class Drive:
+    """Recording with odometry, and everything the steps of the pipeline pass on.
+
+    ``visual`` is None where the odometry was processed elsewhere.
+    """
+
+    recording: OdometryRecording
+    config: LocalizationConfig
+    visual: VisualOdometry | None = None
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def path(self) -> FloatArray:
+        """Dead-reckoned positions (N, 3) [m]."""
+        return dead_reckoning(self.recording.odometry, self.recording.start)
+
+    @cached_property
+    def online(self) -> OnlinePath:
+        """Causal estimate of the particle filter."""
+        return filter_path(self.recording, self.path, self.config)
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether the odometry has gaps that no sensor bridges."""
+        return self.visual is not None and len(segment_starts(self.recording, self.visual)) > 0
+
+    def noted(self, note: str) -> "Drive":
+        """Return the drive with one more note."""
+        return replace(self, notes=(*self.notes, note))
+
+
+def measure_motion(
     recording: Recording,
-    config: LocalizationConfig | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-    *,
-    told_online: Callable[[Trajectory], None] | None = None,
-) -> tuple[Trajectory, SurfacePoints, VisualOdometry]:
-    """Localize a recording whose images have not been processed yet; tell also how they were.
-
-    Where the images were blind for too long the trajectory's health is 0.
+    config: LocalizationConfig,
+    visual: VisualOdometry | None = None,
+    progress: Progress | None = None,
+) -> Drive:
+    """Take the recorded odometry, or process the images to odometry and sightings.
 
     Raises
     ------
     InputError
-        No images, fewer than two, images that do not fit their calibration, or no landmark
-        passes the gates.
+        Odometry without sightings, images that cannot be processed, or fixes that cannot
+        give a scale.
     """
-    found = visual_odometry(recording, progress=progress)
-    return localize_seen(recording, found, config, told_online=told_online)
+    settings = config if recording.start_is_surveyed else config.model_copy(update={"start": "unknown"})
+    if visual is None and recording.odometry is not None:
+        if recording.sightings is None:
+            raise InputError(
+                "the recording has odometry and no sightings; without landmarks there is no surface to map."
+            )
+        return Drive(recording.with_odometry(recording.odometry, recording.sightings), settings)
+    visual = visual or _process_images(recording, progress)
+    if recording.wheels is None:
+        refuse_short_fixes(recording.gps, visual.odometry.time_s)
+        refuse_untracked(visual)
+    return Drive(recording.with_odometry(visual.odometry, visual.sightings), image_config(settings), visual)
 
 
-def localize_seen(
-    recording: Recording,
-    found: VisualOdometry,
-    config: LocalizationConfig | None = None,
-    *,
-    told_online: Callable[[Trajectory], None] | None = None,
-) -> tuple[Trajectory, SurfacePoints, VisualOdometry]:
-    """Localize a recording with what its images gave; places that they recognise tie the path.
-
-    Raises
-    ------
-    InputError
-        No landmark passes the gates.
-    """
-    settings = for_images(config or LocalizationConfig())
-    recording = replace(recording, gps=without_repeats(recording.gps))
-    if not len(torn_at(recording, found)):
-        path = dead_reckoning(found.odometry, recording.start)
-        recording, settings = with_credible_start(recording, path, found.odometry.time_s, settings)
-        recording = with_credible_fixes(recording, found.odometry, settings)
-    seen, found = headed(recording, found)
-    trajectory, points = localize(recognised(seen, settings), settings, told_online=told_online)
-    return replace(trajectory, health=1.0 - found.is_lost), points, found
+def _process_images(recording: Recording, progress: Progress | None) -> VisualOdometry:
+    """Run visual odometry, unless it is clear beforehand that its scale would stay unknown."""
+    if recording.wheels is None and recording.frames is not None:
+        refuse_short_fixes(recording.gps, recording.frames.time_s)
+    return visual_odometry(recording, progress=progress)
 
 
-def with_credible_fixes(recording: Recording, odometry: Odometry, config: LocalizationConfig) -> Recording:
-    """Return the recording with the fixes that the filter believes, moved back in time if they come late."""
-    moving = replace(recording, odometry=odometry)
-    path = dead_reckoning(odometry, recording.start)
-    moving = believing(moving, follow(moving, path, config))
-    lag_s = lateness_s(moving, path, config)
-    return replace(recording, gps=replace(moving.gps, time_s=moving.gps.time_s - lag_s))
+def drop_repeated_fixes(drive: Drive) -> Drive:
+    """Remove fixes that repeat the one before to the last digit."""
+    gps = remove_repeated_fixes(drive.recording.gps)
+    n = len(drive.recording.gps) - len(gps)
+    if n == 0:
+        return drive
+    dropped = replace(drive, recording=replace(drive.recording, gps=gps))
+    return dropped.noted(f"{n} fixes repeat the one before to the last digit and were left out")
 
 
-def recognised(recording: Recording, config: LocalizationConfig) -> Recording:
-    """Return the recording with the closures that its images tell, unless it has some already."""
-    assert recording.odometry is not None
-    if recording.frames is None or recording.closures is not None:
-        return recording
-    path = smooth(recording, dead_reckoning(recording.odometry, recording.start), config)
-    sigma_m = np.sqrt(np.linalg.eigvalsh(path.covariance[:, :2, :2])[:, -1])
-    return replace(recording, closures=closures_by_images(recording, path.position, sigma_m))
+def scale_to_fixes(drive: Drive) -> Drive:
+    """Scale visual odometry without wheels to the extent of the fixes."""
+    if drive.visual is None or drive.recording.wheels is not None:
+        return drive
+    odometry = drive.visual.odometry
+    factor, sigma = scale_by_fixes(drive.path, odometry.time_s, drive.recording.gps)
+    scaled = scale_visual_odometry(drive.visual, factor)
+    widened = drive.config.model_copy(update={"scale_sigma": max(drive.config.scale_sigma, sigma)})
+    recording = drive.recording.with_odometry(scaled.odometry, scaled.sightings)
+    return replace(drive, recording=recording, config=widened, visual=scaled)
+
+
+def check_start(drive: Drive) -> Drive:
+    """Take a surveyed start for unknown where the fixes contradict it."""
+    if drive.is_interrupted:
+        return drive
+    time_s = drive.recording.odometry.time_s
+    recording, config = with_credible_start(drive.recording, drive.path, time_s, drive.config)
+    if recording is drive.recording:
+        return drive
+    off_m = float(np.hypot(*(recording.start - drive.recording.start)[:2]))
+    moved = replace(drive, recording=recording, config=config)
+    return moved.noted(f"the fixes put the start {off_m:.0f} m from where it was surveyed")
+
+
+def align_drive(drive: Drive) -> Drive:
+    """Align the heading of visual odometry with the fixes; recorded odometry has a heading already."""
+    if drive.visual is None:
+        return drive
+    recording, visual = align_heading(drive.recording, drive.visual)
+    return replace(drive, recording=recording, visual=visual)
+
+
+def correct_delay(drive: Drive) -> Drive:
+    """Move delayed fixes back in time."""
+    if drive.is_interrupted:
+        return drive
+    delay_s = fix_delay_s(gate_fixes(drive.recording, drive.online), drive.path, drive.config)
+    if delay_s == 0.0:
+        return drive
+    gps = replace(drive.recording.gps, time_s=drive.recording.gps.time_s - delay_s)
+    moved = replace(drive, recording=replace(drive.recording, gps=gps))
+    return align_drive(moved).noted(f"the fixes are about {delay_s:.1f} s late and were moved back in time")
+
+
+def drop_refused_fixes(drive: Drive) -> Drive:
+    """Remove the fixes that failed the innovation gate of the particle filter."""
+    return replace(drive, recording=gate_fixes(drive.recording, drive.online))
+
+
+def add_loop_closures(drive: Drive) -> Drive:
+    """Add the loop closures of the images, unless the recording has loop closures."""
+    return replace(drive, recording=with_loop_closures(drive.recording, drive.config))
 
 
 def with_visual_odometry(
-    recording: Recording,
-    config: VisualOdometryConfig | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> tuple[Recording, VisualOdometry]:
-    """Return the recording with the odometry and the sightings of its images, headed by its fixes.
+    recording: Recording, progress: Progress | None = None
+) -> tuple[OdometryRecording, VisualOdometry]:
+    """Return the recording with the odometry and the sightings of its images, aligned with its fixes.
 
     Raises
     ------
     InputError
         No images, fewer than two, or images that do not fit their calibration.
     """
-    return headed(recording, visual_odometry(recording, config, progress))
+    return align_heading(recording, visual_odometry(recording, progress=progress))
 
 
-def headed(recording: Recording, found: VisualOdometry) -> tuple[Recording, VisualOdometry]:
-    """Turn what images gave to the heading that the fixes tell; return it also as part of the recording."""
-    if len(torn_at(recording, found)):
-        found = rejoined(recording, found)
-        return replace(recording, odometry=found.odometry, sightings=found.sightings), found
-    odometry = found.odometry
-    path = dead_reckoning(odometry, recording.start)
-    turn = heading_correction(path, odometry.time_s, recording.gps)
-    headed = replace(odometry, attitude_rad=odometry.attitude_rad + [0.0, 0.0, turn])
-    found = replace(found, odometry=headed)
-    return replace(recording, odometry=headed, sightings=found.sightings), found
+def align_heading(recording: Recording, visual: VisualOdometry) -> tuple[OdometryRecording, VisualOdometry]:
+    """Rotate visual odometry to the heading of the fixes; place the segments of an interrupted one."""
+    if len(segment_starts(recording, visual)):
+        visual = relocalize_segments(recording, visual)
+    else:
+        odometry = visual.odometry
+        path = dead_reckoning(odometry, recording.start)
+        turn_rad = heading_correction(path, odometry.time_s, recording.gps)
+        attitude_rad = odometry.attitude_rad + [0.0, 0.0, turn_rad]
+        visual = replace(visual, odometry=replace(odometry, attitude_rad=attitude_rad))
+    return recording.with_odometry(visual.odometry, visual.sightings), visual
 
 
-def for_images(config: LocalizationConfig) -> LocalizationConfig:
-    """Assume of the odometry what is assumed of images."""
+def with_loop_closures(recording: OdometryRecording, config: LocalizationConfig) -> OdometryRecording:
+    """Return the recording with the loop closures of its images, unless it has some."""
+    if recording.frames is None or recording.loop_closures is not None:
+        return recording
+    path = smooth(recording, dead_reckoning(recording.odometry, recording.start), config)
+    sigma_m = np.sqrt(np.linalg.eigvalsh(path.covariance[:, :2, :2])[:, -1])
+    return replace(recording, loop_closures=detect_loop_closures(recording, path.position, sigma_m))
+
+
+def image_config(config: LocalizationConfig) -> LocalizationConfig:
+    """Return the configuration with the odometry errors of images in place of those of other odometry."""
     return config.model_copy(update=config.images.model_dump())
 
 
-def dead_reckoning(odometry: Odometry, start: FloatArray) -> FloatArray:
-    """Sum the odometry's steps from the start: positions (N, 3) [m] in the world."""
-    steps = np.einsum("nij,nj->ni", rotations(odometry.attitude_rad[:-1]), odometry.step)
-    return np.vstack([start, start + np.cumsum(steps, axis=0)])
-
-
-def _trajectory(recording: Recording, path: SmoothedPath) -> Trajectory:
-    assert recording.odometry is not None
-    return Trajectory(
-        recording.odometry.time_s,
+def _trajectory(drive: Drive, path: SmoothedPath) -> Trajectory:
+    trajectory = Trajectory(
+        drive.recording.odometry.time_s,
         path.position,
         quaternions(path.attitude_rad),
         path.covariance[:, :3, :3],
-        recording.crs,
+        drive.recording.crs,
         error=path.error,
     )
+    return trajectory if drive.visual is None else replace(trajectory, health=1.0 - drive.visual.is_lost)
 
 
-def _kinematic_survey(recording: Recording, config: LocalizationConfig) -> tuple[Trajectory, SurfacePoints]:
+def kinematic_survey(recording: Recording, config: LocalizationConfig) -> Localization:
+    """Return the fixes as path and the ground below the antenna as surface."""
     ground = recording.gps.position - [0.0, 0.0, recording.antenna_height_m]
     level = np.array([1.0, 1.0, config.gps_vertical_factor])
     variance = (config.gps_bias_sigma_m**2 + config.gps_white_sigma_m**2) * level**2
@@ -210,4 +296,4 @@ def _kinematic_survey(recording: Recording, config: LocalizationConfig) -> tuple
         crs=recording.crs,
         vertical_datum=recording.vertical_datum,
     )
-    return trajectory, points
+    return Localization(trajectory, points, n_fixes=len(ground))

@@ -1,7 +1,7 @@
 """A drive as its files tell it, whosever they are: opened and checked, then localized, then judged."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +13,18 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera, Frames, ImageFiles
 from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes
-from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.io.tracks import read_tum
 from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.bags import is_bag, read_bag
 from vision_slam.io.gps_files import read_gps
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, placed, scaled_by_first
-from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
-from vision_slam.pipeline import localize, localize_by_images
+from vision_slam.odometry.visual_slam import visual_odometry
+from vision_slam.pipeline import localize
 from vision_slam.results import Compared, Localized, compared_from_its_start, compared_in_the_world
-from vision_slam.scale import localize_images, refuse_blind
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,6 @@ class RecordedDrive:
     ----------
     sensed : Recording or ImageSequence
         A recording has its place in the world by fixes; a sequence of images has none.
-    is_ours : bool
-        Whether a surveyed start came with it; else the fixes alone say where it began.
     notes : tuple of str
         What its reader did or supposed, in words.
     reference_time_s, reference : (R,) and (R, 4, 4) ndarray, optional
@@ -45,10 +42,14 @@ class RecordedDrive:
     """
 
     sensed: Recording | ImageSequence
-    is_ours: bool = False
     notes: tuple[str, ...] = ()
     reference_time_s: FloatArray | None = None
     reference: FloatArray | None = None
+
+    @property
+    def start_is_surveyed(self) -> bool:
+        """Whether the recording has a surveyed start."""
+        return isinstance(self.sensed, Recording) and self.sensed.start_is_surveyed
 
     @property
     def frames(self) -> Frames | None:
@@ -66,7 +67,7 @@ class RecordedDrive:
         return self.sensed.gps if isinstance(self.sensed, Recording) else None
 
     def assumed(self, overrides: Sequence[str] = ()) -> LocalizationConfig:
-        """Return what is assumed of the sensors; of a drive that is not ours, also that nobody surveyed its start.
+        """Return the errors assumed of the sensors, with overrides.
 
         Parameters
         ----------
@@ -76,13 +77,16 @@ class RecordedDrive:
         Raises
         ------
         ConfigError
-            An unknown key, or a value of another kind.
+            An unknown key, a value of another kind, or a surveyed start that the recording lacks.
         """
-        start = "surveyed" if self.is_ours else "unknown"
-        values = with_overrides({"localization": {"start": start}}, overrides)
+        values = with_overrides({"localization": {}}, overrides)
         unknown = next((key for key in values if key != "localization"), None)
         if unknown is not None:
             raise ConfigError(f"--set names {unknown!r}; localize knows localization.KEY=VALUE alone.")
+        if values["localization"].get("start") == "surveyed" and not self.start_is_surveyed:
+            raise ConfigError(
+                "--set names localization.start=surveyed, and the start of this recording was not surveyed; leave it out."
+            )
         return validated(LocalizationConfig, values["localization"], "--set")
 
     def localized(
@@ -98,17 +102,9 @@ class RecordedDrive:
         if isinstance(self.sensed, ImageSequence):
             seen = visual_odometry(self.sensed, progress=progress)
             if self.sensed.wheels is None:
-                refuse_blind(seen)
+                refuse_untracked(seen)
             return Localized.from_its_start(seen)
-        settings = config or self.assumed()
-        online: list[Trajectory] = []
-        found: tuple[Trajectory, SurfacePoints, VisualOdometry | None]
-        if self.sensed.odometry is not None or self.sensed.frames is None:
-            found = (*localize(self.sensed, settings, told_online=online.append), None)
-        else:
-            estimate = localize_by_images if self.is_ours else localize_images
-            found = estimate(self.sensed, settings, progress, told_online=online.append)
-        return replace(Localized.in_the_world(*found), online=online[0] if online else None)
+        return Localized.in_the_world(localize(self.sensed, config, progress=progress))
 
     def compared(self, localized: Localized, judge: Trajectory | FloatArray | None) -> Compared | None:
         """Hold an estimate against a reference from a file, else against the layout's own; None without either."""
@@ -193,14 +189,14 @@ def open_drive(
     if log is None:
         if sequence.wheels is None:
             notes += ("no wheels and no fixes: lengths are no metres, the first step counts as one",)
-        return RecordedDrive(sequence, False, notes, sequence.reference_time_s, sequence.reference)
+        return RecordedDrive(sequence, notes, sequence.reference_time_s, sequence.reference)
     recording = placed(sequence, log, crs, gps_shift_s)
     notes += (f"works in {recording.crs.name}",)
     if log.n_without_fix:
         notes += (f"{log.n_without_fix} records of the receiver without a fix are left out",)
     if sequence.wheels is None:
         notes += ("no wheels: the scale is that of the fixes",)
-    return RecordedDrive(recording, False, notes)
+    return RecordedDrive(recording, notes)
 
 
 def _ours(source: Path) -> RecordedDrive:
@@ -210,7 +206,7 @@ def _ours(source: Path) -> RecordedDrive:
         for file in frames.images.files:
             refuse_cut_off(file)
         refuse_other_sizes(frames.images.files, camera)
-    return RecordedDrive(recording, is_ours=True)
+    return RecordedDrive(recording)
 
 
 def _turns(quaternion: FloatArray) -> FloatArray:

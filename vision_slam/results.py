@@ -19,9 +19,10 @@ from survey.figures import error_over_distance, path_map, png_bytes
 from survey.io.tables import write_table
 from survey.io.tracks import write_track, write_tum
 from vision_slam.evaluation import absolute_errors_m, matched_times
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.sequence import Sensed
+from vision_slam.localization import Localization
 from vision_slam.odometry.visual_slam import VisualOdometry
-from vision_slam.pipeline import dead_reckoning
 from vision_slam.plotting import tracks_on_frames
 from vision_slam.rotation import quaternions, rotations
 
@@ -51,7 +52,11 @@ class Localized:
     trajectory, points : optional
         The same in the world, with covariances.
     online : Trajectory, optional
-        The path as it was known at every moment, before anything that came after.
+        The causal path: each pose uses only records up to its own time.
+    notes : tuple of str
+        Corrections of the input and assumptions about it, one sentence each.
+    n_fixes, n_fixes_refused : int
+        Fixes within the time of the path, and those of them that failed the innovation gate.
     """
 
     time_s: FloatArray
@@ -63,14 +68,28 @@ class Localized:
     trajectory: Trajectory | None = None
     points: SurfacePoints | None = None
     online: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+    n_fixes: int = 0
+    n_fixes_refused: int = 0
 
     @classmethod
-    def in_the_world(
-        cls, trajectory: Trajectory, points: SurfacePoints, found: VisualOdometry | None
-    ) -> "Localized":
+    def in_the_world(cls, result: Localization) -> "Localized":
         """Return what was localized with fixes."""
-        t = trajectory
-        return cls(t.time_s, t.position, t.quaternion, points.xyz, points.sigma_z, found, t, points)
+        t, points = result.trajectory, result.points
+        return cls(
+            t.time_s,
+            t.position,
+            t.quaternion,
+            points.xyz,
+            points.sigma_z,
+            result.visual_odometry,
+            t,
+            points,
+            result.online_trajectory,
+            result.notes,
+            result.n_fixes,
+            result.n_fixes_refused,
+        )
 
     @classmethod
     def from_its_start(cls, found: VisualOdometry) -> "Localized":
@@ -95,7 +114,7 @@ class Localized:
 
     @property
     def is_lost(self) -> BoolArray | None:
-        """Where the path is not to be believed."""
+        """Where the path is not to be accepted."""
         if self.trajectory is not None:
             return np.asarray(self.trajectory.health) < 0.5
         return None if self.found is None else self.found.is_lost
@@ -215,7 +234,7 @@ _HEALTH = ("entropy_bits", "saturated", "sharpness", "n_followed", "n_inliers", 
 
 
 def health_columns(found: VisualOdometry) -> dict[str, FloatArray]:
-    """Return one row a frame: what was known of its image, and whether its pose is to be believed."""
+    """Return one row a frame: what was known of its image, and whether its pose is to be accepted."""
     columns = {name: np.array([getattr(frame, name) for frame in found.health], float) for name in _HEALTH}
     return {"time_s": found.odometry.time_s} | columns | {"is_lost": found.is_lost.astype(float)}
 

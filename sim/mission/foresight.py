@@ -150,7 +150,8 @@ def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Rou
     if mission.aids.way_home:
         route = with_way_home(route, world.area)
     recording, _ = simulate_statistical(ground, route, mission)
-    path, points = localize(recording, mission.assumed)
+    localized = localize(recording, mission.assumed)
+    path, points = localized.trajectory, localized.points
     if path.error is None:
         raise ConfigError("the mission has no odometry, so that nothing is known of shared errors; add it.")
     joint = mission.reconstruction.joint

@@ -34,7 +34,6 @@ from survey.data.recording import Recording
 from survey.data.truth import Truth
 from vision_slam import localize, trajectory_error
 from vision_slam.odometry.onboard import read_seen
-from vision_slam.pipeline import localize_seen
 
 logger = logging.getLogger(__name__)
 
@@ -138,23 +137,19 @@ def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey
 
 
 def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
-    """Estimate path and landmarks from the recording, and from nothing else; keep also what was known on the way.
+    """Estimate path and landmarks from the recording, and from nothing else; write the causal path too.
 
     Images that the onboard computer has looked at are not looked at again.
     """
     recording = Recording.read(run.folder("simulate") / "recording")
     seen = run.folder("simulate") / "recording" / ONBOARD
-
-    def keep(online: survey.Trajectory) -> None:
-        online.write(folder / "online_trajectory.csv")
-
-    if seen.exists():
-        trajectory, points, _ = localize_seen(recording, read_seen(seen), mission.assumed, told_online=keep)
-    else:
-        trajectory, points = localize(recording, mission.assumed, told_online=keep)
-    trajectory.write(folder / "trajectory.tum")
-    trajectory.write(folder / "trajectory.csv")
-    points.write(folder / "surface_points.gpkg")
+    visual = read_seen(seen) if seen.exists() else None
+    result = localize(recording, mission.assumed, visual=visual)
+    if result.online_trajectory is not None:
+        result.online_trajectory.write(folder / "online_trajectory.csv")
+    result.trajectory.write(folder / "trajectory.tum")
+    result.trajectory.write(folder / "trajectory.csv")
+    result.points.write(folder / "surface_points.gpkg")
 
 
 def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:

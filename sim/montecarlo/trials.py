@@ -360,7 +360,8 @@ def _localized(
         localization=study.localization,
     )
     recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
-    return localize(recording, mission.assumed)
+    result = localize(recording, mission.assumed)
+    return result.trajectory, result.points
 
 
 def as_columns(trials: Sequence[Trial]) -> dict[str, list[Any]]:

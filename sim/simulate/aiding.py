@@ -14,7 +14,7 @@ from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.recording import Recording
 from survey.data.route import Leg, Route
-from survey.data.sensors import Barometer, Closures, GpsFixes, Inertial, Stakes, StakeSightings
+from survey.data.sensors import Barometer, GpsFixes, Inertial, LoopClosures, Stakes, StakeSightings
 from survey.data.trajectory import Trajectory
 from vision_slam.rotation import rotations
 
@@ -64,7 +64,7 @@ def with_aids(
         changes |= _stakes(trajectory, attitude_rad, where, aids, rng)
     if aids.recognition > 0.0:
         found = _closures(trajectory, attitude_rad, aids, stream(seed, "aids", "closures"))
-        changes |= {"closures": found} if found is not None else {}
+        changes |= {"loop_closures": found} if found is not None else {}
     if aids.base_station:
         recording, changes["base"] = _with_base(recording, trajectory, mission)
     if aids.base_barometer and recording.barometer is not None and aids.barometer:
@@ -156,7 +156,7 @@ def _stakes(
 
 def _closures(
     trajectory: Trajectory, attitude_rad: FloatArray, aids: AidsConfig, rng: np.random.Generator
-) -> Closures | None:
+) -> LoopClosures | None:
     """Recognise some of the places where the way meets itself; a share of the recognitions is wrong."""
     pairs = _meetings(trajectory)
     pairs = pairs[rng.random(len(pairs)) < aids.recognition]
@@ -169,7 +169,7 @@ def _closures(
     wrong = np.arange(len(pairs)) < aids.wrong_closures
     offset = offset + wrong[:, None] * np.array([6.0, 0.0, 0.6])
     spread = np.tile(_RECOGNISED_SIGMA_M**2 * np.eye(3), (len(pairs), 1, 1))
-    return Closures(trajectory.time_s[later], trajectory.time_s[earlier], offset, spread)
+    return LoopClosures(trajectory.time_s[later], trajectory.time_s[earlier], offset, spread)
 
 
 def _meetings(trajectory: Trajectory) -> IntArray:

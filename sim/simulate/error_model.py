@@ -30,7 +30,7 @@ from survey.data.truth import Truth
 from vision_slam import LocalizationConfig
 from vision_slam.odometry.onboard import read_seen
 from vision_slam.odometry.visual_slam import VisualOdometry
-from vision_slam.pipeline import headed
+from vision_slam.pipeline import align_heading
 
 STRETCH_M = 5.0
 APART_M, FAR_APART_M = 60.0, 300.0
@@ -101,7 +101,7 @@ def errors_of(run: RunFolder) -> DriveErrors:
 
 def drive_errors(recording: Recording, found: VisualOdometry, real: Truth) -> DriveErrors:
     """Hold what images gave, turned to the heading that the fixes tell, against what was real."""
-    _, found = headed(recording, found)
+    _, found = align_heading(recording, found)
     errors = odometry_errors(found.odometry, real.trajectory)
     return DriveErrors(errors, *_landmark_errors(found, real))
 

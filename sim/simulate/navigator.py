@@ -17,7 +17,7 @@ from vision_slam.fusion.particle_filter import ParticleFilter
 from vision_slam.inertial.gyro import turned_beyond
 from vision_slam.odometry.onboard import OnboardOdometry, joined
 from vision_slam.odometry.visual_slam import FramePose, VisualOdometry
-from vision_slam.pipeline import for_images
+from vision_slam.pipeline import image_config
 
 _SURVEYED_DEG = 1.0
 """How well the heading at the start is known [deg]."""
@@ -54,7 +54,7 @@ class OnboardComputer:
     def __init__(self, start: Start, config: LocalizationConfig, antenna_height_m: float, seed: int) -> None:
         self._antenna = np.array([0.0, 0.0, antenna_height_m])
         told = {"heading_sigma_deg": max(config.heading_sigma_deg, _SURVEYED_DEG)}
-        assumed = for_images(config).model_copy(update=told)
+        assumed = image_config(config).model_copy(update=told)
         self._filter = ParticleFilter(assumed, stream(seed, "navigator"), start=start.position)
         self._odometry = OnboardOdometry(start.camera)
         self._fixes: list[tuple[float, FloatArray]] = []

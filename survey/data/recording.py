@@ -1,6 +1,6 @@
 """What a rover senses and nothing else: the only thing that localization is given."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,7 +13,7 @@ from survey.core.errors import InputError
 from survey.core.files import replacing
 from survey.core.geodesy import projected_crs
 from survey.data.camera import Camera, Frames, FrameWriter
-from survey.data.sensors import GpsFixes, SensorTables, Sightings, table_types
+from survey.data.sensors import GpsFixes, Odometry, SensorTables, Sightings, table_file, table_types
 
 
 class RecordingHeader(Section):
@@ -30,6 +30,8 @@ class RecordingHeader(Section):
     """Height of the GPS antenna above the ground [m]."""
     camera_height_m: float = 0.0
     """Height of the camera above the body's origin [m], for recordings without a camera's calibration."""
+    start_is_surveyed: bool = True
+    """Whether the start was surveyed; else it is the position of the first fix."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,14 +59,17 @@ class Recording(SensorTables):
         A second receiver and a second barometer that stand at `start`.
     stakes, stake_sightings : optional
         Benchmarks of surveyed position, and when they were seen.
-    closures : optional
-        Places of the drive that were recognised again.
+    loop_closures : optional
+        Places of the drive that were recognized again.
     antenna_height_m : float
         Height of the GPS antenna above the ground [m].
     vertical_datum : str
         What heights count from.
     camera_height_m : float
         Height of the camera above the body's origin [m]; used where there is no `camera`.
+    start_is_surveyed : bool
+        Whether `start` was surveyed. Else it is the position of the first fix, and localization
+        takes it for unknown.
     """
 
     crs: CRS
@@ -75,6 +80,7 @@ class Recording(SensorTables):
     camera: Camera | None = None
     frames: Frames | None = None
     camera_height_m: float = 0.0
+    start_is_surveyed: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "crs", projected_crs(self.crs, "the recording"))
@@ -102,6 +108,11 @@ class Recording(SensorTables):
     def _summary(self) -> str:
         sensed = [name for name in (*table_types(), "frames") if getattr(self, name) is not None]
         return f"{', '.join(sensed)}, {self.crs.name}"
+
+    def with_odometry(self, odometry: Odometry, sightings: Sightings) -> "OdometryRecording":
+        """Return the recording with another odometry and the landmarks sighted from its poses."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return OdometryRecording(**(values | {"odometry": odometry, "sightings": sightings}))
 
     def _check_sightings(self, sightings: Sightings) -> None:
         if self.odometry is None:
@@ -138,7 +149,7 @@ class Recording(SensorTables):
         for name in table_types():
             sensor = getattr(self, name)
             if sensor is not None:
-                sensor.write(place / f"{name}.csv")
+                sensor.write(place / table_file(name))
         east, north, up = self.start.tolist()
         header = RecordingHeader(
             crs=self.crs.to_wkt(),
@@ -146,6 +157,7 @@ class Recording(SensorTables):
             start_m=(east, north, up),
             antenna_height_m=self.antenna_height_m,
             camera_height_m=self.camera_height_m,
+            start_is_surveyed=self.start_is_surveyed,
         )
         with replacing(place / "recording.json") as draft:
             draft.write_text(header.model_dump_json(indent=2) + "\n", encoding="utf-8")
@@ -172,17 +184,29 @@ class Recording(SensorTables):
                 f"{file} is damaged ({str(error).splitlines()[0]}); make the recording again."
             ) from error
         sensed: dict[str, Any] = {
-            name: kind.read(place / f"{name}.csv")
+            name: kind.read(place / table_file(name))
             for name, kind in table_types().items()
-            if name == "gps" or (place / f"{name}.csv").exists()
+            if name == "gps" or (place / table_file(name)).exists()
         }
         return cls(
             crs=projected_crs(header.crs, str(file)),
             start=np.array(header.start_m),
             antenna_height_m=header.antenna_height_m,
             camera_height_m=header.camera_height_m,
+            start_is_surveyed=header.start_is_surveyed,
             vertical_datum=header.vertical_datum,
             camera=Camera.read(place / "camera.toml") if (place / "camera.toml").exists() else None,
             frames=Frames.read(place / "frames") if (place / "frames").exists() else None,
             **sensed,
         )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OdometryRecording(Recording):
+    """A recording that has odometry and sightings: what the estimators of a path and its landmarks take.
+
+    `Recording.with_odometry` makes one.
+    """
+
+    odometry: Odometry = field(kw_only=True)
+    sightings: Sightings = field(kw_only=True)

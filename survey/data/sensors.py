@@ -191,7 +191,7 @@ class StakeSightings(SensorRecords):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Closures(SensorRecords):
+class LoopClosures(SensorRecords):
     """Places recognised again.
 
     At ``time_s`` (N,) the body was found to be where ``offset`` (N, 3) points from the body
@@ -200,7 +200,7 @@ class Closures(SensorRecords):
     """
 
     COLUMNS: ClassVar = StakeSightings.COLUMNS
-    WHAT: ClassVar = "closures"
+    WHAT: ClassVar = "loop closures"
 
     earlier_s: FloatArray
     offset: FloatArray
@@ -359,7 +359,7 @@ class SensorTables(DataObject):
     """Optional tables of a recording; None where a sensor gave no readings.
 
     A field declared here is a table of every recording: it is written to and read from a CSV
-    file of the same name, and the simulator collects its readings.
+    file (`table_file`), and the simulator collects its readings.
     """
 
     odometry: Odometry | None = None
@@ -373,7 +373,7 @@ class SensorTables(DataObject):
     base_barometer: Barometer | None = None
     stakes: Stakes | None = None
     stake_sightings: StakeSightings | None = None
-    closures: Closures | None = None
+    loop_closures: LoopClosures | None = None
 
 
 def table_types() -> dict[str, Any]:
@@ -387,3 +387,17 @@ def table_types() -> dict[str, Any]:
     hints = get_type_hints(SensorTables)
     optional = {field.name: get_args(hints[field.name])[0] for field in fields(SensorTables)}
     return {"gps": GpsFixes} | optional
+
+
+def table_file(name: str) -> str:
+    """Return the file name of a table in a recording's folder.
+
+    Examples
+    --------
+    >>> table_file("gps"), table_file("loop_closures")
+    ('gps.csv', 'closures.csv')
+    """
+    return _FILE_NAMES.get(name, f"{name}.csv")
+
+
+_FILE_NAMES = {"loop_closures": "closures.csv"}

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording
 from survey.data.sensors import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.normal_equations import (
@@ -48,7 +48,7 @@ _BESIDE_S = 1.0
 
 
 def add_terms(
-    system: NormalEquations, recording: Recording, along: "Nodes", config: LocalizationConfig
+    system: NormalEquations, recording: OdometryRecording, along: "Nodes", config: LocalizationConfig
 ) -> None:
     """Add everything but stakes and closures, which may be wrong and are judged afterwards."""
     _add_start(system, recording, config)
@@ -136,7 +136,7 @@ def signed_travel(odometry: Odometry) -> FloatArray:
     return travel
 
 
-def _add_start(system: NormalEquations, recording: Recording, config: LocalizationConfig) -> None:
+def _add_start(system: NormalEquations, recording: OdometryRecording, config: LocalizationConfig) -> None:
     back_rad, settings = turned_back(recording, config)
     start_m, heading_rad = settings.start_errors
     for axis in range(3):
@@ -161,20 +161,19 @@ def _add_start(system: NormalEquations, recording: Recording, config: Localizati
     system.add_prior(DATUM, _DATUM_SIGMA_M)
 
 
-def turned_back(recording: Recording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:
+def turned_back(recording: OdometryRecording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:
     """Return the turn that takes the odometry back to the compass [rad], and how sure that is of its heading."""
     if config.heading_sigma_deg <= _KNOWN_DEG:
         return 0.0, config
     if recording.compass is None:
         return 0.0, config.model_copy(update={"heading_sigma_deg": _ANY_DEG})
-    assert recording.odometry is not None
     first = float(recording.odometry.attitude_rad[0, 2])
     back = first_heading(recording.compass, float(recording.odometry.time_s[0])) - first
     return float(np.angle(np.exp(1j * back))), config
 
 
 def _add_heading(
-    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
+    system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
     """Let the heading of the odometry walk, and hold it by the gyro, whose bias walks far more slowly."""
     gyro, seconds = GyroErrors.of(config), np.diff(along.time_s)
@@ -193,7 +192,7 @@ def _add_heading(
 
 
 def _add_wheels(
-    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
+    system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> FloatArray:
     """Compare the odometry's lengths with the wheels'; return by how much they contradict each other (K - 1,) [m].
 
@@ -256,7 +255,7 @@ def _add_odometry(
 
 
 def differenced_fixes(
-    recording: Recording, config: LocalizationConfig
+    recording: OdometryRecording, config: LocalizationConfig
 ) -> tuple[FloatArray, LocalizationConfig]:
     """Return the fixes (N, 3), less what a base station at the start says of the errors that both receivers have.
 
@@ -277,7 +276,7 @@ def differenced_fixes(
 
 
 def differenced_heights(
-    recording: Recording, config: LocalizationConfig
+    recording: OdometryRecording, config: LocalizationConfig
 ) -> tuple[FloatArray | None, LocalizationConfig]:
     """Return the barometer's heights (N,), less the weather that one at the start felt, and what is to be assumed of them."""
     readings, base = recording.barometer, recording.base_barometer
@@ -293,7 +292,9 @@ def differenced_heights(
     return readings.height_m - weather, config.model_copy(update=left)
 
 
-def _add_gps(system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig) -> None:
+def _add_gps(
+    system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
+) -> None:
     position, left = differenced_fixes(recording, config)
     time_s = recording.gps.time_s
     mast = rotations(along.odometry.attitude_rad)[:, :, 2] * recording.antenna_height_m
@@ -311,7 +312,7 @@ def _add_gps(system: NormalEquations, recording: Recording, along: Nodes, config
 
 
 def _add_barometer(
-    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
+    system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
     readings, left = differenced_heights(recording, config)
     memory = np.exp(-np.diff(along.time_s) / config.barometer_correlation_time_s)
@@ -331,12 +332,12 @@ def _add_barometer(
 
 
 def _add_gravity(
-    system: NormalEquations, recording: Recording, along: Nodes, config: LocalizationConfig
+    system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
     """Add roll and pitch from gravity, with the scatter that the readings themselves show.
 
     The scatter is taken about each node's mean and from node to node, whichever is
-    larger: jolts that last would otherwise be believed. An odometry that the same readings
+    larger: jolts that last would otherwise be accepted. An odometry that the same readings
     levelled has them in it already, and better averaged than here: it shares their bias, and
     what standing still tells of that is all there is to add.
     """

@@ -6,7 +6,7 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.error_terms import differenced_fixes, differenced_heights, signed_travel, turned_back
@@ -23,8 +23,8 @@ class OnlinePath:
     """Poses as they were known when they were reached.
 
     ``time_s`` (N,), ``position`` (N, 3) [m], ``covariance`` (N, 3, 3) [m²], ``turn_rad`` (N,)
-    of the odometry's frame in the world, ``is_lost`` (N,); ``believed`` tells of every fix
-    whether it passed the innovation gate.
+    of the odometry's frame in the world, ``is_lost`` (N,); ``accepted`` (M,) whether each fix of
+    the recording passed the innovation gate, ``n_fixes`` how many lie within the time of the path.
     """
 
     time_s: FloatArray
@@ -32,11 +32,16 @@ class OnlinePath:
     covariance: FloatArray
     turn_rad: FloatArray
     is_lost: BoolArray
-    believed: BoolArray
+    accepted: BoolArray
+    n_fixes: int
 
-    def trajectory(self, recording: Recording) -> Trajectory:
+    @property
+    def n_refused(self) -> int:
+        """Number of fixes within the time of the path that failed the gate."""
+        return self.n_fixes - int(self.accepted.sum())
+
+    def trajectory(self, recording: OdometryRecording) -> Trajectory:
         """Return it as a trajectory; its health is 0 where the filter says lost."""
-        assert recording.odometry is not None
         attitude = recording.odometry.attitude_rad + self.turn_rad[:, None] * [0.0, 0.0, 1.0]
         return Trajectory(
             self.time_s,
@@ -48,14 +53,13 @@ class OnlinePath:
         )
 
 
-def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> OnlinePath:
+def filter_path(recording: OdometryRecording, reckoned: FloatArray, config: LocalizationConfig) -> OnlinePath:
     """Filter a dead-reckoned path (N, 3) [m] with fixes, barometer and wheels, each in its turn.
 
     Where the heading at the start is not known to 1°, the odometry is turned back to the
     compass; without a compass every heading is tried. Its roll and pitch are taken as they
     are: those of images are levelled by gravity over half a minute to either side.
     """
-    assert recording.odometry is not None
     poses_s = recording.odometry.time_s
     fixes, settings = differenced_fixes(recording, config)
     heights, settings = differenced_heights(recording, settings)
@@ -68,14 +72,14 @@ def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
     filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
     events = _events(recording, heights is not None)
     walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]), settings)
-    believed = np.zeros(len(antenna), dtype=np.bool_)
+    accepted = np.zeros(len(antenna), dtype=np.bool_)
     estimates = []
     for k, (_, kind, index) in enumerate(events):
         walk.on(k, filtered)
         if kind == _POSE:
             estimates.append(filtered.estimate())
         elif kind == _FIX:
-            believed[index] = filtered.correct(antenna[index])
+            accepted[index] = filtered.correct(antenna[index])
         else:
             assert heights is not None
             filtered.correct_height(float(heights[index]))
@@ -85,25 +89,25 @@ def follow(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
         np.array([now.covariance for now in estimates]),
         np.array([now.heading_rad for now in estimates]) + back,
         np.array([now.is_lost for now in estimates]),
-        believed,
+        accepted,
+        sum(kind == _FIX for _, kind, _ in events),
     )
 
 
-def believing(recording: Recording, online: OnlinePath) -> Recording:
-    """Return the recording without the fixes that the filter refused, unless fewer than two are left."""
-    if online.believed.all() or online.believed.sum() < 2:
+def gate_fixes(recording: OdometryRecording, online: OnlinePath) -> OdometryRecording:
+    """Return the recording without the fixes that failed the gate, unless fewer than two are left."""
+    if online.accepted.all() or online.accepted.sum() < 2:
         return recording
     fixes = recording.gps
-    kept = replace(fixes, time_s=fixes.time_s[online.believed], position=fixes.position[online.believed])
+    kept = replace(fixes, time_s=fixes.time_s[online.accepted], position=fixes.position[online.accepted])
     return replace(recording, gps=kept)
 
 
 _FIX, _HEIGHT, _POSE = range(3)
 
 
-def _events(recording: Recording, with_heights: bool) -> list[tuple[float, int, int]]:
+def _events(recording: OdometryRecording, with_heights: bool) -> list[tuple[float, int, int]]:
     """Moments at which something is to be done: fixes and heights before the pose of the same time."""
-    assert recording.odometry is not None
     poses_s = recording.odometry.time_s
     times = {_POSE: poses_s, _FIX: recording.gps.time_s}
     if with_heights and recording.barometer is not None:
@@ -121,10 +125,13 @@ class _Walk:
     """Moves a filter along the reckoned path, from one moment to the next."""
 
     def __init__(
-        self, recording: Recording, path: FloatArray, moments_s: FloatArray, config: LocalizationConfig
+        self,
+        recording: OdometryRecording,
+        path: FloatArray,
+        moments_s: FloatArray,
+        config: LocalizationConfig,
     ) -> None:
         odometry, wheels = recording.odometry, recording.wheels
-        assert odometry is not None
         seconds = np.diff(moments_s, prepend=odometry.time_s[0])
         along = [*path.T, np.unwrap(odometry.attitude_rad[:, 2])]
         along.append(np.r_[0.0, np.cumsum(signed_travel(odometry))])
@@ -159,9 +166,8 @@ class _Walk:
             filtered.roll(*(float(value) for value in told))
 
 
-def _beyond(recording: Recording, moments_s: FloatArray, config: LocalizationConfig) -> FloatArray:
+def _beyond(recording: OdometryRecording, moments_s: FloatArray, config: LocalizationConfig) -> FloatArray:
     """By how much the gyro turns beyond the odometry before each moment [rad]; NaN where it does not tell, or need not."""
-    assert recording.odometry is not None
     if recording.inertial is None or not GyroErrors.of(config).is_of_use:
         return np.full(len(moments_s), np.nan)
     beyond = turned_beyond(recording.inertial, recording.odometry)

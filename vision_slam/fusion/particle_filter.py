@@ -60,7 +60,7 @@ class ParticleFilter:
     A fix that contradicts all particles is left out. When several in a row do, either the
     receiver has jumped or the rover was carried off. New particles are then drawn around the
     fixes, with every heading, and both stories are followed, while `estimate` says lost. If
-    the new ones agree on another heading, the rover was turned: they are believed. If the
+    the new ones agree on another heading, the rover was turned: they are accepted. If the
     heading is the same, the fixes are off by a constant, as a jump makes them: they are
     believed only after two minutes. Fixes that agree with the old story end the new one.
 
@@ -134,7 +134,7 @@ class ParticleFilter:
                 story.roll(rolled_m, travel_m, abs(turned_rad))
 
     def correct(self, fix: FloatArray) -> bool:
-        """Weigh the particles by a fix (3,) [m]; tell whether it was believed."""
+        """Weigh the particles by a fix (3,) [m]; tell whether it was accepted."""
         if self._here is None:
             self._here = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
             return True

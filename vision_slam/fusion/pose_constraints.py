@@ -8,7 +8,7 @@ from scipy import sparse
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording
 from vision_slam.fusion.block_tridiagonal import Chain
 from vision_slam.fusion.normal_equations import PER_NODE
 from vision_slam.rotation import rotations, turned
@@ -32,7 +32,9 @@ class Ties:
         return Ties(self.rows[keep], self.value[keep], self.noise[np.ix_(keep, keep)])
 
 
-def ties_of(recording: Recording, reckoned: FloatArray, node_time_s: FloatArray, n_unknowns: int) -> Ties:
+def ties_of(
+    recording: OdometryRecording, reckoned: FloatArray, node_time_s: FloatArray, n_unknowns: int
+) -> Ties:
     r"""Return what stakes and closures say of the path's error.
 
     A stake at p, seen at the offset o from the pose: p̃ + R̃ o − p = e + ∂(R o) · (ψ, θ, φ).
@@ -40,7 +42,7 @@ def ties_of(recording: Recording, reckoned: FloatArray, node_time_s: FloatArray,
     """
     place = _Place(recording, reckoned, node_time_s, n_unknowns)
     rows, value, noise = [sparse.csr_array((0, n_unknowns))], [np.zeros(0)], [np.zeros((0, 3, 3))]
-    seen, stakes, closures = recording.stake_sightings, recording.stakes, recording.closures
+    seen, stakes, closures = recording.stake_sightings, recording.stakes, recording.loop_closures
     if seen is not None and stakes is not None:
         arm, spread = place.arm(seen.time_s, seen.offset, seen.covariance)
         rows.append(place.rows(seen.time_s, arm, 1.0))
@@ -86,7 +88,7 @@ def gated(ties: Ties, chain: Chain, estimate: FloatArray, gate: float) -> Ties:
 class _Place:
     """Reads the reckoned path between its poses, and the unknowns between the nodes."""
 
-    recording: Recording
+    recording: OdometryRecording
     reckoned: FloatArray
     node_time_s: FloatArray
     n_unknowns: int
@@ -113,7 +115,6 @@ class _Place:
 
     def _attitude(self, time_s: FloatArray) -> FloatArray:
         odometry = self.recording.odometry
-        assert odometry is not None
         index = np.clip(np.searchsorted(odometry.time_s, time_s), 0, len(odometry.time_s) - 1)
         before: IntArray = np.maximum(index - 1, 0)
         nearer = np.abs(odometry.time_s[before] - time_s) < np.abs(odometry.time_s[index] - time_s)
@@ -122,7 +123,6 @@ class _Place:
 
     @property
     def _times(self) -> FloatArray:
-        assert self.recording.odometry is not None
         return self.recording.odometry.time_s
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording
 from survey.data.sensors import GpsFixes
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import log_evidence
@@ -24,8 +24,8 @@ _SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
 
 
 def with_credible_start(
-    recording: Recording, path: FloatArray, time_s: FloatArray, config: LocalizationConfig
-) -> tuple[Recording, LocalizationConfig]:
+    recording: OdometryRecording, path: FloatArray, time_s: FloatArray, config: LocalizationConfig
+) -> tuple[OdometryRecording, LocalizationConfig]:
     """Take a surveyed start for unknown where the fixes of the first 300 m put it elsewhere.
 
     The path's shape is laid on the fixes by turn and shift, and fixes that jump count
@@ -60,7 +60,7 @@ def with_credible_start(
     return replace(recording, start=begun), config.model_copy(update={"start": "unknown"})
 
 
-def lateness_s(recording: Recording, path: FloatArray, config: LocalizationConfig) -> float:
+def fix_delay_s(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:
     r"""Return by how much the fixes come late [s]; 0 unless that makes everything that was sensed much likelier.
 
     A receiver that filters or a slow link tells where the rover was: on a straight line
@@ -89,13 +89,13 @@ def lateness_s(recording: Recording, path: FloatArray, config: LocalizationConfi
     return float(_LAGS_S[best])
 
 
-def without_repeats(gps: GpsFixes) -> GpsFixes:
+def remove_repeated_fixes(gps: GpsFixes) -> GpsFixes:
     """Leave out fixes that repeat the one before to the last digit: the receiver froze, or was asked too often.
 
     Examples
     --------
     >>> place = np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [1.0, 0.1, 0.0], [3.0, 0.0, 0.1]])
-    >>> without_repeats(GpsFixes(np.arange(4.0), place)).time_s.tolist()
+    >>> remove_repeated_fixes(GpsFixes(np.arange(4.0), place)).time_s.tolist()
     [0.0, 1.0, 3.0]
     """
     new = np.r_[True, (np.diff(gps.position, axis=0) != 0.0).any(axis=1)]
@@ -105,7 +105,7 @@ def without_repeats(gps: GpsFixes) -> GpsFixes:
     return replace(gps, time_s=gps.time_s[new], position=gps.position[new])
 
 
-def _with_any_memory(recording: Recording, path: FloatArray, config: LocalizationConfig) -> float:
+def _with_any_memory(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:
     """Return the log evidence with the correlation time of the fixes that makes it largest."""
     assumed_s = config.gps_correlation_time_s
     return max(
@@ -114,7 +114,7 @@ def _with_any_memory(recording: Recording, path: FloatArray, config: Localizatio
     )
 
 
-def _earlier(recording: Recording, lag_s: float) -> Recording:
+def _earlier(recording: OdometryRecording, lag_s: float) -> OdometryRecording:
     return replace(recording, gps=replace(recording.gps, time_s=recording.gps.time_s - lag_s))
 
 

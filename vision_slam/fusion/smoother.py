@@ -34,7 +34,7 @@ from scipy import sparse
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording
 from survey.data.sensors import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.block_tridiagonal import Chain
@@ -72,9 +72,8 @@ class SmoothedPath:
     gps_evidence: float = 0.0
 
 
-def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> SmoothedPath:
+def smooth(recording: OdometryRecording, reckoned: FloatArray, config: LocalizationConfig) -> SmoothedPath:
     """Correct a dead-reckoned path (N, 3) [m] by what else the recording holds."""
-    assert recording.odometry is not None
     nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
     time_s = recording.odometry.time_s[nodes]
     posterior = _Posterior.of(recording, reckoned, nodes, config)
@@ -92,9 +91,8 @@ def smooth(recording: Recording, reckoned: FloatArray, config: LocalizationConfi
     return replace(path, n_ties=len(accepted), n_refused=len(ties) - len(accepted), gps_evidence=gain)
 
 
-def log_evidence(recording: Recording, reckoned: FloatArray, config: LocalizationConfig) -> float:
+def log_evidence(recording: OdometryRecording, reckoned: FloatArray, config: LocalizationConfig) -> float:
     """Return how likely everything was that was sensed but stakes and closures: for comparing what may be assumed."""
-    assert recording.odometry is not None
     nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
     return _Posterior.of(recording, reckoned, nodes, config).log_evidence
 
@@ -111,9 +109,8 @@ class _Posterior:
 
     @classmethod
     def of(
-        cls, recording: Recording, reckoned: FloatArray, nodes: IntArray, config: LocalizationConfig
+        cls, recording: OdometryRecording, reckoned: FloatArray, nodes: IntArray, config: LocalizationConfig
     ) -> "_Posterior":
-        assert recording.odometry is not None
         guess = np.zeros((len(nodes), PER_NODE))
         for _ in range(_MOST_PASSES):
             along = Nodes(recording.odometry, reckoned, nodes, guess)
@@ -125,7 +122,7 @@ class _Posterior:
         return found
 
     @classmethod
-    def _about(cls, recording: Recording, along: Nodes, config: LocalizationConfig) -> "_Posterior":
+    def _about(cls, recording: OdometryRecording, along: Nodes, config: LocalizationConfig) -> "_Posterior":
         system = NormalEquations(len(along.index))
         add_terms(system, recording, along, config)
         design, values = system.design, system.values
@@ -171,7 +168,7 @@ def _nodes(path: FloatArray, odometry: Odometry, spacing_m: float) -> IntArray:
 
 
 def _gain_if_longer(
-    recording: Recording,
+    recording: OdometryRecording,
     reckoned: FloatArray,
     nodes: IntArray,
     config: LocalizationConfig,
@@ -197,9 +194,8 @@ def _gain_if_longer(
 
 
 def _corrected(
-    recording: Recording, reckoned: FloatArray, nodes: IntArray, posterior: _Posterior
+    recording: OdometryRecording, reckoned: FloatArray, nodes: IntArray, posterior: _Posterior
 ) -> SmoothedPath:
-    assert recording.odometry is not None
     time_s = recording.odometry.time_s
     error = posterior.estimate[: len(nodes) * PER_NODE].reshape(len(nodes), PER_NODE)[:, :POSE]
     spread = np.column_stack([np.interp(time_s, time_s[nodes], column) for column in error.T])

@@ -136,6 +136,7 @@ def placed(
         inertial=sequence.inertial,
         compass=sequence.compass,
         vertical_datum=log.vertical_datum,
+        start_is_surveyed=False,
     )
 
 

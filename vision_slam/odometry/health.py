@@ -1,4 +1,4 @@
-"""Whether an image, and what was followed into it, can be believed."""
+"""Whether an image, and what was followed into it, can be accepted."""
 
 from dataclasses import dataclass
 

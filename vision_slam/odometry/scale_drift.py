@@ -40,7 +40,7 @@ def resizing(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> Flo
     factor is exp(−m_k).
 
     Wheels are asked on the straight; where they spin, the loss leaves them out. That they are
-    off by more than 6 % is not believed: the camera is mounted otherwise than said then.
+    off by more than 6 % is not accepted: the camera is mounted otherwise than said then.
     Without any wheels, or with less than 10 m of ground, the size stays what it is.
 
     Parameters
@@ -120,7 +120,7 @@ def beneath(poses: FloatArray, sightings: Sightings, seen_from: IntArray, height
     return told
 
 
-def resized(sightings: Sightings, factor: FloatArray) -> Sightings:
+def scale_sightings(sightings: Sightings, factor: FloatArray) -> Sightings:
     """Return sightings whose lengths are `factor` (N,) times as large, pose by pose."""
     by = factor[sightings.pose]
     covariance = by[:, None, None] ** 2 * sightings.covariance

@@ -19,7 +19,7 @@ from vision_slam.odometry.features import Pixels, detect
 from vision_slam.odometry.health import Doubt, FrameHealth, bridged_sigma_m, image_health, is_lost
 from vision_slam.odometry.recognition import LastViews
 from vision_slam.odometry.resection import resected
-from vision_slam.odometry.scale_drift import beneath, resized, resizing
+from vision_slam.odometry.scale_drift import beneath, resizing, scale_sightings
 from vision_slam.odometry.tracks import Track, followed, moved_as_one
 from vision_slam.odometry.triangulation import Landmarks
 from vision_slam.odometry.wheel_slip import SlipWatch
@@ -312,7 +312,7 @@ class VisualOdometry:
     Where there are wheels and a gyro its lengths are told by wheels and by the ground that it
     stood on, all along; where there are wheels its heading is held by far ridges. ``health``
     holds one entry a frame; ``is_lost`` says where the pose rests on wheels and gyro for too
-    long to be believed, or on nothing.
+    long to be accepted, or on nothing.
     """
 
     odometry: Odometry
@@ -422,7 +422,7 @@ def _delivered(slam: VisualSlam, sightings: Sightings, skyline: Skyline, drive: 
     if drive.wheels is not None:  # how near ridges may be is known in metres, which images alone do not have
         attitude[:, 2] -= skyline.drift_rad(*_levelled(slam, poses, attitude))
     odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
-    return VisualOdometry(odometry, resized(sightings, factor), health, is_lost(poses, health))
+    return VisualOdometry(odometry, scale_sightings(sightings, factor), health, is_lost(poses, health))
 
 
 def _levelled(

@@ -23,7 +23,7 @@ class SlipWatch:
     camera as it is mounted, h₀. If the map puts it h below, its lengths are too short by
     c = log(h₀ / h). Rough ground makes that err by a tenth, 1.6 % over 25 m, so that it tells
     slowly, as a Kalman filter weighs it, by how much wheels that are good to 3 % count too
-    little, s. Beyond 6 % the height is not believed.
+    little, s. Beyond 6 % the height is not accepted.
 
     Where the wheels spin, or skid in a turn, the map keeps the size that it has for some
     metres: with L the travel by images and R that by wheels, that is while

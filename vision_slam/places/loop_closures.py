@@ -8,7 +8,8 @@ import numpy as np
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.data.recording import Recording
-from survey.data.sensors import Closures
+from survey.data.sensors import LoopClosures
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.places.ground_view import GroundMosaics
 from vision_slam.places.overlay import Overlay, overlaid
 from vision_slam.rotation import rotations
@@ -26,7 +27,7 @@ _SIGMA_M, _SIGMA_PER_FEATURE_M = 0.02, 0.42
 _UP_SIGMA_M, _UP_SIGMA_PER_FEATURE_M = 0.02, 0.15
 
 
-def closures_by_images(recording: Recording, path: FloatArray, sigma_m: FloatArray) -> Closures | None:
+def detect_loop_closures(recording: Recording, path: FloatArray, sigma_m: FloatArray) -> LoopClosures | None:
     r"""Recognise places of a drive that images saw before, from whatever heading.
 
     Poses a metre apart that a path, within three of its standard deviations, puts near an
@@ -52,7 +53,7 @@ def closures_by_images(recording: Recording, path: FloatArray, sigma_m: FloatArr
 
     Returns
     -------
-    Closures or None
+    LoopClosures or None
         None where no place was recognised.
 
     Raises
@@ -66,8 +67,7 @@ def closures_by_images(recording: Recording, path: FloatArray, sigma_m: FloatArr
             "places are recognised on images with their odometry and sightings; one of them lacks."
         )
     turn = rotations(odometry.attitude_rad)
-    steps = np.einsum("nij,nj->ni", turn[:-1], odometry.step)
-    reckoned = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    reckoned = dead_reckoning(odometry, np.zeros(3))
     mosaics = GroundMosaics(recording.frames, recording.camera, reckoned, odometry, sightings)
     found = _best_of_meetings(list(_recognised(mosaics, path, sigma_m)), mosaics.travel_m)
     if not found:
@@ -80,7 +80,7 @@ def closures_by_images(recording: Recording, path: FloatArray, sigma_m: FloatArr
         rows.append((odometry.time_s[later], odometry.time_s[earlier], offset, covariance))
     rows.sort(key=lambda row: (row[0], row[1]))
     later_s, earlier_s, offsets, covariances = (np.array(column) for column in zip(*rows, strict=True))
-    return Closures(later_s, earlier_s, offsets, 0.5 * (covariances + covariances.transpose(0, 2, 1)))
+    return LoopClosures(later_s, earlier_s, offsets, 0.5 * (covariances + covariances.transpose(0, 2, 1)))
 
 
 def _recognised(

@@ -19,6 +19,7 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.data.recording import Recording
 from survey.data.sensors import Odometry
 from vision_slam.inertial.attitude import heading_correction
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.sequence import Sensed
 from vision_slam.odometry.visual_slam import VisualOdometry
 from vision_slam.places.ground_view import GroundMosaics
@@ -37,7 +38,7 @@ _SEARCHED_M = 40.0
 _OVERLAY_RAD = np.radians(3.0)
 
 
-def torn_at(recording: Sensed, found: VisualOdometry) -> IntArray:
+def segment_starts(recording: Sensed, found: VisualOdometry) -> IntArray:
     """Return the frames that no sensor ties to the one before.
 
     Neither wheels nor images know what happened in between: the wheels have a hole of more
@@ -57,13 +58,13 @@ def torn_at(recording: Sensed, found: VisualOdometry) -> IntArray:
     return np.array(torn, dtype=np.int64)
 
 
-def rejoined(recording: Recording, found: VisualOdometry) -> VisualOdometry:
+def relocalize_segments(recording: Recording, found: VisualOdometry) -> VisualOdometry:
     """Return the odometry in one piece: what came after each tear is laid where it belongs.
 
     The step over a tear keeps an error of 300 m, so that fixes and closures are not counted
     twice; what could not be laid has any heading, too, and counts as lost.
     """
-    tears = torn_at(recording, found)
+    tears = segment_starts(recording, found)
     odometry, is_lost = found.odometry, found.is_lost.copy()
     if len(tears) == 0:
         return found
@@ -75,7 +76,7 @@ def rejoined(recording: Recording, found: VisualOdometry) -> VisualOdometry:
     for first, end in zip(tears.tolist(), ends, strict=True):
         laid = _by_fixes(recording, odometry, first, end)
         if laid is None:
-            laid = _by_ground(replace(recording, odometry=odometry), found, first, end)
+            laid = _by_ground(recording, odometry, found, first, end)
         if laid is None:
             is_lost[first:end] = True
             step_sigma[first - 1], turn_sigma[first - 1] = _FREE_M, _FREE_RAD
@@ -97,7 +98,7 @@ class _Laid:
 
 def _first_turn(recording: Recording, odometry: Odometry, end: int) -> float:
     first = Odometry(odometry.time_s[:end], odometry.step[: end - 1], odometry.attitude_rad[:end])
-    return heading_correction(_reckoned(first, recording.start), first.time_s, recording.gps)
+    return heading_correction(dead_reckoning(first, recording.start), first.time_s, recording.gps)
 
 
 def _by_fixes(recording: Recording, odometry: Odometry, first: int, end: int) -> _Laid | None:
@@ -106,7 +107,7 @@ def _by_fixes(recording: Recording, odometry: Odometry, first: int, end: int) ->
     inside = (gps.time_s >= times[0]) & (gps.time_s <= times[-1])
     if inside.sum() < _LEAST_FIXES:
         return None
-    path = _reckoned(odometry, np.zeros(3))[first:end]
+    path = dead_reckoning(odometry, np.zeros(3))[first:end]
     path = path - path[0]
     moved = np.column_stack([np.interp(gps.time_s[inside], times, axis) for axis in path.T])
     fixed = gps.position[inside] - [0.0, 0.0, recording.antenna_height_m]
@@ -120,13 +121,13 @@ def _by_fixes(recording: Recording, odometry: Odometry, first: int, end: int) ->
     return _Laid(place, turn, min(_FIX_M / reach, 1.0))
 
 
-def _by_ground(recording: Recording, found: VisualOdometry, first: int, end: int) -> _Laid | None:
+def _by_ground(
+    recording: Recording, odometry: Odometry, found: VisualOdometry, first: int, end: int
+) -> _Laid | None:
     """Lay a piece on the ground that it shares with what came before it; None where nothing is recognised."""
-    odometry = recording.odometry
-    assert odometry is not None
     if recording.frames is None or recording.camera is None:
         return None
-    path = _reckoned(odometry, recording.start)
+    path = dead_reckoning(odometry, recording.start)
     mosaics = GroundMosaics(recording.frames, recording.camera, path, odometry, found.sightings)
     met = relocated(mosaics, np.arange(first), np.arange(first, end))
     if met is None:
@@ -169,7 +170,7 @@ def _spaced(mosaics: GroundMosaics, poses: IntArray) -> list[int]:
 def _laid(odometry: Odometry, start: FloatArray, first: int, laid: _Laid) -> Odometry:
     """Begin a piece at its place, turned."""
     odometry = _turned(odometry, first, laid.turn_rad)
-    before = _reckoned(odometry, start)[first - 1]
+    before = dead_reckoning(odometry, start)[first - 1]
     step = odometry.step.copy()
     step[first - 1] = rotations(odometry.attitude_rad[first - 1 : first])[0].T @ (laid.place - before)
     return replace(odometry, step=step)
@@ -180,12 +181,6 @@ def _turned(odometry: Odometry, first: int, turn_rad: float) -> Odometry:
     attitude = odometry.attitude_rad.copy()
     attitude[first:, 2] += turn_rad
     return replace(odometry, attitude_rad=attitude)
-
-
-def _reckoned(odometry: Odometry, start: FloatArray) -> FloatArray:
-    steps = np.einsum("nij,nj->ni", rotations(odometry.attitude_rad[:-1]), odometry.step)
-    path: FloatArray = np.vstack([start, start + np.cumsum(steps, axis=0)])
-    return path
 
 
 def _about_up(angle_rad: float) -> FloatArray:

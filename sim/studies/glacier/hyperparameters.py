@@ -73,7 +73,7 @@ def _site(*, quick: bool) -> tuple[World, SurfacePoints]:
     )
     world = build_world(mission)
     route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover)
-    points = localize(simulate_statistical(world.terrain, route, mission)[0], mission.assumed)[1]
+    points = localize(simulate_statistical(world.terrain, route, mission)[0], mission.assumed).points
     points = points.select(world.area.contains(points.xy))
     # Densely solved, so that no pair is out of reach; the paper gives some of its landmarks too.
     every = -(-len(points) // _MOST_POINTS)

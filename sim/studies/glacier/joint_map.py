@@ -161,7 +161,8 @@ def survey_once(seed: int, tau_s: float, case: Case) -> SurveyOutcome:
         route = with_way_home(route, AREA)
     recording, real = simulate_statistical(terrain, route, mission)
     sightings = _landmarks(terrain, real.trajectory, stream(seed, "joint study", "landmarks"))
-    trajectory, points = localize(replace(recording, sightings=sightings), mission.assumed)
+    localized = localize(replace(recording, sightings=sightings), mission.assumed)
+    trajectory, points = localized.trajectory, localized.points
     offset = case.satellite_offset_m * stream(seed, "joint study", "offset").standard_normal()
     prior = Dem(cells.elevation + offset, cells.transform, cells.crs) if case.satellite else None
     if case.errors == "joint":

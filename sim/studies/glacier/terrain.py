@@ -133,10 +133,10 @@ def traverse(fidelity: str) -> Traverse:
     route = Route(legs, world.area.crs, "lawnmower")
     if fidelity == "statistical":
         recording = simulate_statistical(world.terrain, route, mission)[0]
-        return Traverse(world, route, localize(recording, mission.assumed)[1])
+        return Traverse(world, route, localize(recording, mission.assumed).points)
     with tempfile.TemporaryDirectory(prefix="firnline-") as place:
         recording = simulate_vision(world.terrain, route, mission, Path(place) / "recording").recording
-        return Traverse(world, route, localize(recording, mission.assumed)[1])
+        return Traverse(world, route, localize(recording, mission.assumed).points)
 
 
 def _mission(fidelity: str) -> MissionConfig:

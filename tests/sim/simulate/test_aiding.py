@@ -111,7 +111,7 @@ def test_the_way_home_ends_where_the_route_began():
     np.testing.assert_allclose(home.legs[-1].xy[-1], home.legs[0].xy[0])
     assert home.length_m > route().length_m
     found, _ = driven()
-    assert found.closures is None
+    assert found.loop_closures is None
 
 
 def test_meetings_of_the_way_are_recognised():
@@ -123,12 +123,12 @@ def test_meetings_of_the_way_are_recognised():
     recording, real = simulate_statistical(terrain(), there_and_back, mission(recognition=1.0))
     times = real.trajectory.time_s
     later, earlier = (
-        np.searchsorted(times, t) for t in (recording.closures.time_s, recording.closures.earlier_s)
+        np.searchsorted(times, t) for t in (recording.loop_closures.time_s, recording.loop_closures.earlier_s)
     )
     apart = np.linalg.norm(real.trajectory.position[later] - real.trajectory.position[earlier], axis=1)
     assert len(apart) >= 2
     assert apart.max() < 7.5
-    np.testing.assert_allclose(np.linalg.norm(recording.closures.offset, axis=1), apart, atol=0.5)
+    np.testing.assert_allclose(np.linalg.norm(recording.loop_closures.offset, axis=1), apart, atol=0.5)
 
 
 def test_foresight_knows_stakes_and_swaths():

@@ -53,7 +53,8 @@ def test_claimed_path_errors_match_real_ones_over_many_drives():
     for seed in range(30):
         settings = mission(seed)
         recording, truth = simulate_statistical(rolling_ground(), hairpin(), settings)
-        trajectory, points = localize(recording, settings.assumed)
+        result = localize(recording, settings.assumed)
+        trajectory, points = result.trajectory, result.points
         squared.append(trajectory_error(trajectory, truth.trajectory).normalised_squared)
         error = points.z - truth.dem.at(points.xy)
         elevation.append(np.nanmean((error / points.sigma_z) ** 2))
@@ -125,6 +126,6 @@ def test_what_lies_behind_a_ridge_is_not_seen():
 def test_landmarks_state_the_camera_as_origin_and_pass_the_check_of_lines_of_sight():
     settings = mission(3)
     recording, _ = simulate_statistical(rolling_ground(), hairpin(), settings)
-    _, points = localize(recording, settings.assumed)
+    points = localize(recording, settings.assumed).points
     above = np.linalg.norm(checked_origins(points) - points.body, axis=1)
     np.testing.assert_allclose(above, settings.rover.camera_height_m, rtol=1e-9)

@@ -8,10 +8,9 @@ import pytest
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
 from survey.data.sensors import Barometer, Compass, GpsFixes, Odometry, Sightings, Wheels
-from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency
-from vision_slam.fusion.online import believing, follow
+from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.pipeline import dead_reckoning, localize
 from vision_slam.rotation import rotations
@@ -77,19 +76,19 @@ def _cut(recording: Recording, n: int) -> Recording:
 
 def test_knows_nothing_of_the_future() -> None:
     recording, _ = _drive()
-    whole = follow(recording, _reckoned(recording), CONFIG)
+    whole = filter_path(recording, _reckoned(recording), CONFIG)
     part = _cut(recording, 100)
     np.testing.assert_array_equal(
-        follow(part, _reckoned(part), CONFIG).position, whole.position[:100], strict=True
+        filter_path(part, _reckoned(part), CONFIG).position, whole.position[:100], strict=True
     )
 
 
 def test_agrees_with_the_smoother_at_the_end() -> None:
     recording, _ = _drive()
     reckoned = _reckoned(recording)
-    online = follow(recording, reckoned, CONFIG)
+    online = filter_path(recording, reckoned, CONFIG)
     fine = CONFIG.model_copy(update={"node_spacing_m": 1.0})
-    smoothed = smooth(believing(recording, online), reckoned, fine)
+    smoothed = smooth(gate_fixes(recording, online), reckoned, fine)
     # The last moment has no future: one model, two ways. The smoother's attitude errors act with the mean of
     # a step's ends, the filter's with its beginning; the filter's headings are not linearised: millimetres.
     np.testing.assert_allclose(online.position[-1], smoothed.position[-1], atol=0.02)
@@ -100,7 +99,7 @@ def test_errors_are_what_the_covariance_says() -> None:
     ends = []
     for seed in range(20):
         recording, place = _drive(100 + seed, 100)
-        online = follow(recording, _reckoned(recording), CONFIG)
+        online = filter_path(recording, _reckoned(recording), CONFIG)
         ends.append((online.position[-1] - place[-1], online.covariance[-1]))
     # Twenty runs, a band that an honest filter leaves once in a thousand.
     judged = consistency(np.array([e for e, _ in ends]), np.array([p for _, p in ends]), 0.999)
@@ -113,20 +112,20 @@ def test_fixes_that_jump_for_a_minute_are_refused_and_declared() -> None:
     off = recording.gps.position + jumped[:, None] * np.array([9.0, -12.0, 0.0])
     recording = replace(recording, gps=GpsFixes(recording.gps.time_s, off))
     reckoned = _reckoned(recording)
-    online = follow(recording, reckoned, CONFIG)
-    assert not online.believed[jumped].any()
+    online = filter_path(recording, reckoned, CONFIG)
+    assert not online.accepted[jumped].any()
     assert online.is_lost[105:160].all()
     assert not online.is_lost[170:].any()
     # Unbelieved, 15 m leave what the drive has anyway: the receiver's metre.
     assert np.hypot(*(online.position - place)[:, :2].T).max() < 3.0
-    smoothed = smooth(believing(recording, online), reckoned, CONFIG)
+    smoothed = smooth(gate_fixes(recording, online), reckoned, CONFIG)
     assert np.hypot(*(smoothed.position - place)[:, :2].T).max() < 3.0
 
 
 def test_without_fixes_the_error_is_declared() -> None:
     recording, _ = _drive()
     few = GpsFixes(recording.gps.time_s[:5], recording.gps.position[:5])
-    online = follow(replace(recording, gps=few), _reckoned(recording), CONFIG)
+    online = filter_path(replace(recording, gps=few), _reckoned(recording), CONFIG)
     sigma = np.sqrt(np.trace(online.covariance[:, :2, :2], axis1=1, axis2=2))
     assert (np.diff(sigma[10:60]) > 0.0).all()
 
@@ -140,7 +139,7 @@ def test_finds_a_heading_that_nobody_told(with_compass: bool) -> None:
     compass = Compass(odometry.time_s[:5], np.full(5, odometry.attitude_rad[0, 2] + 0.08))
     recording = replace(recording, odometry=turned, compass=compass if with_compass else None)
     config = CONFIG.model_copy(update={"heading_sigma_deg": 5.0})
-    online = follow(recording, _reckoned(recording), config)
+    online = filter_path(recording, _reckoned(recording), config)
     # Sixty metres under a receiver of one metre tell the heading to a degree or two.
     assert np.degrees(abs(online.turn_rad[-1] + 0.8)) < 3.0
     assert np.hypot(*(online.position - place)[60:, :2].T).max() < 3.0
@@ -160,7 +159,7 @@ def test_wheels_hold_a_scale_that_wanders() -> None:
     sigmas = []
     for sensed in (without, with_wheels):
         reckoned = _reckoned(sensed)
-        online = follow(sensed, reckoned, config)
+        online = filter_path(sensed, reckoned, config)
         smoothed = smooth(sensed, reckoned, config)
         sigmas.append([path.covariance[:, 0, 0].mean() for path in (online, smoothed)])
         # Four standard deviations of the worst of 240 places that share most of their error.
@@ -189,7 +188,7 @@ def test_a_rover_that_reverses_does_not_contradict_its_wheels() -> None:
     variance = []
     for sensed in (without, with_wheels):
         reckoned = _reckoned(sensed)
-        paths = (follow(sensed, reckoned, config), smooth(sensed, reckoned, config))
+        paths = (filter_path(sensed, reckoned, config), smooth(sensed, reckoned, config))
         variance.append([path.covariance[:, 0, 0].mean() for path in paths])
         for path in paths:
             off = (path.position - place - shift)[20:, 0] / np.sqrt(path.covariance[20:, 0, 0])
@@ -202,9 +201,9 @@ def test_a_rover_that_reverses_does_not_contradict_its_wheels() -> None:
 def test_localization_tells_both_what_was_known_then_and_what_is_known_now() -> None:
     recording, place = _drive()
     seen = Sightings([50], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
-    told: list[Trajectory] = []
-    smoothed, _ = localize(replace(recording, sightings=seen), CONFIG, told_online=told.append)
-    (online,) = told
+    result = localize(replace(recording, sightings=seen), CONFIG)
+    smoothed, online = result.trajectory, result.online_trajectory
+    assert online is not None
     np.testing.assert_array_equal(online.time_s, smoothed.time_s)
     assert np.trace(online.covariance[120]) > np.trace(smoothed.covariance[120])
     # The heading of a pose is that of the odometry turned as the filter says: 0.2 deg and a little.

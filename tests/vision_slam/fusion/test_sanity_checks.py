@@ -8,8 +8,8 @@ from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes, Odometry
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.sanity_checks import lateness_s, with_credible_start
-from vision_slam.pipeline import dead_reckoning
+from vision_slam.fusion.sanity_checks import fix_delay_s, with_credible_start
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.rotation import rotations
 
 SITE = CRS("EPSG:32608")
@@ -75,14 +75,14 @@ def test_a_path_that_bends_on_a_long_drive_does_not_refute_its_start() -> None:
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_fixes_in_time_stay_where_they_are(seed: int) -> None:
     recording, path = _drive(seed=seed)
-    assert lateness_s(recording, path, CONFIG) == 0.0
+    assert fix_delay_s(recording, path, CONFIG) == 0.0
 
 
 def test_fixes_that_forget_sooner_than_assumed_are_not_taken_for_late() -> None:
     minute = CONFIG.model_copy(update={"gps_bias_sigma_m": 3.0, "gps_correlation_time_s": 60.0})
     recording, path = _drive(seed=10, config=minute, radius_m=160.0)
     longer = minute.model_copy(update={"gps_correlation_time_s": 480.0})
-    assert lateness_s(recording, path, longer) == 0.0
+    assert fix_delay_s(recording, path, longer) == 0.0
 
 
 def test_late_fixes_are_moved_back() -> None:
@@ -90,4 +90,4 @@ def test_late_fixes_are_moved_back() -> None:
     assert recording.odometry is not None
     path = dead_reckoning(recording.odometry, recording.start)
     # Half a second at 1 m/s is what fixes of 1 m with a memory of two minutes can tell apart here.
-    assert lateness_s(recording, path, CONFIG) == pytest.approx(2.0, abs=0.5)
+    assert fix_delay_s(recording, path, CONFIG) == pytest.approx(2.0, abs=0.5)

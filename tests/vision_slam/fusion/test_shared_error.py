@@ -7,10 +7,10 @@ import pytest
 
 from sim.instruments.gauss_markov import gauss_markov
 from survey.data.recording import Recording
-from survey.data.sensors import Closures, GpsFixes, Inertial, Odometry, Stakes, StakeSightings
+from survey.data.sensors import GpsFixes, Inertial, LoopClosures, Odometry, Stakes, StakeSightings
 from vision_slam import LocalizationConfig
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.pipeline import dead_reckoning
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.rotation import rotations
 
 CRS = "EPSG:32608"
@@ -94,7 +94,7 @@ def test_stakes_pin_the_path():
     assert np.sqrt(smoothed(recording).covariance[where, 2, 2]).max() > 0.3
 
 
-def closures_at(position, attitude, shifts: dict[int, np.ndarray]) -> Closures:
+def closures_at(position, attitude, shifts: dict[int, np.ndarray]) -> LoopClosures:
     """Recognise the first quarter's places from the last quarter, each from where it is, but for shifts [m]."""
     earlier, later = np.arange(20, 140, 15), np.arange(460, 580, 15)
     moved = position[later] - position[earlier]
@@ -102,7 +102,7 @@ def closures_at(position, attitude, shifts: dict[int, np.ndarray]) -> Closures:
     for k, shift in shifts.items():
         offset[k] += shift
     spread = np.tile(0.01 * np.eye(3), (len(earlier), 1, 1))
-    return Closures(later.astype(float), earlier.astype(float), offset, spread)
+    return LoopClosures(later.astype(float), earlier.astype(float), offset, spread)
 
 
 def test_two_wrong_closures_of_eight_are_refused_and_change_nothing():
@@ -110,21 +110,23 @@ def test_two_wrong_closures_of_eight_are_refused_and_change_nothing():
     wrong = {2: np.array([6.0, 0.0, 0.6]), 5: np.array([0.0, -6.0, -0.6])}
     right_six = closures_at(position, attitude, {})
     keep = np.array([k not in wrong for k in range(8)])
-    six = Closures(*(getattr(right_six, n)[keep] for n in ("time_s", "earlier_s", "offset", "covariance")))
-    gated = smoothed(replace(recording, closures=closures_at(position, attitude, wrong)))
-    clean = smoothed(replace(recording, closures=six))
+    six = LoopClosures(
+        *(getattr(right_six, n)[keep] for n in ("time_s", "earlier_s", "offset", "covariance"))
+    )
+    gated = smoothed(replace(recording, loop_closures=closures_at(position, attitude, wrong)))
+    clean = smoothed(replace(recording, loop_closures=six))
     assert (gated.n_ties, gated.n_refused) == (6, 2)
     np.testing.assert_allclose(gated.position, clean.position, atol=1e-9)
-    believed = smoothed(
-        replace(recording, closures=closures_at(position, attitude, wrong)),
+    accepted = smoothed(
+        replace(recording, loop_closures=closures_at(position, attitude, wrong)),
         LASTING.model_copy(update={"tie_gate": 1e9}),
     )
-    assert np.abs(believed.position - clean.position).max() > 0.5
+    assert np.abs(accepted.position - clean.position).max() > 0.5
 
 
 def test_ties_enter_the_information_as_they_enter_the_marginals():
     recording, position, attitude = drifting()
-    path = smoothed(replace(recording, closures=closures_at(position, attitude, {})))
+    path = smoothed(replace(recording, loop_closures=closures_at(position, attitude, {})))
     own = path.error.pose_covariances[0]
     at_nodes = np.searchsorted(np.arange(600.0), path.error.time_s)
     # Woodbury over the chain against the factorization of the whole: a condition of some 1e9 in squared units.

@@ -8,7 +8,7 @@ from survey.data.recording import Recording
 from survey.data.sensors import Barometer, GpsFixes, Inertial, Odometry, Sightings
 from vision_slam import LocalizationConfig, localize
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.pipeline import dead_reckoning
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.rotation import rotations, turned
 
 CRS = "EPSG:32608"

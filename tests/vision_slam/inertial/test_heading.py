@@ -10,10 +10,10 @@ from survey.data.recording import Recording
 from survey.data.sensors import Compass, GpsFixes, Inertial, Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency
-from vision_slam.fusion.online import follow
+from vision_slam.fusion.online import filter_path
 from vision_slam.fusion.smoother import smooth
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.inertial.gyro import turned_beyond
-from vision_slam.pipeline import dead_reckoning
 from vision_slam.rotation import rotations
 
 WALK_DEG = 0.1
@@ -86,7 +86,7 @@ def test_gyro_holds_the_heading_in_spite_of_its_bias() -> None:
     recording, place = _drive()
     blind = replace(recording, inertial=None)
     reckoned = _reckoned(recording)
-    for path in (follow, smooth):
+    for path in (filter_path, smooth):
         held, walked = (_level_m(path(seen, reckoned, CONFIG).position, place) for seen in (recording, blind))
         assert held < 0.8 * walked
     # Fixes of 1 m, 2.4° of walk: with the heading held to tenths of a degree, half a metre is left.
@@ -96,7 +96,7 @@ def test_gyro_holds_the_heading_in_spite_of_its_bias() -> None:
 def test_filter_knows_at_the_end_what_the_smoother_knows() -> None:
     recording, _ = _drive(n=300)
     reckoned = _reckoned(recording)
-    online = follow(recording, reckoned, CONFIG)
+    online = filter_path(recording, reckoned, CONFIG)
     smoothed = smooth(recording, reckoned, CONFIG.model_copy(update={"node_spacing_m": 1.0}))
     # One model, two ways; a step turns with its beginning in one and its middle in the other: centimetres.
     np.testing.assert_allclose(online.position[-1], smoothed.position[-1], atol=0.03)
@@ -108,7 +108,7 @@ def test_errors_of_a_walking_heading_are_what_the_covariances_say() -> None:
     for seed in range(15):
         recording, place = _drive(100 + seed, 250)
         reckoned = _reckoned(recording)
-        for name, path in (("online", follow), ("smoothed", smooth)):
+        for name, path in (("online", filter_path), ("smoothed", smooth)):
             found = path(recording, reckoned, CONFIG)
             ends[name].append((found.position[-1, :2] - place[-1, :2], found.covariance[-1, :2, :2]))
     for pairs in ends.values():

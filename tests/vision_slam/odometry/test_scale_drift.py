@@ -5,7 +5,7 @@ import pytest
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.sensors import Sightings
-from vision_slam.odometry.scale_drift import beneath, resized, resizing
+from vision_slam.odometry.scale_drift import beneath, resizing, scale_sightings
 
 N, STEP_M = 500, 0.2
 HEIGHT_M = 0.7
@@ -136,7 +136,7 @@ def test_what_was_seen_long_ago_or_hardly_is_no_ground() -> None:
 
 def test_sightings_grow_with_their_pose() -> None:
     seen = Sightings(np.arange(2), np.ones((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.full(2, 4.0))
-    grown = resized(seen, np.array([1.0, 1.1]))
+    grown = scale_sightings(seen, np.array([1.0, 1.1]))
     np.testing.assert_allclose(grown.offset, [[1.0] * 3, [1.1] * 3])
     np.testing.assert_allclose(grown.covariance[1], 1.21 * np.eye(3))
     np.testing.assert_allclose(grown.range_m, [4.0, 4.4])

@@ -228,7 +228,8 @@ def test_the_same_recording_gives_the_same_bytes_with_one_thread_and_two(
         for n in (1, 2):
             cv2.setNumThreads(n)
             with threadpool_limits(n):
-                trajectory, points = localize(_short_recording(plane_world, camera, 12), _PRECISE)
+                result = localize(_short_recording(plane_world, camera, 12), _PRECISE)
+            trajectory, points = result.trajectory, result.points
             parts = (trajectory.position, trajectory.quaternion, trajectory.covariance, points.xyz)
             found.append(b"".join(np.asarray(part).tobytes() for part in parts))
     finally:
@@ -382,7 +383,8 @@ def _short_recording(plane_world: object, camera: Camera, n: int) -> Recording:
 
 def test_localize_turns_images_into_a_path_and_landmarks(plane_world: object, camera: Camera) -> None:
     recording = _short_recording(plane_world, camera, 20)
-    trajectory, points = localize(recording, _PRECISE)
+    result = localize(recording, _PRECISE)
+    trajectory, points = result.trajectory, result.points
     assert trajectory.health.all()
     assert np.linalg.norm(trajectory.position - recording.gps.position, axis=1).max() < 0.03
     assert abs(np.median(points.xyz[:, 2]) - 100.0) < 0.03

@@ -11,7 +11,7 @@ from survey.data.camera import Camera, Frames
 from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes, Odometry, Sightings
 from vision_slam.places.ground_view import GroundMosaics, GroundView
-from vision_slam.places.loop_closures import closures_by_images
+from vision_slam.places.loop_closures import detect_loop_closures
 from vision_slam.places.overlay import overlaid
 from vision_slam.places.relocalization import relocated
 
@@ -72,7 +72,7 @@ def test_a_crossing_is_recognised_from_another_heading(drive: Recording) -> None
     places, headings = _loop()
     # A path that has drifted by half a metre since, and knows that it may have.
     drifted = places + np.linspace(0.0, 0.5, len(places))[:, None] * [1.0, 0.0, 0.0]
-    found = closures_by_images(drive, drifted, np.full(len(places), 0.3))
+    found = detect_loop_closures(drive, drifted, np.full(len(places), 0.3))
     assert found is not None
     earlier = np.searchsorted(drive.odometry.time_s, found.earlier_s)  # type: ignore[union-attr]
     later = np.searchsorted(drive.odometry.time_s, found.time_s)  # type: ignore[union-attr]
@@ -86,7 +86,7 @@ def test_a_crossing_is_recognised_from_another_heading(drive: Recording) -> None
 def test_nothing_is_recognised_where_the_path_cannot_have_met_itself(drive: Recording) -> None:
     places, _ = _loop()
     straight = np.column_stack([STEP_M * np.arange(len(places)), np.zeros((len(places), 2))])
-    assert closures_by_images(drive, straight, np.full(len(places), 0.3)) is None
+    assert detect_loop_closures(drive, straight, np.full(len(places), 0.3)) is None
 
 
 def test_other_ground_is_not_taken_for_the_same(drive: Recording) -> None:
@@ -124,7 +124,7 @@ def test_a_rover_that_knows_nothing_of_its_place_finds_it_by_the_ground(drive: R
 def test_needs_images_that_were_processed(drive: Recording) -> None:
     bare = Recording(drive.crs, drive.start, drive.gps)
     with pytest.raises(InputError, match="recognised on images"):
-        closures_by_images(bare, np.zeros((2, 3)), np.ones(2))
+        detect_loop_closures(bare, np.zeros((2, 3)), np.ones(2))
 
 
 def _view(xyz: FloatArray, likeness: FloatArray) -> GroundView:

@@ -11,10 +11,10 @@ from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes, Odometry, Sightings, Wheels
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.health import FrameHealth
 from vision_slam.odometry.visual_slam import VisualOdometry
-from vision_slam.pipeline import dead_reckoning
-from vision_slam.places.relocalization import rejoined, torn_at
+from vision_slam.places.relocalization import relocalize_segments, segment_starts
 from vision_slam.rotation import rotations
 
 SITE = CRS("EPSG:32608")
@@ -59,20 +59,20 @@ def _carried(gps_until_s: float = 120.0) -> tuple[Recording, VisualOdometry, Flo
 
 def test_a_hole_in_all_sensors_tears_the_path() -> None:
     recording, found, _ = _carried()
-    assert torn_at(recording, found).tolist() == [80]
+    assert segment_starts(recording, found).tolist() == [80]
 
 
 def test_frames_that_lack_while_wheels_turn_tear_nothing() -> None:
     recording, found, _ = _carried()
     steady = np.arange(0.0, 120.0, 0.1)
     rolling = Recording(SITE, recording.start, recording.gps, wheels=Wheels(steady, steady, steady))
-    assert len(torn_at(rolling, found)) == 0
-    assert rejoined(rolling, found) is found
+    assert len(segment_starts(rolling, found)) == 0
+    assert relocalize_segments(rolling, found) is found
 
 
 def test_what_came_after_is_laid_on_its_fixes() -> None:
     recording, found, place = _carried()
-    whole = rejoined(recording, found)
+    whole = relocalize_segments(recording, found)
     assert not whole.is_lost.any()
     # Fixes are exact; steps of half a metre follow a circle of 40 m by chords.
     np.testing.assert_allclose(dead_reckoning(whole.odometry, recording.start), place, atol=0.05)
@@ -82,14 +82,14 @@ def test_what_came_after_is_laid_on_its_fixes() -> None:
 
 def test_without_fixes_or_known_ground_it_stays_lost() -> None:
     recording, found, _ = _carried(gps_until_s=40.0)
-    whole = rejoined(recording, found)
+    whole = relocalize_segments(recording, found)
     assert whole.is_lost.sum() == (found.odometry.time_s >= SET_DOWN_S).sum()
     assert not whole.is_lost[:80].any()
 
 
 def test_the_smoother_lets_a_torn_path_come_apart_there_and_only_there() -> None:
     recording, found, place = _carried()
-    whole = rejoined(recording, found).odometry
+    whole = relocalize_segments(recording, found).odometry
     # Laid 12 m off, as fixes of the time may be: the rest of the fixes, and nothing else, tells.
     step = whole.step.copy()
     step[79] += [9.0, -8.0, 0.0]
@@ -105,7 +105,7 @@ def test_the_smoother_lets_a_torn_path_come_apart_there_and_only_there() -> None
 
 def test_torn_steps_are_kept_in_the_table(tmp_path: Path) -> None:
     recording, found, _ = _carried()
-    whole = rejoined(recording, found).odometry
+    whole = relocalize_segments(recording, found).odometry
     whole.write(tmp_path / "odometry.csv")
     back = Odometry.read(tmp_path / "odometry.csv")
     assert back.step_sigma_m is not None

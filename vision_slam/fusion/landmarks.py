@@ -4,7 +4,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording
 from survey.data.surface_points import SurfacePoints
 from survey.data.thinning import most_informative
 from vision_slam.config import LocalizationConfig
@@ -13,7 +13,9 @@ from vision_slam.fusion.smoother import SmoothedPath
 from vision_slam.rotation import rotations
 
 
-def placed_landmarks(recording: Recording, path: SmoothedPath, config: LocalizationConfig) -> SurfacePoints:
+def place_landmarks(
+    recording: OdometryRecording, path: SmoothedPath, config: LocalizationConfig
+) -> SurfacePoints:
     """Place the landmarks that pass the gates, with the covariance of sighting and path together.
 
     With R the attitude and o the offset in the body frame, the landmark is p + R o and
@@ -29,7 +31,6 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
     InputError
         When no landmark passes the gates.
     """
-    assert recording.sightings is not None
     sightings = recording.sightings
     ellipsoid_m = np.sqrt(np.linalg.eigvalsh(sightings.covariance)[:, -1])
     by_range = config.landmark_thinning == "range"
@@ -47,7 +48,6 @@ def placed_landmarks(recording: Recording, path: SmoothedPath, config: Localizat
     own = _symmetric(rotation @ sightings.covariance[keep] @ rotation.transpose(0, 2, 1))
     jacobian = pose_jacobian(arm, attitude)
     shared = jacobian @ path.covariance[pose] @ jacobian.transpose(0, 2, 1)
-    assert recording.odometry is not None
     points = SurfacePoints(
         path.position[pose] + arm,
         covariance=_symmetric(own + shared),

@@ -1,0 +1,41 @@
+"""Result of localizing a recording."""
+
+from dataclasses import dataclass
+
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
+from vision_slam.odometry.visual_slam import VisualOdometry
+
+
+@dataclass(frozen=True)
+class Localization:
+    """Path and landmarks estimated from a recording.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Smoothed poses with covariances of position [m²], in the CRS of the recording. Its
+        health is 0 where neither images nor wheels support the pose.
+    points : SurfacePoints
+        Landmarks with 3 × 3 covariances [m²]. Neighbouring landmarks share the error of the
+        path: taken as independent points they are overconfident.
+    online_trajectory : Trajectory, optional
+        The causal estimate: each pose uses only records up to its own time. None for a
+        kinematic GPS survey.
+    visual_odometry : VisualOdometry, optional
+        Odometry of the images, aligned with the fixes; None where no image was processed.
+    n_fixes : int
+        Number of fixes within the time of the path.
+    n_fixes_refused : int
+        Number of these that failed the innovation gate and were not used.
+    notes : tuple of str
+        One sentence for each correction of the input or assumption about it.
+    """
+
+    trajectory: Trajectory
+    points: SurfacePoints
+    online_trajectory: Trajectory | None = None
+    visual_odometry: VisualOdometry | None = None
+    n_fixes: int = 0
+    n_fixes_refused: int = 0
+    notes: tuple[str, ...] = ()
