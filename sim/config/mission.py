@@ -11,8 +11,7 @@ from sim.config.faults import FaultConfig
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.config.sensors import InstrumentsConfig
 from survey.core.config import Section
-from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.registry import ReconstructionConfig
 from vision_slam import LocalizationConfig
 
 TerrainFamily = Literal[
@@ -197,26 +196,6 @@ class AidsConfig(Section):
     """Share of the meetings of the way with itself at which the place is recognised."""
     wrong_closures: NonNegativeInt = 0
     """How many of those recognitions are wrong, by 6 m."""
-
-
-class ReconstructionConfig(Section):
-    """How the terrain is reconstructed."""
-
-    method: Literal["gp", "dense", "tin"] = "gp"
-    """Fourier Gaussian process, dense Gaussian process, or Delaunay triangulation."""
-    grid_step_m: PositiveFloat = 2.0
-    """Distance between the nodes of the map [m]."""
-    use_prior: bool = True
-    """Use the satellite prior: its cells as measurements in a joint estimate, else as the mean to build around."""
-    landmark_errors: Literal["joint", "inflated", "independent"] = "joint"
-    """Whether map and path are one estimate, or landmarks count as independent: with the path's variance in each, or
-    (as in the glacier paper) without."""
-    rays: bool = False
-    """Whether the landmarks' lines of sight bound the map."""
-    gp: GaussianProcessConfig = GaussianProcessConfig()
-    """Settings of the Gaussian process."""
-    joint: JointConfig = JointConfig()
-    """Settings of the joint estimate."""
 
 
 class ScoreConfig(Section):

@@ -25,7 +25,8 @@ from survey.data.grid import Grid
 from survey.data.route import Route
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.selection.families import likeliest
-from survey.reconstruction.joint.joint_map import JointSolution, JointTerrain
+from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.joint.solution import JointSolution
 from vision_slam import localize
 
 _NODES_ALONG = 20

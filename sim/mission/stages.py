@@ -9,11 +9,9 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 import planners
@@ -32,6 +30,7 @@ from survey.core.store import STAGES, RunFolder
 from survey.core.streams import stream
 from survey.data.recording import Recording
 from survey.data.truth import Truth
+from survey.reconstruction.policy import map_landmarks
 from vision_slam import localize, trajectory_error
 from vision_slam.odometry.onboard import read_seen
 
@@ -153,48 +152,17 @@ def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
 
 
 def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
-    """Map the terrain from the surface points and the prior; where odometry ties the points, correct the path too."""
+    """Map the terrain from the surface points and the prior; a joint map corrects the path too."""
     config = mission.reconstruction
     area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")
     points = survey.SurfacePoints.read(run.folder("localize") / "surface_points.gpkg")
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     path = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", area.crs)
-    if path.error is not None and config.landmark_errors == "joint" and config.method == "gp":
-        # Here, because compiling support costs half a second that other commands need not pay.
-        from survey.reconstruction.joint.joint_map import JointTerrain
-
-        found = JointTerrain(path.error, prior, config.gp, config.joint).map(points, grid)
-        _bounded(found.reconstruction, points, mission).write(folder)
-        found.correction.applied(path).write(folder / "corrected_trajectory.csv")
-        return
-    if config.landmark_errors == "independent" and points.own_covariance is not None:
-        points = replace(points, covariance=points.own_covariance)
-    if prior is not None:
-        points = within(prior, points)
-    result = survey.reconstruct(points, grid, prior=prior, method=config.method, config=config.gp)
-    _bounded(result, points, mission).write(folder)
-
-
-def _bounded(
-    result: survey.Reconstruction, points: survey.SurfacePoints, mission: MissionConfig
-) -> survey.Reconstruction:
-    """Return the map bounded by its landmarks' lines of sight, if the mission asks for it."""
-    if not mission.reconstruction.rays:
-        return result
-    from survey.reconstruction.line_of_sight.truncation import below_sight_lines
-
-    return below_sight_lines(result, points)
-
-
-def within(prior: survey.Dem, points: survey.SurfacePoints) -> survey.SurfacePoints:
-    """Leave out landmarks beyond the prior's edge, where there is nothing to build around; their number is logged."""
-    known = np.isfinite(prior.at(points.xy))
-    if not known.all():
-        logger.warning(
-            "%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points)
-        )
-    return points.select(known)
+    mapped = map_landmarks(points, grid, config, prior=prior, path=path.error)
+    mapped.reconstruction.write(folder)
+    if mapped.correction is not None:
+        mapped.correction.applied(path).write(folder / "corrected_trajectory.csv")
 
 
 def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:

@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
+    Discriminator,
     Field,
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
     PrivateAttr,
+    Tag,
 )
 
 from planners import PlannerConfig, planner_config
@@ -20,6 +22,7 @@ from survey.core.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.selection.kernel_search import SearchedFamily
+from survey.reconstruction.registry import METHODS, LandmarkErrors, MethodName, ReconstructionConfig
 from survey.scoring.standards.standards import map_classes
 from vision_slam import LocalizationConfig
 
@@ -92,12 +95,13 @@ class GivenMap(Section):
 class ReconstructedMap(Section):
     """Any reconstruction that a mission can have, survey by survey."""
 
-    method: Literal["gp", "dense", "tin"]
+    method: MethodName
+    """A reconstruction method, as in a mission."""
     name: Name
     """Name of the map in the table."""
     use_prior: bool = False
     """Build around a satellite's cells instead of a constant."""
-    landmark_errors: Literal["joint", "inflated", "independent"] = "joint"
+    landmark_errors: LandmarkErrors = "joint"
     """Of the statistical fidelity, as in a mission: whether map and path are one estimate (method gp), or landmarks
     count as independent, with the path's variance in each or without."""
     gp: GaussianProcessConfig = GaussianProcessConfig()
@@ -105,8 +109,30 @@ class ReconstructedMap(Section):
     joint: JointConfig = JointConfig()
     """Settings of the joint estimate."""
 
+    @property
+    def settings(self) -> ReconstructionConfig:
+        """The same settings as a mission's section has them."""
+        return ReconstructionConfig(
+            method=self.method,
+            use_prior=self.use_prior,
+            landmark_errors=self.landmark_errors,
+            gp=self.gp,
+            joint=self.joint,
+        )
 
-Map = Annotated[SearchedMap | GivenMap | ReconstructedMap, Field(discriminator="method")]
+
+def _kind_of_map(given: Any) -> str:
+    """Return the tag of a map: searched, given, or else one of the reconstruction methods."""
+    method = given.get("method", "searched") if isinstance(given, dict) else given.method
+    return method if method in ("searched", "given") else "reconstructed"
+
+
+Map = Annotated[
+    Annotated[SearchedMap, Tag("searched")]
+    | Annotated[GivenMap, Tag("given")]
+    | Annotated[ReconstructedMap, Tag("reconstructed")],
+    Discriminator(_kind_of_map),
+]
 
 
 class SamplesConfig(Section):
@@ -205,7 +231,7 @@ class StudyConfig(Section):
             raise ConfigError("two planners have the same label and size; give one of them another label.")
         if self.fidelity == "statistical" and any(not isinstance(m, ReconstructedMap) for m in self.maps):
             raise ConfigError(
-                "landmarks of the statistical fidelity err unequally; give maps of the method gp, dense or tin."
+                f"landmarks of the statistical fidelity err unequally; give maps of a reconstruction method ({', '.join(METHODS)})."
             )
 
     def _sized(self, index: int, given: dict[str, Any]) -> list[Design]:

@@ -5,7 +5,7 @@ one worker does at a time and what is stored. Its bytes depend on the study and 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.selection.kernel_search import Cell, FoundKernel, KernelSearch, mapped
+from survey.reconstruction.policy import map_landmarks
 from survey.terrain import ice_micro_relief, random_dem, satellite_copy
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 from vision_slam import localize
@@ -266,25 +267,17 @@ def _reconstructed(
             np.column_stack([xy, heights[:, column]]), sigma_m=np.full(len(xy), noise), crs=world.area.crs
         )
         prior = world.prior(index) if how.use_prior else None
-        mean[:, column], claimed[column], kernel = _reconstruction(world, how, points, prior)
+        mapped = map_landmarks(points, world.nodes, how.settings, prior=prior)
+        mean[:, column], claimed[column], kernel = _facts_of(mapped.reconstruction)
         kernels.append(kernel)
     return _Mapped(mean, claimed, kernels, len(xy))
 
 
-def _reconstruction(
-    world: TrialTerrains,
-    how: ReconstructedMap,
-    points: survey.SurfacePoints,
-    prior: Dem | None,
-    path: PathError | None = None,
-) -> tuple[FloatArray, float, tuple[str, float, float]]:
-    """Return the map of one survey, what it claims to err, and the kernel behind it."""
-    result = survey.reconstruct(
-        points, world.nodes, prior, method=how.method, config=how.gp, path=path, joint=how.joint
-    )
+def _facts_of(result: survey.Reconstruction) -> tuple[FloatArray, float, tuple[str, float, float]]:
+    """Return the heights of a map, its stated RMSE, and its kernel."""
     facts: Mapping[str, Any] = result.hyperparameters
     kernel = (
-        str(facts.get("family", how.method)),
+        str(facts.get("family", result.method)),
         float(facts.get("length_scale_m", np.nan)),
         float(np.sqrt(facts.get("variance_m2", np.nan))),
     )
@@ -318,7 +311,9 @@ def _surveyed_statistically(world: TrialTerrains, driven: Driven) -> Iterator[Tr
         trajectory, points = _localized(world, driven, index)
         for how in world.study.maps:
             if not isinstance(how, ReconstructedMap):
-                raise InputError("landmarks are mapped by gp, dense or tin.")
+                raise InputError(
+                    "landmarks are mapped by a reconstruction method; searched and given kernels need the ideal fidelity."
+                )
             maps = _mapped_landmarks(world, how, trajectory.error, points, index)
             yield from _judged(world, driven._replace(mine=[index]), how, maps)
 
@@ -330,16 +325,11 @@ def _mapped_landmarks(
     points: survey.SurfacePoints,
     index: int,
 ) -> _Mapped:
-    """Map landmarks as a mission does: together with the path that they were seen from, or each by itself."""
+    """Map landmarks as a mission does."""
     prior = world.prior(index) if how.use_prior else None
-    if how.landmark_errors != "joint" or how.method != "gp":
-        path = None
-    if path is None and how.landmark_errors == "independent" and points.own_covariance is not None:
-        points = replace(points, covariance=points.own_covariance)
-    if path is None and prior is not None:
-        points = points.select(np.isfinite(prior.at(points.xy)))
-    mean, claimed, kernel = _reconstruction(world, how, points, prior, path)
-    return _Mapped(mean[:, None], np.array([claimed]), [kernel], len(points))
+    mapped = map_landmarks(points, world.nodes, how.settings, prior=prior, path=path)
+    mean, claimed, kernel = _facts_of(mapped.reconstruction)
+    return _Mapped(mean[:, None], np.array([claimed]), [kernel], mapped.n_points)
 
 
 def _localized(

@@ -174,10 +174,13 @@ class LatticeModel(TerrainModel):
             diagnostics=diagnostics,
         )
 
-    def whole_grid(self) -> Grid:
-        """Return the grid of the lattice's own nodes."""
+    def full_grid(self, step_m: float | None = None) -> Grid:
+        """Return a grid over the lattice, of its own nodes unless a step [m] is given."""
         here = self.where
-        return Grid(here.window.bounds, here.window.step_m, here.crs)
+        if step_m is None or step_m == here.window.step_m:
+            return Grid(here.window.bounds, here.window.step_m, here.crs)
+        window = NodeWindow.over(here.window.bounds, step_m)
+        return Grid(window.bounds, step_m, here.crs)
 
     @property
     def where(self) -> LatticeFrame:

@@ -1,11 +1,12 @@
-"""From points to a map, in one call."""
+"""Terrain reconstruction from points, in one call."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from survey.core.config import Section
 from survey.core.errors import InputError
 from survey.core.geodesy import same_crs
 from survey.data.area import SurveyArea
@@ -14,12 +15,10 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
-from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.triangulation import triangulate
-
-Method = Literal["gp", "dense", "tin"]
+from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
+from survey.reconstruction.registry import METHODS, method_named, names_where
 
 
 def reconstruct(
@@ -27,8 +26,8 @@ def reconstruct(
     grid: Grid,
     prior: Dem | Mean | None = None,
     *,
-    method: Method = "gp",
-    config: GaussianProcessConfig | None = None,
+    method: str = "gp",
+    config: Section | None = None,
     value: str = ELEVATION,
     area: SurveyArea | None = None,
     path: PathError | None = None,
@@ -40,29 +39,29 @@ def reconstruct(
     Parameters
     ----------
     points : SurfacePoints
-        What was measured, with its uncertainty.
+        Measured points with their uncertainty.
     grid : Grid
         The nodes to map, in the points' CRS.
     prior : Dem or Mean, optional
-        What the surface is expected to be, e.g. a satellite's coarse elevation model;
-        without it a constant, or a plane when `config` says so.
-    method : {"gp", "dense", "tin"}
-        The fast Gaussian process, the dense one, or linear interpolation in triangles,
-        which knows no prior and leaves NaN outside the points' hull.
-    config : GaussianProcessConfig, optional
-        By default everything is fitted to the points.
+        Expected surface, e.g. a satellite's coarse elevation model; without it a constant, or a plane when
+        `config` says so. Only the Gaussian processes use it.
+    method : {"gp", "joint", "dense", "tin", "field", "emap", "carving"}
+        Fourier Gaussian process, the same together with the path, dense Gaussian process, linear interpolation in
+        triangles (NaN outside the points' hull), Gaussian field on a lattice, spring lattice, or space-carving kernels.
+    config : Section, optional
+        Settings of the method: `GaussianProcessConfig`, `FieldLatticeConfig`, `SpringLatticeConfig` or
+        `SpaceCarvingConfig`. By default everything is fitted to the points.
     value : str
-        ``elevation_m``, or the name of a value that the points carry.
+        ``elevation_m``, or the name of a value that the points carry (gp, dense and tin).
     area : SurveyArea, optional
         Nodes outside it get NaN.
     path : PathError, optional
-        What the poses share from which the points were seen (``trajectory.error``): then
-        terrain and path are one estimate, and a prior's cells are measurements of means
-        (`JointTerrain`, which gives the corrected path too). For ``gp`` and elevations.
+        Error that the points share through the poses they were seen from (``trajectory.error``): with it gp
+        means joint, terrain and path are one estimate, and a prior's cells are measurements of means.
     joint : JointConfig, optional
         Settings of that estimate.
     rays : bool
-        Whether the points' lines of sight bound the map (`below_sight_lines`); they need origins.
+        Whether the points' lines of sight bound the map; the points then need origins.
 
     Returns
     -------
@@ -72,51 +71,97 @@ def reconstruct(
     Raises
     ------
     InputError
-        Points, grid, prior or area in different systems, a prior that does not cover the
-        grid, too few points, or a task beyond the memory allowed.
-    """
-    same_crs(points.crs, grid.crs, "the points and the grid")
-    if method not in get_args(Method):
-        raise InputError(f"the method {method!r} is not known; take one of {', '.join(get_args(Method))}.")
-    if path is not None:
-        result = _joint(points, grid, prior, path, method=method, value=value, config=config, joint=joint)
-    elif method == "tin":
-        result = triangulate(points, grid, quantity=value)
-    else:
-        model = GaussianProcessTerrain(config or GaussianProcessConfig(), prior, method, value, grid.bounds)
-        # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
-        with threadpool_limits(limits=1, user_api="blas"):
-            result = model.fit(points).grid(grid)
-    if rays:
-        # Here, because compiled support is only needed with lines of sight.
-        from survey.reconstruction.line_of_sight.truncation import below_sight_lines
+        Points, grid, prior or area in different systems, a prior that does not cover the grid, too few points, or
+        something that the method lacks.
+    CapacityError
+        A task beyond the memory allowed.
+    TypeError
+        Settings of another method.
 
-        result = below_sight_lines(result, points)
+    Notes
+    -----
+    One height per place: overhangs are not mapped.
+
+    Examples
+    --------
+    >>> corners = SurfacePoints([[0, 0, 0], [4, 0, 4], [0, 4, 0]], sigma_m=0.1, crs="EPSG:32608")
+    >>> reconstruct(corners, Grid((0.0, 0.0, 2.0, 2.0), 1.0), method="tin").mean.elevation[2]
+    array([0., 1., 2.])
+    """
+    chosen = method_named(method)
+    if path is not None and chosen.name == "gp":
+        chosen = METHODS["joint"]
+    configs = [given for given in (config, joint) if given is not None]
+    _require_kinds(chosen, [config] if config is not None else [])
+    task = MappingTask(points, grid, prior, path, value, configs, rays)
+    result = run(chosen, task).reconstruction
     return result if area is None else within(result, area)
 
 
-def _joint(
-    points: SurfacePoints,
-    grid: Grid,
-    prior: Dem | Mean | None,
-    path: PathError,
-    *,
-    method: Method,
-    value: str,
-    config: GaussianProcessConfig | None,
-    joint: JointConfig | None,
-) -> Reconstruction:
-    if method != "gp" or value != ELEVATION or isinstance(prior, Mean):
-        raise InputError(
-            f"map and path as one estimate need method = gp, elevations and a prior in cells; {method}, {value} and "
-            f"{type(prior).__name__} were given, leave the path out."
-        )
-    # Here, because compiling support costs half a second that other methods need not pay.
-    from survey.reconstruction.joint.joint_map import JointTerrain
+def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
+    """Run a method, and bound its map by lines of sight where it does not do so itself.
 
-    model = JointTerrain(path, prior, config or GaussianProcessConfig(), joint or JointConfig())
+    Parameters
+    ----------
+    method : ReconstructionMethod
+        Of the registry.
+    task : MappingTask
+        Points, grid, and what goes with them.
+
+    Returns
+    -------
+    MappedTerrain
+        The map, and the correction of the path for a joint map.
+
+    Raises
+    ------
+    InputError
+        Points and grid in different systems, or something that the method lacks.
+    """
+    same_crs(task.points.crs, task.grid.crs, "the points and the grid")
+    _require_fit(method, task)
+    # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
     with threadpool_limits(limits=1, user_api="blas"):
-        return model.map(points, grid).reconstruction
+        mapped = method.run(task)
+    if task.rays and method.sight_lines == "truncation":
+        # Here, because compiled support is only needed with lines of sight.
+        from survey.reconstruction.line_of_sight.truncation import below_sight_lines
+
+        mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
+    return mapped
+
+
+def _require_kinds(method: ReconstructionMethod, configs: Sequence[Section]) -> None:
+    """Refuse settings that the method does not read."""
+    for config in configs:
+        if not isinstance(config, tuple(method.configs.values())):
+            kinds = " or ".join(kind.__name__ for kind in method.configs.values()) or "no settings"
+            raise TypeError(
+                f"the method {method.name} takes {kinds}, and config is a {type(config).__name__}; give settings of "
+                "that method or take another one."
+            )
+
+
+def _require_fit(method: ReconstructionMethod, task: MappingTask) -> None:
+    """Refuse a task that asks for what the method does not do."""
+    if task.path is not None and not method.needs_path:
+        able = names_where(m for m in METHODS.values() if m.needs_path)
+        raise InputError(
+            f"the method {method.name} does not use the path's error; take the method gp or {able}, or leave the path out."
+        )
+    if task.prior is not None and not method.uses_prior:
+        able = names_where(m for m in METHODS.values() if m.uses_prior)
+        raise InputError(f"the method {method.name} uses no prior; take {able}, or leave the prior out.")
+    if task.quantity != ELEVATION and not method.maps_values:
+        able = names_where(m for m in METHODS.values() if m.maps_values)
+        raise InputError(
+            f"the method {method.name} maps elevations, and {task.quantity} was asked for; take {able}."
+        )
+    if task.rays and method.sight_lines == "none":
+        able = names_where(m for m in METHODS.values() if m.sight_lines == "own")
+        raise InputError(
+            f"the method {method.name} uses no lines of sight; take {able}, or leave the rays out."
+        )
 
 
 def within(result: Reconstruction, area: SurveyArea) -> Reconstruction:

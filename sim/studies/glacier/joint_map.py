@@ -31,7 +31,8 @@ from survey.data.trajectory import Trajectory
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.joint.joint_map import JointMap, JointTerrain
+from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.joint.solution import JointMap
 from survey.terrain import satellite_copy
 from survey.terrain.random_fields import kernel_field
 from vision_slam import LocalizationConfig, localize

@@ -266,7 +266,7 @@ class SpaceCarvingKernel(TerrainModel):
             diagnostics=self._record(),
         )
 
-    def whole_grid(self, step_m: float | None = None) -> Grid:
+    def full_grid(self, step_m: float | None = None) -> Grid:
         """Return a grid over the points, its nodes at whole multiples of a step; of the last length scale without one."""
         self.mean_surface  # noqa: B018  # refuses a model that knows no points
         xy = self.cloud.xyz[:, :2] + self.where.corner[:2]

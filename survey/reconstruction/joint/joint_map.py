@@ -1,21 +1,19 @@
 """One estimate for the map and the path: landmarks share the errors of the poses that saw them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.spatial import cKDTree
 
 from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.geodesy import same_crs, same_vertical_datum
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.path_error import POSE, PathError
+from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.data.trajectory import Trajectory
-from survey.reconstruction.base import ELEVATION, Reconstruction, local_datum_m
+from survey.reconstruction.base import local_datum_m
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig, KernelFamily
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
@@ -29,47 +27,21 @@ from survey.reconstruction.gp.engines.resolution import (
 )
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
-from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior, waves_at
+from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
 from survey.reconstruction.joint.shared_relief import with_shared_relief
-from survey.reconstruction.support import support_codes
+from survey.reconstruction.joint.solution import JointMap, JointSolution
 
 CANDIDATES: tuple[KernelFamily, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 """What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,
 of which landmarks tell so much that two scales go to these, and gaps between swaths would be mapped too boldly."""
 
-_EXTREME = 4.0
 # A slope needs fewer waves than a map.
 _ROUGH_MB = 12.0
 # What is shared by all points is decimetres: waves that matter less than this share of the smallest standard
 # deviation are not worth their time.
 _COARSEST_SHARE = 0.05
-
-
-@dataclass(frozen=True)
-class PathCorrection:
-    """What the map found out about the path: errors (K, 3) [m] at times (K,) [s], and what is still unknown of them."""
-
-    time_s: FloatArray
-    shift: FloatArray
-    covariance: FloatArray
-
-    def applied(self, trajectory: Trajectory) -> Trajectory:
-        """Return the trajectory with its places corrected; what it shared is in the map now and not kept."""
-        times = trajectory.time_s
-        shift = np.column_stack([np.interp(times, self.time_s, column) for column in self.shift.T])
-        entries = [np.interp(times, self.time_s, entry) for entry in self.covariance.reshape(-1, 9).T]
-        covariance = np.column_stack(entries).reshape(-1, 3, 3)
-        return replace(trajectory, position=trajectory.position - shift, covariance=covariance, error=None)
-
-
-@dataclass(frozen=True)
-class JointMap:
-    """A map and the path that goes with it."""
-
-    reconstruction: Reconstruction
-    correction: PathCorrection
 
 
 @dataclass(frozen=True)
@@ -121,7 +93,7 @@ class JointTerrain:
         same_crs(points.crs, grid.crs, "the points and the grid")
         return self.solved(points, grid.bounds).on(grid)
 
-    def solved(self, points: SurfacePoints, bounds: Bounds) -> "JointSolution":
+    def solved(self, points: SurfacePoints, bounds: Bounds) -> JointSolution:
         """Solve for the terrain within bounds (xmin, ymin, xmax, ymax) [m], and the path."""
         plane = _plane(points.xy, points.z)
         slope = np.tile(plane[1:], (len(points), 1))
@@ -178,7 +150,7 @@ class JointTerrain:
         cells: SatelliteCells | None,
         *,
         memory_mb: float = _ROUGH_MB,
-    ) -> "JointSolution":
+    ) -> JointSolution:
         shared = self._shared(points, slope)
         noise = _own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
         datum = local_datum_m(points.z)
@@ -205,7 +177,21 @@ class JointTerrain:
             if cells is None
             else _functionals(cells, trend, cells.features(basis, strengths), datum, before),
         )
-        return JointSolution(self, points, found, shared, basis, trend, tail, datum, posterior, cells, noise)
+        rank = self.joint.rank
+        return JointSolution(
+            self.path,
+            rank is not None,
+            points,
+            found,
+            shared,
+            basis,
+            trend,
+            tail,
+            datum,
+            posterior,
+            cells,
+            noise,
+        )
 
     def _waves(
         self, found: Hyperparameters, site: Bounds, xy: FloatArray, noise: FloatArray, memory_mb: float
@@ -223,174 +209,6 @@ class JointTerrain:
             self.satellite.vertical_datum, points.vertical_datum, "the satellite and the points"
         )
         return SatelliteCells.of(self.satellite, points.crs, bounds, self.joint.satellite)
-
-
-@dataclass(frozen=True)
-class JointSolution:
-    """Terrain and path after one solve."""
-
-    asked: JointTerrain
-    points: SurfacePoints
-    found: Hyperparameters
-    shared: SharedError
-    basis: FourierBasis
-    trend: PolynomialTrend
-    tail_m2: float
-    datum_m: float
-    posterior: JointPosterior
-    cells: SatelliteCells | None
-    noise_m2: FloatArray
-
-    def height(self, xy: FloatArray) -> FloatArray:
-        """Return the most likely height (M,) [m]."""
-        waves = self.basis.box.evaluate(xy, self._coefficients(self.posterior.mean))
-        return waves + self.trend.columns(xy) @ self._plane + self.datum_m
-
-    def gradient(self, xy: FloatArray) -> FloatArray:
-        """Return the slope (M, 2) of the most likely surface [m/m]."""
-        box, coefficients = self.basis.box, self._coefficients(self.posterior.mean)
-        slopes = [box.evaluate(xy, box.derivative(coefficients, axis)) for axis in (0, 1)]
-        gradient: FloatArray = np.stack(slopes, axis=-1) + self.trend.gradient @ self._plane
-        return gradient
-
-    def cell_means(self, cells: SatelliteCells) -> tuple[FloatArray, FloatArray]:
-        """Return the mean heights (C,) of cells [m] and their covariance (C, C) [m²]."""
-        waves = cells.features(self.basis, self.posterior.weights.amplitudes)
-        columns = self.trend.columns(cells.centre)
-        means: FloatArray = waves @ self.posterior.mean + columns @ self._plane + self.datum_m
-        return means, self._covariance(waves, columns)
-
-    def covariance(self, xy: FloatArray) -> FloatArray:
-        """Return the covariance (M, M) of the heights at places (M, 2) [m²], relief finer than the map included.
-
-        It depends on where points lie and how they err, on no height that was measured.
-        """
-        waves = waves_at(xy, self.basis, self.posterior.weights.amplitudes)
-        covariance = self._covariance(waves, self.trend.columns(xy))
-        covariance[np.diag_indices(len(xy))] += self.tail_m2 + self.found.nugget_m**2
-        return covariance
-
-    def _covariance(self, waves: FloatArray, columns: FloatArray) -> FloatArray:
-        """Return the covariance of functionals of waves (M, m) and plane (M, 3)."""
-        posterior = self.posterior
-        cross = waves @ posterior.cross_weights(self._plane_rows) @ columns.T
-        plane: FloatArray = columns @ posterior.shared_covariance(self._plane_rows) @ columns.T
-        return waves @ posterior.seen(waves) + cross + cross.T + plane
-
-    def on(self, grid: Grid) -> JointMap:
-        """Return the map on a grid, and the path's correction."""
-        mean, std = self._fields(grid)
-        nearest = np.asarray(cKDTree(self.points.xy).query(grid.xy)[0]).reshape(grid.shape)
-        prior = self.found.kernel.variance_m2 + self.found.nugget_m**2
-        codes = support_codes(
-            nearest,
-            std**2 / prior,
-            shortest_length_m=self.found.kernel.length_scales_m[0],
-            step_m=grid.step_m,
-        )
-        datum = self.points.vertical_datum
-        result = Reconstruction(
-            Dem.on(grid, mean, datum),
-            Dem.on(grid, std, datum),
-            codes,
-            "gp",
-            self.hyperparameters(),
-            quantity=ELEVATION,
-            diagnostics=self.diagnostics(),
-        )
-        return JointMap(result, self.correction())
-
-    def _fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
-        """Return height and standard deviation (H, W) [m], relief finer than the map included."""
-        box, posterior = self.basis.box, self.posterior
-        columns = self.trend.columns(np.stack(np.meshgrid(grid.x, grid.y), axis=-1))
-        mean = box.evaluate_on_axes(grid.x, grid.y, self._coefficients(posterior.mean))
-        mean += columns @ self._plane + self.datum_m
-        variance = box.evaluate_on_axes(grid.x, grid.y, posterior.weights.variance_coefficients())
-        plane = self._plane_rows
-        cross = posterior.cross_weights(plane)
-        fields = [box.evaluate_on_axes(grid.x, grid.y, self._coefficients(c)) for c in cross.T]
-        variance += 2.0 * np.sum(columns * np.stack(fields, axis=-1), axis=-1)
-        variance += np.einsum("hwi,ij,hwj->hw", columns, posterior.shared_covariance(plane), columns)
-        variance += self.tail_m2 + self.found.nugget_m**2
-        return mean, np.sqrt(np.maximum(variance, 0.0))
-
-    def correction(self) -> PathCorrection:
-        """Return the path's error, as the map found it."""
-        path, n_path = self.asked.path, self.shared.poses.shape[1]
-        places = np.flatnonzero(np.arange(len(path) * POSE) % POSE < 3)
-        nothing = sparse.csr_array((len(places), self._n_shared - n_path))
-        rows = side_by_side(self.shared.poses[places], nothing)
-        shift = np.asarray(rows @ self.posterior.shared).reshape(-1, 3)
-        covariance = self.posterior.shared_blocks(rows, 3)
-        if self.asked.joint.rank is not None:
-            covariance = path.pose_covariances[0][:, :3, :3]
-        return PathCorrection(path.time_s, shift, 0.5 * (covariance + covariance.transpose(0, 2, 1)))
-
-    def hyperparameters(self) -> dict[str, Any]:
-        """Return family, parameters and what is assumed of the satellite, for the record."""
-        kernel = self.found.kernel
-        values = {
-            name.removeprefix("log ").replace(" ", "_"): float(np.exp(v))
-            if name.startswith("log ")
-            else float(v)
-            for name, v in zip(kernel.parameter_names, kernel.log_parameters, strict=True)
-        }
-        return {
-            "family": self.found.family,
-            **values,
-            "nugget_m": self.found.nugget_m,
-            "landmark_errors": "joint",
-            "satellite": "none" if self.cells is None else "cells as measurements",
-        }
-
-    def diagnostics(self) -> dict[str, Any]:
-        """Return what was found out about points, path and satellite, for the record."""
-        rows = self.shared.rows
-        shift = rows @ self.posterior.shared[: rows.shape[1]]
-        z_scores = (self.points.z - shift - self.height(self.points.xy)) / np.sqrt(
-            self.noise_m2 + self.tail_m2
-        )
-        facts: dict[str, Any] = {
-            "n_points": len(self.points),
-            "n_points_beyond_4_sigma": int((np.abs(z_scores) > _EXTREME).sum()),
-            "residual_rms_in_sigmas": float(np.sqrt(np.mean(z_scores**2))),
-            "path_shift_rms_m": float(np.sqrt(np.mean(shift**2))),
-            "engine": {
-                "name": "JointPosterior",
-                "n_modes": self.basis.n_modes,
-                "n_shared": self._n_shared,
-                "tail_m": float(np.sqrt(self.tail_m2)),
-            },
-        }
-        if self.cells is not None:
-            facts["satellite_sigma_m"] = float(np.sqrt(self.cells.covariance[0, 0]))
-        if self.cells is not None and self.cells.datum_sigma_m > 0.0:
-            last = sparse.csr_array(([1.0], ([0], [self._n_shared - 1])), shape=(1, self._n_shared))
-            facts["satellite_offset_m"] = float(self.posterior.shared[-1])
-            facts["satellite_offset_sigma_m"] = float(np.sqrt(self.posterior.shared_covariance(last)[0, 0]))
-        return facts
-
-    @property
-    def _n_shared(self) -> int:
-        return len(self.posterior.shared)
-
-    @property
-    def _plane_rows(self) -> Any:
-        first = self.shared.rows.shape[1]
-        columns = first + np.arange(self.trend.n_columns)
-        ones = np.ones(len(columns))
-        return sparse.csr_array(
-            (ones, (np.arange(len(columns)), columns)), shape=(len(columns), self._n_shared)
-        )
-
-    @property
-    def _plane(self) -> FloatArray:
-        first = self.shared.rows.shape[1]
-        return self.posterior.shared[first : first + self.trend.n_columns]
-
-    def _coefficients(self, whitened: FloatArray) -> Any:
-        return self.basis.coefficients_of(self.basis.doubled(self.posterior.weights.amplitudes) * whitened)
 
 
 def _functionals(

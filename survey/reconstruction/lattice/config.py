@@ -6,6 +6,9 @@ from pydantic import Field, model_validator
 
 from survey.core.config import Section
 
+NODE_STEP_M = 0.25
+"""Distance between the nodes of a lattice where none is stated: 16 nodes per square metre [m]."""
+
 
 class FieldLatticeConfig(Section):
     """How a field lattice maps scans; the defaults learn the ground's stiffness while running.
@@ -16,8 +19,8 @@ class FieldLatticeConfig(Section):
     False
     """
 
-    step_m: float = Field(default=0.25, gt=0)
-    """Distance between the nodes [m]."""
+    step_m: float | None = Field(default=None, gt=0)
+    """Distance between the nodes [m]; that of the map, or 0.25 m, when left out."""
     stiffness: float | None = Field(default=None, gt=0)
     """Stiffness κ of the ground; learned when left out."""
     range_m: float | None = Field(default=None, gt=0)
@@ -50,6 +53,11 @@ class FieldLatticeConfig(Section):
         return self
 
     @property
+    def node_step_m(self) -> float:
+        """Distance between the nodes [m], 0.25 m unless stated."""
+        return self.step_m or NODE_STEP_M
+
+    @property
     def learns(self) -> bool:
         """Whether the stiffness is learned."""
         return self.stiffness is None
@@ -64,8 +72,8 @@ class SpringLatticeConfig(Section):
     20.0
     """
 
-    step_m: float = Field(default=0.25, gt=0)
-    """Distance between the nodes [m]; 16 nodes per square metre as in the paper."""
+    step_m: float | None = Field(default=None, gt=0)
+    """Distance between the nodes [m]; that of the map, or 0.25 m as in the paper, when left out."""
     side_m: float | None = Field(default=20.0, gt=0)
     """Side of the lattice that follows the sensor [m], twice its range; left out, the lattice grows with the points."""
     k_surface: float = Field(default=1.0, gt=0)
@@ -76,3 +84,8 @@ class SpringLatticeConfig(Section):
     """Largest error of the solver, in standard deviations of a node whose points err by `sigma` / √k_data."""
     memory_mb: float = Field(default=4000.0, gt=0)
     """Memory that a map may take [MB]."""
+
+    @property
+    def node_step_m(self) -> float:
+        """Distance between the nodes [m], 0.25 m unless stated."""
+        return self.step_m or NODE_STEP_M

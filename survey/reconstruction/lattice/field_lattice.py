@@ -183,7 +183,7 @@ class FieldLattice(LatticeModel):
         self._calibration = self._bounds = self._factors = None
         if self.config.learns and _is_power_of_two(self.n_scans_):
             self.stiffness_ = (
-                likeliest(self.recent.xyzw, self.config.step_m, self._learned) or self.stiffness_
+                likeliest(self.recent.xyzw, self.config.node_step_m, self._learned) or self.stiffness_
             )
         part = self._part_about(points)
         if self.rays is None:
@@ -260,7 +260,7 @@ class FieldLattice(LatticeModel):
 
     def _window(self, points: SurfacePoints, old: NodeWindow | None) -> NodeWindow:
         """Return the nodes that the map is to have once it knows these points."""
-        step_m = self.config.step_m
+        step_m = self.config.node_step_m
         if self.bounds is not None:
             window = NodeWindow.over(self.bounds, step_m)
         elif self.config.side_m is not None:
@@ -290,7 +290,7 @@ class FieldLattice(LatticeModel):
     def _given(self) -> Stiffness | None:
         if self.config.stiffness is None:
             return None
-        endless_m = 1e3 * self.config.step_m
+        endless_m = 1e3 * self.config.node_step_m
         return Stiffness(self.config.stiffness, self.config.range_m or endless_m)
 
     @property

@@ -44,8 +44,8 @@ class RecentPoints:
 
     def calibration(self, config: FieldLatticeConfig, stiffness: Stiffness) -> LatticeCalibration:
         """Return the factors on the standard deviations that blocks of left-out points ask for."""
-        points = self._amid(config.step_m)[:, :4]
-        window = _window(points, config.step_m)
+        points = self._amid(config.node_step_m)[:, :4]
+        window = _window(points, config.node_step_m)
 
         def predict(kept: BoolArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
             posterior = _without(window, points[kept], config, stiffness, _N_DRAWS)
@@ -54,12 +54,12 @@ class RecentPoints:
             return bilinear(posterior.heights(), places), std**2
 
         noise_m2 = stiffness.noise_factor**2 / points[:, 3]
-        return calibrated(points, noise_m2, config.step_m, predict)
+        return calibrated(points, noise_m2, config.node_step_m, predict)
 
     def bound_factors(self, config: FieldLatticeConfig, stiffness: Stiffness) -> BoundFactors:
         """Return how many spreads the ground may lie below and above the map, as left-out points ask for."""
-        points = self._amid(config.step_m)
-        window = _window(points, config.step_m)
+        points = self._amid(config.node_step_m)
+        window = _window(points, config.node_step_m)
         known = _without(window, points[:, :4], config, stiffness, 0)
         measured = known.information.stencil[0] > 0.0
         noise_m2 = self.noise_m2(stiffness)
@@ -101,5 +101,5 @@ def _without(
     posterior = FieldPosterior.empty(window.shape, 0 if is_small(window.shape) else n_draws)
     posterior.information.add(np.column_stack([window.coordinates(points[:, :2]), points[:, 2:]]))
     whole = Part(slice(0, window.rows), slice(0, window.columns))
-    posterior.solve(whole, config.step_m, stiffness, config)
+    posterior.solve(whole, config.node_step_m, stiffness, config)
     return posterior

@@ -184,7 +184,7 @@ class SpringLattice(LatticeModel):
         )
 
     def _window(self, points: SurfacePoints, old: NodeWindow | None) -> NodeWindow:
-        step_m = self.config.step_m
+        step_m = self.config.node_step_m
         if self.config.side_m is not None:
             window = NodeWindow.around(sensor_place(points.origins), self.config.side_m, step_m)
         else:
@@ -213,7 +213,11 @@ class SpringLattice(LatticeModel):
 
     def _record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         assumed = {"k_surface": self.config.k_surface, "k_data": self.config.k_data}
-        return assumed, {"step_m": self.config.step_m, "n_scans": self.n_scans_, "standard_deviation": _NOTE}
+        return assumed, {
+            "step_m": self.config.node_step_m,
+            "n_scans": self.n_scans_,
+            "standard_deviation": _NOTE,
+        }
 
 
 def nearest_nodes(window: NodeWindow, xy: FloatArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:

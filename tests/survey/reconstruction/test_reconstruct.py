@@ -33,7 +33,7 @@ def points(xy: object = None, **changes: object) -> SurfacePoints:
 
 @pytest.mark.parametrize("method", ["gp", "dense", "tin"])
 def test_every_method_maps_the_ground(method: str) -> None:
-    result = reconstruct(points(), GRID, method=method, config=FIXED)
+    result = reconstruct(points(), GRID, method=method, config=None if method == "tin" else FIXED)
     error = result.mean.elevation - 3.0 * np.sin(GRID.x / 20.0)
     known = np.isfinite(error)
     assert known.mean() > 0.85

@@ -16,10 +16,11 @@ from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.resolution import amplitudes, resolve
-from survey.reconstruction.joint.joint_map import JointMap, JointTerrain
+from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior, fill_waves
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
+from survey.reconstruction.joint.solution import JointMap
 
 CRS = projected_crs("EPSG:32608", "the test")
 GRID = Grid((0.0, 0.0, 200.0, 200.0), 20.0, CRS)

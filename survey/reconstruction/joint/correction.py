@@ -1,0 +1,42 @@
+"""Correction of a path by the joint estimate of map and path."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.data.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class PathCorrection:
+    """Errors (K, 3) [m] of a path at times (K,) [s], and the covariance (K, 3, 3) [m²] of the estimate.
+
+    Examples
+    --------
+    >>> PathCorrection(np.array([0.0, 9.0]), np.zeros((2, 3)), np.zeros((2, 3, 3))).shift.shape
+    (2, 3)
+    """
+
+    time_s: FloatArray
+    shift: FloatArray
+    covariance: FloatArray
+
+    def applied(self, trajectory: Trajectory) -> Trajectory:
+        """Return the trajectory with corrected positions and without its shared error, which the map has used.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            The path that was mapped with.
+
+        Returns
+        -------
+        Trajectory
+            Positions less the errors, with their posterior covariance.
+        """
+        times = trajectory.time_s
+        shift = np.column_stack([np.interp(times, self.time_s, column) for column in self.shift.T])
+        entries = [np.interp(times, self.time_s, entry) for entry in self.covariance.reshape(-1, 9).T]
+        covariance = np.column_stack(entries).reshape(-1, 3, 3)
+        return replace(trajectory, position=trajectory.position - shift, covariance=covariance, error=None)

@@ -1,0 +1,144 @@
+"""Interface of a reconstruction method: what it needs, which settings it reads, how it is run."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
+
+from survey.core.arrays import Bounds
+from survey.core.config import Section
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.path_error import PathError
+from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.base import ELEVATION, Reconstruction
+from survey.reconstruction.gp.mean import Mean
+
+if TYPE_CHECKING:
+    from survey.reconstruction.joint.correction import PathCorrection
+
+SightLines = Literal["truncation", "own", "none"]
+"""How a method uses lines of sight: its map is cut off at them afterwards, it uses them itself, or it cannot."""
+AnySection = TypeVar("AnySection", bound=Section)
+
+
+def config_of(configs: Sequence[Section], kind: type[AnySection]) -> AnySection:
+    """Return the settings of one kind among several, or their defaults.
+
+    Examples
+    --------
+    >>> from survey.reconstruction.gp.config import JointConfig
+    >>> config_of([JointConfig(slope_passes=3)], JointConfig).slope_passes
+    3
+    """
+    return next((config for config in configs if isinstance(config, kind)), None) or kind()
+
+
+@dataclass(frozen=True)
+class MappingTask:
+    """Input of one map from points.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Measured points.
+    grid : Grid
+        Nodes of the map, in the points' CRS.
+    prior : Dem or Mean, optional
+        Expected surface.
+    path : PathError, optional
+        Error that the points share through the poses they were seen from.
+    quantity : str
+        Mapped quantity, with its unit.
+    configs : sequence of Section
+        Settings; a method takes those of its own kinds.
+    rays : bool
+        Whether lines of sight bound the map.
+    """
+
+    points: SurfacePoints
+    grid: Grid
+    prior: Dem | Mean | None = None
+    path: PathError | None = None
+    quantity: str = ELEVATION
+    configs: Sequence[Section] = ()
+    rays: bool = False
+
+    def config(self, kind: type[AnySection]) -> AnySection:
+        """Return the settings of one kind, or their defaults."""
+        return config_of(self.configs, kind)
+
+
+class MappedTerrain(NamedTuple):
+    """A map, the correction of the path where the method estimates one, and the number of points that were mapped."""
+
+    reconstruction: Reconstruction
+    correction: "PathCorrection | None" = None
+    n_points: int = 0
+
+
+class ScanModel(Protocol):
+    """Terrain model that is updated scan by scan."""
+
+    n_scans_: int
+
+    def update(self, points: SurfacePoints) -> Self:
+        """Add one scan."""
+
+    def grid(self, grid: Grid) -> Reconstruction:
+        """Return the map on the nodes of a grid."""
+
+    def full_grid(self, step_m: float | None = None) -> Grid:
+        """Return a grid over everything that was mapped."""
+
+
+class ScanSettings(NamedTuple):
+    """Settings of a map from scans: distance of the nodes [m], fixed extent [m], lines of sight, method's settings."""
+
+    step_m: float | None = None
+    bounds: Bounds | None = None
+    rays: bool = False
+    configs: Sequence[Section] = ()
+
+
+@dataclass(frozen=True)
+class ReconstructionMethod:
+    """A reconstruction method, as the registry lists it.
+
+    Parameters
+    ----------
+    name : str
+        Name in the API, on the command line and in mission files.
+    summary : str
+        What it is, in a few words.
+    configs : mapping of str to type
+        Settings that it reads, by their section in a mission file.
+    run : callable
+        Maps points on a grid.
+    begin : callable, optional
+        Makes the empty model of a map from scans.
+    sight_lines : {"truncation", "own", "none"}
+        How it uses lines of sight.
+    needs_path : bool
+        Whether it needs the error that points share through the path.
+    needs_origins : bool
+        Whether it needs the sensor's place of every point.
+    uses_prior : bool
+        Whether a prior changes the map.
+    maps_values : bool
+        Whether it maps other quantities than elevation.
+    bytes_per_node : float
+        Memory of a map for every node of its grid [bytes].
+    """
+
+    name: str
+    summary: str
+    run: Callable[[MappingTask], MappedTerrain]
+    configs: Mapping[str, type[Section]] = field(default_factory=lambda: MappingProxyType({}))
+    begin: Callable[[ScanSettings], ScanModel] | None = None
+    sight_lines: SightLines = "truncation"
+    needs_path: bool = False
+    needs_origins: bool = False
+    uses_prior: bool = True
+    maps_values: bool = False
+    bytes_per_node: float = 120.0

@@ -1,0 +1,40 @@
+"""Gaussian field on a lattice (field)."""
+
+from typing import TYPE_CHECKING
+
+from survey.reconstruction.lattice.config import FieldLatticeConfig
+from survey.reconstruction.method import (
+    MappedTerrain,
+    MappingTask,
+    ReconstructionMethod,
+    ScanSettings,
+    config_of,
+)
+
+if TYPE_CHECKING:
+    from survey.reconstruction.lattice.field_lattice import FieldLattice
+
+
+def _begin(settings: ScanSettings) -> "FieldLattice":
+    from survey.reconstruction.lattice.field_lattice import FieldLattice
+
+    config = config_of(settings.configs, FieldLatticeConfig)
+    changes = {"step_m": config.step_m or settings.step_m, "rays": config.rays or settings.rays}
+    return FieldLattice(config.model_copy(update=changes), settings.bounds)
+
+
+def _run(task: MappingTask) -> MappedTerrain:
+    settings = ScanSettings(task.grid.step_m, task.grid.bounds, task.rays, task.configs)
+    return MappedTerrain(_begin(settings).fit(task.points).grid(task.grid))
+
+
+FIELD = ReconstructionMethod(
+    "field",
+    "Gaussian field on a lattice, scan by scan, with bounds from lines of sight",
+    _run,
+    {"field": FieldLatticeConfig},
+    _begin,
+    sight_lines="own",
+    uses_prior=False,
+    bytes_per_node=500.0,
+)

@@ -1,0 +1,97 @@
+"""Choice of the reconstruction method and treatment of errors that landmarks share.
+
+Missions, Monte Carlo studies and the command map landmarks by `map_landmarks`, so that all of them follow the same rules:
+
+* points that name keyframes, of a path whose error is known, are mapped jointly with it (gp becomes joint), unless
+  ``landmark_errors`` says that they count as independent;
+* a joint map takes the prior's cells as measurements; another map is built around the prior, and points beyond its
+  edge are left out;
+* lines of sight bound the map when ``rays`` is set.
+"""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.path_error import PathError
+from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
+from survey.reconstruction.reconstruct import run
+from survey.reconstruction.registry import LandmarkErrors, ReconstructionConfig, method_named
+
+logger = logging.getLogger(__name__)
+
+
+def map_landmarks(
+    points: SurfacePoints,
+    grid: Grid,
+    config: ReconstructionConfig,
+    *,
+    prior: Dem | None = None,
+    path: PathError | None = None,
+) -> MappedTerrain:
+    """Map landmarks as the settings say.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Landmarks, or other measured points.
+    grid : Grid
+        Nodes of the map, in the points' CRS.
+    config : ReconstructionConfig
+        Method, treatment of shared errors, lines of sight, and settings of the method.
+    prior : Dem, optional
+        Coarse elevation model; used where ``use_prior`` is set.
+    path : PathError, optional
+        Error of the path that the points were seen from.
+
+    Returns
+    -------
+    MappedTerrain
+        The map, and the correction of the path for a joint map.
+
+    Raises
+    ------
+    InputError
+        What the method refuses, or points that all lie beyond the prior.
+    """
+    prior = prior if config.use_prior else None
+    method = chosen_method(config, path)
+    if not method.needs_path:
+        points = prepared(points, prior, config.landmark_errors)
+        path = None
+    prior = prior if method.uses_prior else None
+    configs = config.configs_of(method)
+    mapped = run(method, MappingTask(points, grid, prior, path, configs=configs, rays=config.rays))
+    return mapped._replace(n_points=len(points))
+
+
+def chosen_method(config: ReconstructionConfig, path: PathError | None) -> ReconstructionMethod:
+    """Return the method of the settings; gp becomes joint where the points share the path's error."""
+    shares = path is not None and config.landmark_errors == "joint"
+    return method_named("joint" if config.method == "gp" and shares else config.method)
+
+
+def prepared(points: SurfacePoints, prior: Dem | None, landmark_errors: LandmarkErrors) -> SurfacePoints:
+    """Return points for a map that takes their errors as independent."""
+    if landmark_errors == "independent" and points.own_covariance is not None:
+        points = replace(points, covariance=points.own_covariance)
+    return points if prior is None else within_prior(points, prior)
+
+
+def within_prior(points: SurfacePoints, prior: Dem) -> SurfacePoints:
+    """Leave out points beyond the prior's edge, where there is nothing to build around, and log their number."""
+    known = np.isfinite(prior.at(points.xy))
+    if not known.any():
+        raise InputError(
+            f"none of the {len(points)} points lies on the prior; take a prior of the same place, or leave it out."
+        )
+    if not known.all():
+        logger.warning(
+            "%d of %d landmarks lie beyond the prior and are left out", (~known).sum(), len(points)
+        )
+    return points.select(known)
