@@ -19,6 +19,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 from survey.reconstruction.reconstruct import run
 from survey.reconstruction.registry import LandmarkErrors, ReconstructionConfig, method_named
@@ -33,6 +34,7 @@ def map_landmarks(
     *,
     prior: Dem | None = None,
     path: PathError | None = None,
+    quantity: str = ELEVATION,
 ) -> MappedTerrain:
     """Map landmarks as the settings say.
 
@@ -48,6 +50,8 @@ def map_landmarks(
         Coarse elevation model; used where ``use_prior`` is set.
     path : PathError, optional
         Error of the path that the points were seen from.
+    quantity : str
+        Mapped quantity.
 
     Returns
     -------
@@ -66,7 +70,7 @@ def map_landmarks(
         path = None
     prior = prior if method.uses_prior else None
     configs = config.configs_of(method)
-    mapped = run(method, MappingTask(points, grid, prior, path, configs=configs, rays=config.rays))
+    mapped = run(method, MappingTask(points, grid, prior, path, quantity, configs, config.rays))
     return mapped._replace(n_points=len(points))
 
 

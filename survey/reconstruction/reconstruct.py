@@ -15,6 +15,7 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
+from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
@@ -120,6 +121,7 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
     """
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
+    require_nodes(task.grid.bounds, task.grid.step_m, method.bytes_per_node)
     # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
     with threadpool_limits(limits=1, user_api="blas"):
         mapped = method.run(task)
@@ -128,7 +130,17 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
         from survey.reconstruction.line_of_sight.truncation import below_sight_lines
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
+    require_heights(mapped.reconstruction)
     return mapped
+
+
+def require_heights(result: Reconstruction) -> Reconstruction:
+    """Return a map, or refuse one without a height at any node."""
+    if not np.isfinite(result.mean.elevation).any():
+        raise InputError(
+            "no node of the map got a height; check that points and grid are in the same place and CRS."
+        )
+    return result
 
 
 def _require_kinds(method: ReconstructionMethod, configs: Sequence[Section]) -> None:

@@ -126,6 +126,14 @@ class GaussianProcessTerrain(TerrainModel):
         """Return the map on the nodes of a grid."""
         known = self._known
         mean, std, support = known.on(grid)
+        diagnostics = known.diagnostics()
+        covered_share = float(np.isfinite(mean).mean())
+        if covered_share == 0.0:
+            raise InputError(
+                "the prior covers no node of the grid; take a prior of the same place, or leave it out."
+            )
+        if covered_share < 1.0:
+            diagnostics["prior_covered_share"] = covered_share
         return Reconstruction(
             Dem.on(grid, mean, self.vertical_datum_),
             Dem.on(grid, std, self.vertical_datum_),
@@ -133,7 +141,7 @@ class GaussianProcessTerrain(TerrainModel):
             self.engine,
             known.hyperparameters(),
             quantity=self.quantity,
-            diagnostics=known.diagnostics(),
+            diagnostics=diagnostics,
         )
 
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:

@@ -1,7 +1,7 @@
 """What a Gaussian-process terrain has learned: a mean, a conditioned process, and how far to trust it."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
+from survey.reconstruction.base import UNSEEN
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.engines.variance_bound import variance_from_nearest
 from survey.reconstruction.gp.mean import Mean
@@ -16,6 +17,9 @@ from survey.reconstruction.gp.process import Process
 from survey.reconstruction.gp.selection.families import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 from survey.reconstruction.support import support_codes
+
+# Nodes that are finished at once: bounds the memory of a large map.
+_MOST_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Learned:
 
     def std(self, xy: FloatArray) -> FloatArray:
         """Return the standard deviation (M,) [m], fine relief and calibration included."""
-        return self._whole(self.process.predict(xy)[1], xy, self.nearest_m(xy))
+        return self._total_std(self.process.predict(xy)[1], xy, self.nearest_m(xy))
 
     def nearest_m(self, xy: FloatArray) -> FloatArray:
         """Return the distance (M,) to the nearest point [m]."""
@@ -53,11 +57,30 @@ class Learned:
 
     def on(self, grid: Grid) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
         """Return height [m], standard deviation [m] and support code (H, W) on the nodes of a grid."""
-        nodes = grid.xy
         mean, std = self.process.predict_on_axes(grid.x, grid.y)
-        nearest = self.nearest_m(nodes).reshape(grid.shape)
-        std = self._whole(std.ravel() ** 2, nodes, nearest.ravel()).reshape(grid.shape)
-        return mean + self.mean.at(nodes).reshape(grid.shape), std, self.support(std, nearest, grid.step_m)
+        support = np.empty(grid.shape, dtype=np.uint8)
+        rows_at_once = max(_MOST_AT_ONCE // grid.shape[1], 1)
+        for first in range(0, grid.shape[0], rows_at_once):
+            rows = slice(first, first + rows_at_once)
+            nodes = np.stack(np.meshgrid(grid.x, grid.y[rows]), axis=-1).reshape(-1, 2)
+            places = _Places(nodes, mean[rows].ravel(), std[rows].ravel() ** 2)
+            found = self._finished(places, grid.step_m)
+            mean[rows], std[rows], support[rows] = (values.reshape(-1, grid.shape[1]) for values in found)
+        return mean, std, support
+
+    def _finished(
+        self, places: "_Places", step_m: float
+    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
+        """Return height, standard deviation and support code (M,); NaN and unseen where the mean is not defined."""
+        covered = self.mean.covers(places.xy)
+        nearest = self.nearest_m(places.xy)
+        std = self._total_std(places.variance, places.xy, nearest)
+        support = self.support(std, nearest, step_m)
+        if covered.all():
+            return places.residual + self.mean.at(places.xy), std, support
+        height = np.full(len(covered), np.nan)
+        height[covered] = places.residual[covered] + self.mean.at(places.xy[covered])
+        return height, np.where(covered, std, np.nan), np.where(covered, support, UNSEEN).astype(np.uint8)
 
     def slope(self, xy: FloatArray) -> FloatArray:
         """Return the slope (M, 2) of the most likely surface [m/m]."""
@@ -105,10 +128,18 @@ class Learned:
             "engine": {"name": type(self.process).__name__, **waves},
         }
 
-    def _whole(self, variance: FloatArray, xy: FloatArray, nearest_m: FloatArray) -> FloatArray:
-        """Return the standard deviation of the ground itself: as the points know it, and the nugget."""
-        whole = surface_variance(self.process, variance, xy) + self.found.nugget_m**2
-        return np.sqrt(whole) * self.calibration.at(nearest_m)
+    def _total_std(self, variance: FloatArray, xy: FloatArray, nearest_m: FloatArray) -> FloatArray:
+        """Return the standard deviation of the ground: that of the process and of the nugget, calibrated."""
+        total = surface_variance(self.process, variance, xy) + self.found.nugget_m**2
+        return np.sqrt(total) * self.calibration.at(nearest_m)
+
+
+class _Places(NamedTuple):
+    """Places (M, 2) [m], and mean (M,) [m] and variance (M,) [m²] of the process there."""
+
+    xy: FloatArray
+    residual: FloatArray
+    variance: FloatArray
 
 
 def surface_variance(process: Process, variance: FloatArray, xy: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, QhullError
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 
@@ -23,6 +23,10 @@ class Mean(ABC):
     @abstractmethod
     def at(self, xy: FloatArray) -> FloatArray:
         """Return the expected heights at the places (N, 2), as (N,) [m]."""
+
+    def covers(self, xy: FloatArray) -> BoolArray:
+        """Return at which places (N, 2) the mean is defined, as (N,); everywhere unless overridden."""
+        return np.ones(len(xy), dtype=bool)
 
     def gradient(self, xy: FloatArray) -> FloatArray:
         """Return the slope (N, 2) to the east and to the north [m/m], by differences over a metre."""
@@ -103,6 +107,10 @@ class DemMean(Mean):
         xmin, ymin, xmax, ymax = self.dem.bounds
         inner = np.clip(xy, [xmin + _ARM_M, ymin + _ARM_M], [xmax - _ARM_M, ymax - _ARM_M])
         return super().gradient(inner)
+
+    def covers(self, xy: FloatArray) -> BoolArray:
+        """Return which places (N, 2) the prior covers, as (N,)."""
+        return np.isfinite(self.dem.at(xy))
 
     def at(self, xy: FloatArray) -> FloatArray:
         """Return the prior's heights [m]."""

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from survey.core.errors import InputError
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.method import (
     MappedTerrain,
@@ -24,6 +25,12 @@ def _begin(settings: ScanSettings) -> "FieldLattice":
 
 
 def _run(task: MappingTask) -> MappedTerrain:
+    xmin, ymin, xmax, ymax = task.grid.bounds
+    x, y = task.points.xy.T
+    if not ((x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)).any():
+        raise InputError(
+            f"none of the {len(x)} points lies on the grid; check that points and grid are in the same place and CRS."
+        )
     settings = ScanSettings(task.grid.step_m, task.grid.bounds, task.rays, task.configs)
     return MappedTerrain(_begin(settings).fit(task.points).grid(task.grid))
 

@@ -53,7 +53,7 @@ def test_rays_give_bounds_pictures_and_no_go_ground(scans: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--method", "emap", "--rays"), "know no lines of sight"),
+        (("--method", "emap", "--rays"), "uses no lines of sight"),
         (("--method", "field", "--max-slope", "20"), "add --rays to --max-slope"),
     ],
 )

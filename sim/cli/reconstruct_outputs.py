@@ -1,0 +1,87 @@
+"""Outputs of ``firnline reconstruct``: the folder of a map, and what is printed of it."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import typer
+
+import survey
+from survey.core.exchange import replacing_folder
+
+OWN_FILES = (
+    *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
+    *("mean.png", "width.png", "support.png"),
+    *("corrected_trajectory.csv", "corrected_trajectory.error.npz", "*.aux.xml"),
+)
+"""Patterns of the files that a reconstruction consists of."""
+_BOUNDING_BOX = "bounding box of the points"
+
+
+class MadeMap(NamedTuple):
+    """A map, how it was made, the area that was named, and the corrected path of a joint map."""
+
+    reconstruction: survey.Reconstruction
+    origin: str
+    area: Path | None = None
+    corrected: survey.Trajectory | None = None
+
+
+def write_map(made: MadeMap, out: Path, *, rays: bool, max_slope_deg: float | None) -> None:
+    """Write the map into a new folder that replaces the old one when it is complete."""
+    with replacing_folder(out, own=OWN_FILES) as draft:
+        _with_area(made).write(draft)
+        if made.corrected is not None:
+            made.corrected.write(draft / "corrected_trajectory.csv")
+        if rays:
+            _draw_and_mark(made.reconstruction, draft, max_slope_deg)
+
+
+def _with_area(made: MadeMap) -> survey.Reconstruction:
+    """Return the map with the area that it covers in its record."""
+    diagnostics = {**made.reconstruction.diagnostics, "area": _area_text(made.area)}
+    return replace(made.reconstruction, diagnostics=diagnostics)
+
+
+def _area_text(area: Path | None) -> str:
+    return _BOUNDING_BOX if area is None else str(area)
+
+
+def _draw_and_mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
+    """Write pictures of mean, width and support, and the ground that is certainly too steep."""
+    from survey.figures import png_bytes, route_map, support_map
+    from survey.figures.bounds import width_map
+    from survey.reconstruction.line_of_sight.steep_ground import steep_ground
+
+    if result.lower is None or result.upper is None:
+        return
+    figures = {"mean": route_map(result.mean), "width": width_map(result), "support": support_map(result)}
+    for name, figure in figures.items():
+        (out / f"{name}.png").write_bytes(png_bytes(figure))
+    if max_slope_deg is not None:
+        steep_ground(result, max_slope_deg).write(out / "no_go.tif")
+
+
+def print_map(made: MadeMap, out: Path, *, as_json: bool) -> None:
+    """Print what was made, for people or as JSON."""
+    if as_json:
+        typer.echo((out / "reconstruction.json").read_text(encoding="utf-8"))
+        return
+    result = made.reconstruction
+    rows, columns = result.mean.shape
+    typer.echo(f"{rows} × {columns} nodes {made.origin}, written to {out / 'dem.tif'}")
+    hint = " (name a polygon with --area)" if made.area is None else ""
+    typer.echo(f"  area = {_area_text(made.area)}{hint}")
+    for name, setting in result.hyperparameters.items():
+        typer.echo(f"  {name} = {setting:.6g}" if isinstance(setting, float) else f"  {name} = {setting}")
+    _print_findings(result)
+
+
+def _print_findings(result: survey.Reconstruction) -> None:
+    """Print what is to be known of the input: low returns that were left out, a prior that ends within the map."""
+    share = result.diagnostics.get("prior_covered_share")
+    if share is not None:
+        typer.echo(f"  the prior covers {100.0 * share:.1f} % of the map; the rest has no height")
+    n_low = result.diagnostics.get("n_low_returns", 0)
+    if n_low:
+        typer.echo(f"  {n_low} isolated low returns were left out")

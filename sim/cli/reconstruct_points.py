@@ -1,0 +1,49 @@
+"""``firnline reconstruct POINTS``: a map from one table of points."""
+
+from pathlib import Path
+
+import survey
+from sim.cli.reconstruct_inputs import MapRequest
+from sim.cli.reconstruct_outputs import MadeMap
+from survey.core.errors import InputError
+from survey.reconstruction.base import ELEVATION
+from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.reconstruct import within
+
+
+def map_points(request: MapRequest) -> MadeMap:
+    """Map the points of a file over the area, or over their bounding box."""
+    points = survey.SurfacePoints.read(request.sources[0], crs=request.crs, sigma_m=request.sigma_m)
+    area = request.read_area(points.crs)
+    path = None if request.trajectory is None else _path(request.trajectory, points)
+    grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
+    mapped = map_landmarks(
+        points,
+        grid,
+        request.config,
+        prior=None if request.prior is None else survey.Dem.read(request.prior),
+        path=None if path is None else path.error,
+        quantity=request.value or ELEVATION,
+    )
+    result = mapped.reconstruction if area is None else within(mapped.reconstruction, area)
+    corrected = None
+    if path is not None and mapped.correction is not None:
+        corrected = mapped.correction.applied(path)
+    return MadeMap(result, f"by {request.method.name}", request.area, corrected)
+
+
+def _path(file: Path, points: survey.SurfacePoints) -> survey.Trajectory:
+    """Read the path, and refuse one without its error."""
+    path = survey.Trajectory.read(file, points.crs)
+    if path.error is None:
+        expected = file.with_suffix(".error.npz")
+        raise InputError(
+            f"{file} has no error of the path beside it ({expected.name} was expected, of a trajectory.csv that "
+            "localize wrote); copy it there, or take the method gp."
+        )
+    return path
+
+
+def _bounds(points: survey.SurfacePoints) -> tuple[float, float, float, float]:
+    (xmin, ymin), (xmax, ymax) = points.xy.min(axis=0), points.xy.max(axis=0)
+    return float(xmin), float(ymin), float(xmax), float(ymax)

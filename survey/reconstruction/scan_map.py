@@ -1,0 +1,74 @@
+"""Map from a stream of LiDAR scans."""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from survey.core.errors import InputError
+from survey.data.grid import Grid
+from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.method import ReconstructionMethod, ScanSettings
+from survey.reconstruction.reconstruct import require_heights
+
+
+class ScanMap(NamedTuple):
+    """A map, and the number of scans that it was made from."""
+
+    reconstruction: Reconstruction
+    n_scans: int
+
+
+def map_scans(
+    scans: Iterable[SurfacePoints],
+    method: ReconstructionMethod,
+    settings: ScanSettings,
+    *,
+    grid: Grid | None = None,
+    on_scan: Callable[[int], None] = lambda _: None,
+) -> ScanMap:
+    """Map scans one after the other; with lines of sight, returns from above the ground are left out first.
+
+    Parameters
+    ----------
+    scans : iterable of SurfacePoints
+        One element per scan, read when it is needed.
+    method : ReconstructionMethod
+        One that takes scans (``method.begin``).
+    settings : ScanSettings
+        Distance of the nodes, lines of sight, and settings of the method.
+    grid : Grid, optional
+        Nodes of the map; by default all that was mapped.
+    on_scan : callable
+        Called with the number of scans so far.
+
+    Returns
+    -------
+    ScanMap
+        The map, and the number of scans.
+
+    Raises
+    ------
+    InputError
+        The method takes no scans, lines of sight are asked of one that uses none, or there is no scan.
+    """
+    if method.begin is None:
+        raise InputError(f"the method {method.name} maps points, not scans; take field, emap or carving.")
+    if settings.rays and method.sight_lines == "none":
+        raise InputError(
+            f"the method {method.name} uses no lines of sight; take field or carving, or leave the rays out."
+        )
+    model = method.begin(settings)
+    n_scans = 0
+    for n_scans, scan in enumerate(scans, start=1):
+        model.update(_ground_of(scan) if settings.rays else scan)
+        on_scan(n_scans)
+    if n_scans == 0:
+        raise InputError("there are no scans; at least one is needed.")
+    result = model.grid(model.full_grid(settings.step_m) if grid is None else grid)
+    return ScanMap(require_heights(result), n_scans)
+
+
+def _ground_of(scan: SurfacePoints) -> SurfacePoints:
+    from survey.reconstruction.line_of_sight.ground import ground
+
+    return scan.select(ground(scan.xyz))

@@ -1,0 +1,177 @@
+"""The reconstruct command: settings, area, the joint map of one's own data, priors that end, outputs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+from typer.testing import CliRunner
+
+from sim.cli.main import app
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.path_error import PathError
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
+from survey.reconstruction.base import Reconstruction
+
+CRS = "EPSG:32608"
+KNOWN = ["fit=false", "variance_m2=4.0", "length_scale_m=20.0"]
+GP = [word for setting in KNOWN for word in ("--set", f"reconstruction.gp.{setting}")]
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["reconstruct", *map(str, arguments)])
+    return result.exit_code, result.output
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Points over 40 × 40 m, seen from a path of two keyframes, and the path with its error."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    n = 120
+    keyframe = rng.uniform(0.0, 1.0, n)
+    xyz = np.column_stack([rng.uniform(0.0, 40.0, (n, 2)), rng.normal(0.0, 0.05, n)])
+    body = np.column_stack([40.0 * keyframe, np.full(n, 20.0), np.zeros(n)])
+    own = np.tile(np.diag([1e-6, 1e-6, 0.0025]), (n, 1, 1))
+    seen = {"own_covariance": own, "keyframe": keyframe, "heading_rad": np.zeros(n), "body": body}
+    points = SurfacePoints(
+        xyz, covariance=own + 0.01 * np.eye(3), origins=body + [0, 0, 0.7], crs=CRS, **seen
+    )
+    points.write("points.gpkg")
+    ends = np.array([[0.0, 20.0, 0.0], [40.0, 20.0, 0.0]])
+    error = PathError(np.array([0.0, 9.0]), sparse.identity(12, format="csr") * 100.0, 6)
+    level = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    Trajectory(error.time_s, ends, level, np.zeros((2, 3, 3)), CRS, error=error).write("trajectory.csv")
+    return tmp_path
+
+
+def test_settings_reach_every_method_as_in_a_mission(folder: Path) -> None:
+    code, said = run("points.gpkg", "--grid", 4, *GP, "--json")
+    assert code == 0, said
+    assert json.loads(said)["hyperparameters"]["length_scale_m"] == pytest.approx(20.0)
+    stiffness = ("--set", "reconstruction.field.stiffness=77.0")
+    code, said = run("points.gpkg", "--method", "field", "--grid", 4, *stiffness, "--force", "--json")
+    assert code == 0, said
+    assert json.loads(said)["hyperparameters"]["stiffness"] == 77.0
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("reconstruction.gp.famly=auto", "did you mean family"),
+        ("planner.swaths=6", "planner is not known"),
+        ("reconstruction.method=kriging", "gp, joint, dense"),
+        ("reconstruction.grid_step_m=-1.0", "greater than 0"),
+    ],
+)
+def test_wrong_settings_end_with_4(folder: Path, setting: str, said: str) -> None:
+    code, output = run("points.gpkg", "--set", setting)
+    assert code == 4
+    assert said in output
+
+
+def test_an_area_is_mapped_instead_of_the_bounding_box(folder: Path) -> None:
+    SurveyArea.rectangle((-8.0, 0.0, 48.0, 40.0), CRS).write("site.gpkg")
+    code, said = run("points.gpkg", "--grid", 4, "--area", "site.gpkg", *GP)
+    assert code == 0, said
+    assert "area = site.gpkg" in said
+    assert Dem.read("reconstruction/dem.tif").grid().bounds == (-8.0, 0.0, 48.0, 40.0)
+    code, said = run("points.gpkg", "--grid", 4, *GP, "--force")
+    assert "area = bounding box of the points" in said
+
+
+def test_an_area_far_from_the_points_is_refused(folder: Path) -> None:
+    SurveyArea.rectangle((9000.0, 0.0, 9040.0, 40.0), CRS).write("site.gpkg")
+    for method in ("gp", "field", "tin"):
+        code, said = run("points.gpkg", "--grid", 4, "--area", "site.gpkg", "--method", method)
+        assert code == 3, said
+
+
+def test_the_joint_map_of_own_data_corrects_the_path(folder: Path) -> None:
+    code, said = run("points.gpkg", "--method", "joint", "--trajectory", "trajectory.csv", "--grid", 4, *GP)
+    assert code == 0, said
+    assert Trajectory.read("reconstruction/corrected_trajectory.csv", CRS).error is None
+    assert Reconstruction.read("reconstruction").hyperparameters["landmark_errors"] == "joint"
+
+
+def test_the_joint_map_names_what_is_missing(folder: Path) -> None:
+    code, said = run("points.gpkg", "--method", "joint")
+    assert (code, "add --trajectory trajectory.csv" in said) == (3, True)
+    Path("trajectory.error.npz").unlink()
+    code, said = run("points.gpkg", "--method", "joint", "--trajectory", "trajectory.csv")
+    assert (code, "trajectory.error.npz was expected" in said) == (3, True)
+    code, said = run("points.gpkg", "--method", "gp", "--trajectory", "trajectory.csv")
+    assert (code, "take --method joint" in said) == (3, True)
+
+
+def test_the_share_that_a_prior_covers_is_printed_and_none_is_refused(folder: Path) -> None:
+    def prior(west_m: float) -> str:
+        Dem.on(Grid((west_m, -10.0, west_m + 30.0, 50.0), 10.0, CRS), np.zeros((7, 4))).write("prior.tif")
+        return "prior.tif"
+
+    code, said = run("points.gpkg", "--grid", 4, "--prior", prior(-10.0), *GP)
+    assert code == 0, said
+    assert "the prior covers 6" in said
+    mean = Dem.read("reconstruction/dem.tif").elevation
+    assert np.isfinite(mean[:, 0]).all()
+    assert np.isnan(mean[:, -1]).all()
+    code, said = run("points.gpkg", "--grid", 4, "--prior", prior(9000.0), *GP, "--force")
+    assert code == 3
+    assert "none of the 120 points lies on the prior" in said
+
+
+def test_companions_of_an_earlier_map_disappear_and_files_of_others_stay(folder: Path) -> None:
+    code, said = run("points.gpkg", "--grid", 4, "--rays", *GP)
+    assert code == 0, said
+    assert Path("reconstruction/bounds.tif").exists()
+    Path("reconstruction/no_go.tif").write_bytes(b"old")
+    code, said = run("points.gpkg", "--grid", 4, *GP, "--force")
+    assert code == 0, said
+    assert sorted(file.name for file in Path("reconstruction").iterdir()) == [
+        "dem.tif",
+        "reconstruction.json",
+        "support.tif",
+    ]
+    Path("reconstruction/notes.txt").write_text("mine")
+    code, said = run("points.gpkg", "--grid", 4, *GP, "--force")
+    assert (code, "notes.txt" in said) == (3, True)
+    assert Path("reconstruction/notes.txt").read_text() == "mine"
+
+
+def test_a_refused_map_leaves_the_old_one(folder: Path) -> None:
+    assert run("points.gpkg", "--grid", 4, *GP)[0] == 0
+    before = Path("reconstruction/dem.tif").read_bytes()
+    assert run("points.gpkg", "--method", "tin", "--grid", 1e-7, "--force")[0] == 3
+    assert run("points.gpkg", "--grid", 4)[0] == 3
+    assert Path("reconstruction/dem.tif").read_bytes() == before
+
+
+@pytest.mark.parametrize("method", ["gp", "dense", "tin", "field", "emap"])
+@pytest.mark.parametrize("step_m", ["0.001", "1e-300"])
+def test_grids_beyond_memory_are_refused_with_the_step_that_passes(
+    folder: Path, method: str, step_m: str
+) -> None:
+    code, said = run("points.gpkg", "--method", method, "--grid", step_m)
+    assert code == 3, said
+    assert "MB allowed" in said
+    assert "or more" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--method", "tin", "--prior", "prior.tif"), "uses no prior"),
+        (("--method", "emap", "--rays"), "uses no lines of sight"),
+        (("--method", "field", "--value", "temperature_c"), "maps elevations"),
+    ],
+)
+def test_options_that_a_method_does_not_use_are_refused(
+    folder: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    code, output = run("points.gpkg", *arguments)
+    assert code == 3
+    assert said in output
