@@ -1,0 +1,181 @@
+"""Run every case of bad input in a process of its own: ``python -m benchmarks.bad_input``.
+
+A case passes when the command ends with exit code 2, 3, 4 or 5 and one sentence (usage errors may take
+several lines), or with 0 where the input can be used. A traceback, exit code 1, a signal, more than 30 s
+or more than 4 GB is a fault; so is success where a refusal was due.
+"""
+
+import argparse
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from benchmarks.bad_input.case import Case
+from benchmarks.bad_input.places import place_cases
+from benchmarks.bad_input.rasters import raster_cases
+from benchmarks.bad_input.settings import setting_cases
+from benchmarks.bad_input.tables import table_cases
+from benchmarks.bad_input.vectors import vector_cases
+
+LONGEST_S, LARGEST_BYTES = 30.0, 4 * 10**9
+_ADDRESS_SPACE_BYTES = 12 * 10**9
+_REFUSED = {2, 3, 4, 5}
+RESULT = Path(__file__).parents[2] / "results" / "benchmarks" / "bad_input.json"
+
+
+def _in_child(case: Case, folder: Path) -> None:
+    """Run a case in this forked process; never returns."""
+    code = 99
+    try:
+        os.chdir(folder)
+        resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE_BYTES, _ADDRESS_SPACE_BYTES))
+        case.prepare(folder)
+        for name, number in (("out.log", 1), ("err.log", 2)):
+            target = os.open(folder.parent / name, os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
+            os.dup2(target, number)
+        sys.argv = ["firnline", *case.args]
+        from sim.cli.main import main
+
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else (0 if end.code is None else 1)
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+        sys.stderr.flush()
+        code = 98
+    os._exit(code)
+
+
+def run(case: Case, place: Path) -> dict[str, Any]:
+    """Run a case; return its exit code, times, memory and words."""
+    folder = place / "case"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    for log in ("out.log", "err.log"):
+        (place / log).unlink(missing_ok=True)
+    start = time.monotonic()
+    child = os.fork()
+    if child == 0:
+        _in_child(case, folder)
+    usage = _awaited(child, start)
+    err = (place / "err.log").read_text(errors="replace") if (place / "err.log").exists() else ""
+    return {
+        "code": usage[0],
+        "wall_s": round(time.monotonic() - start, 2),
+        "peak_bytes": usage[1],
+        "stderr": err.strip(),
+    }
+
+
+def _awaited(child: int, start: float) -> tuple[int, int]:
+    while True:
+        done, status, usage = os.wait4(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024
+        if time.monotonic() - start > LONGEST_S:
+            os.kill(child, signal.SIGKILL)
+            _, _, usage = os.wait4(child, 0)
+            return -signal.SIGKILL, usage.ru_maxrss * 1024
+        time.sleep(0.01)
+
+
+def verdict(case: Case, found: dict[str, Any]) -> str:
+    """Return ``refused``, ``used``, or the kind of fault."""
+    fault = _fault(found)
+    if fault:
+        return f"fault: {fault}"
+    if found["code"] == 0:
+        return "used" if case.may_succeed else "fault: accepted"
+    return "refused"
+
+
+def _fault(found: dict[str, Any]) -> str:
+    """Return what is wrong with the way in which a command ended, or nothing."""
+    words, code = found["stderr"], found["code"]
+    signs = {
+        "too long": found["wall_s"] > LONGEST_S,
+        "too much memory": found["peak_bytes"] > LARGEST_BYTES,
+        "traceback": "Traceback" in words,
+        f"exit {code}": code not in {0, *_REFUSED},
+        "no sentence": code in _REFUSED - {2} and not _is_sentence(words),
+    }
+    return next((sign for sign, is_so in signs.items() if is_so), "")
+
+
+def _is_sentence(words: str) -> bool:
+    """Tell whether the last line is firnline's one sentence; warnings of the log may stand before it."""
+    last = words.splitlines()[-1] if words else ""
+    return bool(re.fullmatch(r"firnline: .{20,}[.?]", last)) and words.count("firnline: ") == 1
+
+
+def main() -> None:
+    """Run all cases, print the faults, and write the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", default="", help="run cases whose name contains this")
+    parser.add_argument("--show", action="store_true", help="print every refusal")
+    given = parser.parse_args()
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ[variable] = "1"
+    _warm_up()
+    cases = [c for c in all_cases() if given.only in c.name]
+    counts: Counter[str] = Counter()
+    faults, slowest, largest = [], 0.0, 0
+    with tempfile.TemporaryDirectory() as place:
+        for case in cases:
+            found = run(case, Path(place))
+            kind = verdict(case, found)
+            counts[kind] += 1
+            slowest, largest = max(slowest, found["wall_s"]), max(largest, found["peak_bytes"])
+            if kind.startswith("fault"):
+                faults.append(
+                    {"case": case.name, "kind": kind, "code": found["code"], "words": found["stderr"][-400:]}
+                )
+            if kind.startswith("fault") or given.show:
+                print(f"{kind}  [{case.name}] {found['wall_s']} s  {found['stderr'][-300:]}", flush=True)
+    table = {
+        "cases": len(cases),
+        "counts": dict(sorted(counts.items())),
+        "slowest_s": slowest,
+        "largest_gb": round(largest / 1e9, 2),
+        "faults": faults,
+    }
+    print(json.dumps({**table, "faults": len(faults)}, indent=2))
+    if not given.only:
+        RESULT.write_text(json.dumps(table, indent=2) + "\n")
+    sys.exit(bool(faults))
+
+
+def all_cases() -> list[Case]:
+    """Return all cases; their names are unique."""
+    cases = raster_cases() + vector_cases() + table_cases() + setting_cases() + place_cases()
+    names = Counter(case.name for case in cases)
+    assert max(names.values()) == 1, [name for name, n in names.items() if n > 1]
+    return cases
+
+
+def _warm_up() -> None:
+    """Import what commands import, so that a forked child need not."""
+    for name in ("planners", "sim.mission.stages", "survey.figures", "vision_slam.recordings"):
+        import_module(name)
+
+
+if __name__ == "__main__":
+    main()
