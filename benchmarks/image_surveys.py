@@ -65,7 +65,7 @@ def fixes_along(survey: Survey, profile: Profile, seed: int) -> GpsFixes | None:
     motion = RoverMotion(path.time_s, path.position, path.quaternion, still, still, still[:, :2])
     config = InstrumentsConfig(gps=GpsConfig(profile=profile))
     receiver = GpsReceiver(config, survey.recording.antenna_height_m, seed)
-    return receiver.sense(motion, path.position[0])[0]
+    return receiver.sense(motion)
 
 
 def on_the_real_path(survey: Survey, gates: LocalizationConfig) -> SurfacePoints:

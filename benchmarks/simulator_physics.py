@@ -11,7 +11,7 @@ from sim.config.drive import PhysicsConfig
 from sim.config.scene import SceneryConfig
 from sim.config.sensors import GpsConfig, InertialConfig, InstrumentsConfig
 from sim.instruments.gps import GPS_PROFILES, GpsReceiver
-from sim.instruments.sensors import InertialUnit
+from sim.instruments.inertial import InertialUnit
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
@@ -183,7 +183,7 @@ def standing(seconds: float) -> RoverMotion:
 def gps_errors(profile: str, n: int, seed: int = 1) -> FloatArray:
     """Errors of n fixes (n, 3) a second apart [m], the vertical brought to the horizontal scale."""
     config = InstrumentsConfig(gps=GpsConfig(profile=profile))  # type: ignore[arg-type]  # one of GPS_PROFILES
-    fixes, _ = GpsReceiver(config, 0.0, seed).sense(standing(float(n - 1)), np.zeros(3))
+    fixes = GpsReceiver(config, 0.0, seed).sense(standing(float(n - 1)))
     assert fixes is not None
     return fixes.position / [1.0, 1.0, config.gps.vertical_factor]
 

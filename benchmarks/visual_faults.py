@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from benchmarks.report import Row, main
 from sim.config.faults import FaultConfig
 from sim.config.mission import MissionConfig
+from sim.instruments.suite import SensorFaults
 from sim.simulate.faults import Faults
 from sim.simulate.vision import simulate_vision
 from sim.world.site import build_world
@@ -97,6 +98,7 @@ CASES: dict[str, tuple[dict[str, Any], ...]] = {
 }
 QUICK = ("none", "fixes jump by 15 m", "told a start 30 m away")
 DRIVEN = ("tracks", "scenery")
+SENSED = ("gps", "wheels", "inertial", "barometer", "compass", "weather")
 SEEN = ("camera", "calibration", "rover", *DRIVEN)
 
 
@@ -270,26 +272,22 @@ def spoiled(
         images[time_s] = wrong.image(time_s, index, frames[index])
     arrived = {time_s: image for time_s, image in images.items() if image is not None}
     recording = until(recording, looked_s)
-    gps = wrong.fixes(recording.gps)
-    assert gps is not None
+    sensors = SensorFaults(faults, seed)
+    tables = {name: sensors.apply(name, getattr(recording, name)) for name in SENSED}
+    assert tables["gps"] is not None
     return replace(
         recording,
         start=wrong.start(recording.start),
         camera=wrong.calibration(camera),
         frames=Frames(np.array(list(arrived)), list(arrived.values())),
-        gps=gps,
-        wheels=wrong.counts(recording.wheels),
-        inertial=wrong.awake(recording.inertial),
-        barometer=wrong.awake(recording.barometer),
-        compass=wrong.awake(recording.compass),
-        weather=wrong.awake(recording.weather),
+        **tables,
     )
 
 
 def until(recording: Recording, last_s: float) -> Recording:
     """Leave out what instruments read later."""
     parts: dict[str, Any] = {}
-    for name in ("gps", "wheels", "inertial", "barometer", "compass", "weather"):
+    for name in SENSED:
         records = getattr(recording, name)
         early = records.time_s < last_s
         parts[name] = type(records)(*(getattr(records, field.name)[early] for field in fields(records)))

@@ -1,50 +1,47 @@
-"""What can go wrong on a drive: component, failure, stretch of time, strength."""
+"""Faults of a simulated drive: component, failure, time interval, strength."""
 
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Literal, Self
+from typing import Self
 
 from pydantic import NonNegativeFloat, PositiveFloat, model_validator
 
+from sim.config.sensors import sensor_failures
 from survey.core.config import Section
 
-Component = Literal["camera", "gps", "tracks", "rover", "start", "calibration", "scenery"]
-
-FAILURES = MappingProxyType(
+FAILURES: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        ("camera", "whiteout"): 235.0,
-        ("camera", "glare"): 0.4,
-        ("camera", "dark"): 0.04,
-        ("camera", "blur"): 4.0,
-        ("camera", "frozen"): 0.0,
-        ("camera", "dropped"): 0.0,
-        ("camera", "lens-drop"): 0.15,
-        ("gps", "off"): 0.0,
-        ("gps", "frozen"): 0.0,
-        ("gps", "jump"): 15.0,
-        ("gps", "delayed"): 2.0,
-        ("tracks", "stuck-left"): 0.0,
-        ("tracks", "stuck-right"): 0.0,
-        ("tracks", "slippery"): 0.3,
-        ("rover", "carried"): 0.0,
-        ("start", "kidnapped"): 30.0,
-        ("calibration", "focal-length"): 0.005,
-        ("calibration", "pitch"): 0.5,
-        ("calibration", "wheels"): 0.03,
-        ("scenery", "mountains-hidden"): 0.0,
+        "camera": {
+            "whiteout": 235.0,
+            "glare": 0.4,
+            "dark": 0.04,
+            "blur": 4.0,
+            "frozen": 0.0,
+            "dropped": 0.0,
+            "lens-drop": 0.15,
+        },
+        **sensor_failures(),
+        "tracks": {"stuck-left": 0.0, "stuck-right": 0.0, "slippery": 0.3},
+        "rover": {"carried": 0.0},
+        "start": {"kidnapped": 30.0},
+        "calibration": {"focal-length": 0.005, "pitch": 0.5, "wheels": 0.03},
+        "scenery": {"mountains-hidden": 0.0},
     }
 )
-"""Usual strengths: grey level of a white-out, share of the image's width that glares, share of
-the light left in the dark, standard deviation of a blur [px], radius of a drop as a share of
-the width, a jump and a kidnapping [m], a delay [s], the share of speed left to a stuck track and
-of friction left on slippery ground, the relative error of the focal length, the camera's stated
-angle below what it is [deg], what the wheels count too much; 0 where none is needed. A share of
-light above 1 is an exposure that is too long. A rover that is carried has all its instruments off."""
+"""Failures of every component, with their usual strengths.
+
+Camera: grey level of a white-out, share of the image's width with glare, share of the light left
+in the dark (above 1: overexposure), standard deviation of a blur [px], radius of a drop as a
+share of the width. Tracks: share of speed left to a stuck track, friction left on slippery
+ground. Start: distance of a kidnapping [m]. Calibration: relative error of the focal length,
+error of the camera's pitch [deg], relative error of the wheels. While the rover is carried all
+instruments aboard are off. 0 where no strength is needed."""
 
 
 class FaultConfig(Section):
-    """Something that goes wrong during a stretch of time.
+    """A fault during an interval of time.
 
-    Start, calibration and scenery are wrong for the whole drive.
+    Faults of start, calibration and scenery last for all of the drive.
 
     Examples
     --------
@@ -52,20 +49,24 @@ class FaultConfig(Section):
     15.0
     """
 
-    component: Component
-    """What fails."""
+    component: str
+    """Component that fails; a key of `FAILURES`."""
     failure: str
-    """How it fails."""
+    """Its failure; one of those that `FAILURES` lists for the component."""
     from_s: NonNegativeFloat = 0.0
     """Begin [s]."""
     until_s: PositiveFloat | None = None
     """End [s]; the end of the drive when left out."""
     strength: NonNegativeFloat | None = None
-    """How bad; see `FAILURES` for what it means and its usual value."""
+    """Strength; see `FAILURES` for its meaning and usual value."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        known = [failure for component, failure in FAILURES if component == self.component]
+        if self.component not in FAILURES:
+            raise ValueError(
+                f"the component {self.component!r} is not known; give one of {', '.join(FAILURES)}"
+            )
+        known = FAILURES[self.component]
         if self.failure not in known:
             raise ValueError(f"{self.component} knows the failures {', '.join(known)}, not {self.failure!r}")
         if self.until_s is not None and self.until_s <= self.from_s:
@@ -74,9 +75,14 @@ class FaultConfig(Section):
 
     @property
     def size(self) -> float:
-        """The strength, or the usual one."""
-        return FAILURES[self.component, self.failure] if self.strength is None else self.strength
+        """Strength as given, or the usual one."""
+        return FAILURES[self.component][self.failure] if self.strength is None else self.strength
 
     def is_on(self, time_s: float) -> bool:
-        """Tell whether it is there at a time [s]."""
+        """Return whether the fault acts at a time [s]."""
         return self.from_s <= time_s and (self.until_s is None or time_s < self.until_s)
+
+
+def faults_of(faults: Sequence[FaultConfig], component: str) -> list[FaultConfig]:
+    """Return the faults of one component, in their order."""
+    return [fault for fault in faults if fault.component == component]

@@ -1,6 +1,8 @@
-"""Errors of the instruments that the simulated rover carries, as their makers and users state them."""
+"""Settings of the simulated sensors: rates, clocks, errors and known failures of each instrument."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 
@@ -8,7 +10,10 @@ from survey.core.config import Section, Share
 
 
 class InstrumentConfig(Section):
-    """What every instrument has: a rate, a clock of its own, readings that get lost."""
+    """Settings common to all instruments: rate, clock offset, lost readings."""
+
+    FAILURES: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Failures that a fault of this sensor may name, with their usual strengths; 0 where none is needed."""
 
     rate_hz: PositiveFloat = 1.0
     """Readings per second."""
@@ -20,6 +25,11 @@ class InstrumentConfig(Section):
 
 class GpsConfig(InstrumentConfig):
     """A satellite receiver."""
+
+    FAILURES: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"off": 0.0, "frozen": 0.0, "jump": 15.0, "delayed": 2.0}
+    )
+    """Strengths: a jump [m], a delay [s]."""
 
     profile: Literal["white", "gauss-markov-60", "gauss-markov-300", "sbas", "rtk"] = "sbas"
     """Its error: 3 m without memory, 3 m with a memory of 60 or 300 s, 1 m with 120 s, or centimetres."""
@@ -72,7 +82,7 @@ class InertialConfig(InstrumentConfig):
 
 
 class BarometerConfig(InstrumentConfig):
-    """Pressure, told as height."""
+    """Pressure, read as height."""
 
     drift_sigma_m: NonNegativeFloat = 1.0
     """Changes of the weather [m]."""
@@ -134,7 +144,7 @@ class StakeConfig(Section):
 
 
 class InstrumentsConfig(Section):
-    """What the rover carries in the vision fidelity."""
+    """Instruments of the vision fidelity."""
 
     frame_rate_hz: PositiveFloat = 4.0
     """Images per second; 4 at 1 m/s is one every 0.25 m."""
@@ -149,3 +159,10 @@ class InstrumentsConfig(Section):
     compass: CompassConfig = CompassConfig()
     weather: WeatherConfig = WeatherConfig()
     stakes: StakeConfig = StakeConfig()
+
+
+def sensor_failures() -> dict[str, Mapping[str, float]]:
+    """Return the failures of every instrument that has any, by its name in ``instruments``."""
+    sections = {name: field.default for name, field in InstrumentsConfig.model_fields.items()}
+    known = {name: s.FAILURES for name, s in sections.items() if isinstance(s, InstrumentConfig)}
+    return {name: failures for name, failures in known.items() if failures}

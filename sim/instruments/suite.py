@@ -1,30 +1,22 @@
-"""All instruments of the rover together, read stretch by stretch of its motion."""
+"""All instruments of the simulated rover together: readings, faults of readings, and their collection."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from sim.config.sensors import InstrumentsConfig
-from sim.instruments.gps import GpsReceiver
-from sim.instruments.sensors import (
-    InertialUnit,
-    MagneticCompass,
-    PressureAltimeter,
-    StakeSpotter,
-    WeatherField,
-    WeatherStation,
-    WheelEncoders,
-)
+from sim.config.faults import FaultConfig, faults_of
+from sim.instruments.registry import SENSORS
+from sim.instruments.sensor import Instrument, InstrumentSetup, without_carried
 from sim.vehicle.motion import RoverMotion
-from survey.core.arrays import FloatArray
 from survey.data.camera import Image
 from survey.data.sensors import GpsFixes, SensorTables, table_types
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Readings(SensorTables):
-    """What the rover has sensed during a stretch of time; what brought no reading is None.
+    """Records of all instruments during a stretch of time; None for one without readings.
 
     The records are those of a `survey.data.recording.Recording`; `frame` is the image at the end
     of the stretch, with the time that the camera's clock shows.
@@ -34,77 +26,80 @@ class Readings(SensorTables):
     frame: tuple[float, Image] | None = None
 
 
-_KINDS = {
-    name: table_types()[name]
-    for name in ("gps", "base", "barometer", "wheels", "inertial", "compass", "weather", "stake_sightings")
-}
-
-
 class Instruments:
-    """Reads all instruments but the camera.
+    """All instruments of `SENSORS`; they read stretches of motion and leave out the camera.
 
     Parameters
     ----------
-    config : InstrumentsConfig
-        Their errors.
-    antenna_height_m : float
-        Of the GPS antenna above the ground [m].
-    start : (3,) ndarray
-        Where the base station's antenna stands [m].
-    stakes : (K, 3) ndarray
-        Where stakes really stand [m].
-    seed : int
-        The mission's: equal seeds and motions give equal readings, in whatever stretches.
+    setup : InstrumentSetup
+        Errors, places and seed: equal setups and motions give equal readings, however the
+        motion is cut into stretches.
+    faults : sequence of FaultConfig
+        Faults of the mission; those of instruments are applied to the readings.
     """
 
-    def __init__(
-        self,
-        config: InstrumentsConfig,
-        antenna_height_m: float,
-        start: FloatArray,
-        stakes: FloatArray,
-        seed: int,
-    ) -> None:
-        self._gps = GpsReceiver(config, antenna_height_m, seed)
-        self._start = start
-        field_ = WeatherField(config.weather, float(start[2]), seed)
-        self.spotter = StakeSpotter(config.stakes, stakes, seed)
-        self._others: dict[str, Any] = {
-            "barometer": PressureAltimeter(config.barometer, seed),
-            "wheels": WheelEncoders(config.wheels, seed),
-            "inertial": InertialUnit(config.inertial, seed),
-            "compass": MagneticCompass(config.compass, seed),
-            "weather": WeatherStation(config.weather, field_, seed),
-            "stake_sightings": self.spotter,
+    def __init__(self, setup: InstrumentSetup, faults: Sequence[FaultConfig] = ()) -> None:
+        built = {sensor.name: sensor.instrument(setup) for sensor in SENSORS if sensor.instrument is not None}
+        self._instruments: dict[str, Instrument] = {
+            name: instrument for name, instrument in built.items() if instrument is not None
         }
+        self._faults = SensorFaults(faults, setup.seed)
 
     def read(self, motion: RoverMotion) -> Readings:
         """Return what is sensed up to the end of a stretch of motion that begins where the last one ended."""
-        fixes, base = self._gps.sense(motion, self._start)
-        others = {name: instrument.sense(motion) for name, instrument in self._others.items()}
-        return Readings(gps=fixes, base=base, **others)
+        records = {
+            name: self._faults.apply(name, instrument.sense(motion))
+            for name, instrument in self._instruments.items()
+        }
+        return Readings(**records)
+
+
+class SensorFaults:
+    """Faults of all sensors, and their silence while the rover is carried.
+
+    Parameters
+    ----------
+    faults : sequence of FaultConfig
+        Faults of the mission; those of other components are ignored.
+    seed : int
+        The mission's seed.
+    """
+
+    def __init__(self, faults: Sequence[FaultConfig], seed: int) -> None:
+        self._carried = faults_of(faults, "rover")
+        self._models = {
+            sensor.name: sensor.faults(faults, seed) for sensor in SENSORS if sensor.faults is not None
+        }
+        self._aboard = {sensor.name for sensor in SENSORS if sensor.is_aboard}
+
+    def apply(self, name: str, records: Any) -> Any:
+        """Return records of a sensor with its faults, or None where none are left."""
+        if records is not None and name in self._models:
+            records = self._models[name].apply(records)
+        return without_carried(records, self._carried) if name in self._aboard else records
 
 
 @dataclass
-class Log:
-    """Collects readings into whole records."""
+class ReadingLog:
+    """Collects the readings of stretches into the records of a drive."""
 
-    _parts: dict[str, list[Any]] = field(default_factory=lambda: {name: [] for name in _KINDS})
+    _parts: dict[str, list[Any]] = field(default_factory=dict)
 
     def add(self, readings: Readings) -> None:
-        """Keep the readings of one more stretch."""
-        for name, parts in self._parts.items():
-            part = getattr(readings, name)
+        """Append the readings of one more stretch."""
+        for sensor in SENSORS:
+            part = getattr(readings, sensor.name)
             if part is not None:
-                parts.append(part)
+                self._parts.setdefault(sensor.name, []).append(part)
 
     def records(self) -> dict[str, Any]:
-        """Return what a recording holds of it, by its names there."""
-        return {name: _joined(_KINDS[name], parts) for name, parts in self._parts.items()}
+        """Return the records by their names in a recording; too few of one kind are left out."""
+        joined = {name: _joined(table_types()[name], parts) for name, parts in self._parts.items()}
+        return {name: records for name, records in joined.items() if records is not None}
 
 
 def _joined(kind: Any, parts: list[Any]) -> Any:
-    """Return records of one kind as one; None of too few."""
+    """Return records of one kind as one, or None of too few."""
     if sum(len(part) for part in parts) < kind.LEAST:
         return None
     return kind(*(np.concatenate([getattr(part, name.name) for part in parts]) for name in fields(kind)))

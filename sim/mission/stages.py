@@ -22,8 +22,9 @@ from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
 from sim.simulate.ideal import simulate_ideal
 from sim.simulate.navigator_process import navigating
+from sim.simulate.simulated_drive import ONBOARD
 from sim.simulate.statistical import simulate_statistical
-from sim.simulate.vision import ONBOARD, simulate_vision
+from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey.core.documents import write_json
 from survey.core.store import STAGES, RunFolder

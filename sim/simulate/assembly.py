@@ -1,4 +1,4 @@
-"""What a mission's rover is and carries, and what is set out for it: body, camera, stakes."""
+"""Assembly of a simulated drive from a mission: rover physics, camera, stakes."""
 
 import numpy as np
 
@@ -14,17 +14,17 @@ from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
 
 
-def physics_of(ground: HeightField, path: FloatArray, mission: MissionConfig) -> Physics:
-    """Put a rover at the start of a path, heading along it."""
+def rover_physics(ground: HeightField, path: FloatArray, mission: MissionConfig) -> Physics:
+    """Return the physics of a rover at the start of a path, heading along it."""
     kind = ContactRover if mission.physics.engine == "contact" else KinematicRover
     ahead = path[1] - path[0]
     return kind(ground, mission.physics, mission.rover, path[0], float(np.arctan2(ahead[1], ahead[0])))
 
 
-def eye_of(
+def camera_on_rover(
     ground: FineTerrain, look: AppearanceConfig, camera: Camera, mission: MissionConfig
 ) -> RoverCamera:
-    """Put a camera on the rover, which throws a shadow."""
+    """Return the rover's camera; the rover casts a shadow in its images."""
     renderer = Renderer(
         ground,
         look,
@@ -46,7 +46,7 @@ def eye_of(
 
 
 def stakes_beside(ground: HeightField, pursuit: PurePursuit, mission: MissionConfig) -> FloatArray:
-    """Stand stakes on the ground beside the route, left and right in turn; those beyond the map are left out."""
+    """Return places (K, 3) of stakes beside the route, left and right in turn; those beyond the map are left out."""
     config = mission.instruments.stakes
     along = (np.arange(config.count) + 0.5) * pursuit.length_m / max(config.count, 1)
     xy, heading = pursuit.at(along)

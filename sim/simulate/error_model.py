@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from sim.config.mission import SensorConfig
-from sim.simulate.vision import ONBOARD
+from sim.simulate.simulated_drive import ONBOARD
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.core.store import RunFolder

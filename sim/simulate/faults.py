@@ -1,36 +1,32 @@
-"""Puts a mission's faults into what the rover is, drives on, and senses."""
+"""Faults of camera, calibration, start, tracks and scenery; those of sensors are in `sim.instruments`."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import TypeVar
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.config.faults import Component, FaultConfig
+from sim.config.faults import FaultConfig, faults_of
 from sim.config.scene import AppearanceConfig
 from sim.vehicle.physics import Physics
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.camera import Camera, Image
-from survey.data.sensors import GpsFixes, SensorRecords, Wheels
-
-Records = TypeVar("Records", bound=SensorRecords)
 
 _NOISE_LEVELS = 1.3
-"""Standard deviation of what a blank image still shows [grey levels]."""
+"""Standard deviation of the noise of a blank image [grey levels]."""
 
 
 class Faults:
-    """The faults of one drive.
+    """Faults of one drive, except those of sensor records.
 
     Parameters
     ----------
     faults : sequence of FaultConfig
         In the order in which they are applied.
     seed : int
-        The mission's: where drops fall, which way jumps go.
+        The mission's seed, for the place of drops and the direction of a kidnapping.
 
     Examples
     --------
@@ -43,22 +39,18 @@ class Faults:
     def __init__(self, faults: Sequence[FaultConfig], seed: int) -> None:
         self._faults, self._seed = faults, seed
         self._last_image: Image | None = None
-        self._last_fix: FloatArray | None = None
-        self._waiting: list[tuple[float, FloatArray]] = []
-        self._counted = np.zeros(2)
-        self._uncounted = np.zeros(2)
 
-    def _of(self, component: Component, time_s: float = 0.0, *, always: bool = False) -> list[FaultConfig]:
-        return [f for f in self._faults if f.component == component and (always or f.is_on(time_s))]
+    def _active(self, component: str, time_s: float) -> list[FaultConfig]:
+        return [fault for fault in faults_of(self._faults, component) if fault.is_on(time_s)]
 
     def appearance(self, look: AppearanceConfig) -> AppearanceConfig:
-        """Return what the site looks like: hidden mountains are not there."""
-        hidden = self._of("scenery", always=True)
+        """Return the appearance of the site, without mountains where they are hidden."""
+        hidden = faults_of(self._faults, "scenery")
         return look.model_copy(update={"ridges_deg": 0.0}) if hidden else look
 
     def calibration(self, camera: Camera) -> Camera:
-        """Return the calibration that the recording states, wrong in focal length or in pitch."""
-        for fault in self._of("calibration", always=True):
+        """Return the calibration that the recording states, with errors of focal length and pitch."""
+        for fault in faults_of(self._faults, "calibration"):
             if fault.failure == "focal-length":
                 matrix = camera.matrix.copy()
                 matrix[[0, 1], [0, 1]] *= 1.0 + fault.size
@@ -70,16 +62,16 @@ class Faults:
         return camera
 
     def start(self, start: FloatArray) -> FloatArray:
-        """Return the start that the recording states; a kidnapped rover is told another one."""
-        for k, fault in enumerate(self._of("start", always=True)):
+        """Return the start that the recording states; that of a kidnapped rover is wrong."""
+        for k, fault in enumerate(faults_of(self._faults, "start")):
             bearing = stream(self._seed, "faults", "start", k).uniform(0.0, 2.0 * np.pi)
             start = start + fault.size * np.array([np.cos(bearing), np.sin(bearing), 0.0])
         return start
 
     def drive(self, physics: Physics, time_s: float) -> None:
-        """Let tracks stick and ground be slippery."""
+        """Set the tracks' drive shares and the ground's friction share of the physics."""
         left = right = friction = 1.0
-        for fault in self._of("tracks", time_s):
+        for fault in self._active("tracks", time_s):
             match fault.failure:
                 case "stuck-left":
                     left = fault.size
@@ -89,74 +81,17 @@ class Faults:
                     friction = fault.size
         physics.drive_share, physics.friction_share = (left, right), friction
 
-    def awake(self, records: Records | None) -> Records | None:
-        """Return the records of an instrument but for the time that the rover is carried; None of none."""
-        if records is None or not self._of("rover", always=True):
-            return records
-        kept = np.array([not self._of("rover", time_s) for time_s in records.time_s], dtype=bool)
-        if not kept.any():
-            return None
-        return type(records)(*(getattr(records, field.name)[kept] for field in fields(records)))
-
-    def counts(self, wheels: Wheels | None) -> Wheels | None:
-        """Return what the encoders say they counted; carried wheels do not turn."""
-        if wheels is None:
-            return None
-        share = 1.0 + sum(f.size for f in self._of("calibration", always=True) if f.failure == "wheels")
-        if share == 1.0 and not self._of("rover", always=True):
-            return wheels
-        told = []
-        for time_s, *count in np.column_stack([wheels.time_s, wheels.left_m, wheels.right_m]):
-            if self._of("rover", time_s):
-                self._uncounted = self._uncounted + count - self._counted
-            self._counted = np.array(count)
-            told.append(share * (self._counted - self._uncounted))
-        left, right = np.array(told).T
-        return self.awake(replace(wheels, left_m=left, right_m=right))
-
-    def fixes(self, fixes: GpsFixes | None) -> GpsFixes | None:
-        """Return what the receiver says of some fixes; None of nothing."""
-        fixes = self.awake(fixes)
-        if fixes is None or not any(fault.component == "gps" for fault in self._faults):
-            return fixes
-        kept = [self._fix(time, place) for time, place in zip(fixes.time_s, fixes.position, strict=True)]
-        told = [fix for fix in kept if fix is not None]
-        if not told:
-            return None
-        return replace(fixes, time_s=np.array([t for t, _ in told]), position=np.array([p for _, p in told]))
-
-    def _fix(self, time_s: float, place: FloatArray) -> tuple[float, FloatArray] | None:
-        """Return one fix as told; None when there is none."""
-        self._waiting = [*self._waiting, (time_s, place)][-600:]
-        told: FloatArray | None = place
-        for k, fault in enumerate(self._of("gps", time_s)):
-            match fault.failure:
-                case "off":
-                    told = None
-                case "frozen":
-                    told = self._last_fix
-                case "jump":
-                    away = stream(self._seed, "faults", "gps", k).standard_normal(3)
-                    told = None if told is None else told + fault.size * away / np.linalg.norm(away)
-                case _:
-                    old = [past for at, past in self._waiting if at <= time_s - fault.size + 1e-9]
-                    told = old[-1] if old else None
-        if told is None:
-            return None
-        self._last_fix = told
-        return time_s, told
-
     def image(self, time_s: float, index: int, image: Image) -> Image | None:
-        """Return the image that arrives, or None when none does."""
-        arrived: Image | None = None if self._of("rover", time_s) else image
-        for fault in self._of("camera", time_s):
+        """Return the image as recorded, or None where it is lost."""
+        arrived: Image | None = None if self._active("rover", time_s) else image
+        for fault in self._active("camera", time_s):
             if arrived is not None:
-                arrived = self._spoiled(arrived, fault, index)
+                arrived = self._faulty(arrived, fault, index)
         if arrived is not None:
             self._last_image = arrived
         return arrived
 
-    def _spoiled(self, image: Image, fault: FaultConfig, index: int) -> Image | None:
+    def _faulty(self, image: Image, fault: FaultConfig, index: int) -> Image | None:
         size, grey = fault.size, image.astype(np.float64)
         match fault.failure:
             case "dropped":
@@ -180,7 +115,7 @@ class Faults:
         return _grey(grey + _NOISE_LEVELS * rng.standard_normal(grey.shape))
 
     def _with_drop(self, grey: FloatArray, radius: float) -> Image:
-        """Blur what lies behind a drop on the lens, which stays where it fell."""
+        """Blur the image behind a drop on the lens; its place is fixed for the drive."""
         height, width = grey.shape[:2]
         u, v = stream(self._seed, "faults", "drop").uniform(0.25, 0.75, 2) * (width, height)
         distance = np.hypot(np.arange(width)[None] - u, np.arange(height)[:, None] - v)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.instruments.suite import Readings
-from sim.simulate.vision import PoseEstimate, Start
+from sim.simulate.navigation import PoseEstimate, Start
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.sensors import Inertial, Odometry

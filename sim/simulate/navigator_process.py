@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 from sim.config.mission import MissionConfig
 from sim.executors import settled
 from sim.instruments.suite import Readings
+from sim.simulate.navigation import Start
 from sim.simulate.navigator import LATE_FRAMES, Known, Navigate, OnboardComputer, VisualNavigator
-from sim.simulate.vision import Start
 from survey.core.errors import InputError
 from vision_slam.odometry.visual_slam import VisualOdometry
 

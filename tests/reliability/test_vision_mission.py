@@ -12,7 +12,7 @@ import pytest
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
-from sim.simulate.vision import Ending
+from sim.simulate.simulated_drive import Ending
 from survey.core.config import validated
 from survey.core.documents import read_json
 from tests.reliability.test_same_bytes import Nursery, products

@@ -3,7 +3,7 @@ import pytest
 
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig, RandomTerrain
-from sim.simulate.statistical import gauss_markov, simulate_statistical
+from sim.simulate.statistical import simulate_statistical
 from survey import Dem, Grid, InputError, Leg, Route
 from survey.reconstruction.line_of_sight.sight_lines import checked_origins
 from vision_slam import localize, trajectory_error
@@ -36,14 +36,6 @@ def mission(seed: int, **sensors: float) -> MissionConfig:
         planner=LawnmowerConfig(swaths=2),
     )
     return config.model_copy(update={"sensors": config.sensors.model_copy(update=sensors)})
-
-
-def test_gauss_markov_has_its_variance_and_memory(rng):
-    series = gauss_markov(np.full(200_000, 1.0), 20.0, 3.0, rng)[:, 0]
-    # 200,000 / (2 · 20) independent draws: 1 % of standard error on the standard deviation, thrice that allowed.
-    assert series.std() == pytest.approx(3.0, rel=0.03)
-    lag = 20
-    assert np.corrcoef(series[:-lag], series[lag:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.04)
 
 
 def test_claimed_path_errors_match_real_ones_over_many_drives():

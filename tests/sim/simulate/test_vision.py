@@ -9,7 +9,9 @@ import pytest
 
 from sim.config.mission import MissionConfig
 from sim.instruments.lidar import Scanner, scan
-from sim.simulate.vision import Ending, PoseEstimate, simulate_vision
+from sim.simulate.navigation import PoseEstimate
+from sim.simulate.simulated_drive import Ending
+from sim.simulate.vision import simulate_vision
 from sim.world.scenery import fine_terrain
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError

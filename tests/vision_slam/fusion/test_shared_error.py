@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.instruments.gauss_markov import gauss_markov
+from sim.instruments.errors import gauss_markov
 from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes, Inertial, LoopClosures, Odometry, Stakes, StakeSightings
 from vision_slam import LocalizationConfig

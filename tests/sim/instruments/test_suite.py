@@ -1,0 +1,54 @@
+"""All instruments together: readings, faults, collected records."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from sim.config.faults import FaultConfig
+from sim.config.sensors import GpsConfig, InstrumentsConfig
+from sim.instruments.registry import SENSORS
+from sim.instruments.sensor import InstrumentSetup
+from sim.instruments.suite import Instruments, ReadingLog, SensorFaults
+from survey.data.sensors import Compass, GpsFixes, table_types
+from tests.sim.instruments.motions import circling, parts_of
+
+
+def test_readings_do_not_depend_on_how_the_drive_is_cut():
+    motion = circling()
+    records = []
+    for n in (1, 7):
+        config = InstrumentsConfig(
+            base_station=True, gps=GpsConfig(rate_hz=5.0, dropped_share=0.2, clock_offset_s=0.03)
+        )
+        setup = InstrumentSetup(config, 0.5, np.zeros(3), np.array([[1.0, 1.0, 0.0]]), 4)
+        instruments = Instruments(setup)
+        log = ReadingLog()
+        for part in parts_of(motion, n):
+            log.add(instruments.read(part))
+        records.append(log.records())
+    for name, whole in records[0].items():
+        for field in fields(whole):
+            # Summing biases in pieces rounds in another order.
+            expected = pytest.approx(getattr(whole, field.name), abs=1e-9)
+            assert getattr(records[1][name], field.name) == expected, name
+    gps = records[0]["gps"]
+    assert (gps.time_s * 5.0) % 1.0 == pytest.approx(
+        np.full(len(gps), 0.15)
+    )  # the clock shows 0.03 s too much
+    assert 30 < len(gps) < 51  # of 51, a fifth is lost
+
+
+def test_every_sensor_of_the_registry_is_a_table_of_a_recording():
+    names = [sensor.name for sensor in SENSORS]
+    assert sorted(names) == sorted(table_types())
+    assert all(sensor.instrument is not None or sensor.draw is not None for sensor in SENSORS)
+
+
+def test_a_carried_rover_silences_what_is_aboard_alone():
+    faults = SensorFaults([FaultConfig(component="rover", failure="carried", from_s=1.0)], 1)
+    times = np.arange(3.0)
+    assert len(faults.apply("compass", Compass(times, times))) == 1
+    base = GpsFixes(times, np.zeros((3, 3)))
+    assert faults.apply("base", base) is base
+    assert faults.apply("compass", None) is None
