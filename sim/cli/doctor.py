@@ -1,29 +1,9 @@
 """``firnline doctor``: check that everything is here that firnline needs."""
 
-from importlib.util import find_spec
-from pathlib import Path
-
 import typer
 
 from sim.cli.options import Json
 from sim.cli.outcome import refusals_told
-
-_OWN = ("survey", "planners", "vision_slam", "sim")
-
-
-def refuse_foreign_packages() -> None:
-    """End with exit code 1 when another distribution's package hides one of firnline's four."""
-    home = Path(__file__).resolve().parents[2]
-    for name in _OWN:
-        spec = find_spec(name)
-        if spec is None or spec.origin is None or Path(spec.origin).resolve().parents[1] != home:
-            place = "nowhere" if spec is None else spec.origin
-            typer.echo(
-                f"firnline: the package {name!r} resolves to {place}, not to {home}; "
-                "install firnline into an environment of its own.",
-                err=True,
-            )
-            raise SystemExit(1)
 
 
 @refusals_told

@@ -54,7 +54,6 @@ for command in (
 
 def main() -> None:
     """Run the command line; exit codes are told in `sim.cli.outcome`."""
-    doctor.refuse_foreign_packages()
     app(args=sys.argv[1:])
 
 

@@ -1,0 +1,20 @@
+"""Run the command line: ``python -m firnline`` is the command ``firnline``."""
+
+import sys
+
+from firnline.guard import foreign_package
+
+
+def main() -> None:
+    """Run the command line, unless another module hides one of firnline's packages."""
+    foreign = foreign_package()
+    if foreign is not None:
+        sys.stderr.write(foreign + "\n")
+        raise SystemExit(1)
+    from sim.cli.main import main as run
+
+    run()
+
+
+if __name__ == "__main__":
+    main()
