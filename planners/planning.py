@@ -15,6 +15,7 @@ from planners.ground.traversability import Drivable, drivable
 from planners.patterns.planner import LayoutTask, Planner
 from planners.prediction.predict import ErrorModel, terrain_kernel
 from planners.registry import PLANNERS, planner_of
+from survey.core.arguments import check_types
 from survey.core.arrays import Progress
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
@@ -28,6 +29,7 @@ _LEAST_TOLD = 1e-3
 """Share of the area below which ground that is left out is not worth a warning."""
 
 
+@check_types
 def plan(
     area: SurveyArea,
     prior: Dem | None,

@@ -1,4 +1,4 @@
-"""The house: imports go down, the wheel owns its four names, pybullet stays upstairs."""
+"""Structure of the packages: imports, the contents of the wheel, the cost of ``--help``."""
 
 import ast
 import subprocess
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("survey", "planners", "vision_slam", "sim")
+PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim")
 
 
 def imported_by(file: Path) -> set[str]:
@@ -25,7 +25,7 @@ def imported_by(file: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("package", ["survey", "planners", "vision_slam"])
-def test_lower_rooms_import_neither_the_roof_nor_the_physics(package):
+def test_lower_packages_import_neither_the_simulator_nor_pybullet(package):
     allowed = {
         "survey": {"survey"},
         "planners": {"planners", "survey"},
@@ -44,7 +44,7 @@ def test_every_package_can_be_imported_first(package):
     )
 
 
-def test_the_wheel_owns_exactly_four_names(tmp_path):
+def test_the_wheel_owns_exactly_five_names(tmp_path):
     builder = "from hatchling.build import build_wheel; import sys; build_wheel(sys.argv[1])"
     subprocess.run([sys.executable, "-c", builder, str(tmp_path)], check=True, cwd=ROOT, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
@@ -52,13 +52,15 @@ def test_the_wheel_owns_exactly_four_names(tmp_path):
         names = archive.namelist()
     owned = {name.split("/")[0] for name in names if ".dist-info/" not in name}
     assert owned == set(PACKAGES)
+    assert "firnline/__init__.pyi" in names
+    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
     assert any(name.startswith("survey/reporting/") and name.endswith((".html", ".j2")) for name in names)
 
 
 def test_help_starts_without_heavy_packages():
     probe = (
         "import sys; sys.argv = ['firnline', '--help']\n"
-        "from sim.cli.main import main\n"
+        "from firnline.__main__ import main\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         "heavy = {'numpy', 'scipy', 'matplotlib', 'rasterio', 'pydantic', 'shapely'} & set(sys.modules)\n"
         "assert not heavy, heavy"

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from survey.core.arguments import check_types
 from survey.core.arrays import FloatArray, Progress
 from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording, Recording
@@ -30,6 +31,7 @@ from vision_slam.places.relocalization import relocalize_segments, segment_start
 from vision_slam.rotation import quaternions
 
 
+@check_types
 def localize(
     recording: Recording,
     config: LocalizationConfig | None = None,

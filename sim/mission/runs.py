@@ -10,6 +10,7 @@ import tomlkit
 from sim.config.mission import MissionConfig
 from sim.mission.versions import current_versions
 from sim.world.site import build_world
+from survey.core.arguments import check_types
 from survey.core.config import read_toml, validated, with_overrides
 from survey.core.exchange import refuse_unwritable
 from survey.core.files import existing_file
@@ -44,6 +45,7 @@ def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:
     return mission.read_from(path.parent)
 
 
+@check_types
 def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) -> RunFolder:
     """Open the run folder that belongs to a mission and its input files, or create it.
 

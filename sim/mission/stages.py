@@ -26,6 +26,7 @@ from sim.simulate.simulated_drive import ONBOARD
 from sim.simulate.statistical import simulate_statistical
 from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
+from survey.core.arguments import check_types
 from survey.core.documents import write_json
 from survey.core.store import STAGES, RunFolder
 from survey.core.streams import stream
@@ -41,6 +42,7 @@ StageContext = Callable[[str], AbstractContextManager[object]]
 """Called with a stage's name; gives the context in which the stage runs, to show or time it."""
 
 
+@check_types
 def run_mission(
     mission: MissionConfig,
     run: RunFolder,

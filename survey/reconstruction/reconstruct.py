@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from survey.core.arguments import check_types
 from survey.core.config import Section
 from survey.core.errors import InputError
 from survey.core.geodesy import same_crs
@@ -22,6 +23,7 @@ from survey.reconstruction.method import MappedTerrain, MappingTask, Reconstruct
 from survey.reconstruction.registry import METHODS, method_named, names_where
 
 
+@check_types
 def reconstruct(
     points: SurfacePoints,
     grid: Grid,

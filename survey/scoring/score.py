@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from survey.core.arguments import check_types
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.geodesy import same_crs, same_vertical_datum
@@ -85,6 +86,7 @@ class Score:
             ) from error
 
 
+@check_types
 def score(
     reconstruction: Reconstruction | Dem,
     *,

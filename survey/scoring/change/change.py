@@ -3,6 +3,7 @@
 import numpy as np
 from shapely import MultiPolygon, Polygon
 
+from survey.core.arguments import check_types
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.core.geodesy import same_crs, same_vertical_datum
@@ -19,6 +20,7 @@ from survey.scoring.change.variogram import LARGEST_CELLS, Variogram
 ElevationSurface = Dem | Reconstruction
 
 
+@check_types
 def change(
     later: ElevationSurface,
     earlier: ElevationSurface,
