@@ -18,7 +18,6 @@ from sim.config.mission import AreaConfig as AreaConfig
 from sim.config.mission import DemTerrain as DemTerrain
 from sim.config.mission import MissionConfig as MissionConfig
 from sim.config.mission import RandomTerrain as RandomTerrain
-from sim.config.mission import ReconstructionConfig as ReconstructionConfig
 from sim.config.mission import RoverConfig as RoverConfig
 from sim.config.mission import SampleTerrain as SampleTerrain
 from sim.config.mission import SatelliteConfig as SatelliteConfig
@@ -41,12 +40,13 @@ from sim.mission.stages import run_mission as run_mission
 from sim.simulate.simulation import simulate as simulate
 from sim.world.site import World as World
 from sim.world.site import build_world as build_world
+from survey.core.config import Section as Section
 from survey.core.errors import CapacityError as CapacityError
 from survey.core.errors import ConfigError as ConfigError
 from survey.core.errors import FirnlineError as FirnlineError
 from survey.core.errors import InputError as InputError
-from survey.core.map_scale import MapScale as MapScale
-from survey.core.map_scale import ScaleRange as ScaleRange
+from survey.core.map_scale.factors import MapScale as MapScale
+from survey.core.map_scale.factors import ScaleRange as ScaleRange
 from survey.core.store import RunFolder as RunFolder
 from survey.data.area import SurveyArea as SurveyArea
 from survey.data.camera import Camera as Camera
@@ -55,15 +55,16 @@ from survey.data.camera import ImageSource as ImageSource
 from survey.data.dem import Dem as Dem
 from survey.data.grid import Grid as Grid
 from survey.data.path_error import PathError as PathError
+from survey.data.recording import OdometryRecording as OdometryRecording
 from survey.data.recording import Recording as Recording
 from survey.data.route import Leg as Leg
 from survey.data.route import Route as Route
 from survey.data.route import RouteSamples as RouteSamples
 from survey.data.sensors import Barometer as Barometer
-from survey.data.sensors import Closures as Closures
 from survey.data.sensors import Compass as Compass
 from survey.data.sensors import GpsFixes as GpsFixes
 from survey.data.sensors import Inertial as Inertial
+from survey.data.sensors import LoopClosures as LoopClosures
 from survey.data.sensors import Odometry as Odometry
 from survey.data.sensors import Sightings as Sightings
 from survey.data.sensors import Stakes as Stakes
@@ -74,12 +75,22 @@ from survey.data.surface_points import SurfacePoints as SurfacePoints
 from survey.data.trajectory import Trajectory as Trajectory
 from survey.data.truth import Truth as Truth
 from survey.reconstruction.base import Reconstruction as Reconstruction
+from survey.reconstruction.carving.config import SpaceCarvingConfig as SpaceCarvingConfig
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig as JointConfig
 from survey.reconstruction.gp.config import SatelliteErrors as SatelliteErrors
 from survey.reconstruction.gp.covariance.stationary import Kernel as Kernel
 from survey.reconstruction.gp.mean import Mean as Mean
+from survey.reconstruction.joint.correction import PathCorrection as PathCorrection
+from survey.reconstruction.lattice.config import FieldLatticeConfig as FieldLatticeConfig
+from survey.reconstruction.lattice.config import SpringLatticeConfig as SpringLatticeConfig
+from survey.reconstruction.method import MappedTerrain as MappedTerrain
+from survey.reconstruction.method import MappingTask as MappingTask
+from survey.reconstruction.method import ReconstructionMethod as ReconstructionMethod
+from survey.reconstruction.method import ScanModel as ScanModel
+from survey.reconstruction.method import ScanSettings as ScanSettings
 from survey.reconstruction.reconstruct import reconstruct as reconstruct
+from survey.reconstruction.registry import ReconstructionConfig as ReconstructionConfig
 from survey.scoring.accuracy import Calibration as Calibration
 from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics
 from survey.scoring.change.change import change as change
@@ -96,7 +107,10 @@ from vision_slam.config import ImageOdometryErrors as ImageOdometryErrors
 from vision_slam.config import LocalizationConfig as LocalizationConfig
 from vision_slam.evaluation import TrajectoryError as TrajectoryError
 from vision_slam.evaluation import trajectory_error as trajectory_error
+from vision_slam.localization import Localization as Localization
 from vision_slam.odometry.config import VisualOdometryConfig as VisualOdometryConfig
+from vision_slam.odometry.health import FrameHealth as FrameHealth
+from vision_slam.odometry.visual_slam import VisualOdometry as VisualOdometry
 from vision_slam.pipeline import localize as localize
 
 __version__: str

@@ -100,9 +100,10 @@ def own_classes(annotation: object) -> set[type]:
 
 
 def hints(function: typing.Any) -> dict[str, object]:
-    """Return type hints; names of optional packages that are imported for type checking alone stand for anything."""
+    """Return type hints; types of optional packages stand for anything, names for type checking alone are ours."""
     optional = dict.fromkeys(("Axes", "DataArray", "Dataset", "GeoDataFrame"), typing.Any)
-    found = typing.get_type_hints(function, localns=optional)
+    ours = {name: getattr(firnline, name) for name in NAMES}
+    found = typing.get_type_hints(function, localns=optional | ours)
     return {name: hint for name, hint in found.items() if not name.startswith("_")}
 
 
