@@ -24,7 +24,7 @@ def read_area(
     if dem is not None:
         area.require_crs(dem.crs, "the prior")
     if no_go is not None:
-        area = without_marked(area, survey.Dem.read(no_go))
+        area = without_marked(area, survey.Dem.read(no_go, mask=True))
     return area, dem
 
 

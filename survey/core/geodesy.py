@@ -4,6 +4,7 @@ firnline computes in one projected CRS in metres per survey. Degrees are refused
 two surveys in different systems and heights above different vertical datums.
 """
 
+import re
 import warnings
 from typing import Any
 
@@ -15,6 +16,7 @@ from pyproj.transformer import TransformerGroup
 
 from survey.core.arrays import FloatArray, frozen
 from survey.core.errors import InputError
+from survey.core.text import printable
 
 UNSTATED = ""
 """The vertical datum of a file that does not say which one it uses."""
@@ -26,6 +28,85 @@ VERTICAL_CRS = {
     "EGM84 height": "EPSG:5798",
 }
 """Vertical datums that are known by name, with their codes."""
+
+
+# A CRS that names a file by its path would have PROJ open it; plain names stand for PROJ's own grids.
+_PATH_IN_CRS = re.compile(
+    r"""(?:grids|file|init|catalog)\s*=\s*[^\s"]*[/\\]|(?:PARAMETERFILE|PROJ4_GRIDS)[^\]]*[/\\]|\.(?:gsb|gtx|tif)"[^"]*://""",
+    re.IGNORECASE,
+)
+_LONGEST_NAME = 80
+
+
+def known_crs(crs: Any, where: str) -> CRS:
+    """Return a CRS that PROJ knows, of whatever kind, or refuse.
+
+    Parameters
+    ----------
+    crs : str, int or pyproj.CRS
+        An EPSG code, WKT, PROJ text or PROJJSON.
+    where : str
+        What carries the CRS, for the message.
+
+    Returns
+    -------
+    pyproj.CRS
+        The CRS as it was stated.
+
+    Raises
+    ------
+    InputError
+        No CRS, one that PROJ does not know, or one that names files by their paths or addresses.
+    """
+    if crs is None or crs == "":
+        raise InputError(f"{where} carries no coordinate reference system; name it, e.g. crs=EPSG:32608.")
+    if isinstance(crs, CRS):
+        return crs
+    shown = printable(str(crs))[:_LONGEST_NAME]
+    if isinstance(crs, str) and _PATH_IN_CRS.search(crs):
+        raise InputError(
+            f"{where} names the CRS {shown!r}, which leads to files by their paths; give an EPSG code, or the names of PROJ's own grids."
+        )
+    try:
+        return CRS.from_user_input(crs)
+    except CRSError as error:
+        raise InputError(
+            f"{where} names the CRS {shown!r}, which PROJ does not know; give an EPSG code."
+        ) from error
+
+
+def crs_text(crs: CRS) -> str:
+    """Return a text of one line from which a CRS comes back unchanged.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+        Of any kind, with or without a code.
+
+    Returns
+    -------
+    str
+        ``AUTHORITY:CODE`` where the CRS is exactly that of the code, else WKT 2 (2019).
+
+    Examples
+    --------
+    >>> crs_text(CRS("EPSG:32608"))
+    'EPSG:32608'
+    >>> own = CRS("+proj=tmerc +lat_0=46 +lon_0=10.5 +ellps=GRS80 +units=m")
+    >>> CRS(crs_text(own)) == own
+    True
+    """
+    authority = crs.to_authority(min_confidence=100)
+    if authority is not None:
+        code = ":".join(authority)
+        if CRS(code).equals(crs):
+            return code
+    return crs.to_wkt("WKT2_2019", pretty=False)
+
+
+def has_code(crs: CRS) -> bool:
+    """Return whether a CRS is exactly that of an EPSG code."""
+    return crs_text(crs).startswith("EPSG:")
 
 
 def projected_crs(crs: Any, where: str) -> CRS:
@@ -53,14 +134,7 @@ def projected_crs(crs: Any, where: str) -> CRS:
     >>> projected_crs("EPSG:32608", "the site").name
     'WGS 84 / UTM zone 8N'
     """
-    if crs is None or crs == "":
-        raise InputError(f"{where} carries no coordinate reference system; name it, e.g. crs=EPSG:32608.")
-    try:
-        full = CRS.from_user_input(crs)
-    except CRSError as error:
-        raise InputError(
-            f"{where} names the CRS {crs!r}, which PROJ does not know; give an EPSG code."
-        ) from error
+    full = known_crs(crs, where)
     horizontal = full.sub_crs_list[0] if full.is_compound else full
     if horizontal.is_geographic or horizontal.is_geocentric:
         raise InputError(
@@ -88,7 +162,7 @@ def vertical_datum_of(crs: Any) -> str:
     >>> vertical_datum_of("EPSG:32608")
     ''
     """
-    full = CRS.from_user_input(crs)
+    full = known_crs(crs, "the file")
     if full.is_compound:
         vertical = full.sub_crs_list[1]
         unit = _unit(vertical)
@@ -122,8 +196,9 @@ def transformed(xy: FloatArray, source: Any, target: CRS, where: str) -> FloatAr
 
     Refuses when PROJ has no path, or places a point outside what the target can show.
     """
+    origin = known_crs(source, where)
     try:
-        transformer = Transformer.from_crs(source, target, always_xy=True)
+        transformer = Transformer.from_crs(origin, target, always_xy=True)
         east, north = transformer.transform(xy[:, 0], xy[:, 1], errcheck=True)
     except (CRSError, ProjError) as error:
         raise InputError(f"{where} cannot be transformed to {target.name}: {error}.") from error

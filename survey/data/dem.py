@@ -9,14 +9,14 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray, frozen
+from survey.core.arrays import Bounds, FloatArray, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import UNSTATED, projected_crs
 from survey.data.conversions import to_dataset
 from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
-from survey.io.raster import read_raster, write_raster
+from survey.io.raster import Raster, read_raster, write_raster
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,45 +87,58 @@ class Dem(DataObject):
 
     @classmethod
     def read(
-        cls, path: str | Path, *, crs: Any = None, vertical_datum: str | None = None, band: int = 1
+        cls,
+        path: str | Path,
+        *,
+        crs: Any = None,
+        vertical_datum: str | None = None,
+        band: int = 1,
+        bounds: Bounds | None = None,
+        mask: bool = False,
     ) -> Self:
-        """Read a raster that GDAL knows.
+        """Read a raster; scale, offset and unit are applied, so that heights are in metres.
 
         Parameters
         ----------
         path : str or pathlib.Path
-            GeoTIFF, Esri ASCII grid, …
+            GeoTIFF, Esri ASCII grid, NetCDF, VRT of local files, SRTM ``.hgt``, …
         crs : str or pyproj.CRS, optional
             For files that carry none; refused when the file names another one.
         vertical_datum : str, optional
             For files that do not state it.
         band : int
             Counted from 1.
+        bounds : (4,) tuple of float, optional
+            West, south, east, north [m] in the raster's CRS. Only the cells from which heights within
+            are interpolated are read, so that a raster of any size can be used; its checksum is
+            then not verified.
+        mask : bool
+            Read a mask of two values, such as no-go ground, instead of elevations.
+
+        Returns
+        -------
+        Dem
+            In the raster's CRS, NaN for nodata.
 
         Raises
         ------
         InputError
-            The file is missing, damaged, in degrees, rotated or empty.
+            The file is missing, damaged, in degrees, rotated, empty, outside the bounds, in a unit that is
+            no length, or it is a picture or a mask.
+        CapacityError
+            It has more than `survey.io.raster.LARGEST_CELLS` cells, and no `bounds` within them are named.
         """
-        raster = read_raster(path, band=band)
-        if raster.crs is not None and crs is not None:
-            stated, asked = projected_crs(raster.crs, str(path)), projected_crs(crs, "the request")
-            if not stated.equals(asked, ignore_axis_order=True):
-                raise InputError(
-                    f"{path} is in {stated.name}, but {asked.name} was named; leave the CRS out or correct it."
-                )
-        checked_crs = projected_crs(raster.crs if raster.crs is not None else crs, str(path))
+        raster = read_raster(path, band=band, bounds=bounds)
+        if not mask:
+            _refuse_mask(raster, path)
+        stated_crs = _agreed_crs(raster, crs, path)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:
             raise InputError(
                 f"{path} states {raster.vertical_datum!r}, but {vertical_datum!r} was named; correct one of them."
             )
+        datum = raster.vertical_datum or vertical_datum or UNSTATED
         try:
-            return cls(
-                raster.values,
-                raster.transform,
-                checked_crs,
-                raster.vertical_datum or vertical_datum or UNSTATED,
-            )
+            return cls(raster.values, raster.transform, stated_crs, datum)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
@@ -323,6 +336,31 @@ class Dem(DataObject):
 def _between(a: FloatArray, b: FloatArray, t: FloatArray) -> FloatArray:
     """Interpolate linearly; exact at both ends, so a nodata neighbour of weight 0 does not count."""
     return np.where(t == 0.0, a, np.where(t == 1.0, b, a + (b - a) * t))
+
+
+def _agreed_crs(raster: Raster, crs: Any, path: str | Path) -> CRS:
+    """Return the CRS of a file; refuse when it is not the one that was named."""
+    if raster.crs is None:
+        return projected_crs(crs, str(path))
+    stated = projected_crs(raster.crs, str(path))
+    asked = stated if crs is None else projected_crs(crs, "the request")
+    if not stated.equals(asked, ignore_axis_order=True):
+        raise InputError(
+            f"{path} is in {stated.name}, but {asked.name} was named; leave the CRS out or correct it."
+        )
+    return stated
+
+
+def _refuse_mask(raster: Raster, path: str | Path) -> None:
+    """Refuse bytes of at most two values: a mask that was taken for elevations."""
+    if raster.stored_as not in ("uint8", "int8"):
+        return
+    found = np.unique(raster.values[np.isfinite(raster.values)])
+    if 0 < len(found) <= 2:
+        values = " and ".join(f"{value:g}" for value in found)
+        raise InputError(
+            f"{path} holds bytes of the values {values} alone, so it is a mask; a raster of elevations in metres was expected."
+        )
 
 
 def _check_transform(t: Affine) -> None:

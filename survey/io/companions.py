@@ -29,7 +29,8 @@ def companion_files(path: str | Path) -> list[Path]:
     list of pathlib.Path
         Existing files, without `path` itself, in a fixed order: what stands beside it (``.prj``,
         ``.aux.xml``, world files, masks, ``.dbf``, ``.shx``, SQLite's journals, …) and, for a ``.vrt``, its
-        sources with what stands beside these. Overviews are left out: they are not read.
+        sources with what stands beside these. Overviews are left out where they are not
+        read, which is but for sources of a ``.vrt``.
 
     Raises
     ------
@@ -49,14 +50,17 @@ def companion_files(path: str | Path) -> list[Path]:
     found = dict.fromkeys(files_beside(file))
     if file.suffix.lower() == ".vrt":
         for source in raster_sources(file):
-            found.update(dict.fromkeys((source, *files_beside(source))))
+            # A mosaic that changes the resolution reads the overviews of its sources.
+            found.update(dict.fromkeys((source, *files_beside(source, overviews=True))))
     found.pop(file, None)
     return list(found)
 
 
-def files_beside(file: Path) -> list[Path]:
+def files_beside(file: Path, *, overviews: bool = False) -> list[Path]:
     """List the files of one data set with `file`: those in its folder whose names follow from its own."""
     names = _companion_names(file)
+    if names and overviews:
+        names |= {f"{file.name.lower()}.ovr"}
     if not names:
         return []
     return sorted(other for other in file.parent.iterdir() if other.name.lower() in names and other.is_file())

@@ -1,7 +1,7 @@
 """Vector files: GeoPackage, GeoJSON, KML, Shapefile, through GDAL."""
 
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from pyproj import CRS
 from survey.core.errors import InputError
 from survey.core.files import existing_file, first_line, replacing, unwritable, warnings_logged
 from survey.io.degrees import SURVEY_CRS, WGS84, coded_crs, in_degrees, in_survey_crs, require_transformation
+from survey.io.file_kinds import OFFLINE, check_vector_file
 
 _DRIVERS = {
     ".gpkg": "GPKG",
@@ -29,6 +30,7 @@ _GDAL_UTC = 100
 _DRIVER_OPTIONS = {"ESRI Shapefile": {"DBF_DATE_LAST_UPDATE": "2000-01-01"}}
 
 _GDAL_OPTIONS = {
+    **OFFLINE,
     # GeoPackages carry the time of their last change; a fixed one keeps equal content equal to the byte.
     "OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z",
     # A ring that is not closed is refused, not closed behind the user's back.
@@ -36,13 +38,17 @@ _GDAL_OPTIONS = {
 }
 
 
-@cache
-def _gdal() -> Any:
-    """Return the bindings to GDAL, loaded when first needed: maps from arrays do without their 30 MB."""
-    import pyogrio
+@contextmanager
+def _gdal() -> Iterator[Any]:
+    """Yield the bindings to GDAL, without network; options that others have set come back afterwards."""
+    import pyogrio  # loaded when first needed: maps from arrays do without its 30 MB
 
+    before = {name: pyogrio.get_gdal_config_option(name) for name in _GDAL_OPTIONS}
     pyogrio.set_gdal_config_options(_GDAL_OPTIONS)
-    return pyogrio
+    try:
+        yield pyogrio
+    finally:
+        pyogrio.set_gdal_config_options(before)
 
 
 class Features(NamedTuple):
@@ -64,11 +70,11 @@ def read_features(
         Missing, empty, damaged, or without any geometry.
     """
     file = existing_file(path, what)
-    gdal = _gdal()
+    check_vector_file(file, what)
     try:
-        with warnings_logged():
-            meta, _, geometry, columns = gdal.raw.read(file, layer=layer)
-    except _faults(gdal) as error:
+        with _gdal() as gdal, warnings_logged():
+            meta, _, geometry, columns = gdal.raw.read(file.absolute(), layer=layer)
+    except _faults() as error:
         raise InputError(
             f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
         ) from error
@@ -112,8 +118,7 @@ def write_features(
         _check_for_shapefile(target, shapes, attributes)
     shapes, attributes, crs = _for_driver(driver, shapes, attributes, crs, target)
     columns = [np.asarray(column) for column in attributes.values()]
-    gdal = _gdal()
-    with replacing(target) as draft:
+    with replacing(target) as draft, _gdal() as gdal:
         try:
             gdal.raw.write(
                 draft,
@@ -128,7 +133,7 @@ def write_features(
                 **_DRIVER_OPTIONS.get(driver, {}),
                 **({} if indexed else {"SPATIAL_INDEX": "NO"}),
             )
-        except _faults(gdal) as error:
+        except _faults() as error:
             raise unwritable(target, error) from error
 
 
@@ -169,9 +174,10 @@ def _check_for_shapefile(path: Path, shapes: npt.NDArray[Any], attributes: Mappi
         )
 
 
-def _faults(gdal: Any) -> tuple[type[Exception], ...]:
+def _faults() -> tuple[type[Exception], ...]:
     """Return what reading and writing through GDAL may raise."""
-    e = gdal.errors
+    from pyogrio import errors as e
+
     return (
         e.DataSourceError,
         e.DataLayerError,

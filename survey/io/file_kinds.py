@@ -1,0 +1,258 @@
+"""Allow-list of file formats: each suffix stands for one GDAL driver, and the content is checked before GDAL opens it.
+
+GDAL recognises a file by its content, and many of its formats name other files or addresses. What is opened here is
+what the suffix says; nothing that a data file names is opened but plain files beside it, and no address at all.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+from xml.parsers import expat
+
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from survey.core.errors import CapacityError, InputError
+from survey.core.files import first_line
+from survey.io.ascii_grid import check_ascii_grid
+from survey.io.companions import files_beside
+from survey.io.vrt import raster_sources
+
+RASTER_DRIVERS: Mapping[str, str] = MappingProxyType(
+    {
+        ".asc": "AAIGrid",
+        ".bil": "EHdr",
+        ".dem": "USGSDEM",
+        ".dt0": "DTED",
+        ".dt1": "DTED",
+        ".dt2": "DTED",
+        ".flt": "EHdr",
+        ".hgt": "SRTMHGT",
+        ".nc": "netCDF",
+        ".tif": "GTiff",
+        ".tiff": "GTiff",
+        ".vrt": "VRT",
+    }
+)
+"""GDAL's driver for each suffix of a raster."""
+VECTOR_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".gpx", ".json", ".kml", ".shp")
+"""Suffixes of vector files."""
+OFFLINE: Mapping[str, str] = MappingProxyType(
+    {
+        # No address may be read as a file; whatever else asks for one meets a proxy that does not exist.
+        "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
+        "GDAL_HTTP_PROXY": "http://0.0.0.0:1",
+        "GDAL_HTTP_MAX_RETRY": "0",
+        "GDAL_VRT_ENABLE_PYTHON": "NO",
+        "GDAL_VRT_ENABLE_RAWRASTERBAND": "NO",
+    }
+)
+"""Configuration options of GDAL under which data files are read."""
+LARGEST_TEXT_BYTES = 512 * 2**20
+"""JSON and XML files beyond this are not read: while they are parsed they take some ten times their size."""
+
+_HEAD_BYTES = 65_536
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_SIGNATURES: Mapping[str, tuple[bytes, ...]] = {
+    ".tif": _TIFF,
+    ".tiff": _TIFF,
+    ".msk": _TIFF,
+    ".ovr": _TIFF,
+    ".nc": (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n"),
+    ".gpkg": (b"SQLite format 3\0",),
+    ".fgb": (b"fgb\x03",),
+    ".shp": (b"\x00\x00\x27\x0a",),
+}
+# By words like these GDAL takes a file for a format that reads other files, programs or addresses.
+_FOREIGN = (
+    b"<vrtdataset",
+    b"<ogrvrt",
+    b"<gdal_",
+    b"<ogrwfs",
+    b"<wms_",
+    b"<wmt_",
+    b"<capabilities",
+    b"<gdalwms",
+    b"<ogcapi",
+    b"<metacrs",
+    b"gdal_streamed_alg",
+    b"stac_version",
+    b"<gdaltileindexdataset",
+)
+_ROOTS = {".kml": "kml", ".gpx": "gpx"}
+_CRS_MEMBERS = frozenset({"type", "properties", "name", "href", "url", "link"})
+
+
+def check_raster_file(file: Path, *, as_source: bool = False) -> None:
+    """Refuse a raster whose content is not what its suffix says, or which leads to other places than its own files.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        An existing file. Sources of virtual rasters are checked by `as_source`, where only
+        formats that GDAL cannot mistake for others pass.
+
+    Raises
+    ------
+    InputError
+        Another suffix, another content, or a companion that is not what it should be.
+    """
+    suffix = file.suffix.lower()
+    if suffix not in RASTER_DRIVERS or (as_source and suffix == ".nc"):
+        raise InputError(
+            f"{file} ends in {file.suffix!r}; a raster ending in {', '.join(RASTER_DRIVERS)} was expected, "
+            "convert it to GeoTIFF (gdal_translate)."
+        )
+    if suffix != ".vrt":
+        _check_content(file)
+    elif not as_source:
+        _check_sources(file)
+    if suffix == ".asc":
+        check_ascii_grid(file)
+    for other in files_beside(file, overviews=True):
+        _check_companion(other)
+
+
+def check_vector_file(file: Path, what: str) -> None:
+    """Refuse a vector file whose content is not what its suffix says, or which names an address.
+
+    Raises
+    ------
+    InputError
+        Another suffix, another content, a linked CRS, a declaration of XML entities.
+    """
+    suffix = file.suffix.lower()
+    if suffix not in VECTOR_SUFFIXES:
+        raise InputError(
+            f"{what} {file} ends in {file.suffix!r}; one of {', '.join(VECTOR_SUFFIXES)} was expected, "
+            "convert it to GeoPackage (ogr2ogr)."
+        )
+    _check_content(file, what)
+    if suffix in (".geojson", ".json"):
+        _check_json(file, what)
+    elif suffix in _ROOTS:
+        _check_xml(file, _ROOTS[suffix], what)
+
+
+def _check_content(file: Path, what: str = "the raster") -> None:
+    """Refuse a file that begins otherwise than its suffix says, or with the words of another format."""
+    with file.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+    signatures = _SIGNATURES.get(file.suffix.lower())
+    if signatures is not None and not head.startswith(signatures):
+        raise InputError(
+            f"{what} {file} is damaged or no {what.removeprefix('the ')} of the kind {file.suffix.lower()} (it begins with {head[:16]!r}); get it again."
+        )
+    found = next((words for words in _FOREIGN if words in head.lower()), None)
+    if found is not None:
+        raise InputError(
+            f"{what} {file} holds {found.decode()!r}, which belongs to a format that reads other files or addresses; "
+            "download the data itself and name that file."
+        )
+
+
+def _check_sources(file: Path) -> None:
+    for source in raster_sources(file):
+        check_raster_file(source, as_source=True)
+
+
+def _check_companion(file: Path) -> None:
+    """Refuse a companion that GDAL would take for another format, or that names other files."""
+    suffix = file.suffix.lower()
+    if suffix in _SIGNATURES:
+        _check_content(file)
+        for other in files_beside(file, overviews=True):
+            _check_companion(other)
+    elif suffix == ".xml":
+        content = _text(file, "the file").lower()
+        if b"overview_file" in content or b"/vsi" in content or b"<!" in content.replace(b"<!--", b""):
+            raise InputError(
+                f"{file} names other files or declares XML entities; delete it, or take that out of it."
+            )
+    elif suffix == ".prj":
+        _check_content(file)
+
+
+def _text(file: Path, what: str) -> bytes:
+    n_bytes = file.stat().st_size
+    if n_bytes > LARGEST_TEXT_BYTES:
+        raise CapacityError(
+            f"{what} {file} has {n_bytes:,} bytes; {LARGEST_TEXT_BYTES:,} can be read as text, save it as GeoPackage."
+        )
+    return file.read_bytes()
+
+
+def _check_json(file: Path, what: str) -> None:
+    """Refuse GeoJSON with a CRS that is a link, which GDAL would follow, or an unknown name, which it would ignore."""
+    content = _text(file, what)
+    if b"gdal_streamed_alg" in content:
+        raise InputError(
+            f"{what} {file} holds a GDAL pipeline; run it first and name the file that it writes."
+        )
+    if b'"crs"' not in content and b"\\u" not in content:  # other spellings of the key need an escape
+        return
+    where = f"{what} {file}"
+    try:
+        inner, outer = _crs_members(content)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where} is damaged or no JSON ({first_line(error)}); get it again.") from error
+    # A property of a feature may be called crs as well: there only what GDAL could follow is looked at.
+    for crs in [*(crs for crs in inner if isinstance(crs, dict)), *outer]:
+        if crs is not None:
+            _check_named_crs(crs, where)
+
+
+def _crs_members(content: bytes) -> tuple[list[Any], list[Any]]:
+    """Return all values of keys ``crs`` in a JSON text: those of inner objects, and of the outermost one."""
+    found: list[list[Any]] = []
+
+    def collect(members: list[tuple[str, Any]]) -> Any:
+        found.append([value for key, value in members if key == "crs"])
+        # Members of a CRS are needed, everything else is let go.
+        return dict(members) if {key for key, _ in members} <= _CRS_MEMBERS else None
+
+    json.loads(content, object_pairs_hook=collect)
+    return [crs for values in found[:-1] for crs in values], found[-1] if found else []
+
+
+def _check_named_crs(crs: Any, where: str) -> None:
+    """Refuse a GeoJSON ``crs`` member that is not the name of a CRS that PROJ knows."""
+    match crs:
+        case {"type": "name", "properties": {"name": str(name)}}:
+            pass
+        case _:
+            raise InputError(
+                f"{where} has a linked or malformed 'crs' member, and links are not followed; name an EPSG code in it, or save the file as GeoPackage."
+            )
+    try:
+        CRS.from_user_input(name)
+    except CRSError as error:
+        raise InputError(
+            f"{where} names the CRS {name[:80]!r}, which PROJ does not know; name an EPSG code instead."
+        ) from error
+
+
+def _check_xml(file: Path, root: str, what: str) -> None:
+    """Refuse XML that begins with another element, declares entities, or links to other documents."""
+    content = _text(file, what)
+    names: list[str] = []
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def element(name: str, _: Any) -> None:
+        local = name.rsplit(" ", 1)[-1]
+        if (not names and local != root) or local == "NetworkLink":
+            raise InputError(
+                f"{what} {file} holds <{local[:40]}>; a <{root}> document with the features themselves was expected."
+            )
+        names.append(local) if not names else None
+
+    def doctype(*_: Any) -> None:
+        raise InputError(f"{what} {file} declares a document type or XML entities; remove the declaration.")
+
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = element, doctype
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise InputError(f"{what} {file} is damaged or no XML ({error}); get it again.") from error

@@ -1,0 +1,32 @@
+"""Elevation rasters: reading with scale, units and nodata, and writing as GeoTIFF, ASCII grid or NetCDF."""
+
+from survey.io.raster.reading import (
+    LARGEST_CELLS,
+    NODATA,
+    Raster,
+    RasterFacts,
+    band_count,
+    band_names,
+    opened_raster,
+    raster_facts,
+    read_raster,
+    read_window,
+    stated_datum,
+)
+from survey.io.raster.writing import reprojected, write_raster
+
+__all__ = [
+    "LARGEST_CELLS",
+    "NODATA",
+    "Raster",
+    "RasterFacts",
+    "band_count",
+    "band_names",
+    "opened_raster",
+    "raster_facts",
+    "read_raster",
+    "read_window",
+    "reprojected",
+    "stated_datum",
+    "write_raster",
+]

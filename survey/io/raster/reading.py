@@ -1,0 +1,355 @@
+"""Reading of elevation rasters through GDAL: values in metres, NaN for nodata, georeference, checksum."""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from affine import Affine
+from pyproj.exceptions import CRSError
+
+from survey.core.arrays import Bounds, FloatArray
+from survey.core.checksum import refuse_altered
+from survey.core.errors import CapacityError, InputError
+from survey.core.files import DamagedError, existing_file, first_line, warnings_logged
+from survey.core.geodesy import UNSTATED, vertical_datum_of
+from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
+from survey.io.raster.hdf5 import refuse_unreadable
+from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked
+
+NODATA = -9999.0
+LARGEST_CELLS = 40_000_000
+"""Largest raster or window that is read at once: 0.32 GB as float64, some 2.2 GB while a survey is planned on it."""
+_STRIP_CELLS = 4_000_000
+_LARGEST_BLOCK_BYTES = 2**29
+# GDAL holds blocks that it has read in up to a twentieth of the machine's memory by default.
+_CACHE_BYTES = 64 * 2**20
+VERTICAL_TAG = "VERTICAL_DATUM"
+CRC_TAG = "FIRNLINE_CRC32"
+
+
+class Raster(NamedTuple):
+    """One band of a raster.
+
+    Parameters
+    ----------
+    values : (H, W) ndarray
+        Values [m], NaN for nodata; the first row as the file has it.
+    transform : affine.Affine
+        Maps (column, row) of a cell's upper left corner to the CRS.
+    crs : str or pyproj.CRS or None
+        As the file states it.
+    vertical_datum : str
+        As the file states it; ``""`` when unstated.
+    stored_as : str
+        Data type of the file's band.
+    """
+
+    values: FloatArray
+    transform: Affine
+    crs: Any
+    vertical_datum: str
+    stored_as: str = "float64"
+
+
+class RasterFacts(NamedTuple):
+    """Rows and columns of a raster, and its CRS where it names one."""
+
+    shape: tuple[int, int]
+    crs: Any
+
+
+def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None) -> Raster:
+    """Read one band with its georeference; scale, offset and unit are applied, nodata becomes NaN.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file whose suffix is in `survey.io.file_kinds.RASTER_DRIVERS`.
+    band : int
+        Counted from 1; of NetCDF files with several variables, the number of the variable.
+    bounds : (4,) tuple of float, optional
+        West, south, east, north in the raster's CRS: only the cells from which heights within
+        are interpolated are read, and the checksum of the whole band is not verified.
+
+    Returns
+    -------
+    Raster
+        Values in metres.
+
+    Raises
+    ------
+    InputError
+        The file is missing, empty, damaged, of another kind, leads to other places than its own
+        files, has no such band, or the band is a picture or in a unit that is no length.
+    CapacityError
+        More than `LARGEST_CELLS` cells are to be read.
+
+    Notes
+    -----
+    NetCDF files are read twice, first by a process that may be stopped: see `survey.io.raster.hdf5`.
+    """
+    file = existing_file(path, "the raster")
+    with _opened(file, band) as source:
+        in_source = _checked_band(source, file, band)
+        window = _window(source, file, bounds)
+        values = _read_strips(source, in_source, window)
+        crs = source.crs.to_wkt() if source.crs else None
+        datum = stated_datum(source)
+        transform = source.transform @ Affine.translation(window[0], window[1])
+        crcs = source.tags().get(CRC_TAG, "").split()
+        stored_as = str(source.dtypes[in_source - 1])
+    if len(crcs) >= band and bounds is None:
+        refuse_altered(file, crcs[band - 1], checksum_parts(values, transform, datum), f"the tag {CRC_TAG}")
+    try:
+        datum = datum or (vertical_datum_of(crs) if crs else UNSTATED)
+    except CRSError as error:
+        raise damaged(file, error) from error
+    return Raster(values, transform, crs, datum, stored_as)
+
+
+@contextmanager
+def opened_raster(file: Path) -> Iterator[Any]:
+    """Open a raster for reading in windows by `read_window`; what GDAL then finds damaged is refused in a sentence.
+
+    Raises
+    ------
+    InputError
+        As in `read_raster`.
+    """
+    with _opened(file, 1) as source:
+        _checked_band(source, file, 1)
+        yield source
+
+
+@contextmanager
+def _opened(file: Path, band: int) -> Iterator[Any]:
+    """Open a raster by the driver of its suffix, after its content has been checked."""
+    import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
+
+    check_raster_file(file)
+    if file.suffix.lower() == ".nc":
+        refuse_unreadable(file, LARGEST_CELLS)
+    try:
+        with (
+            warnings_logged(),
+            rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES, **OFFLINE),
+            _dataset(file, band) as source,
+        ):
+            if source.tags(ns="OVERVIEWS"):
+                raise InputError(f"{file} names a file of overviews; write it again (gdal_translate).")
+            yield source
+    except gdal_faults() as error:
+        raise damaged(file, error) from error
+
+
+def damaged(file: Path, error: Exception) -> InputError:
+    """Return the refusal of a raster that GDAL cannot read."""
+    if isinstance(error, MemoryError):
+        return CapacityError(
+            f"{file} does not fit the memory ({first_line(error)}); cut a window (gdal_translate -projwin) first."
+        )
+    return InputError(
+        f"{file} is damaged or no raster of the kind that its suffix says ({first_line(error)}); get it again."
+    )
+
+
+def _dataset(file: Path, band: int) -> Any:
+    """Return the open data set: of a NetCDF file with several variables, the one that stands for the band."""
+    import rasterio
+
+    driver = RASTER_DRIVERS[file.suffix.lower()]
+    path = str(file.absolute())  # a relative name could be taken for an address
+    whole = rasterio.open(path, driver=driver)
+    if driver != "netCDF" or not whole.subdatasets:
+        return whole
+    parts: list[str] = whole.subdatasets
+    whole.close()
+    if not 1 <= band <= len(parts):
+        raise InputError(f"{file} has {len(parts)} variables; number {band} was asked for.")
+    return rasterio.open(parts[band - 1], driver=driver)
+
+
+def _checked_band(source: Any, file: Path, band: int) -> int:
+    """Return the number of the band within what was opened, or refuse."""
+    number = 1 if source.driver == "netCDF" and source.count == 1 else band
+    if not 1 <= number <= source.count:
+        raise InputError(f"{file} has {source.count} bands; band {band} was asked for.")
+    if np.issubdtype(np.dtype(source.dtypes[number - 1]), np.complexfloating):
+        raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
+    refuse_picture(source, number)
+    band_scale(source, number)
+    _refuse_other_axes(source, file)
+    _refuse_large_blocks(source, file, number)
+    return number
+
+
+def _refuse_other_axes(source: Any, file: Path) -> None:
+    """Refuse NetCDF coordinates that are not in metres though the CRS is: GDAL takes them for metres."""
+    tags = source.tags()
+    for key, name in tags.items():
+        variable, _, attribute = key.partition("#")
+        is_axis = attribute == "standard_name" and name in (
+            "projection_x_coordinate",
+            "projection_y_coordinate",
+        )
+        unit = tags.get(f"{variable}#units", "m")
+        if is_axis and unit.lower() not in ("m", "metre", "meter", "metres", "meters"):
+            raise InputError(
+                f"{file} has the coordinate {variable} in {unit[:40]!r}; metres were expected, convert it and write the file again."
+            )
+
+
+def _refuse_large_blocks(source: Any, file: Path, band: int) -> None:
+    bands = source.count if str(source.interleaving).lower().endswith("pixel") else 1
+    cell_bytes = np.dtype(source.dtypes[band - 1]).itemsize
+    block_bytes = math.prod(source.block_shapes[band - 1]) * cell_bytes * bands
+    if block_bytes > _LARGEST_BLOCK_BYTES:
+        raise CapacityError(
+            f"{file} stores its cells in blocks of {block_bytes / 1e9:.1f} GB ({source.count} bands), and {_LARGEST_BLOCK_BYTES / 1e9:.1f} GB can be read; "
+            "it is damaged, or to be rewritten in tiles (gdal_translate -co TILED=YES)."
+        )
+
+
+def _window(source: Any, file: Path, bounds: Bounds | None) -> tuple[int, int, int, int]:
+    """Return first column, first row, width and height of what is to be read, or refuse as too large."""
+    window = (0, 0, int(source.width), int(source.height))
+    t = source.transform
+    if bounds is not None and t.b == t.d == 0.0 and t.a > 0.0 > t.e:
+        window = _window_over(bounds, t, source.width, source.height, file)
+    _, _, width, height = window
+    if height * width > LARGEST_CELLS:
+        raise CapacityError(
+            f"{file} has {height:,} × {width:,} cells {'there' if bounds else 'in all'}; {LARGEST_CELLS:,} can be read at once "
+            f"({8 * LARGEST_CELLS / 1e9:.2f} GB), cut a window (gdal_translate -projwin) or average it (gdalwarp -tr) first."
+        )
+    return window
+
+
+def _window_over(bounds: Bounds, t: Affine, width: int, height: int, file: Path) -> tuple[int, int, int, int]:
+    """Return the cells from which heights within the bounds are interpolated: one more to each side."""
+    west, south, east, north = bounds
+    columns = _span((west - t.c) / t.a, (east - t.c) / t.a, width)
+    rows = _span((north - t.f) / t.e, (south - t.f) / t.e, height)
+    if min(columns[1], rows[1]) < 2:
+        raise InputError(
+            f"{file} lies elsewhere than the bounds {tuple(round(b, 1) for b in bounds)}: it reaches from "
+            f"{t.c:.1f}, {t.f + height * t.e:.1f} to {t.c + width * t.a:.1f}, {t.f:.1f}; check both and their CRS."
+        )
+    return columns[0], rows[0], columns[1], rows[1]
+
+
+def _span(low: float, high: float, n: int) -> tuple[int, int]:
+    """Return the first cell and the number of cells between two places counted in cells, one more to each side."""
+    if not (low < n and high > 0.0):
+        return 0, 0
+    first, last = max(0, math.floor(low) - 1), min(n, math.ceil(high) + 1)
+    return first, last - first
+
+
+def _read_strips(source: Any, band: int, window: Sequence[int]) -> FloatArray:
+    """Read a band strip by strip, so that memory follows what the file holds and not what its header claims."""
+    from rasterio.windows import Window
+
+    column, row, width, height = window
+    values = np.empty((height, width))
+    rows = max(1, _STRIP_CELLS // width)
+    for first in range(0, height, rows):
+        strip = Window(column, row + first, width, min(rows, height - first))
+        values[first : first + rows] = read_window(source, band, strip)
+    return values
+
+
+def read_window(source: Any, band: int, window: Any) -> FloatArray:
+    """Read a window of an open raster.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        From `opened_raster`.
+    band : int
+        Counted from 1.
+    window : rasterio.windows.Window
+        Columns and rows of the raster.
+
+    Returns
+    -------
+    (h, w) ndarray
+        Values [m], scale, offset and unit applied; NaN for nodata.
+    """
+    refuse_picture(source, band)
+    strip = source.read(band, window=window, masked=True, out_dtype=np.float64)
+    stored: FloatArray = strip.filled(np.nan)
+    stored[~np.isfinite(stored)] = np.nan
+    refuse_unmarked(stored, source.name)
+    return band_scale(source, band).applied(stored)
+
+
+def checksum_parts(values: FloatArray, transform: Affine, vertical_datum: str) -> tuple[Any, ...]:
+    """Return what a band's checksum is taken of: the numbers as they are stored, their place and datum."""
+    stored = np.where(np.isfinite(values), values, NODATA).astype("<f4")
+    return (
+        stored,
+        np.array(values.shape, dtype="<i8"),
+        np.array(transform.to_gdal(), dtype="<f8"),
+        vertical_datum,
+    )
+
+
+def stated_datum(source: Any) -> str:
+    """Return the vertical datum that an open raster's tags name, or ``""``."""
+    tags = source.tags()
+    return str(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
+
+
+def raster_facts(path: str | Path) -> RasterFacts:
+    """Return what a raster's header says, without reading its cells.
+
+    Raises
+    ------
+    InputError
+        As in `read_raster`.
+    """
+    with opened_raster(existing_file(path, "the raster")) as source:
+        crs = source.crs.to_wkt() if source.crs else None
+        return RasterFacts((int(source.height), int(source.width)), crs)
+
+
+def band_count(path: str | Path) -> int:
+    """Return the number of bands of a raster, or of variables of a NetCDF file."""
+    return len(band_names(path))
+
+
+def band_names(path: str | Path) -> list[str]:
+    """Return the names of the bands of a raster; numbered where it gives none."""
+    import rasterio
+
+    file = existing_file(path, "the raster")
+    check_raster_file(file)
+    if file.suffix.lower() == ".nc":
+        refuse_unreadable(file, LARGEST_CELLS)
+    try:
+        with (
+            warnings_logged(),
+            rasterio.Env(**OFFLINE),
+            rasterio.open(str(file.absolute()), driver=RASTER_DRIVERS[file.suffix.lower()]) as source,
+        ):
+            if source.subdatasets:
+                return [part.rsplit(":", 1)[1] for part in source.subdatasets]
+            described = [d or "" for d in source.descriptions]
+    except gdal_faults() as error:
+        raise damaged(file, error) from error
+    if len(described) == 1 and not described[0]:
+        return ["elevation"]
+    return [name or f"band_{k}" for k, name in enumerate(described, start=1)]
+
+
+def gdal_faults() -> tuple[type[Exception], ...]:
+    """Return what reading and writing through GDAL may raise; what GDAL itself reports has no public home."""
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+
+    # Texts of a damaged header may not be UTF-8, and its claims may exceed the memory.
+    return RasterioError, CPLE_BaseError, DamagedError, UnicodeDecodeError, MemoryError, CRSError

@@ -1,0 +1,128 @@
+"""Elevation rasters written as Cloud-Optimized GeoTIFF, Esri ASCII grid or NetCDF, and their reprojection."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from affine import Affine
+from pyproj import CRS
+from pyproj.crs import CompoundCRS
+
+from survey.core.arrays import FloatArray
+from survey.core.checksum import checksum
+from survey.core.errors import InputError
+from survey.core.files import replacing, unwritable, warnings_logged
+from survey.core.geodesy import UNSTATED, VERTICAL_CRS, projected_crs
+from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts, gdal_faults
+
+_COG = {
+    "driver": "COG",
+    "compress": "deflate",
+    "predictor": "yes",
+    "overview_resampling": "average",
+    "num_threads": "1",
+}
+# Nine significant digits bring every float32 back exactly.
+_ASCII = {"driver": "AAIGrid", "significant_digits": 9, "force_cellsize": "true"}
+
+
+def write_raster(
+    path: str | Path,
+    bands: Mapping[str, FloatArray],
+    transform: Affine,
+    crs: CRS,
+    vertical_datum: str = UNSTATED,
+) -> None:
+    """Write named bands of float32 in the format that the file's ending names, or leave what was there.
+
+    ``.asc`` is an Esri ASCII grid of one band with its CRS in a ``.prj`` beside it, which states no
+    vertical datum; ``.nc`` is NetCDF; everything else is a Cloud-Optimized GeoTIFF.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written, several bands are to go to an ASCII grid, or what
+        NetCDF needs is not installed.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".nc":
+        from survey.io.raster.netcdf import write_netcdf
+
+        write_netcdf(path, bands, transform, _written_crs(crs, vertical_datum), vertical_datum)
+        return
+    if suffix == ".asc" and len(bands) != 1:
+        raise InputError(f"{path}: an ASCII grid holds one band, not {len(bands)}; write them one by one.")
+    options = _ASCII if suffix == ".asc" else _COG
+    written = (
+        projected_crs(crs, "the raster to write") if suffix == ".asc" else _written_crs(crs, vertical_datum)
+    )
+    _write_gdal(
+        Path(path), bands, {**options, "transform": transform, "crs": written.to_wkt()}, vertical_datum
+    )
+
+
+def _tags(bands: Mapping[str, FloatArray], transform: Affine, vertical_datum: str) -> dict[str, str]:
+    """Return what a GeoTIFF says of itself: the vertical datum and a checksum for each band."""
+    crcs = " ".join(checksum(checksum_parts(values, transform, vertical_datum)) for values in bands.values())
+    return {CRC_TAG: crcs, **({VERTICAL_TAG: vertical_datum} if vertical_datum else {})}
+
+
+def _write_gdal(
+    path: Path, bands: Mapping[str, FloatArray], options: Mapping[str, Any], vertical_datum: str
+) -> None:
+    import rasterio
+
+    height, width = next(iter(bands.values())).shape
+    profile = {"height": height, "width": width, "count": len(bands), "dtype": "float32", "nodata": NODATA}
+    with replacing(path) as draft:
+        try:
+            with warnings_logged(), rasterio.open(draft, "w", **profile, **options) as target:
+                if options["driver"] == "COG":
+                    target.update_tags(**_tags(bands, options["transform"], vertical_datum))
+                for index, (name, values) in enumerate(bands.items(), start=1):
+                    target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
+                    if options["driver"] == "COG":
+                        target.set_band_description(index, name)
+        except gdal_faults() as error:
+            raise unwritable(path, error) from error
+        if not draft.is_file() or draft.stat().st_size == 0:
+            raise unwritable(path, "nothing arrived on the disk")
+
+
+def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
+    """Resample a raster (in degrees, say) to square cells of a projected CRS, bilinearly.
+
+    The error of the resampling comes on top of the raster's own: use it for priors.
+    """
+    from rasterio.transform import array_bounds
+    from rasterio.warp import Resampling, calculate_default_transform, reproject
+
+    rows, columns = raster.values.shape
+    bounds = array_bounds(rows, columns, raster.transform)
+    transform, width, height = calculate_default_transform(
+        raster.crs, crs.to_wkt(), columns, rows, *bounds, resolution=step_m
+    )
+    values = np.full((height, width), np.nan)
+    reproject(
+        raster.values,
+        values,
+        src_transform=raster.transform,
+        src_crs=raster.crs,
+        dst_transform=transform,
+        dst_crs=crs.to_wkt(),
+        src_nodata=np.nan,
+        dst_nodata=np.nan,
+        resampling=Resampling.bilinear,
+        num_threads=1,
+    )
+    return Raster(values, transform, crs, raster.vertical_datum)
+
+
+def _written_crs(crs: CRS, vertical_datum: str) -> CRS:
+    horizontal = projected_crs(crs, "the raster to write")
+    # GDAL keeps the vertical part of a CRS only when it has a code of its own.
+    code = VERTICAL_CRS.get(vertical_datum)
+    if code is None:
+        return horizontal
+    return CompoundCRS(f"{horizontal.name} + {vertical_datum}", [horizontal, CRS.from_user_input(code)])
