@@ -19,6 +19,7 @@ from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.mean import Mean
+from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 from survey.reconstruction.registry import METHODS, method_named, names_where
 
@@ -124,6 +125,9 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
     require_nodes(task.grid.bounds, task.grid.step_m, method.bytes_per_node)
+    uses_sight_lines = task.rays or method.begin is not None
+    points, n_low = without_low_returns(task.points) if uses_sight_lines else (task.points, 0)
+    task = replace(task, points=points)
     # Threads that spin while they wait are slower on a shared machine, and one order of sums keeps the bytes.
     with threadpool_limits(limits=1, user_api="blas"):
         mapped = method.run(task)
@@ -133,7 +137,13 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
 
         mapped = mapped._replace(reconstruction=below_sight_lines(mapped.reconstruction, task.points))
     require_heights(mapped.reconstruction)
-    return mapped
+    return _with_low_returns(mapped, n_low) if uses_sight_lines else mapped
+
+
+def _with_low_returns(mapped: MappedTerrain, n_low: int) -> MappedTerrain:
+    """Return the map with the number of low returns in its record."""
+    diagnostics = {**mapped.reconstruction.diagnostics, "n_low_returns": n_low}
+    return mapped._replace(reconstruction=replace(mapped.reconstruction, diagnostics=diagnostics))
 
 
 def require_heights(result: Reconstruction) -> Reconstruction:

@@ -1,12 +1,14 @@
 """Map from a stream of LiDAR scans."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings
 from survey.reconstruction.reconstruct import require_heights
 
@@ -26,7 +28,10 @@ def map_scans(
     grid: Grid | None = None,
     on_scan: Callable[[int], None] = lambda _: None,
 ) -> ScanMap:
-    """Map scans one after the other; with lines of sight, returns from above the ground are left out first.
+    """Map scans one after the other.
+
+    Isolated returns below the ground are left out of every scan, and with lines of sight also returns from what
+    overhangs the ground.
 
     Parameters
     ----------
@@ -58,14 +63,17 @@ def map_scans(
             f"the method {method.name} uses no lines of sight; take field or carving, or leave the rays out."
         )
     model = method.begin(settings)
-    n_scans = 0
+    n_scans = n_low_returns = 0
     for n_scans, scan in enumerate(scans, start=1):
-        model.update(_ground_of(scan) if settings.rays else scan)
+        believed, n_low = without_low_returns(scan)
+        n_low_returns += n_low
+        model.update(_ground_of(believed) if settings.rays else believed)
         on_scan(n_scans)
     if n_scans == 0:
         raise InputError("there are no scans; at least one is needed.")
     result = model.grid(model.full_grid(settings.step_m) if grid is None else grid)
-    return ScanMap(require_heights(result), n_scans)
+    diagnostics = {**result.diagnostics, "n_low_returns": n_low_returns}
+    return ScanMap(require_heights(replace(result, diagnostics=diagnostics)), n_scans)
 
 
 def _ground_of(scan: SurfacePoints) -> SurfacePoints:
