@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from sim.cli.options import Json, Quiet, Settings
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def montecarlo(
     study: Annotated[Path, typer.Argument(help="Study file (TOML).")],
     runs: Annotated[Path, typer.Option("--runs", help="Folder that holds all studies.")] = Path(
@@ -58,13 +58,17 @@ def montecarlo(
             fresh=fresh,
             watch=lambda done, total: progress("trials", done, total),
         )
-    _tell(folder, page, as_json=as_json)
+    _print_results(folder, page, as_json=as_json)
 
 
-def _tell(folder: Path, page: Path, *, as_json: bool) -> None:
+def _print_results(folder: Path, page: Path, *, as_json: bool) -> None:
+    """Print the fewest swaths of every curve, for people or as JSON, from files that are checked."""
     import csv
     import json
 
+    from survey.core.manifest import read_record
+
+    read_record(folder)
     with (folder / "minimum_swaths.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     if as_json:

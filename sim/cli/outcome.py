@@ -20,7 +20,7 @@ NOT_MET = 5
 INTERRUPTED = 130
 
 
-def refusals_told(command: Callable[P, R]) -> Callable[P, R]:
+def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     """Turn firnline's refusals into one sentence on stderr and an exit code."""
 
     @functools.wraps(command)
@@ -48,3 +48,6 @@ def refusals_told(command: Callable[P, R]) -> Callable[P, R]:
             raise typer.Exit(1) from fault
 
     return guarded
+
+
+refusals_told = with_exit_codes

@@ -1,4 +1,4 @@
-"""``firnline reproduce``: the papers' figures and tables, made anew."""
+"""``firnline reproduce``: figures and tables of the papers."""
 
 from pathlib import Path
 from time import perf_counter
@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 
 from sim.cli.options import Quiet, Verbose
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def reproduce(
     name: Annotated[
         str | None, typer.Argument(help="Which figure or table, e.g. glacier-fig10; `all` for every one.")
@@ -21,23 +21,24 @@ def reproduce(
     quick: Annotated[
         bool, typer.Option("--quick", help="Smaller and rougher, to see that it works.")
     ] = False,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="With `all`: make also anew what stands whole.")
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace studies that are there, complete ones included.")
     ] = False,
     list_all: Annotated[bool, typer.Option("--list", help="Name every study and end.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,  # noqa: ARG001
 ) -> None:
-    """Make a figure or table of the papers anew.
+    """Make figures and tables of the papers.
 
-    With `all` every study is made in turn, but for those that stand whole: killed, the same command goes on where
-    it was. A study that is refused does not keep the others from being made.
+    With `all` every study is made in turn, except those that are complete. When it was stopped,
+    the same command continues. A study that is refused does not stop the others. An old study
+    stays until the new one is complete.
 
     For example:
 
       firnline reproduce --list
 
-      firnline reproduce glacier-fig10
+      firnline reproduce glacier-fig10 --out /tmp/results
 
       firnline reproduce all --out /tmp/results --quick
     """
@@ -49,50 +50,58 @@ def reproduce(
     elif name is None:
         raise InputError("no study was named; `firnline reproduce --list` names them all.")
     elif name == "all":
-        _reproduce_all(out, quick=quick, fresh=fresh, quiet=quiet)
+        _reproduce_all(out, quick=quick, force=force, quiet=quiet)
     else:
-        _reproduce(name, out, quick=quick, quiet=quiet)
+        _reproduce(name, out, quick=quick, force=force, quiet=quiet)
         typer.echo(f"{name}: {out / name}")
 
 
-def _reproduce(name: str, out: Path, *, quick: bool, quiet: bool) -> None:
-    """Make one study, and record it when it is whole."""
+def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
+    """Make one study beside its folder, record its files, and exchange the two."""
+    from sim.cli.outputs import refuse_existing
     from sim.cli.progress import counted
     from sim.studies import study
-    from sim.studies.study_cache import forget, record
+    from sim.studies.study_cache import record, replace_study
 
     make = study(name)
-    folder = out / name
-    folder.mkdir(parents=True, exist_ok=True)
-    forget(folder)
+    refuse_existing([out / name], force=force, own=("*",))
+    draft = out / f"{name}.unfinished{'-quick' if quick else ''}"
+    draft.mkdir(parents=True, exist_ok=True)
     with counted(quiet=quiet) as progress:
-        make(folder, quick=quick, progress=progress)
-    record(folder, quick=quick)
+        make(draft, quick=quick, progress=progress)
+    record(draft, quick=quick)
+    replace_study(draft, out / name)
 
 
-def _reproduce_all(out: Path, *, quick: bool, fresh: bool, quiet: bool) -> None:
-    """Make what does not stand, in the order of the papers; name what takes long before, and what was refused after."""
-    from sim.studies import LONG, STUDIES
-    from sim.studies.study_cache import forget, stands
+def _reproduce_all(out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
+    """Make all studies that are not complete, in the order of the papers."""
+    from sim.studies import STUDIES
+    from sim.studies.study_cache import is_complete
     from survey.core.errors import FirnlineError, InputError
 
-    if fresh:
-        for name in STUDIES:
-            forget(out / name)
-    left = [name for name in STUDIES if not stands(out / name, quick=quick)]
-    typer.echo(f"{len(left)} of {len(STUDIES)} studies to make in {out}; the others stand")
-    for name in () if quick else left:
-        if name in LONG:
-            typer.echo(f"{name} is long: {LONG[name]}")
+    left = [name for name in STUDIES if force or not is_complete(out / name, quick=quick)]
+    _announce(left, out, quick=quick)
     refused = []
     for n, name in enumerate(left, start=1):
         began = perf_counter()
         try:
-            _reproduce(name, out, quick=quick, quiet=quiet)
+            _reproduce(name, out, quick=quick, force=force, quiet=quiet)
         except FirnlineError as error:
             refused.append(name)
             typer.echo(f"{n}/{len(left)} {name}: refused, {error}", err=True)
         else:
             typer.echo(f"{n}/{len(left)} {name}: {out / name}, {perf_counter() - began:.0f} s")
     if refused:
-        raise InputError(f"{len(refused)} studies were refused: {', '.join(refused)}; all others stand.")
+        raise InputError(
+            f"{len(refused)} studies were refused: {', '.join(refused)}; all others are complete."
+        )
+
+
+def _announce(left: list[str], out: Path, *, quick: bool) -> None:
+    """Print how many studies will be made, and which of them take long."""
+    from sim.studies import LONG, STUDIES
+
+    typer.echo(f"{len(left)} of {len(STUDIES)} studies to make in {out}; the others are complete")
+    for name in () if quick else left:
+        if name in LONG:
+            typer.echo(f"{name} is long: {LONG[name]}")

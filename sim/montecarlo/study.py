@@ -1,4 +1,4 @@
-"""Monte Carlo: a study from its file to a table, stored block by block so that any kill leaves it resumable.
+"""Monte Carlo studies: trials run in blocks that are stored one by one, so that a killed study can be resumed.
 
 study.toml ──▶ blocks/*.parquet, in any order, by any engine ──▶ trials.parquet, trials.csv
                                    ──▶ summary.csv, minimum_swaths.csv ──▶ figures, page
@@ -9,30 +9,36 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
-import pyarrow as pa
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pq
-
 from sim.executors import Engine, done
+from sim.mission.runs import input_checksums
+from sim.mission.versions import current_versions, refuse_other_versions
 from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.report import write_study_report
 from sim.montecarlo.summary import minimum_swaths, summary, write_rows
-from sim.montecarlo.trials import Trial, TrialBlock, as_columns, blocks_of, survey_block
+from sim.montecarlo.tables import block_file, write_block, write_tables
+from sim.montecarlo.trials import TrialBlock, blocks_of, survey_block
 from survey.core.documents import read_json, write_json
 from survey.core.errors import ConfigError, InputError
-from survey.core.files import existing_file, replacing
-from survey.core.manifest import file_sha256
+from survey.core.exchange import refuse_unwritable, replacing_files
+from survey.core.manifest import RECORD, is_intact, with_checksum, write_record
 
+_BEGUN, _BEGUN_SHA256 = "study.json", "study_sha256"
 TrialProgress = Callable[[int, int], None]
 """Called with the number of trials done and of all trials."""
-
-_TYPES = {str: pa.string(), int: pa.int32(), float: pa.float64()}
-SCHEMA = pa.schema([(field.name, _TYPES[field.type]) for field in fields(Trial)])  # type: ignore[index]
+RESULTS = (
+    "index.html",
+    "trials.parquet",
+    "trials.csv",
+    "summary.csv",
+    "minimum_swaths.csv",
+    "figures",
+    RECORD,
+)
+"""What a finished study consists of, beside ``study.json`` and its blocks; `RECORD` has the checksums."""
 
 
 def run_study(
@@ -45,20 +51,20 @@ def run_study(
     fresh: bool = False,
     watch: TrialProgress = lambda *_: None,
 ) -> Path:
-    """Do every trial that is not done yet, then the table, the summary and the page.
+    """Run every trial that is not done yet, then write the tables, the summary and the page.
 
     Parameters
     ----------
     study : StudyConfig
-        What to do.
+        Terrains, planners, maps and the number of trials.
     folder : Path
-        Where it is kept. A folder that holds a part of the same study is continued.
+        Its folder; one that holds a part of the same study is continued.
     engine, workers, scheduler
         See `sim.executors.done`; the tables are the same bytes whatever they are.
     fresh : bool
-        Do every trial anew.
+        Do every trial again; the old tables stay until the new ones replace them.
     watch : callable
-        Told how far the study is.
+        Progress callback: trials done and all trials.
 
     Returns
     -------
@@ -70,64 +76,48 @@ def run_study(
     ConfigError
         The folder holds another study; the message names what differs.
     InputError
-        The disk is full, a stored block is damaged, no scheduler answers, or another run is at it.
+        The disk is full, a stored block is damaged, no scheduler answers, another run is at it, or other
+        versions of the computing packages have done a part of the trials.
     """
     with _opened(study, folder, fresh=fresh):
         blocks = blocks_of(study)
-        left = [block for block in blocks if not _file(folder, block).exists()]
-        n_done = sum(block.n for block in blocks) - sum(block.n for block in left)
+        left = [block for block in blocks if not block_file(folder, block).exists()]
+        if 0 < len(left) < len(blocks):
+            _refuse_other_versions(folder)
         total = sum(block.n for block in blocks)
+        n_done = total - sum(block.n for block in left)
         watch(n_done, total)
         pieces = done(partial(survey_block, study), left, engine=engine, workers=workers, scheduler=scheduler)
         for block, trials in pieces:
-            _store(_file(folder, block), trials)
+            write_block(folder, block, trials)
             n_done += block.n
             watch(n_done, total)
-        write_table(folder, blocks)
-        rows = summary(folder / "trials.parquet", study)
-        write_rows(folder / "summary.csv", rows)
-        write_rows(folder / "minimum_swaths.csv", minimum_swaths(rows, study))
-        return write_study_report(folder, study, rows)
+        _write_results(study, folder, blocks)
+    return folder / "index.html"
 
 
-def write_table(folder: Path, blocks: Sequence[TrialBlock]) -> None:
-    """Join the blocks, in the order of the study, into one Parquet and one CSV table; one block is in memory at a time."""
-    with replacing(folder / "trials.parquet") as draft, pq.ParquetWriter(draft, SCHEMA) as parquet:
-        for table in _tables(folder, blocks):
-            parquet.write_table(table)
-    with replacing(folder / "trials.csv") as draft, pa_csv.CSVWriter(draft, SCHEMA) as text:
-        for table in _tables(folder, blocks):
-            text.write_table(table)
+def _refuse_other_versions(folder: Path) -> None:
+    before = _read_begun(folder)["versions"]
+    refuse_other_versions(before, f"the study in {folder}", "do all trials again with --fresh")
 
 
-def _tables(folder: Path, blocks: Sequence[TrialBlock]) -> Iterator[pa.Table]:
-    for block in blocks:
-        file = _file(folder, block)
-        try:
-            yield pq.read_table(file, schema=SCHEMA)
-        except (OSError, pa.ArrowException) as error:
-            raise InputError(
-                f"the block {file} is damaged ({str(error).splitlines()[0]}); delete it and run the study again."
-            ) from error
-
-
-def _store(file: Path, trials: Sequence[Trial]) -> None:
-    with replacing(file) as draft:
-        pq.write_table(pa.table(as_columns(trials), schema=SCHEMA), draft)
-
-
-def _file(folder: Path, block: TrialBlock) -> Path:
-    return folder / "blocks" / f"{block.name}.parquet"
+def _write_results(study: StudyConfig, folder: Path, blocks: Sequence[TrialBlock]) -> None:
+    """Write tables, page and their record to a draft, and put all of them in place together."""
+    with replacing_files(*(folder / name for name in RESULTS)) as (page, *_):
+        draft = page.parent
+        write_tables(draft, folder, blocks)
+        rows = summary(draft / "trials.parquet", study)
+        write_rows(draft / "summary.csv", rows)
+        write_rows(draft / "minimum_swaths.csv", minimum_swaths(rows, study))
+        write_study_report(draft, study, rows)
+        write_record(draft, [file for file in draft.rglob("*") if file.is_file()], {})
 
 
 @contextmanager
 def _opened(study: StudyConfig, folder: Path, *, fresh: bool) -> Iterator[None]:
     """Hold the study's folder for one run; make it, or check that it holds this very study."""
-    inputs = {
-        name: file_sha256(existing_file(file, f"the prior of {name},"))
-        for name, file in study.input_files.items()
-    }
-    begun = {"study": study.model_dump(mode="json"), "inputs_sha256": inputs}
+    begun = {"study": study.model_dump(mode="json"), "inputs_sha256": input_checksums(study.input_files)}
+    refuse_unwritable(folder, is_folder=True)
     try:
         (folder / "blocks").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -139,12 +129,26 @@ def _opened(study: StudyConfig, folder: Path, *, fresh: bool) -> Iterator[None]:
         if fresh:
             shutil.rmtree(folder / "blocks")
             (folder / "blocks").mkdir()
-        elif (folder / "study.json").exists():
-            _require_same(read_json(folder / "study.json", "the study that was begun"), begun, folder)
-        write_json(folder / "study.json", begun)
+        versions = current_versions()
+        if not fresh and (folder / _BEGUN).exists():
+            before = _read_begun(folder)
+            _require_same(before, begun, folder)
+            if any((folder / "blocks").iterdir()):
+                versions = before["versions"]
+        write_json(folder / _BEGUN, with_checksum({**begun, "versions": versions}, _BEGUN_SHA256))
         for leftover in [*folder.glob(".*-*"), *(folder / "blocks").glob(".*-*")]:
             shutil.rmtree(leftover, ignore_errors=True)
         yield
+
+
+def _read_begun(folder: Path) -> dict[str, Any]:
+    """Read the study that a folder was begun with, and check it."""
+    begun = read_json(folder / _BEGUN, "the study that was begun")
+    if not is_intact(begun, _BEGUN_SHA256):
+        raise InputError(
+            f"{folder / _BEGUN} was changed or comes from another version; do all trials again with --fresh."
+        )
+    return begun
 
 
 def _hold(lock: IO[str], folder: Path) -> None:
@@ -156,7 +160,8 @@ def _hold(lock: IO[str], folder: Path) -> None:
 
 def _require_same(before: dict[str, Any], now: dict[str, Any], folder: Path) -> None:
     # Compared as they are written, where tuples are lists.
-    for where, old, new in _differences(before, json.loads(json.dumps(now)), ""):
+    now = json.loads(json.dumps(now))
+    for where, old, new in _differences({key: before[key] for key in now}, now, ""):
         raise ConfigError(
             f"the study in {folder} was begun with {where} = {old}, and now it is {new}; "
             "take it back, give the study another name, or add --fresh to begin anew."

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from sim.montecarlo.config import StudyConfig
+from sim.montecarlo.tables import read_trials
 from survey.core.arrays import FloatArray
 from survey.core.files import replacing
 from survey.core.streams import stream
@@ -26,8 +26,9 @@ def summary(table: Path, study: StudyConfig) -> list[SummaryRow]:
     """
     columns = ["planner", "swaths", "map", "rmse_m", "length_m", "claimed_m", "silent_share"]
     rows = []
+    everything = read_trials(table).select(["terrain", *columns])
     for kind in study.terrains:
-        trials = pq.read_table(table, columns=columns, filters=[("terrain", "=", kind.name)])
+        trials = everything.filter(pc.field("terrain") == kind.name)
         for design in study.designs:
             for how in study.maps:
                 mine = trials.filter(

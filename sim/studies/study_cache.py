@@ -1,39 +1,69 @@
-"""Which studies stand whole in a folder of results: each has a record of its files, written last."""
+"""Records of finished studies: which studies in a folder of results are complete and unchanged."""
 
+import shutil
 from importlib.metadata import version
 from pathlib import Path
 
-from survey.core.documents import read_json, write_json
+from survey.core.documents import read_json
 from survey.core.errors import InputError
-from survey.core.manifest import file_sha256
-
-_RECORD = "made.json"
+from survey.core.exchange import exchange, refuse_foreign
+from survey.core.manifest import RECORD, read_record, write_record
 
 
 def record(folder: Path, *, quick: bool) -> None:
-    """Tell that a study is whole: how it was made, and the checksums of its files."""
-    files = {path.name: file_sha256(path) for path in sorted(folder.iterdir()) if _is_product(path)}
-    made = {"firnline": version("firnline"), "quick": quick, "files_sha256": files}
-    write_json(folder / _RECORD, made)
+    """Record that a study is complete: the version and depth that made it, and the checksums of its files.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The study's folder; files in folders below it (blocks of trials) are not listed.
+    quick : bool
+        Whether it was made smaller and rougher.
+    """
+    files = [path for path in folder.iterdir() if path.is_file() and path.name != RECORD]
+    write_record(folder, files, {"firnline": version("firnline"), "quick": quick})
 
 
-def stands(folder: Path, *, quick: bool) -> bool:
-    """Tell whether a study is there, its files unchanged; one that was made in full also does for a quick one."""
-    if not (folder / _RECORD).exists():
-        return False
+def is_complete(folder: Path, *, quick: bool) -> bool:
+    """Return whether a study is complete, unchanged, and made by this version of firnline.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The study's folder.
+    quick : bool
+        Whether a quick study will do; a full one always does.
+
+    Returns
+    -------
+    bool
+        False also when the record itself is damaged.
+    """
     try:
-        made = read_json(folder / _RECORD, "the record of a study")
-        kept = {folder / name: digest for name, digest in made["files_sha256"].items()}
-        is_enough = quick or not made["quick"]
-    except (InputError, KeyError, AttributeError):
+        made = read_record(folder)
+    except InputError:
         return False
-    return is_enough and all(path.is_file() and file_sha256(path) == digest for path, digest in kept.items())
+    return made.get("firnline") == version("firnline") and (quick or made.get("quick") is False)
 
 
-def forget(folder: Path) -> None:
-    """Let a study stand no more; its files stay until they are made anew."""
-    (folder / _RECORD).unlink(missing_ok=True)
+def replace_study(draft: Path, folder: Path) -> None:
+    """Put a finished study in its place, and delete the old one.
 
+    Parameters
+    ----------
+    draft : pathlib.Path
+        The new study with its record, beside `folder`.
+    folder : pathlib.Path
+        The study's place.
 
-def _is_product(path: Path) -> bool:
-    return path.is_file() and path.name != _RECORD
+    Raises
+    ------
+    InputError
+        The old folder holds files that neither its record nor the new one lists.
+    """
+    own = {RECORD, *read_record(draft)["files_sha256"]}
+    if (folder / RECORD).exists():
+        own |= set(read_json(folder / RECORD, "the record of the folder").get("files_sha256", {}))
+    refuse_foreign(folder, own)
+    exchange(draft, folder)
+    shutil.rmtree(draft, ignore_errors=True)

@@ -120,7 +120,8 @@ def replacing_files(*paths: str | Path) -> Iterator[tuple[Path, ...]]:
     ------
     tuple of pathlib.Path
         The drafts, in the order of `paths`, with the same names. What a writer leaves beside them
-        (``.prj``, ``.aux.xml``) is put in place too. A companion that was not written is left out.
+        (``.prj``, ``.aux.xml``) is put in place too. A companion that was not written is left out. A
+        companion may be a folder.
 
     Raises
     ------
@@ -289,9 +290,10 @@ def _put_in_place(drafts: Path, main: Path, companions: Collection[Path]) -> Non
     for file in written:
         synced(file)
     for companion in companions:
-        companion.unlink(missing_ok=True)
+        if not companion.is_dir():
+            companion.unlink(missing_ok=True)
     (drafts / main.name).replace(main)
     for file in written:
         if file.name != main.name:
-            file.replace(main.parent / file.name)
+            exchange(file, main.parent / file.name)
     synced(main.parent)

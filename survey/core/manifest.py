@@ -2,16 +2,19 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from survey.core.documents import write_json
+from survey.core.documents import read_json, write_json
 from survey.core.errors import InputError
 
 MANIFEST_VERSION = 2
+RECORD = "made.json"
+"""Name of the record of a folder's files, see `write_record`."""
+_RECORD_SHA256 = "record_sha256"
 _SELF = "manifest_sha256"
 _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -161,6 +164,54 @@ def read_manifest(path: Path) -> dict[str, Any]:
     if not is_intact(content, _SELF):
         raise _damaged(path, "its content has another checksum than it states")
     return dict(content)
+
+
+def write_record(folder: Path, files: Iterable[Path], facts: Mapping[str, Any]) -> None:
+    """Write the checksums of files of a folder to ``made.json``.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The folder.
+    files : iterable of pathlib.Path
+        Files in it, or in folders below it.
+    facts : mapping of str to Any
+        How they were made.
+
+    Raises
+    ------
+    InputError
+        When the record cannot be written.
+    """
+    checksums = {str(file.relative_to(folder)): file_sha256(file) for file in sorted(files)}
+    write_json(folder / RECORD, with_checksum({**facts, "files_sha256": checksums}, _RECORD_SHA256))
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Read ``made.json`` and check the files that it lists.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The folder that `write_record` was given. Files beside those that are listed do not matter.
+
+    Returns
+    -------
+    dict
+        The facts, ``files_sha256`` and the record's own checksum.
+
+    Raises
+    ------
+    InputError
+        The record or a listed file is missing or was changed.
+    """
+    record = read_json(folder / RECORD, "the record of the folder")
+    if not is_intact(record, _RECORD_SHA256):
+        raise InputError(f"the record {folder / RECORD} was changed; make the folder {folder} again.")
+    for name, digest in record["files_sha256"].items():
+        if not (folder / name).is_file() or file_sha256(folder / name) != digest:
+            raise InputError(f"{folder / name} is missing or was changed; make the folder {folder} again.")
+    return record
 
 
 def _reason(error: Exception) -> str:

@@ -1,11 +1,9 @@
 """What is still wrong with an estimated path, and how its keyframes share it."""
 
-import io
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy import sparse
@@ -14,7 +12,7 @@ from scipy.sparse.linalg import splu
 from survey.core.arrays import FloatArray, IntArray, checked
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.io.arrays_file import read_npz, write_npz
 
 POSE = 6
 """Unknowns that every keyframe has: error of easting, northing, elevation [m], yaw, pitch, roll [rad]."""
@@ -176,16 +174,15 @@ class PathError(DataObject):
     def write(self, path: str | Path) -> None:
         """Write one compressed ``.npz`` file; equal errors give equal bytes."""
         upper = sparse.coo_array(sparse.triu(self.information))
-        with replacing(path) as draft, draft.open("wb") as file:
-            np.savez_compressed(
-                file,
-                time_s=self.time_s,
-                n_states=self.n_states,
-                n_unknowns=self.n_unknowns,
-                row=upper.row.astype(np.int32),
-                column=upper.col.astype(np.int32),
-                value=upper.data,
-            )
+        arrays = {
+            "time_s": self.time_s,
+            "n_states": self.n_states,
+            "n_unknowns": self.n_unknowns,
+            "row": upper.row.astype(np.int32),
+            "column": upper.col.astype(np.int32),
+            "value": upper.data,
+        }
+        write_npz(path, arrays)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -196,17 +193,14 @@ class PathError(DataObject):
         InputError
             The file is missing or damaged.
         """
-        file = existing_file(path, "the error of the path")
+        stored = read_npz(path, "the error of the path", "localize again")
         try:
-            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as kept:
-                size = int(kept["n_unknowns"])
-                place = (kept["row"], kept["column"])
-                upper = sparse.csr_array((kept["value"], place), shape=(size, size))
-                time_s, n_states = kept["time_s"], int(kept["n_states"])
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise InputError(
-                f"{file} is no error of a path or is damaged ({error}); localize again."
-            ) from error
+            size = int(stored["n_unknowns"])
+            place = (stored["row"], stored["column"])
+            upper = sparse.csr_array((stored["value"], place), shape=(size, size))
+            time_s, n_states = stored["time_s"], int(stored["n_states"])
+        except (ValueError, KeyError) as error:
+            raise InputError(f"{path} is no error of a path ({error}); localize again.") from error
         return cls(time_s, upper + sparse.triu(upper, k=1).T, n_states)
 
 

@@ -1,16 +1,82 @@
-"""Arrays and facts in one ``.npz`` file: what fitted models are kept in."""
+"""NumPy ``.npz`` files with a checksum of their content, and models of arrays and facts stored in them."""
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from survey.core.checksum import checksum
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core.files import existing_file, first_line, replacing
+
+_CRC = "crc32"
+
+
+def write_npz(path: str | Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
+    """Write arrays and the checksum of their names, types, shapes and values.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The ``.npz`` file; equal arrays give equal bytes.
+    arrays : mapping of str to array_like
+        No name may be ``crc32``.
+    compressed : bool
+        Whether to deflate the arrays.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    held = {name: np.asarray(values) for name, values in arrays.items()}
+    held[_CRC] = np.frombuffer(_checksum(held).encode("ascii"), dtype=np.uint8)
+    buffer = io.BytesIO()
+    save = np.savez_compressed if compressed else np.savez
+    save(buffer, allow_pickle=False, **held)
+    with replacing(path) as draft:
+        draft.write_bytes(buffer.getvalue())
+
+
+def read_npz(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
+    """Read arrays that `write_npz` wrote, and check their checksum.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The ``.npz`` file.
+    what : str
+        What it holds, for messages: "the terrain model".
+    remedy : str
+        How to get the file again, for messages: "save it again".
+
+    Returns
+    -------
+    dict
+        Arrays by name.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged, or carries no checksum because another program or an older
+        version of firnline wrote it.
+    """
+    file = existing_file(path, what)
+    try:
+        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        stated = arrays.pop(_CRC).tobytes().decode("ascii")
+    except Exception as error:  # a damaged archive fails in zipfile, zlib, struct, the header's parser, …
+        raise InputError(f"{file} is damaged or not {what} ({first_line(error)}); {remedy}.") from error
+    found = _checksum(arrays)
+    if stated != found:
+        raise InputError(
+            f"{file} is damaged: its arrays have the checksum {found} where it states {stated[:16]!r}; {remedy}."
+        )
+    return arrays
 
 
 def write_arrays(path: str | Path, kind: str, facts: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
@@ -22,12 +88,7 @@ def write_arrays(path: str | Path, kind: str, facts: Mapping[str, Any], arrays: 
         When the file cannot be written.
     """
     text = json.dumps({"format": kind, **facts}, sort_keys=True)
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer, allow_pickle=False, facts=np.frombuffer(text.encode("utf-8"), dtype=np.uint8), **arrays
-    )
-    with replacing(path) as draft:
-        draft.write_bytes(buffer.getvalue())
+    write_npz(path, {"facts": np.frombuffer(text.encode("utf-8"), dtype=np.uint8), **arrays})
 
 
 def read_arrays(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -38,14 +99,20 @@ def read_arrays(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, 
     InputError
         When the file is missing, damaged or holds something else.
     """
-    file = existing_file(path, "the terrain model")
+    arrays = read_npz(path, "the terrain model", "save it again")
     try:
-        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
         facts: dict[str, Any] = json.loads(arrays.pop("facts").tobytes().decode("utf-8"))
         found = facts.pop("format")
-    except (OSError, ValueError, KeyError, AttributeError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{file} is damaged or no terrain model ({error}); save it again.") from error
+    except (ValueError, KeyError, AttributeError) as error:
+        raise InputError(f"{path} is no terrain model ({first_line(error)}); save it again.") from error
     if found != kind:
-        raise InputError(f"{file} has the format {found!r}; {kind!r} was expected.")
+        raise InputError(f"{path} has the format {found!r}; {kind!r} was expected.")
     return facts, arrays
+
+
+def _checksum(arrays: Mapping[str, Any]) -> str:
+    """Return the checksum of arrays in the order of their names."""
+    parts: list[Any] = []
+    for name in sorted(arrays):
+        parts += [f"{name} {arrays[name].dtype.str} {arrays[name].shape}\n", arrays[name]]
+    return checksum(parts)

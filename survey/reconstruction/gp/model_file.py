@@ -1,8 +1,6 @@
 """A fitted terrain model in one file: its points, mean, hyperparameters and calibration."""
 
-import io
 import json
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,8 +10,8 @@ from affine import Affine
 
 from survey.core.config import validated
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
 from survey.data.dem import Dem
+from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig, kernel_of
 from survey.reconstruction.gp.covariance.kernels import Sum
@@ -67,10 +65,7 @@ def write_model(path: str | Path, model: "GaussianProcessTerrain") -> None:
         **_prior_facts(model.prior, arrays),
     }
     arrays["facts"] = np.frombuffer(json.dumps(facts, sort_keys=True).encode("utf-8"), dtype=np.uint8)
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
-    with replacing(path) as draft:
-        draft.write_bytes(buffer.getvalue())
+    write_npz(path, arrays, compressed=False)
 
 
 def _prior_facts(prior: Dem | Mean | None, arrays: dict[str, Any]) -> dict[str, Any]:
@@ -97,17 +92,15 @@ def read_model(path: str | Path, kind: type[Model]) -> Model:
     InputError
         When the file is missing, damaged or no terrain model.
     """
-    file = existing_file(path, "the terrain model")
+    arrays = read_npz(path, "the terrain model", "save it again")
     try:
-        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
         facts: dict[str, Any] = json.loads(arrays["facts"].tobytes().decode("utf-8"))
         if facts["format"] != _FORMAT:
-            raise InputError(f"{file} has the format {facts['format']!r}; {_FORMAT!r} was expected.")
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{file} is damaged or no terrain model ({error}); save it again.") from error
+            raise InputError(f"{path} has the format {facts['format']!r}; {_FORMAT!r} was expected.")
+    except InputError:
+        raise
+    except (ValueError, KeyError) as error:
+        raise InputError(f"{path} is no terrain model ({error}); save it again.") from error
     return _rebuilt(arrays, facts, kind)
 
 

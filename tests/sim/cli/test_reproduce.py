@@ -1,4 +1,4 @@
-"""``firnline reproduce all``: every study in turn, gone on with after a kill, whatever was refused on the way."""
+"""``firnline reproduce all``: every study in turn, continued after a kill."""
 
 import json
 
@@ -22,38 +22,57 @@ def reproduced(out, *options):
     return result.exit_code, result.stdout, result.stderr
 
 
-def test_what_stands_whole_is_not_made_again(two_studies):
+def test_complete_studies_are_not_made_again(two_studies):
     out = two_studies
-    code, told, _ = reproduced(out, "--quick")
+    code, printed, _ = reproduced(out, "--quick")
     assert code == 0
-    assert "2 of 2 studies to make" in told
+    assert "2 of 2 studies to make" in printed
     made = json.loads((out / "glacier-tables" / "made.json").read_text())
     assert made["quick"]
     assert set(made["files_sha256"]) == {"map_classes.csv"}
-    # Killed while it made the second, which has left something behind.
-    (out / "carving-fig3" / "made.json").unlink()
-    (out / "carving-fig3" / "kernel.csv").write_text("half")
-    code, told, _ = reproduced(out, "--quick")
-    assert code == 0
-    assert "1 of 2 studies to make" in told
-    assert "1/1 carving-fig3" in told
-    assert (out / "carving-fig3" / "kernel.csv").read_text() != "half"
     assert "0 of 2" in reproduced(out, "--quick")[1]
-    assert "2 of 2" in reproduced(out, "--quick", "--fresh")[1]
+    assert "2 of 2" in reproduced(out, "--quick", "--force")[1]
+    assert sorted(path.name for path in out.iterdir()) == sorted(CHEAP)
 
 
-def test_quick_studies_and_changed_ones_do_not_stand(two_studies):
+def test_a_study_that_was_stopped_continues_in_its_draft(two_studies):
+    out = two_studies
+    (out / "carving-fig3.unfinished-quick").mkdir()
+    (out / "carving-fig3.unfinished-quick" / "kernel.csv").write_text("half")
+    code, printed, _ = reproduced(out, "--quick")
+    assert code == 0
+    assert "2/2 carving-fig3" in printed
+    assert (out / "carving-fig3" / "kernel.csv").read_text() != "half"
+    assert not (out / "carving-fig3.unfinished-quick").exists()
+
+
+def test_quick_and_changed_studies_are_replaced_with_force_only(two_studies):
     out = two_studies
     reproduced(out, "--quick")
-    assert "2 of 2" in reproduced(out)[1]
+    code, printed, err = reproduced(out)
+    assert (code, "2 of 2" in printed, err.count("exists; choose another name or add --force")) == (
+        3,
+        True,
+        2,
+    )
     assert "0 of 2" in reproduced(out, "--quick")[1]
     (out / "glacier-tables" / "map_classes.csv").write_text("changed by hand")
-    assert "1 of 2" in reproduced(out)[1]
+    assert "1 of 2" in reproduced(out, "--quick")[1]
+    assert (out / "glacier-tables" / "map_classes.csv").read_text() == "changed by hand"
+    assert reproduced(out, "--quick", "--force")[0] == 0
 
 
-def test_a_study_that_is_refused_keeps_no_other_from_being_made(two_studies):
-    # A folder stands where the table is to be written.
-    (two_studies / "glacier-tables" / "map_classes.csv").mkdir(parents=True)
+def test_files_of_others_stay_in_a_study(two_studies):
+    (two_studies / "glacier-tables").mkdir()
+    (two_studies / "glacier-tables" / "thesis.doc").write_text("mine")
+    code, _, err = reproduced(two_studies, "--quick", "--force")
+    assert code == 3
+    assert "thesis.doc" in err
+    assert (two_studies / "glacier-tables" / "thesis.doc").read_text() == "mine"
+
+
+def test_a_study_that_is_refused_does_not_stop_the_others(two_studies):
+    (two_studies / "glacier-tables").write_text("a file")
     code, _, err = reproduced(two_studies, "--quick")
     assert code == 3
     assert "refused" in err

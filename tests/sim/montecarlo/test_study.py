@@ -11,11 +11,13 @@ import pytest
 
 from sim.executors import done
 from sim.montecarlo.config import read_study
-from sim.montecarlo.study import run_study
+from sim.montecarlo.study import RESULTS, run_study
 from sim.montecarlo.summary import statistics
+from sim.montecarlo.tables import read_trials
 from sim.montecarlo.trials import TrialTerrains, _localized, blocks_of, routes, survey_block
 from survey import Dem, Grid, reconstruct
 from survey.core.errors import ConfigError, InputError
+from survey.core.manifest import read_record
 
 STUDY = """
 schema_version = 1
@@ -152,6 +154,51 @@ def test_a_study_edited_between_two_runs_is_refused_by_name(study, tmp_path):
     before = tables(tmp_path / "out")
     run_study(study, tmp_path / "out", engine="serial")
     assert tables(tmp_path / "out") == before
+
+
+def test_trials_of_other_versions_are_not_continued(study, tmp_path, monkeypatch):
+    run_study(study, tmp_path / "out", engine="serial")
+    monkeypatch.setattr("sim.mission.versions.current_versions", lambda: {"numpy": "3.0"})
+    run_study(study, tmp_path / "out", engine="serial")  # no trial is left to do
+    monkeypatch.setattr("sim.montecarlo.trials._TOGETHER", {"ideal": 2})
+    blocks = tmp_path / "out" / "blocks"
+    (blocks / "000-0000000.parquet").rename(blocks / "000-0000002.parquet")  # one of two blocks is there
+    with pytest.raises(InputError, match="may give other bytes; do all trials again with --fresh"):
+        run_study(study, tmp_path / "out", engine="serial")
+
+
+def test_no_flipped_bit_of_a_study_reads_as_other_trials(study, tmp_path):
+    run_study(study, tmp_path / "out", engine="serial")
+    (block,) = (tmp_path / "out" / "blocks").glob("*.parquet")
+    for file in (block, tmp_path / "out" / "trials.parquet"):
+        right, stored = read_trials(file), file.read_bytes()
+        for bit in np.random.default_rng(1).choice(8 * len(stored), 150, replace=False):
+            damaged = bytearray(stored)
+            damaged[bit // 8] ^= 1 << (bit % 8)
+            file.write_bytes(bytes(damaged))
+            try:
+                assert read_trials(file).equals(right)
+            except InputError:
+                continue
+        file.write_bytes(stored)
+
+
+def test_the_record_of_a_study_covers_every_result(study, tmp_path):
+    run_study(study, tmp_path / "out", engine="serial")
+    listed = read_record(tmp_path / "out")["files_sha256"]
+    assert set(listed) == {*RESULTS, "figures/00-error.png"} - {"figures", "made.json"}
+    (tmp_path / "out" / "summary.csv").write_text("terrain,planner\n")
+    with pytest.raises(InputError, match=r"summary\.csv is missing or was changed"):
+        read_record(tmp_path / "out")
+
+
+def test_a_changed_beginning_of_a_study_is_refused(study, tmp_path):
+    run_study(study, tmp_path / "out", engine="serial")
+    begun = (tmp_path / "out" / "study.json").read_text()
+    (tmp_path / "out" / "study.json").write_text(begun.replace('"seed": 5', '"seed": 6'))
+    with pytest.raises(InputError, match=r"study\.json was changed"):
+        run_study(study, tmp_path / "out", engine="serial")
+    run_study(study, tmp_path / "out", engine="serial", fresh=True)
 
 
 def test_a_damaged_block_is_named(study, tmp_path):
