@@ -60,12 +60,17 @@ def tell(run: RunFolder, *, as_json: bool) -> None:
         typer.echo(f"drive   {drive['ending']} after {drive['progress_m']:.0f} of {drive['route_m']:.0f} m")
     if "score" in content:
         typer.echo(f"RMSE    {content['score']['elevation']['rmse_m']:.3f} m")
-        typer.echo(f"class   {best_class(content['score']['verdicts'])}")
+        typer.echo(f"class   {best_class(content['score'])}")
     typer.echo(f"report  {content['report']}" if "report" in content else f"run     {content['run']}")
 
 
-def best_class(verdicts: list[dict[str, Any]]) -> str:
-    """Say in words which is the strictest row of the standard that a map meets, or that it meets none."""
+def best_class(score: dict[str, Any]) -> str:
+    """Return a sentence about the strictest row of the standard that a map meets, from the plain values of a score."""
+    from survey.scoring.standards.standards import LEAST_COVERED, uncovered_sentence
+
+    verdicts: list[dict[str, Any]] = score["verdicts"]
+    if score["covered_share"] < LEAST_COVERED:
+        return f"{uncovered_sentence(score['covered_share'])} RMSE on the covered part {verdicts[0]['rmse_m']:.3f} m"
     met = [verdict for verdict in verdicts if verdict["met"]]
     row = met[-1] if met else verdicts[0]
     words = "met, RMSE" if met else "not met, not even the loosest row: RMSE"

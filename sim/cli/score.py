@@ -158,7 +158,7 @@ def _score_file(
         typer.echo(json.dumps(judged, indent=2))
         return
     _tell_statistics(judged["elevation"])
-    typer.echo(best_class(judged["verdicts"]))
+    typer.echo(best_class(judged))
 
 
 def _judged(source: Path, truth: Path, area: Path | None, route: Path | None) -> "Score":

@@ -89,6 +89,11 @@ def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
     The map meets Class 3 of ASPRS 1990 as read in the glacier paper, for a contour interval of 2.743 m: its RMSE is 0.280 m, the limit 0.457 m. The tightest limit that it meets is 0.305 m (Class 2, interval 1.829 m).
     """
     first, met = verdicts[0], [verdict for verdict in verdicts if verdict.met]
+    if first.is_withheld:
+        return (
+            f"No class is stated, because the map does not cover the area: its RMSE on the covered part is "
+            f"{number(first.rmse_m, 'm')}, the limit of {first.map_class} of {standard_name(first.standard)} {number(first.limit_m, 'm')}."
+        )
     sentence = (
         f"The map {'meets' if first.met else 'does not meet'} {first.map_class} of {standard_name(first.standard)}, "
         f"for a contour interval of {number(first.interval_m, 'm')}: "
@@ -108,7 +113,7 @@ def conditions(score: Score) -> list[str]:
     notes = [score.verdicts[0].note] if score.verdicts[0].note else []
     if score.n_silent:
         notes.append(
-            f"The map gives a height at {percent(score.covered_share)} of the nodes to be scored; "
+            f"The map gives a height on {percent(score.covered_share)} of the area; "
             "every error on this page is of that part alone."
         )
     return notes

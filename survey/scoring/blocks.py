@@ -10,7 +10,7 @@ import numpy as np
 from affine import Affine
 from scipy.special import ndtri
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.core.files import existing_file
 from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum, vertical_datum_of
@@ -19,8 +19,8 @@ from survey.data.dem import Dem
 from survey.io.raster import opened_raster, read_window, stated_datum
 from survey.scoring.accuracy import LEVELS, NMAD_FACTOR, Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage
+from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
 from survey.scoring.score import Score
-from survey.scoring.standards.standards import judge
 
 BLOCK_CELLS = 1024
 """Side of the blocks that are read at once [cells]."""
@@ -161,7 +161,8 @@ def score_files(
     map_file, reference_file : str or pathlib.Path
         Rasters in one CRS; the reference is interpolated bilinearly to the map's cell centres.
     area : SurveyArea, optional
-        Only cells whose centres lie on its free ground count.
+        Only cells whose centres lie on its free ground count; where the map has no height, the ground beyond
+        its raster included, the area is not covered.
     crs : str or pyproj.CRS, optional
         Of files that carry none.
 
@@ -175,7 +176,7 @@ def score_files(
     At the edge of the reference, the outer half cell does not count unless a cell beyond it is known.
     """
     errors, calibration = ErrorSketch(), CalibrationSketch()
-    n_outside = n_unknown = n_silent = 0
+    nodes = NodeCounts(0, 0, 0)
     with (
         opened_raster(existing_file(map_file, "the raster")) as map_,
         opened_raster(existing_file(reference_file, "the raster")) as reference,
@@ -186,14 +187,15 @@ def score_files(
         if area is not None:
             area.require_crs(mapped.crs, "the map")
         side = max(2, min(BLOCK_CELLS, int(2 * BLOCK_CELLS * known.transform.a / mapped.transform.a)))
+        if area is not None:
+            nodes = nodes._replace(silent=nodes_beyond(mapped.bounds, mapped.transform.a, area))
         for block in mapped.blocks(side):
             heights, xy = mapped.read(1, block), mapped.centres(block)
             truth = known.at(xy)
             inside = np.ones(heights.shape, dtype=bool) if area is None else _inside(area, xy)
             both = inside & np.isfinite(heights) & np.isfinite(truth)
-            n_outside += int((~inside).sum())
-            n_unknown += int((inside & ~np.isfinite(truth)).sum())
-            n_silent += int((inside & np.isfinite(truth) & ~np.isfinite(heights)).sum())
+            left_out = counted(heights, truth, inside, has_area=area is not None)
+            nodes = NodeCounts(*(a + b for a, b in zip(nodes, left_out, strict=True)))
             difference = (heights - truth)[both]
             errors.add(difference)
             if mapped.n_bands > 1:
@@ -202,10 +204,7 @@ def score_files(
         raise InputError(
             f"there is nothing to score: {map_file} and {reference_file} have no height in common; check that they overlap."
         )
-    found = errors.statistics()
-    return Score(
-        Coverage(), found, calibration.calibration(), judge(found.rmse_m), n_outside, n_unknown, n_silent
-    )
+    return Score.judged(Coverage(), errors.statistics(), calibration.calibration(), nodes)
 
 
 class _Layer(NamedTuple):
@@ -226,6 +225,12 @@ class _Layer(NamedTuple):
         if min(source.width, source.height) < 2:
             raise InputError(f"{path} has {source.height} × {source.width} cells; at least 2 × 2 are needed.")
         return cls(source, source.transform, projected_crs(wkt or crs, str(path)), datum, source.count)
+
+    @property
+    def bounds(self) -> Bounds:
+        """West, south, east and north of the outer edges [m]."""
+        t = self.transform
+        return t.c, t.f + t.e * self.source.height, t.c + t.a * self.source.width, t.f
 
     def blocks(self, side: int) -> Iterator[Any]:
         from rasterio.windows import Window

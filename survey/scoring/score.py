@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -17,6 +17,7 @@ from survey.data.route import Route
 from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.scoring.accuracy import Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage
+from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
 from survey.scoring.standards.standards import Verdict, judge
 
 
@@ -37,9 +38,9 @@ class Score:
     n_outside : int
         Nodes that were left out because they lie outside the area.
     n_unknown : int
-        Nodes in the area where the reference has no height.
+        Nodes in the area where the map gives a height and the reference none.
     n_silent : int
-        Nodes in the area, with a reference, where the map gives no height.
+        Nodes in the area where the map gives no height, those beyond the edge of its raster included.
     """
 
     coverage: Coverage
@@ -52,11 +53,20 @@ class Score:
 
     @property
     def covered_share(self) -> float:
-        """Share of the nodes to be scored at which the map gives a height.
+        """Share of the area on which the map gives a height.
 
-        The error statistics of a map that covers less than all speak of that part alone.
+        The error statistics of a map that covers less than all are those of the covered part alone.
         """
-        return self.elevation.n / (self.elevation.n + self.n_silent)
+        covered = self.elevation.n + self.n_unknown
+        return covered / (covered + self.n_silent)
+
+    @classmethod
+    def judged(
+        cls, coverage: Coverage, elevation: ErrorStatistics, calibration: Calibration, nodes: NodeCounts
+    ) -> Self:
+        """Return the score with the verdicts that follow from the RMSE and the covered share."""
+        score = cls(coverage, elevation, calibration, (), nodes.outside, nodes.unknown, nodes.silent)
+        return replace(score, verdicts=judge(elevation.rmse_m, covered_share=score.covered_share))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, units in the keys; ``None`` where a value does not exist."""
@@ -107,14 +117,16 @@ def score(
     route : Route, optional
         What was driven; without it there is no coverage.
     area : SurveyArea, optional
-        Only nodes on its free ground count; by default all nodes of the map do.
+        Only nodes on its free ground count, and where the map has no height, its raster's edge included, the
+        area is not covered. By default all nodes of the map count at which it or the reference has a height.
     sample_step_m : float
         Distance between samples along the route, and width of the cells of Eq. 11 [m].
 
     Returns
     -------
     Score
-        Nodes left out are counted in it, each under its reason.
+        Nodes left out are counted in it, each under its reason. No class is met below a covered share of
+        99.9 %.
 
     Raises
     ------
@@ -140,27 +152,21 @@ def score(
     mean, std = _mean_and_std(reconstruction)
     _check_systems(mean, truth, area)
     ground = area or SurveyArea.rectangle(mean.grid().bounds, mean.crs)
-    compared = _compare(mean, std, truth, ground)
-    elevation = ErrorStatistics.of(compared.errors)
-    return Score(
-        coverage=Coverage() if route is None else Coverage.of(route, ground, sample_step_m),
-        elevation=elevation,
-        calibration=Calibration.of(compared.errors, compared.std),
-        verdicts=judge(elevation.rmse_m),
-        n_outside=compared.n_outside,
-        n_unknown=compared.n_unknown,
-        n_silent=compared.n_silent,
+    compared = _compare(mean, std, truth, area)
+    return Score.judged(
+        Coverage() if route is None else Coverage.of(route, ground, sample_step_m),
+        ErrorStatistics.of(compared.errors),
+        Calibration.of(compared.errors, compared.std),
+        compared.nodes,
     )
 
 
 class _Comparison(NamedTuple):
-    """Errors and stated deviations (N,) [m] where they exist, and how many nodes were left out and why."""
+    """Errors and stated deviations (N,) [m] where they exist, and the nodes that were left out."""
 
     errors: FloatArray
     std: FloatArray
-    n_outside: int
-    n_unknown: int
-    n_silent: int
+    nodes: NodeCounts
 
 
 def _mean_and_std(reconstruction: Reconstruction | Dem) -> tuple[Dem, FloatArray]:
@@ -172,25 +178,23 @@ def _mean_and_std(reconstruction: Reconstruction | Dem) -> tuple[Dem, FloatArray
     return reconstruction.mean, reconstruction.std.elevation
 
 
-def _compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea) -> _Comparison:
-    """Take the map's errors at the nodes where area, reference and map all speak."""
+def _compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> _Comparison:
+    """Return the errors of the map at the nodes where area, reference and map have a value."""
     nodes = mean.xy
-    inside = area.contains(nodes)
-    heights = mean.elevation.ravel()[inside]
-    reference = truth.at(nodes[inside])
-    known, given = np.isfinite(reference), np.isfinite(heights)
-    scored = known & given
+    heights, reference = mean.elevation.ravel(), np.full(len(nodes), np.nan)
+    inside = np.ones(len(nodes), dtype=bool) if area is None else area.contains(nodes)
+    reference[inside] = truth.at(nodes[inside])
+    scored = inside & np.isfinite(reference) & np.isfinite(heights)
     if not scored.any():
+        n_known = int(np.isfinite(reference).sum())
         raise InputError(
             f"there is nothing to score: of {len(nodes)} nodes of the map {int(inside.sum())} lie in the area, "
-            f"{int(known.sum())} of those on the reference and {int(scored.sum())} have a height in both; check that the three overlap."
+            f"{n_known} of those on the reference and {int(scored.sum())} have a height in both; check that the three overlap."
         )
+    counts = counted(heights, reference, inside, has_area=area is not None)
+    beyond = 0 if area is None else nodes_beyond(mean.bounds, mean.step_m, area)
     return _Comparison(
-        errors=(heights - reference)[scored],
-        std=std.ravel()[inside][scored],
-        n_outside=int((~inside).sum()),
-        n_unknown=int((~known).sum()),
-        n_silent=int((known & ~given).sum()),
+        (heights - reference)[scored], std.ravel()[scored], counts._replace(silent=counts.silent + beyond)
     )
 
 

@@ -24,6 +24,7 @@ from survey.scoring.standards.standards import (
     CONTOURS,
     EDITION_2,
     FOOT_M,
+    LEAST_COVERED,
     SPOT_HEIGHTS,
     Standard,
     standard_named,
@@ -286,6 +287,7 @@ def _finding(
 ) -> Assessment:
     """Compare the value with the limit of what was asked (class, measure, value, limit), unless conditions are missing."""
     label, measure, value, limit = asked
+    missing = [*missing, *_coverage(errors)]
     outcome: Outcome = NOT_ASSESSED
     if not missing:
         outcome = "reported" if limit is None else "met" if value <= limit else "not met"
@@ -303,6 +305,13 @@ def _finding(
         tuple(missing),
         tuple(cautions),
     )
+
+
+def _coverage(errors: CheckpointErrors) -> list[str]:
+    """Return what the map misses of the area."""
+    if errors.covered_share >= LEAST_COVERED:
+        return []
+    return [f"heights on {LEAST_COVERED:.1%} of the area (the map covers {errors.covered_share:.1%})"]
 
 
 def _counts(standard: Standard, area_km2: float) -> tuple[int, int]:

@@ -1,6 +1,6 @@
 """Independent check points: reading them, keeping them apart from control, and what a map errs there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -17,6 +17,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.named_points import read_named_points
 from survey.io.points import PLACE
+from survey.scoring.covered_area import covered_share
 
 CONTROL_M = 0.10
 """A checkpoint this near to a control point counts as the same mark [m]."""
@@ -243,6 +244,8 @@ class CheckpointErrors:
         Checkpoints outside the area.
     has_datums : bool
         Both the map and the checkpoints state the same vertical datum.
+    covered_share : float
+        Share of the named area on which the map gives a height; 1 where no area was named.
     """
 
     errors_m: FloatArray
@@ -253,6 +256,7 @@ class CheckpointErrors:
     left_out: tuple[str, ...] = ()
     n_outside: int = 0
     has_datums: bool = True
+    covered_share: float = 1.0
 
     @cached_property
     def checkpoint_rmse_m(self) -> float:
@@ -265,15 +269,12 @@ class CheckpointErrors:
         if not mask.any():
             return None
         names = tuple(name for name, taken in zip(self.names, mask, strict=True) if taken)
-        return CheckpointErrors(
-            self.errors_m[mask],
-            self.sigma_z_m[mask],
-            self.vegetated[mask],
-            names,
-            self.spread,
-            self.left_out,
-            self.n_outside,
-            self.has_datums,
+        return replace(
+            self,
+            errors_m=self.errors_m[mask],
+            sigma_z_m=self.sigma_z_m[mask],
+            vegetated=self.vegetated[mask],
+            names=names,
         )
 
     def beyond(self, limit_m: float) -> tuple[str, ...]:
@@ -292,7 +293,13 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
     checkpoints : Checkpoints
         In the same CRS.
     area : SurveyArea, optional
-        The ground that is judged; by default the bounds of the map.
+        The ground that is judged; by default the bounds of the map. No class is met where the map covers
+        less than 99.9 % of it.
+
+    Returns
+    -------
+    CheckpointErrors
+        Of the checkpoints in the area at which the map has a height; the others are named or counted.
 
     Raises
     ------
@@ -334,6 +341,7 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
         tuple(checkpoints.names[k] for k in np.flatnonzero(silent)),
         int((~inside).sum()),
         dem.vertical_datum == checkpoints.vertical_datum != UNSTATED,
+        1.0 if area is None else covered_share(dem, area),
     )
 
 

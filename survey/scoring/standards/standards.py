@@ -18,6 +18,9 @@ NSSDA = "nssda-1998"
 ASPRS_2014 = "asprs-2014"
 EDITION_2 = "asprs-edition-2"
 
+LEAST_COVERED = 0.999
+"""Share of the area that a map must cover for a class to be stated."""
+
 AccuracyMeasure = Literal["rmse", "share", "accuracy_95", "nva_vva", "rmse_v"]
 
 
@@ -180,9 +183,9 @@ class Verdict:
     rmse_m : float
         The map's [m].
     met : bool
-        The RMSE is not above the limit.
+        The RMSE is not above the limit, and the verdict is not withheld.
     note : str
-        What the comparison assumes.
+        Assumptions of the comparison, and the reason where the verdict is withheld.
     """
 
     standard: str
@@ -192,6 +195,11 @@ class Verdict:
     rmse_m: float
     met: bool
     note: str
+
+    @property
+    def is_withheld(self) -> bool:
+        """The RMSE is within the limit, but the map does not cover the area."""
+        return self.rmse_m <= self.limit_m and not self.met
 
 
 def map_classes(standard: str = PAPER) -> tuple[MapClass, ...]:
@@ -234,16 +242,42 @@ def map_classes(standard: str = PAPER) -> tuple[MapClass, ...]:
     return tuple(MapClass(standard, f"Class {k}", interval, limit) for k, interval, limit in rows)
 
 
-def judge(rmse_m: float, standard: str = PAPER) -> tuple[Verdict, ...]:
+def judge(rmse_m: float, standard: str = PAPER, *, covered_share: float = 1.0) -> tuple[Verdict, ...]:
     """Judge an RMSE by every row of a standard, the loosest first.
+
+    Parameters
+    ----------
+    rmse_m : float
+        RMSE of the map [m].
+    standard : str
+        As in `map_classes`.
+    covered_share : float
+        Share of the area that the map covers. Below `LEAST_COVERED` no class is met: the verdict is withheld
+        where the RMSE is within the limit.
+
+    Returns
+    -------
+    tuple of Verdict
+        One for each row.
+
+    Raises
+    ------
+    InputError
+        An RMSE that is negative or NaN.
+    ConfigError
+        An unknown standard.
 
     Examples
     --------
     >>> [verdict.met for verdict in judge(0.31)][:3]
     [True, False, False]
+    >>> [verdict.is_withheld for verdict in judge(0.31, covered_share=0.9)][:3]
+    [True, False, False]
     """
     if not rmse_m >= 0.0:
         raise InputError(f"the RMSE to judge is {rmse_m} m; a number of 0 or more was expected.")
+    is_covered = covered_share >= LEAST_COVERED
+    gap = "" if is_covered else f"{uncovered_sentence(covered_share)} "
     return tuple(
         Verdict(
             row.standard,
@@ -251,8 +285,20 @@ def judge(rmse_m: float, standard: str = PAPER) -> tuple[Verdict, ...]:
             row.interval_m,
             row.limit_m,
             rmse_m,
-            rmse_m <= row.limit_m,
-            _NOTES[standard],
+            is_covered and rmse_m <= row.limit_m,
+            gap + _NOTES[standard],
         )
         for row in map_classes(standard)
     )
+
+
+def uncovered_sentence(covered_share: float) -> str:
+    """Return the sentence that says why no class is stated for a map with gaps.
+
+    Examples
+    --------
+    >>> uncovered_sentence(0.942)
+    'No class is stated: the map covers 94.2 % of the area, and 99.9 % are needed.'
+    """
+    percent = f"{100.0 * covered_share:.1f}" if covered_share < 0.9985 else f"{100.0 * covered_share:.2f}"
+    return f"No class is stated: the map covers {percent} % of the area, and {100.0 * LEAST_COVERED:g} % are needed."
