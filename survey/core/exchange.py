@@ -17,11 +17,10 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from survey.core.errors import InputError
-from survey.core.files import synced
+from survey.core.files import synced, write_refusal
 
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 _NOT_SUPPORTED = (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP)
-_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -173,30 +172,6 @@ def refuse_unwritable(path: Path, *, is_folder: bool) -> None:
         Path(tempfile.mkdtemp(prefix=".firnline-", dir=parent)).rmdir()
     except OSError as error:
         raise write_refusal(path, error) from error
-
-
-def write_refusal(path: Path, error: OSError) -> InputError:
-    """Return the refusal of an output that could not be written, with the remedy that its reason asks for.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The output.
-    error : OSError
-        What the operating system said.
-
-    Returns
-    -------
-    InputError
-        Names the output and the reason. Only a full disk, quota or file size limit asks for space.
-
-    Examples
-    --------
-    >>> print(write_refusal(Path("a.tif"), PermissionError(13, "Permission denied")))
-    a.tif could not be written (Permission denied); choose another place.
-    """
-    remedy = "free space or choose another place" if error.errno in _NO_SPACE else "choose another place"
-    return InputError(f"{path} could not be written ({error.strerror or error}); {remedy}.")
 
 
 def _locked_draft(draft: Path, target: Path) -> int:

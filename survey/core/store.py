@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from survey.core.errors import InputError
-from survey.core.exchange import exchange, write_refusal
-from survey.core.files import replacing, synced
+from survey.core.exchange import exchange
+from survey.core.files import replacing, synced, write_refusal
 from survey.core.manifest import file_sha256, read_manifest, write_manifest
 
 _SYNCED_AT_ONCE = 16

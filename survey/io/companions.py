@@ -11,6 +11,8 @@ _RASTER_BY_STEM = (".aux.xml", ".aux", ".prj", ".wld", ".tab", ".hdr", ".clr", "
 _VECTOR_BY_STEM = {".shp": (".shx", ".dbf", ".prj", ".cpg", ".cst")}
 # SQLite keeps changes that are not yet in the main file beside it.
 _VECTOR_BY_NAME = {".gpkg": ("-wal", "-journal")}
+_STALE_BY_NAME = (".aux.xml", ".msk", ".ovr", "-wal", "-journal", "-shm")
+_STALE_BY_STEM = {".shp": (".shx", ".dbf", ".prj", ".cpg", ".cst", ".qix", ".sbn", ".sbx"), ".asc": (".prj",)}
 _ALONE = frozenset(
     (".csv", ".geojson", ".gpx", ".json", ".kml", ".las", ".laz", ".npz", ".ply", ".toml", ".txt", ".tum")
 )
@@ -62,6 +64,28 @@ def files_beside(file: Path, *, overviews: bool = False) -> list[Path]:
     if names and overviews:
         names |= {f"{file.name.lower()}.ovr"}
     if not names:
+        return []
+    return sorted(other for other in file.parent.iterdir() if other.name.lower() in names and other.is_file())
+
+
+def stale_files(path: str | Path) -> list[Path]:
+    """List the files that belong to the file at `path` alone, and are wrong once it is replaced.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A raster or vector file, existing or not.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Metadata, masks, overviews, journals and indices; not what files of another suffix may share.
+    """
+    file = Path(path)
+    name, stem, suffix = file.name.lower(), file.stem.lower(), file.suffix.lower()
+    names = {name + ending for ending in _STALE_BY_NAME}
+    names |= {stem + ending for ending in _STALE_BY_STEM.get(suffix, ())}
+    if not file.parent.is_dir():
         return []
     return sorted(other for other in file.parent.iterdir() if other.name.lower() in names and other.is_file())
 

@@ -12,6 +12,7 @@ from pyproj import CRS
 
 from survey.core.errors import InputError
 from survey.core.files import existing_file, first_line, replacing, unwritable, warnings_logged
+from survey.io.companions import stale_files
 from survey.io.degrees import SURVEY_CRS, WGS84, coded_crs, in_degrees, in_survey_crs, require_transformation
 from survey.io.file_kinds import OFFLINE, check_vector_file
 
@@ -118,7 +119,7 @@ def write_features(
         _check_for_shapefile(target, shapes, attributes)
     shapes, attributes, crs = _for_driver(driver, shapes, attributes, crs, target)
     columns = [np.asarray(column) for column in attributes.values()]
-    with replacing(target) as draft, _gdal() as gdal:
+    with replacing(target, stale=stale_files(target)) as draft, _gdal() as gdal:
         try:
             gdal.raw.write(
                 draft,

@@ -11,6 +11,7 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files import replacing, unwritable
+from survey.io.companions import stale_files
 
 _FILL = np.float32(-9999.0)
 
@@ -36,7 +37,7 @@ def write_netcdf(
     dataset = xarray.Dataset(_variables(bands), _axes(bands, transform), _facts(vertical_datum))
     dataset["spatial_ref"] = ((), np.int32(0), _grid_mapping(crs, transform))
     encoding = {name: {"_FillValue": _FILL, "zlib": True, "fletcher32": True} for name in bands}
-    with replacing(path) as draft:
+    with replacing(path, stale=stale_files(path)) as draft:
         try:
             dataset.to_netcdf(draft, engine="h5netcdf", encoding=encoding)
         except (OSError, ValueError, RuntimeError) as error:

@@ -351,5 +351,5 @@ def gdal_faults() -> tuple[type[Exception], ...]:
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
-    # Texts of a damaged header may not be UTF-8, and its claims may exceed the memory.
-    return RasterioError, CPLE_BaseError, DamagedError, UnicodeDecodeError, MemoryError, CRSError
+    # Texts of a damaged header, or the file's own name, may not be UTF-8, and its claims may exceed the memory.
+    return RasterioError, CPLE_BaseError, DamagedError, UnicodeError, MemoryError, CRSError

@@ -14,6 +14,7 @@ from survey.core.checksum import checksum
 from survey.core.errors import InputError
 from survey.core.files import replacing, unwritable, warnings_logged
 from survey.core.geodesy import UNSTATED, VERTICAL_CRS, projected_crs
+from survey.io.companions import stale_files
 from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts, gdal_faults
 
 _COG = {
@@ -75,7 +76,7 @@ def _write_gdal(
 
     height, width = next(iter(bands.values())).shape
     profile = {"height": height, "width": width, "count": len(bands), "dtype": "float32", "nodata": NODATA}
-    with replacing(path) as draft:
+    with replacing(path, stale=stale_files(path)) as draft:
         try:
             with warnings_logged(), rasterio.open(draft, "w", **profile, **options) as target:
                 if options["driver"] == "COG":

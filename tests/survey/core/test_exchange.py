@@ -7,7 +7,8 @@ import pytest
 
 from survey import InputError
 from survey.core import exchange
-from survey.core.exchange import refuse_foreign, replacing_files, replacing_folder, write_refusal
+from survey.core.exchange import refuse_foreign, replacing_files, replacing_folder
+from survey.core.files import write_refusal
 
 OWN = ("*.txt", "pictures/*.png")
 
