@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 
+from survey.core.data_object import DataObject
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.odometry.visual_slam import VisualOdometry
 
 
-@dataclass(frozen=True)
-class Localization:
+@dataclass(frozen=True, eq=False, repr=False)
+class Localization(DataObject):
     """Path and landmarks estimated from a recording.
 
     Parameters

@@ -12,6 +12,7 @@ from scipy.ndimage import distance_transform_edt
 from sim.config.mission import DemTerrain, MissionConfig, RandomTerrain, SampleTerrain
 from survey import terrain as landforms
 from survey.core.arrays import FloatArray
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs
 from survey.core.streams import stream
@@ -20,8 +21,8 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 
 
-@dataclass(frozen=True)
-class World:
+@dataclass(frozen=True, eq=False, repr=False)
+class World(DataObject):
     """``terrain`` is what the rover drives on, ``prior`` the satellite's coarse cells, ``area`` the task."""
 
     terrain: Dem

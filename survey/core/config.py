@@ -113,15 +113,16 @@ def validated(model: type[AnySection], values: Mapping[str, Any], where: str) ->
 def _sentence(error: ValidationError, model: type[BaseModel], where: str) -> str:
     first = error.errors()[0]
     path = [str(part) for part in first["loc"]]
-    key = ".".join(path) or "the whole"
+    key = ".".join(path)
     if first["type"] == "extra_forbidden":
         near = difflib.get_close_matches(path[-1], sorted(_all_keys(model)), n=1)
         hint = f"did you mean {near[0]}?" if near and near[0] != path[-1] else "remove it."
         return f"{where}: the key {key} is not known; {hint}"
-    found = "" if first["type"] == "missing" else f" (found {first['input']!r})"
+    found = "" if first["type"] == "missing" or not key else f" (found {first['input']!r})"
     more = f"; {error.error_count() - 1} more settings are wrong" if error.error_count() > 1 else ""
     message = first["msg"].removeprefix("Value error, ").rstrip(".")
-    return f"{where}: {key}: {message[:1].lower() + message[1:]}{found}{more}; correct it."
+    place = f"{where}: {key}" if key else where
+    return f"{place}: {message[:1].lower() + message[1:]}{found}{more}; correct it."
 
 
 def _all_keys(model: type[BaseModel]) -> set[str]:

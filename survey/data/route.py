@@ -82,6 +82,9 @@ class RouteSamples(NamedTuple):
     leg: IntArray
     heading_rad: FloatArray
 
+    def __repr__(self) -> str:
+        return f"RouteSamples({len(self.xy)} places over {self.distance_m[-1]:.1f} m)"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Route(DataObject):

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
 
 from survey.core.arrays import Bounds
 from survey.core.config import Section
+from survey.core.mappings import ReadOnlyMapping
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
@@ -134,7 +134,7 @@ class ReconstructionMethod:
     name: str
     summary: str
     run: Callable[[MappingTask], MappedTerrain]
-    configs: Mapping[str, type[Section]] = field(default_factory=lambda: MappingProxyType({}))
+    configs: Mapping[str, type[Section]] = field(default_factory=lambda: ReadOnlyMapping({}))
     begin: Callable[[ScanSettings], ScanModel] | None = None
     sight_lines: SightLines = "truncation"
     needs_path: bool = False

@@ -9,10 +9,12 @@ import numpy as np
 
 from survey.core.arguments import check_types
 from survey.core.arrays import FloatArray
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.geodesy import same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
+from survey.data.plots import html_table
 from survey.data.route import Route
 from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.scoring.accuracy import Calibration, ErrorStatistics
@@ -21,8 +23,8 @@ from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
 from survey.scoring.standards.standards import Verdict, judge
 
 
-@dataclass(frozen=True)
-class Score:
+@dataclass(frozen=True, eq=False, repr=False)
+class Score(DataObject):
     """How good a survey was.
 
     Parameters
@@ -67,6 +69,23 @@ class Score:
         """Return the score with the verdicts that follow from the RMSE and the covered share."""
         score = cls(coverage, elevation, calibration, (), nodes.outside, nodes.unknown, nodes.silent)
         return replace(score, verdicts=judge(elevation.rmse_m, covered_share=score.covered_share))
+
+    def _facts(self) -> dict[str, str]:
+        elevation, verdicts = self.elevation, [verdict for verdict in self.verdicts if verdict.met]
+        return {
+            "RMSE": f"{elevation.rmse_m:.3f} m",
+            "bias": f"{elevation.bias_m:+.3f} m",
+            "NMAD": f"{elevation.nmad_m:.3f} m",
+            "nodes": f"{elevation.n}",
+            "covered": f"{100.0 * self.covered_share:.1f} %",
+            "best class met": verdicts[-1].map_class if verdicts else "none",
+        }
+
+    def _summary(self) -> str:
+        return ", ".join(f"{name} {value}" for name, value in self._facts().items())
+
+    def _repr_html_(self) -> str:
+        return html_table("Score", self._facts())
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, units in the keys; ``None`` where a value does not exist."""

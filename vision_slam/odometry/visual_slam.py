@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.data.camera import Camera, Image
 from survey.data.sensors import Odometry, Sightings
@@ -305,8 +306,8 @@ def _joined(first: RelativeMotion | None, second: RelativeMotion) -> RelativeMot
     return RelativeMotion(first.seconds + second.seconds, rotation, travel)
 
 
-@dataclass(frozen=True)
-class VisualOdometry:
+@dataclass(frozen=True, eq=False, repr=False)
+class VisualOdometry(DataObject):
     """What images gave: the same types as an odometry that was processed elsewhere.
 
     Where there are wheels and a gyro its lengths are told by wheels and by the ground that it

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from survey.core.arrays import FloatArray
+from survey.core.data_object import DataObject
 from survey.data.trajectory import Trajectory
 
 
-@dataclass(frozen=True)
-class PathCorrection:
+@dataclass(frozen=True, eq=False, repr=False)
+class PathCorrection(DataObject):
     """Errors (K, 3) [m] of a path at times (K,) [s], and the covariance (K, 3, 3) [m²] of the estimate.
 
     Examples

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray
+from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.map_scale import MapScale
 from survey.data.dem import Dem
@@ -103,8 +104,8 @@ class VolumeChange:
         return MassBalance(mass, std, mass / per_area, std / per_area)
 
 
-@dataclass(frozen=True)
-class Change:
+@dataclass(frozen=True, eq=False, repr=False)
+class Change(DataObject):
     """Change of a surface between two surveys.
 
     Parameters

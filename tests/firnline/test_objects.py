@@ -1,0 +1,189 @@
+"""Every public type can be pickled, copied, compared and shown; the instances come from one small survey."""
+
+import copy
+import inspect
+import pickle
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from pydantic import BaseModel
+
+import firnline
+from survey.core.errors import FirnlineError
+from survey.reconstruction.gp.mean import DemMean
+from survey.reconstruction.joint.correction import PathCorrection
+from survey.reconstruction.method import MappedTerrain, MappingTask, ScanSettings
+from survey.reconstruction.registry import METHODS
+from survey.terrain import cosine_surface
+from vision_slam.odometry.health import FrameHealth
+
+CRS = "EPSG:32608"
+TIMES = [0.0, 1.0]
+INTERFACES = {"ImageSource", "ScanModel", "Section", "PatternConfig"}
+"""Types that only describe others."""
+TYPES = [
+    name for name in firnline.__all__ if inspect.isclass(getattr(firnline, name)) and name not in INTERFACES
+]
+
+
+class Blank:
+    """Images of one grey."""
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        return np.zeros((4, 6), np.uint8)
+
+
+def sensors() -> Iterator[Any]:
+    """Yield records of the sensors that the small survey does not carry."""
+    vector, square = np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1))
+    filled = {
+        "time_s": TIMES,
+        "index": [0.0, 0.0],
+        "earlier_s": [0.0, 0.0],
+        "offset": vector,
+        "position": vector,
+        "covariance": square,
+        "angular_velocity_rad_s": vector,
+        "specific_force_m_s2": vector,
+    }
+    for name in ("Compass", "Inertial", "LoopClosures", "StakeSightings", "Weather", "Wheels"):
+        kind = getattr(firnline, name)
+        given = {
+            field.name: filled.get(field.name, np.zeros((2, *kind._shape(field.name))))
+            for field in fields(kind)
+        }
+        yield kind(**given)
+    yield firnline.Stakes(vector, [0.1, 0.1])
+
+
+def configurations() -> Iterator[Any]:
+    """Yield one of each configuration, at its defaults where it has them."""
+    needed = {
+        "LawnmowerConfig": {"swaths": 3}, "WavyConfig": {"swaths": 3}, "PiecewiseContinuousConfig": {"swaths": 3},
+        "RandomWanderConfig": {"swaths": 3}, "VarianceDrivenConfig": {"budget_m": 900.0}, "BestConfig": {"rmse_m": 0.5},
+        "RandomTerrain": {"source": "random"}, "SampleTerrain": {"source": "srtm-sample"},
+        "DemTerrain": {"source": "dem", "file": "dem.tif"}, "FaultConfig": {"component": "gps", "failure": "jump"},
+    }  # fmt: skip
+    for name in TYPES:
+        kind = getattr(firnline, name)
+        if issubclass(kind, BaseModel) and name != "MissionConfig":
+            yield kind(**needed.get(name, {}))
+    yield firnline.MissionConfig(
+        schema_version=1,
+        name="small",
+        terrain=firnline.SampleTerrain(source="srtm-sample"),
+        planner=firnline.LawnmowerConfig(swaths=3),
+    )
+
+
+def errors() -> Iterator[FirnlineError]:
+    """Yield one of each error."""
+    for name in TYPES:
+        kind = getattr(firnline, name)
+        if issubclass(kind, FirnlineError):
+            yield kind("the file is empty; get it again.")
+
+
+def survey() -> Iterator[Any]:
+    """Plan, simulate, localize, reconstruct and score a small survey, and yield what comes out."""
+    grid = firnline.Grid((0.0, 0.0, 120.0, 120.0), 4.0, CRS)
+    terrain = cosine_surface(grid, np.random.default_rng(0), relief_m=5.0)
+    area = firnline.SurveyArea.rectangle((20.0, 20.0, 100.0, 100.0), CRS)
+    route = firnline.plan(area, None, firnline.LawnmowerConfig(swaths=2))
+    recording, truth = firnline.simulate(terrain, route)
+    found = firnline.localize(recording)
+    nodes = firnline.Grid((20.0, 20.0, 100.0, 100.0), 8.0, CRS)
+    map_ = firnline.reconstruct(found.points, nodes, method="tin")
+    yield from (route, route.sample(5.0), recording, truth, found, map_)
+    yield firnline.World(terrain, terrain, area)
+    yield firnline.score(map_, truth=terrain, route=route)
+    yield firnline.trajectory_error(found.trajectory, truth.trajectory)
+    yield MappingTask(found.points, nodes)
+    yield MappedTerrain(map_)
+    later = firnline.Dem.on(grid, terrain.elevation + np.random.default_rng(1).normal(0.0, 0.1, grid.shape))
+    ice = {"ice": shapely.Point(60.0, 60.0).buffer(20.0)}
+    found_change = firnline.change(later, terrain, ice, align=True)
+    yield from (found_change, found_change.volumes[0].mass())
+
+
+def others() -> Iterator[Any]:
+    """Yield what no survey of the rover's own gives."""
+    yield firnline.Camera("pinhole", 6, 4, [[4, 0, 3], [0, 4, 2], [0, 0, 1]], np.zeros(5), np.eye(4))
+    yield firnline.Frames(TIMES, Blank())
+    yield PathCorrection(np.array(TIMES), np.zeros((2, 3)), np.zeros((2, 3, 3)))
+    odometry = firnline.Odometry(TIMES, [[1.0, 0.0, 0.0]], np.zeros((2, 3)))
+    sightings = firnline.Sightings([0], [[1.0, 0.0, 0.0]], np.eye(3)[None], [1.0])
+    yield firnline.VisualOdometry(odometry, sightings, (FrameHealth(1.0, 0.0, 2.0),), np.array([False, True]))
+    gps = firnline.GpsFixes(TIMES, np.zeros((2, 3)))
+    yield firnline.OdometryRecording(CRS, np.zeros(3), gps=gps, odometry=odometry, sightings=sightings)
+    yield METHODS["tin"]
+    yield firnline.MapScale.over(CRS, (499_000.0, 6_700_000.0, 501_000.0, 6_701_000.0))
+    yield ScanSettings()
+    yield firnline.RunFolder(Path("runs") / "small" / "1")
+    yield DemMean(firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 1.0), 1.0), np.zeros((2, 3))))
+    yield firnline.GaussianProcessConfig(fit=False, variance_m2=1.0, length_scale_m=9.0).kernel()
+
+
+def parts(value: Any) -> Iterator[Any]:
+    """Yield a value and everything that it holds."""
+    yield value
+    if isinstance(value, BaseModel):
+        held = [getattr(value, name) for name in type(value).model_fields]
+    elif is_dataclass(value):
+        held = [getattr(value, field.name) for field in fields(value)]
+    else:
+        held = list(value) if isinstance(value, tuple) else []
+    for each in held:
+        yield from parts(each)
+
+
+@cache
+def instances() -> dict[str, Any]:
+    """Return one instance of each public type, an instance of a subclass where the type is abstract."""
+    found: list[Any] = []
+    for source in (configurations, errors, sensors, survey, others):
+        for value in source():
+            found.extend(parts(value))
+    result = {}
+    for name in TYPES:
+        kind = getattr(firnline, name)
+        exact = [value for value in found if type(value) is kind]
+        result[name] = next(iter(exact or [value for value in found if isinstance(value, kind)]), None)
+    return result
+
+
+def same(a: Any, b: Any) -> bool:
+    """Compare two objects; errors by their text, tuples with arrays by their parts."""
+    if isinstance(a, FirnlineError):
+        return type(a) is type(b) and str(a) == str(b)
+    if isinstance(a, tuple):
+        return all(
+            np.array_equal(x, y) if isinstance(x, np.ndarray) else x == y for x, y in zip(a, b, strict=True)
+        )
+    return bool(a == b)
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_every_public_type_is_pickled_copied_and_compared(name):
+    value = instances()[name]
+    assert value is not None, f"no instance of {name}"
+    if name == "Frames":  # Two sources of images are equal when they are the same object.
+        value = firnline.Frames(TIMES, (np.zeros((4, 6), np.uint8),) * 2)
+    for again in (pickle.loads(pickle.dumps(value)), copy.deepcopy(value)):
+        assert type(again) is type(value)
+        assert same(again, value)
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_every_public_type_is_shown_in_one_line(name):
+    assert "\n" not in repr(instances()[name])
+
+
+def test_score_is_shown_as_a_table():
+    assert "<th style='text-align:left'>RMSE</th>" in instances()["Score"]._repr_html_()
