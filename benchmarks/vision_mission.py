@@ -47,7 +47,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import Reconstruction, reconstruct
 from survey.reconstruction.joint.joint_map import JointTerrain
 from vision_slam import LocalizationConfig, localize
-from vision_slam.odometry.onboard import read_seen
+from vision_slam.odometry.onboard import read_visual_odometry
 from vision_slam.odometry.visual_slam import VisualOdometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -168,7 +168,9 @@ def survey_of(planner: str, seed: int, *, quick: bool) -> Mission:
     runs = MISSIONS / (f"short-{seed}" if quick else f"{planner}-{seed}")
     folder, cost = run_once(example, runs, chosen)
     recording = Recording.read(folder / "2-simulate" / "recording")
-    survey = survey_at(folder, recording, read_seen(folder / "2-simulate" / "recording" / "onboard"))
+    survey = survey_at(
+        folder, recording, read_visual_odometry(folder / "2-simulate" / "recording" / "onboard")
+    )
     return Mission(**vars(survey), folder=folder, cost=cost)
 
 

@@ -31,7 +31,7 @@ from survey.data.trajectory import Trajectory
 from vision_slam.evaluation import absolute_errors_m
 from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import scaled_by_first
+from vision_slam.io.sequence import scale_by_reference
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_slam import visual_odometry
 from vision_slam.odometry.window import half_turned
@@ -210,7 +210,7 @@ def _real_camera() -> Row:
     """End error on the streets of Karlsruhe, scale from the first 10 m."""
     sequence = read_sequence(KITTI)
     assert sequence.reference is not None
-    found = visual_odometry(scaled_by_first(sequence, 10.0))
+    found = visual_odometry(scale_by_reference(sequence, 10.0))
     turns = Rotation.from_euler("xyz", found.odometry.attitude_rad[:-1]).as_matrix()
     end = np.einsum("nij,nj->i", turns, found.odometry.step)
     reference = sequence.reference[:, :3, 3]

@@ -193,18 +193,18 @@ def _inverse(poses: FloatArray) -> FloatArray:
     return inverse
 
 
-def matched_times(
+def match_times(
     first_s: FloatArray, second_s: FloatArray, within_s: float = 0.01
 ) -> tuple[IntArray, IntArray]:
     """Pair times: each of the shorter list with its nearest in the other, where not farther than `within_s`.
 
     Examples
     --------
-    >>> [list(map(int, side)) for side in matched_times(np.array([0.0, 1.0]), np.array([0.001, 0.5, 2.0]))]
+    >>> [list(map(int, side)) for side in match_times(np.array([0.0, 1.0]), np.array([0.001, 0.5, 2.0]))]
     [[0], [0]]
     """
     if len(first_s) > len(second_s):
-        second, first = matched_times(second_s, first_s, within_s)
+        second, first = match_times(second_s, first_s, within_s)
         return first, second
     after = np.searchsorted(second_s, first_s).clip(1, max(len(second_s) - 1, 1))
     before_is_nearer = first_s - second_s[after - 1] <= second_s[after.clip(max=len(second_s) - 1)] - first_s

@@ -14,7 +14,7 @@ from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes
-from vision_slam.fusion.sanity_checks import fix_delay_s, remove_repeated_fixes, with_credible_start
+from vision_slam.fusion.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
 from vision_slam.fusion.smoother import SmoothedPath, smooth
 from vision_slam.fusion.visual_scale import (
     refuse_short_fixes,
@@ -192,7 +192,7 @@ def check_start(drive: Drive) -> Drive:
     if drive.is_interrupted:
         return drive
     time_s = drive.recording.odometry.time_s
-    recording, config = with_credible_start(drive.recording, drive.path, time_s, drive.config)
+    recording, config = check_start_by_fixes(drive.recording, drive.path, time_s, drive.config)
     if recording is drive.recording:
         return drive
     off_m = float(np.hypot(*(recording.start - drive.recording.start)[:2]))

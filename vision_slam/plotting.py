@@ -9,10 +9,10 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.camera import Image
 from survey.figures.style import ESTIMATE, FULL_IN, styled
-from vision_slam.inertial.attitude import upright_start
+from vision_slam.inertial.attitude import initial_pose
 from vision_slam.inertial.motion import MotionSensors
-from vision_slam.io.sequence import Sensed
-from vision_slam.odometry.clahe import Enhancer, grey_of
+from vision_slam.io.sequence import VisionRecords
+from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_slam import VisualSlam
 
@@ -22,7 +22,9 @@ _YOUNG = "#f0e442"
 
 
 @styled
-def tracks_on_frames(drive: Sensed, config: VisualOdometryConfig | None = None, n_places: int = 2) -> Figure:
+def tracks_on_frames(
+    drive: VisionRecords, config: VisualOdometryConfig | None = None, n_places: int = 2
+) -> Figure:
     """Draw the corners that visual odometry follows over ten images, at a few places of a drive.
 
     Visual odometry begins anew at each place, once with the images as they came (left) and
@@ -32,7 +34,7 @@ def tracks_on_frames(drive: Sensed, config: VisualOdometryConfig | None = None, 
 
     Parameters
     ----------
-    drive : Sensed
+    drive : VisionRecords
         Recording or sequence with at least two images.
     config : VisualOdometryConfig, optional
         As used for the odometry.
@@ -62,19 +64,21 @@ def tracks_on_frames(drive: Sensed, config: VisualOdometryConfig | None = None, 
     for row, last in zip(panels, ends, strict=True):
         grey = grey_of(drive.frames[last], camera.width, camera.height)
         for axes, used, name in zip(row, (plain, settings), ("As it came", "After CLAHE"), strict=True):
-            ways, n_near = followed_ways(drive, range(last - n_each + 1, last + 1), used)
-            _draw(axes, Enhancer(used.clahe_clip, used.clahe_tiles)(grey), ways)
+            ways, n_near = tracked_pixels(drive, range(last - n_each + 1, last + 1), used)
+            _draw(axes, ContrastEnhancer(used.clahe_clip, used.clahe_tiles)(grey), ways)
             axes.set_title(f"{name}: {len(ways)} corners followed, {n_near} of them near", fontsize=9)
         row[0].set_ylabel(f"{drive.frames.time_s[last] - drive.frames.time_s[0]:.1f} s")
     return figure
 
 
-def followed_ways(drive: Sensed, frames: range, config: VisualOdometryConfig) -> tuple[list[FloatArray], int]:
+def tracked_pixels(
+    drive: VisionRecords, frames: range, config: VisualOdometryConfig
+) -> tuple[list[FloatArray], int]:
     """Return the latest pixels (K, 2) of each corner that is followed into the last of some frames; how many are near."""
     assert drive.frames is not None
     assert drive.camera is not None
     times, sensors = drive.frames.time_s, MotionSensors(drive)
-    slam = VisualSlam(drive.camera, config, upright_start(drive, times[frames[0]]))
+    slam = VisualSlam(drive.camera, config, initial_pose(drive, times[frames[0]]))
     for index in frames:
         motion = None if index == frames[0] else sensors.between(times[index - 1], times[index])
         slam.step(drive.frames[index], times[index], motion)

@@ -1,4 +1,4 @@
-"""A drive as its files tell it, whosever they are: opened and checked, then localized, then judged."""
+"""Recordings of any supported kind: open, check, localize, compare with a reference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from pyproj import CRS
+from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated, with_overrides
@@ -15,16 +16,17 @@ from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes
 from survey.data.trajectory import Trajectory
 from survey.io.tracks import read_tum
+from vision_slam.comparison import Comparison, compare_from_start, compare_in_crs
 from vision_slam.config import LocalizationConfig
+from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.bags import is_bag, read_bag
-from vision_slam.io.gps_files import read_gps
+from vision_slam.io.gps_files import GpsLog, read_gps
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import ImageSequence, placed, scaled_by_first
+from vision_slam.io.sequence import ImageSequence, georeference, scale_by_reference
 from vision_slam.odometry.visual_slam import visual_odometry
 from vision_slam.pipeline import localize
-from vision_slam.results import Compared, Localized, compared_from_its_start, compared_in_the_world
 
 
 @dataclass(frozen=True)
@@ -33,15 +35,15 @@ class RecordedDrive:
 
     Parameters
     ----------
-    sensed : Recording or ImageSequence
-        A recording has its place in the world by fixes; a sequence of images has none.
+    records : Recording or ImageSequence
+        A recording has fixes in a CRS; a sequence of images has none.
     notes : tuple of str
-        What its reader did or supposed, in words.
+        What its reader did or assumed, one sentence each.
     reference_time_s, reference : (R,) and (R, 4, 4) ndarray, optional
-        Poses of the layout to judge by, in a frame of their own.
+        Reference poses of the layout, in a frame of their own.
     """
 
-    sensed: Recording | ImageSequence
+    records: Recording | ImageSequence
     notes: tuple[str, ...] = ()
     reference_time_s: FloatArray | None = None
     reference: FloatArray | None = None
@@ -49,30 +51,35 @@ class RecordedDrive:
     @property
     def start_is_surveyed(self) -> bool:
         """Whether the recording has a surveyed start."""
-        return isinstance(self.sensed, Recording) and self.sensed.start_is_surveyed
+        return isinstance(self.records, Recording) and self.records.start_is_surveyed
 
     @property
     def frames(self) -> Frames | None:
         """Images."""
-        return self.sensed.frames
+        return self.records.frames
 
     @property
     def camera(self) -> Camera | None:
         """Calibration."""
-        return self.sensed.camera
+        return self.records.camera
 
     @property
     def gps(self) -> GpsFixes | None:
-        """Fixes, in the CRS that is worked in."""
-        return self.sensed.gps if isinstance(self.sensed, Recording) else None
+        """Fixes, in the working CRS."""
+        return self.records.gps if isinstance(self.records, Recording) else None
 
-    def assumed(self, overrides: Sequence[str] = ()) -> LocalizationConfig:
-        """Return the errors assumed of the sensors, with overrides.
+    def config(self, overrides: Sequence[str] = ()) -> LocalizationConfig:
+        """Return the errors assumed of the sensors.
 
         Parameters
         ----------
         overrides : sequence of str
             As in a mission file: ``localization.gps_bias_sigma_m=3.0``.
+
+        Returns
+        -------
+        LocalizationConfig
+            Defaults with the overrides.
 
         Raises
         ------
@@ -89,72 +96,114 @@ class RecordedDrive:
             )
         return validated(LocalizationConfig, values["localization"], "--set")
 
-    def localized(
+    def localize(
         self, config: LocalizationConfig | None = None, progress: Progress | None = None
-    ) -> Localized:
+    ) -> DriveEstimate:
         """Estimate path and landmarks.
+
+        With fixes this is `vision_slam.localize`; without, the path is that of visual odometry.
+
+        Parameters
+        ----------
+        config : LocalizationConfig, optional
+            Errors assumed of the sensors.
+        progress : callable, optional
+            Progress callback (stage, done, total).
+
+        Returns
+        -------
+        DriveEstimate
+            Path and landmarks.
 
         Raises
         ------
         InputError
-            What the images or the fixes do not suffice for.
+            The images or the fixes do not suffice.
         """
-        if isinstance(self.sensed, ImageSequence):
-            seen = visual_odometry(self.sensed, progress=progress)
-            if self.sensed.wheels is None:
-                refuse_untracked(seen)
-            return Localized.from_its_start(seen)
-        return Localized.in_the_world(localize(self.sensed, config, progress=progress))
+        if isinstance(self.records, Recording):
+            return DriveEstimate.in_crs(localize(self.records, config, progress=progress))
+        visual = visual_odometry(self.records, progress=progress)
+        if self.records.wheels is None:
+            refuse_untracked(visual)
+        return DriveEstimate.in_first_frame(visual)
 
-    def compared(self, localized: Localized, judge: Trajectory | FloatArray | None) -> Compared | None:
-        """Hold an estimate against a reference from a file, else against the layout's own; None without either."""
-        if localized.trajectory is not None:
-            return compared_in_the_world(localized, judge) if isinstance(judge, Trajectory) else None
-        if judge is not None:
-            rows = np.asarray(judge)
+    def compare(
+        self, estimate: DriveEstimate, reference: Trajectory | FloatArray | None
+    ) -> Comparison | None:
+        """Compare an estimate with a reference from a file, or with that of the layout.
+
+        Parameters
+        ----------
+        estimate : DriveEstimate
+            Result of `localize`.
+        reference : Trajectory or (R, 8) ndarray, optional
+            Result of `read_reference`.
+
+        Returns
+        -------
+        Comparison or None
+            None without any reference.
+        """
+        if estimate.trajectory is not None:
+            if not isinstance(reference, Trajectory):
+                return None
+            return compare_in_crs(estimate.trajectory, reference)
+        if reference is not None:
+            rows = np.asarray(reference)
             poses = np.tile(np.eye(4), (len(rows), 1, 1))
             poses[:, :3, 3] = rows[:, 1:4]
-            poses[:, :3, :3] = _turns(rows[:, 4:8])
-            return compared_from_its_start(localized, rows[:, 0], poses)
+            poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:8]).as_matrix()
+            return compare_from_start(estimate, rows[:, 0], poses)
         if self.reference is None or self.reference_time_s is None:
             return None
-        return compared_from_its_start(localized, self.reference_time_s, self.reference)
+        return compare_from_start(estimate, self.reference_time_s, self.reference)
 
     def read_reference(self, path: Path) -> Trajectory | FloatArray:
-        """Read a path to judge by: in the drive's CRS or, for images alone, TUM poses in a frame of their own.
+        """Read a reference path.
+
+        Parameters
+        ----------
+        path : Path
+            ``.csv`` or ``.tum`` in the CRS of the recording; for images alone ``.tum`` in a frame
+            of its own.
+
+        Returns
+        -------
+        Trajectory or (R, 8) ndarray
+            Rows of time, position and quaternion for images alone.
 
         Raises
         ------
         InputError
             Missing or damaged.
         """
-        if isinstance(self.sensed, Recording):
-            return Trajectory.read(path, self.sensed.crs)
+        if isinstance(self.records, Recording):
+            return Trajectory.read(path, self.records.crs)
         return read_tum(path)
 
 
-def open_drive(
-    source: Path,
+def open_recording(
+    source: str | Path,
     *,
-    camera: Path | None = None,
+    camera: str | Path | None = None,
     topics: Sequence[str] = (),
-    gps: Path | None = None,
+    gps: str | Path | None = None,
     crs: CRS | str | None = None,
     gps_shift_s: float = 0.0,
     scale_from_m: float | None = None,
 ) -> RecordedDrive:
-    """Open a recording of ours, a bag, or a folder of images; whatever can be checked is checked here.
+    """Open a firnline recording, a ROS bag, or a folder of images, and check it.
 
     Parameters
     ----------
-    source : Path
+    source : str or Path
         See `vision_slam.io.readers.read_sequence` and `vision_slam.io.bags.read_bag`.
-    camera : Path, optional
+    camera : str or Path, optional
         ``camera.toml`` to use instead of the calibration that came with the images.
     topics : sequence of str
         Topics of a bag.
-    gps : Path, optional
-        Fixes that were recorded beside the images.
+    gps : str or Path, optional
+        Fixes recorded beside the images.
     crs : str or pyproj.CRS, optional
         Projected CRS to work in; the UTM zone of the first fix unless given.
     gps_shift_s : float
@@ -162,36 +211,53 @@ def open_drive(
     scale_from_m : float, optional
         Take the scale from the first metres of the layout's reference [m].
 
+    Returns
+    -------
+    RecordedDrive
+        What `localize` takes is its `records`, where there are fixes.
+
     Raises
     ------
     InputError, ConfigError
-        Nothing that is known, damaged files, or options that do not fit what is there.
+        An unknown layout, damaged files, or options that do not fit the recording.
     """
-    if not source.exists():
-        raise InputError(f"{source} does not exist; check the path.")
-    if (source / "recording.json").is_file():
+    place = Path(source)
+    if not place.exists():
+        raise InputError(f"{place} does not exist; check the path.")
+    if (place / "recording.json").is_file():
         if camera or topics or gps or crs or scale_from_m is not None:
             raise ConfigError(
-                f"{source} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs and --scale-from out."
+                f"{place} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs and --scale-from out."
             )
-        return _ours(source)
-    if topics and not is_bag(source):
-        raise ConfigError(f"{source} is no bag and has no topics; leave --topic out.")
-    calibration = None if camera is None else Camera.read(camera)
-    sequence = read_bag(source, topics, calibration) if is_bag(source) else read_sequence(source, calibration)
+        return _firnline_recording(place)
+    sequence = _read_images(place, topics, None if camera is None else Camera.read(camera))
     if scale_from_m is not None:
-        sequence = scaled_by_first(sequence, scale_from_m)
-    log, notes = (sequence.gps if gps is None else read_gps(gps)), sequence.notes
+        sequence = scale_by_reference(sequence, scale_from_m)
+    log = sequence.gps if gps is None else read_gps(gps)
+    if log is not None:
+        return _with_fixes(sequence, log, crs, gps_shift_s)
+    if crs is not None or gps_shift_s != 0.0:
+        raise ConfigError(f"{place} holds no fixes; --crs and --gps-shift need some, name them with --gps.")
+    notes = sequence.notes
+    if sequence.wheels is None:
+        notes += ("no wheels and no fixes: lengths are no metres, the first step counts as one",)
+    return RecordedDrive(sequence, notes, sequence.reference_time_s, sequence.reference)
+
+
+def _read_images(place: Path, topics: Sequence[str], camera: Camera | None) -> ImageSequence:
+    """Read a bag or a folder; refuse topics of a folder, and fewer than two images."""
+    if topics and not is_bag(place):
+        raise ConfigError(f"{place} is no bag and has no topics; leave --topic out.")
+    sequence = read_bag(place, topics, camera) if is_bag(place) else read_sequence(place, camera)
     if len(sequence.frames) < 2:
-        raise InputError(f"{source} holds one image; motion needs at least two.")
-    if log is None and (crs is not None or gps_shift_s != 0.0):
-        raise ConfigError(f"{source} holds no fixes; --crs and --gps-shift need some, name them with --gps.")
-    if log is None:
-        if sequence.wheels is None:
-            notes += ("no wheels and no fixes: lengths are no metres, the first step counts as one",)
-        return RecordedDrive(sequence, notes, sequence.reference_time_s, sequence.reference)
-    recording = placed(sequence, log, crs, gps_shift_s)
-    notes += (f"works in {recording.crs.name}",)
+        raise InputError(f"{place} holds one image; motion needs at least two.")
+    return sequence
+
+
+def _with_fixes(sequence: ImageSequence, log: GpsLog, crs: CRS | str | None, shift_s: float) -> RecordedDrive:
+    """Place images in the CRS of their fixes."""
+    recording = georeference(sequence, log, crs, shift_s)
+    notes = (*sequence.notes, f"works in {recording.crs.name}")
     if log.n_without_fix:
         notes += (f"{log.n_without_fix} records of the receiver without a fix are left out",)
     if sequence.wheels is None:
@@ -199,18 +265,12 @@ def open_drive(
     return RecordedDrive(recording, notes)
 
 
-def _ours(source: Path) -> RecordedDrive:
-    recording = Recording.read(source)
+def _firnline_recording(place: Path) -> RecordedDrive:
+    """Read a recording and check all its images."""
+    recording = Recording.read(place)
     frames, camera = recording.frames, recording.camera
     if frames is not None and camera is not None and isinstance(frames.images, ImageFiles):
         for file in frames.images.files:
             refuse_cut_off(file)
         refuse_other_sizes(frames.images.files, camera)
     return RecordedDrive(recording)
-
-
-def _turns(quaternion: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    turns: FloatArray = Rotation.from_quat(quaternion).as_matrix()
-    return turns

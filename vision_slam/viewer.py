@@ -9,9 +9,10 @@ import numpy as np
 from survey.core.errors import ConfigError
 from survey.core.files import replacing
 from survey.data.camera import Camera, Frames
-from vision_slam.io.sequence import Sensed
+from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.clahe import grey_of
-from vision_slam.results import Localized, health_columns
+from vision_slam.results import health_columns
 
 _LINE = "drive"
 
@@ -26,7 +27,7 @@ def refuse_without_rerun() -> None:
         ) from error
 
 
-def write_rrd(path: Path, localized: Localized, drive: Sensed) -> None:
+def write_rrd(path: Path, estimate: DriveEstimate, drive: VisionRecords) -> None:
     """Write an ``.rrd`` file, which ``rerun FILE`` opens.
 
     Places count from the first pose: rerun computes in single precision, which cuts
@@ -46,26 +47,26 @@ def write_rrd(path: Path, localized: Localized, drive: Sensed) -> None:
         stream = rr.RecordingStream("firnline")
         stream.save(str(draft))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        _log_path(rr, stream, localized)
+        _log_path(rr, stream, estimate)
         if drive.frames is not None and drive.camera is not None:
             _log_camera(rr, stream, drive.camera)
-            _log_images(rr, stream, localized, drive.frames, drive.camera)
-        _log_health(rr, stream, localized)
+            _log_images(rr, stream, estimate, drive.frames, drive.camera)
+        _log_health(rr, stream, estimate)
         stream.flush()
         stream.disconnect()
 
 
-def _log_path(rr: Any, stream: Any, localized: Localized) -> None:
+def _log_path(rr: Any, stream: Any, estimate: DriveEstimate) -> None:
     """Log the whole path and the landmarks, and the body's pose over time."""
-    origin = localized.position[0]
-    stream.log("world/path", rr.LineStrips3D([localized.position - origin]), static=True)
-    if len(localized.landmarks):
-        stream.log("world/landmarks", rr.Points3D(localized.landmarks - origin, radii=0.03), static=True)
+    origin = estimate.position[0]
+    stream.log("world/path", rr.LineStrips3D([estimate.position - origin]), static=True)
+    if len(estimate.landmarks):
+        stream.log("world/landmarks", rr.Points3D(estimate.landmarks - origin, radii=0.03), static=True)
     stream.send_columns(
         "world/body",
-        indexes=[rr.TimeColumn(_LINE, duration=localized.time_s - localized.time_s[0])],
+        indexes=[rr.TimeColumn(_LINE, duration=estimate.time_s - estimate.time_s[0])],
         columns=rr.Transform3D.columns(
-            translation=localized.position - origin, quaternion=localized.quaternion
+            translation=estimate.position - origin, quaternion=estimate.quaternion
         ),
     )
 
@@ -83,23 +84,23 @@ def _log_camera(rr: Any, stream: Any, camera: Camera) -> None:
     stream.log("world/body/camera", lens, static=True)
 
 
-def _log_images(rr: Any, stream: Any, localized: Localized, frames: Frames, camera: Camera) -> None:
+def _log_images(rr: Any, stream: Any, estimate: DriveEstimate, frames: Frames, camera: Camera) -> None:
     for index, time_s in enumerate(frames.time_s.tolist()):
-        stream.set_time(_LINE, duration=time_s - localized.time_s[0])
+        stream.set_time(_LINE, duration=time_s - estimate.time_s[0])
         grey = grey_of(frames[index], camera.width, camera.height)
         _, content = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 85])
         image = rr.EncodedImage(contents=content.tobytes(), media_type="image/jpeg")
         stream.log("world/body/camera", image)
 
 
-def _log_health(rr: Any, stream: Any, localized: Localized) -> None:
-    if localized.found is None:
+def _log_health(rr: Any, stream: Any, estimate: DriveEstimate) -> None:
+    if estimate.visual_odometry is None:
         return
-    columns = health_columns(localized.found)
+    columns = health_columns(estimate.visual_odometry)
     time_s = columns.pop("time_s")
     for name, values in columns.items():
         stream.send_columns(
             f"health/{name}",
-            indexes=[rr.TimeColumn(_LINE, duration=time_s - localized.time_s[0])],
+            indexes=[rr.TimeColumn(_LINE, duration=time_s - estimate.time_s[0])],
             columns=rr.Scalars.columns(scalars=np.asarray(values)),
         )

@@ -11,8 +11,9 @@ from sim.cli.options import Json, Quiet
 from sim.cli.outcome import refusals_told
 
 if TYPE_CHECKING:
+    from vision_slam.comparison import Comparison
+    from vision_slam.drive_estimate import DriveEstimate
     from vision_slam.recordings import RecordedDrive
-    from vision_slam.results import Compared, Localized
 
 
 _Source = Annotated[
@@ -23,7 +24,7 @@ _Camera = Annotated[
     Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
 ]
 _Topic = Annotated[
-    list[str] | None, typer.Option("--topic", help="Topic of a bag to take, where several would do.")
+    list[str] | None, typer.Option("--topic", help="Topic of a bag, where it has several of a kind.")
 ]
 _Gps = Annotated[
     Path | None, typer.Option("--gps", help="Fixes recorded beside the images: NMEA, .gpx or .csv.")
@@ -46,7 +47,9 @@ _ScaleFrom = Annotated[
 ]
 _Reference = Annotated[
     Path | None,
-    typer.Option("--reference", help="Path to judge by (.tum or .csv), not shown to the estimator."),
+    typer.Option(
+        "--reference", help="Reference path to compare with (.tum or .csv); the estimator does not use it."
+    ),
 ]
 _Viewer = Annotated[
     Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
@@ -56,11 +59,11 @@ _Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Override what is assumed, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0.",
+        help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0.",
     ),
 ]
 _Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")]
-_Force = Annotated[bool, typer.Option("--force", help="Replace a localization that is there.")]
+_Force = Annotated[bool, typer.Option("--force", help="Replace an existing localization.")]
 
 
 @refusals_told
@@ -80,7 +83,7 @@ def localize(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Estimate where a rover was, and where its landmarks are, from what it recorded.
+    """Estimate the path of a rover and its landmarks from a recording.
 
     For example:
 
@@ -95,21 +98,24 @@ def localize(
       firnline localize drive.bag --topic /left/image_raw --viewer drive.rrd
 
     Written are trajectory.tum and health.csv, landmarks.csv, the pictures map.png and tracks.png,
-    with fixes also trajectory.csv (covariances), online_trajectory.csv (what was known at every
-    moment), track.gpkg and landmarks.gpkg in their CRS, and
-    with a reference errors.png. Without fixes the path counts from the first image. A folder of
+    with fixes also trajectory.csv (covariances), online_trajectory.csv (the causal path),
+    track.gpkg and landmarks.gpkg in their CRS, and with a reference errors.png. Without fixes the
+    path is relative to the first image. A folder of
     images takes its times from frames.csv (time_s,file), times.txt or the names of the files, its
     calibration from camera.toml, and wheels.csv and inertial.csv where they are there.
     """
-    from vision_slam.recordings import open_drive
-    from vision_slam.results import refuse_existing
+    from sim.cli.outputs import refuse_existing
+    from vision_slam.recordings import open_recording
+    from vision_slam.results import OWN_FILES
 
-    refuse_existing(out, force=force)
+    inputs = (source, camera, gps, reference)
+    refuse_existing([out], force=force, inputs=inputs, own=OWN_FILES)
     if viewer is not None:
         from vision_slam.viewer import refuse_without_rerun
 
+        refuse_existing([viewer], force=force, inputs=inputs)
         refuse_without_rerun()
-    drive = open_drive(
+    drive = open_recording(
         source,
         camera=camera,
         topics=topic or [],
@@ -119,66 +125,72 @@ def localize(
         scale_from_m=scale_from,
     )
     judge = None if reference is None else drive.read_reference(reference)
-    localized, seconds = _timed(drive, settings or [], quiet=quiet)
-    compared = drive.compared(localized, judge)
-    _write(out, viewer, drive, localized, compared)
-    _tell(_told(drive, localized, compared, seconds), out, as_json=as_json)
+    estimate, seconds = _timed(drive, settings or [], quiet=quiet)
+    comparison = drive.compare(estimate, judge)
+    _write(out, viewer, drive, estimate, comparison)
+    _print(_summary(drive, estimate, comparison, seconds), out, as_json=as_json)
 
 
-def _timed(drive: "RecordedDrive", settings: list[str], *, quiet: bool) -> "tuple[Localized, float]":
+def _timed(drive: "RecordedDrive", settings: list[str], *, quiet: bool) -> "tuple[DriveEstimate, float]":
     """Return path and landmarks, and the seconds that they took."""
     from sim.cli.progress import counted
 
-    assumed = drive.assumed(settings)
+    config = drive.config(settings)
     began = perf_counter()
     with counted(quiet=quiet) as progress:
-        localized = drive.localized(assumed, progress)
-    return localized, perf_counter() - began
+        estimate = drive.localize(config, progress)
+    return estimate, perf_counter() - began
 
 
 def _write(
     out: Path,
     viewer: Path | None,
     drive: "RecordedDrive",
-    localized: "Localized",
-    compared: "Compared | None",
+    estimate: "DriveEstimate",
+    comparison: "Comparison | None",
 ) -> None:
-    """Write files and pictures, and what rerun's viewer shows where that is wanted."""
-    from vision_slam.results import pictures_of, write_localization, write_pictures
+    """Write files and pictures, and the file of rerun's viewer where it is asked for."""
+    from survey.core.exchange import replacing_folder
+    from vision_slam.results import OWN_FILES, pictures_of, write_localization, write_pictures
 
-    write_localization(out, localized)
-    write_pictures(out, pictures_of(localized, drive.sensed, drive.gps, compared))
+    with replacing_folder(out, own=OWN_FILES) as folder:
+        write_localization(folder, estimate)
+        write_pictures(folder, pictures_of(estimate, drive.records, drive.gps, comparison))
     if viewer is not None:
         from vision_slam.viewer import write_rrd
 
-        write_rrd(viewer, localized, drive.sensed)
+        write_rrd(viewer, estimate, drive.records)
 
 
-def _tell(told: dict[str, Any], out: Path, *, as_json: bool) -> None:
-    """Print the account, for people or as JSON."""
+def _print(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
+    """Print the summary as text or as JSON."""
     if as_json:
-        typer.echo(json.dumps(told, indent=2))
+        typer.echo(json.dumps(summary, indent=2))
         return
     typer.echo(f"written to {out}")
-    for name, value in told.items():
+    for name, value in summary.items():
         typer.echo(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
 
 
-def _told(
-    drive: "RecordedDrive", localized: "Localized", compared: "Compared | None", seconds: float
+def _summary(
+    drive: "RecordedDrive", estimate: "DriveEstimate", comparison: "Comparison | None", seconds: float
 ) -> dict[str, Any]:
-    """Return what the command prints."""
-    told: dict[str, Any] = {
-        "poses": len(localized.time_s),
-        "length_m": localized.length_m,
-        "landmarks": len(localized.landmarks),
+    """Return the figures that the command prints."""
+    summary: dict[str, Any] = {
+        "poses": len(estimate.time_s),
+        "length_m": estimate.length_m,
+        "landmarks": len(estimate.landmarks),
     }
-    if localized.found is not None:
-        n_blind = sum(not frame.is_visual for frame in localized.found.health[1:])
-        told |= {"frames_without_vision": n_blind, "frames_lost": int(localized.found.is_lost.sum())}
-        told["frames_per_s"] = len(localized.found.health) / max(seconds, 1e-9)
-    if compared is not None:
-        told |= compared.figures
-    if drive.notes:
-        told["notes"] = "; ".join(drive.notes)
-    return told
+    visual = estimate.visual_odometry
+    if visual is not None:
+        n_blind = sum(not frame.is_visual for frame in visual.health[1:])
+        summary |= {"frames_without_vision": n_blind, "frames_lost": int(visual.is_lost.sum())}
+        summary["frames_per_s"] = len(visual.health) / max(seconds, 1e-9)
+    if estimate.trajectory is not None:
+        summary |= {"fixes": estimate.n_fixes, "fixes_refused": estimate.n_fixes_refused}
+    if comparison is not None:
+        summary |= comparison.figures
+    notes = (*drive.notes, *estimate.notes)
+    if notes:
+        summary["notes"] = "; ".join(notes)
+    return summary

@@ -34,7 +34,7 @@ from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.reconstruction.policy import map_landmarks
 from vision_slam import localize, trajectory_error
-from vision_slam.odometry.onboard import read_seen
+from vision_slam.odometry.onboard import read_visual_odometry
 
 logger = logging.getLogger(__name__)
 
@@ -145,7 +145,7 @@ def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     """
     recording = Recording.read(run.folder("simulate") / "recording")
     seen = run.folder("simulate") / "recording" / ONBOARD
-    visual = read_seen(seen) if seen.exists() else None
+    visual = read_visual_odometry(seen) if seen.exists() else None
     result = localize(recording, mission.assumed, visual=visual)
     if result.online_trajectory is not None:
         result.online_trajectory.write(folder / "online_trajectory.csv")

@@ -28,7 +28,7 @@ from survey.data.sensors import Odometry
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam import LocalizationConfig
-from vision_slam.odometry.onboard import read_seen
+from vision_slam.odometry.onboard import read_visual_odometry
 from vision_slam.odometry.visual_slam import VisualOdometry
 from vision_slam.pipeline import align_heading
 
@@ -96,7 +96,9 @@ def errors_of(run: RunFolder) -> DriveErrors:
         raise InputError(f"{run.path} holds no drive in images; run a mission of fidelity vision first.")
     run.verify("simulate")
     recording = Recording.read(place / "recording")
-    return drive_errors(recording, read_seen(place / "recording" / ONBOARD), Truth.read(place / "truth"))
+    return drive_errors(
+        recording, read_visual_odometry(place / "recording" / ONBOARD), Truth.read(place / "truth")
+    )
 
 
 def drive_errors(recording: Recording, found: VisualOdometry, real: Truth) -> DriveErrors:

@@ -14,7 +14,7 @@ from survey.data.sensors import Inertial, Odometry
 from vision_slam import LocalizationConfig
 from vision_slam.fusion.hypotheses import GyroTurn
 from vision_slam.fusion.particle_filter import ParticleFilter
-from vision_slam.inertial.gyro import turned_beyond
+from vision_slam.inertial.gyro import gyro_residual_rad
 from vision_slam.odometry.onboard import OnboardOdometry, joined
 from vision_slam.odometry.visual_slam import FramePose, VisualOdometry
 from vision_slam.pipeline import image_config
@@ -120,7 +120,7 @@ class OnboardComputer:
             return None
         attitude = Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")
         odometry = Odometry(np.array([self._known.time_s, time_s]), np.zeros((1, 3)), attitude)
-        beyond_rad = float(turned_beyond(recent, odometry)[0])
+        beyond_rad = float(gyro_residual_rad(recent, odometry)[0])
         turned_rad = float(np.angle(np.exp(1j * (attitude[1, 2] - attitude[0, 2]))))
         return GyroTurn(beyond_rad, turned_rad) if np.isfinite(beyond_rad) else None
 

@@ -15,7 +15,7 @@ from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_tum_list
 from survey.io.tables import write_table
 from survey.io.vector import write_features
-from vision_slam.odometry.onboard import write_seen
+from vision_slam.odometry.onboard import write_visual_odometry
 from vision_slam.odometry.visual_slam import VisualOdometry
 
 ONBOARD = "onboard"
@@ -75,7 +75,7 @@ class SimulatedDrive:
         """Write recording, truth, ``drive.json``, steered estimates, hazards, a video and a contact sheet."""
         self.recording.write(folder / "recording")
         if self.visual_odometry is not None:
-            write_seen(self.visual_odometry, folder / "recording" / ONBOARD)
+            write_visual_odometry(self.visual_odometry, folder / "recording" / ONBOARD)
         self.truth.write(folder / "truth")
         write_json(folder / "drive.json", self._summary())
         if self.estimates is not None:

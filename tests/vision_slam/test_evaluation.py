@@ -7,7 +7,7 @@ import pytest
 
 from survey.core.errors import InputError
 from survey.io.tracks import read_kitti, read_tum
-from vision_slam.evaluation import absolute_errors_m, alignment, matched_times, relative_errors
+from vision_slam.evaluation import absolute_errors_m, alignment, match_times, relative_errors
 
 # evo 1.38 (a GPL tool, not installed with the project) printed these for the same files; its
 # own arithmetic is double precision, so 1e-6 m leaves only the order of summation.
@@ -57,7 +57,7 @@ def test_absolute_error_on_fr2_desk_equals_the_established_tool(
     published: Path, name: str, n: int, rms: float
 ) -> None:
     reference, estimate = (read_tum(published / file) for file in ("fr2_desk_groundtruth.txt", name))
-    first, second = matched_times(reference[:, 0], estimate[:, 0])
+    first, second = match_times(reference[:, 0], estimate[:, 0])
     assert len(first) == n
     found = _rms(absolute_errors_m(estimate[second, 1:4], reference[first, 1:4], "sim3"))
     assert found == pytest.approx(rms, abs=EQUAL_M)

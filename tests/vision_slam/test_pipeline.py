@@ -18,7 +18,7 @@ from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.readers import read_sequence
 from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
 from vision_slam.pipeline import align_heading
-from vision_slam.recordings import open_drive
+from vision_slam.recordings import open_recording
 from vision_slam.rotation import rotations
 
 UTM = "EPSG:32608"
@@ -132,7 +132,7 @@ def test_api_and_command_give_the_same_bytes_on_real_images_without_wheels(
     rows = np.column_stack([sequence.frames.time_s, fixes])
     header = "time_s,easting_m,northing_m,height_m"
     np.savetxt(tmp_path / "gps.csv", rows, delimiter=",", header=header, comments="", fmt="%.17g")
-    recording = open_drive(folder, gps=tmp_path / "gps.csv", crs="EPSG:32632").sensed
+    recording = open_recording(folder, gps=tmp_path / "gps.csv", crs="EPSG:32632").records
     assert isinstance(recording, Recording)
     trajectory = localize(recording).trajectory
     off = trajectory.position - real

@@ -11,8 +11,8 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera import Camera
 from survey.data.sensors import Wheels
 from survey.data.trajectory import Trajectory
-from vision_slam.recordings import RecordedDrive, open_drive
-from vision_slam.results import pictures_of, refuse_existing, write_localization, write_pictures
+from vision_slam.recordings import RecordedDrive, open_recording
+from vision_slam.results import pictures_of, write_localization, write_pictures
 from vision_slam.viewer import refuse_without_rerun, write_rrd
 
 UTM = "EPSG:32608"
@@ -46,13 +46,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory, plane_world: object, camera
 
 @pytest.fixture(scope="module")
 def drive(folder: Path) -> RecordedDrive:
-    return open_drive(folder, gps=folder / "phone.csv", crs=UTM)
+    return open_recording(folder, gps=folder / "phone.csv", crs=UTM)
 
 
 def test_images_without_wheels_take_scale_and_heading_from_the_fixes(
     drive: RecordedDrive, tmp_path: Path
 ) -> None:
-    localized = drive.localized()
+    localized = drive.localize()
     end = localized.position[-1] - [500000.0, 6470000.0, 50.0]
     length_m = STEP_M * (N - 1)
     # 24 fixes of 0.1 m on 24 m place the ends to a few centimetres; 0.5 m is what the smoother's own σ allows.
@@ -62,24 +62,23 @@ def test_images_without_wheels_take_scale_and_heading_from_the_fixes(
     judge = tmp_path / "other.tum"
     assert localized.trajectory is not None
     localized.trajectory.write(judge)
-    compared = drive.compared(localized, drive.read_reference(judge))
+    compared = drive.compare(localized, drive.read_reference(judge))
     assert compared is not None
     assert compared.figures["worst_error_m"] == 0.0
     out = tmp_path / "out"
+    out.mkdir()
     write_localization(out, localized)
-    write_pictures(out, pictures_of(localized, drive.sensed, drive.gps, compared))
+    write_pictures(out, pictures_of(localized, drive.records, drive.gps, compared))
     names = {file.name for file in out.iterdir()}
     assert {"trajectory.tum", "track.gpkg", "landmarks.gpkg", "health.csv"} <= names
     assert {"map.png", "tracks.png", "errors.png"} <= names
     assert len(Trajectory.read(out / "trajectory.csv", UTM)) == N
-    with pytest.raises(InputError, match="--force"):
-        refuse_existing(out, force=False)
 
 
 def test_wheels_beside_the_images_give_the_scale(folder: Path, drive: RecordedDrive) -> None:
     rolled = 0.25 * STEP_M * np.arange(N)
-    Wheels(drive.sensed.frames.time_s, rolled, rolled).write(folder / "wheels.csv")  # type: ignore[union-attr]
-    sequence = open_drive(folder).sensed
+    Wheels(drive.records.frames.time_s, rolled, rolled).write(folder / "wheels.csv")  # type: ignore[union-attr]
+    sequence = open_recording(folder).records
     (folder / "wheels.csv").unlink()
     assert sequence.wheels is not None
     assert sequence.wheels.left_m[-1] == pytest.approx(rolled[-1])
@@ -89,7 +88,7 @@ def test_fixes_that_hardly_move_cannot_tell_a_scale(folder: Path, tmp_path: Path
     still = [f"{1000.0 + k},500000,6470000,50" for k in range(10)]
     (tmp_path / "still.csv").write_text("\n".join(["time_s,easting_m,northing_m,height_m", *still]) + "\n")
     with pytest.raises(InputError, match=r"spread over 0\.0 m"):
-        open_drive(folder, gps=tmp_path / "still.csv", crs=UTM).localized()
+        open_recording(folder, gps=tmp_path / "still.csv", crs=UTM).localize()
 
 
 def test_blank_images_are_no_motion(folder: Path, tmp_path: Path) -> None:
@@ -97,7 +96,7 @@ def test_blank_images_are_no_motion(folder: Path, tmp_path: Path) -> None:
     for k in range(3):
         cv2.imwrite(str(tmp_path / f"{0.5 * k}.png"), np.full((240, 320), 200, np.uint8))
     with pytest.raises(InputError, match="none of 3 images could be followed"):
-        open_drive(tmp_path).localized()
+        open_recording(tmp_path).localize()
 
 
 def test_a_camera_that_stands_still_invents_no_motion(drive: RecordedDrive, tmp_path: Path) -> None:
@@ -105,8 +104,8 @@ def test_a_camera_that_stands_still_invents_no_motion(drive: RecordedDrive, tmp_
     first = next(short.glob("*.png"))
     for k in range(1, 6):
         (short / f"{1000.0 + 0.25 * k:.2f}.png").write_bytes(first.read_bytes())
-    standing = open_drive(short)
-    assert standing.localized().length_m == 0.0
+    standing = open_recording(short)
+    assert standing.localize().length_m == 0.0
     assert any("lengths are no metres" in note for note in standing.notes)
 
 
@@ -115,14 +114,14 @@ def test_one_image_is_no_motion(folder: Path, tmp_path: Path) -> None:
     first = min((folder / "images").iterdir())
     (tmp_path / "1.5.png").write_bytes(first.read_bytes())
     with pytest.raises(InputError, match="one image; motion needs at least two"):
-        open_drive(tmp_path)
+        open_recording(tmp_path)
 
 
 def test_the_viewers_file_holds_the_drive(drive: RecordedDrive, tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="rerun is not installed (firnline[viewer])")
-    short = open_drive(_first_images(drive, tmp_path / "short", 6))
-    localized = short.localized()
-    write_rrd(tmp_path / "drive.rrd", localized, short.sensed)
+    short = open_recording(_first_images(drive, tmp_path / "short", 6))
+    localized = short.localize()
+    write_rrd(tmp_path / "drive.rrd", localized, short.records)
     content = (tmp_path / "drive.rrd").read_bytes()
     assert content.startswith(b"RRF")
     # Six images are in it: JPEG keeps the speckles in more than a kilobyte each.

@@ -9,7 +9,7 @@ from survey.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class Chain:
+class BlockTridiagonal:
     r"""Factorization of the information of K nodes of n unknowns, with the globals behind them.
 
     With D the diagonal blocks, U those above them, B the coupling to the globals and G
@@ -24,7 +24,7 @@ class Chain:
     --------
     >>> from scipy import sparse
     >>> matrix = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, 1.0], [0.0, 1.0, 3.0]])
-    >>> chain = Chain.of(sparse.coo_array(matrix), 1, 2)
+    >>> chain = BlockTridiagonal.of(sparse.coo_array(matrix), 1, 2)
     >>> inverse = np.linalg.inv(matrix)
     >>> bool(np.allclose(chain.solve(np.eye(3)), inverse))
     True

@@ -30,9 +30,9 @@ from vision_slam.fusion.normal_equations import (
     Term,
     unknown,
 )
-from vision_slam.inertial.attitude import first_heading
+from vision_slam.inertial.attitude import initial_heading
 from vision_slam.inertial.gravity import gravity_tilt, standing_bias
-from vision_slam.inertial.gyro import ANY_RATE_RAD_S, GyroErrors, turned_beyond
+from vision_slam.inertial.gyro import ANY_RATE_RAD_S, GyroErrors, gyro_residual_rad
 from vision_slam.rotation import rotations, turned
 
 _DATUM_SIGMA_M = 1e4  # a barometer's datum is unknown by kilometres before the first reading
@@ -137,7 +137,7 @@ def signed_travel(odometry: Odometry) -> FloatArray:
 
 
 def _add_start(system: NormalEquations, recording: OdometryRecording, config: LocalizationConfig) -> None:
-    back_rad, settings = turned_back(recording, config)
+    back_rad, settings = compass_offset(recording, config)
     start_m, heading_rad = settings.start_errors
     for axis in range(3):
         system.add_prior(E + axis, start_m)
@@ -161,14 +161,16 @@ def _add_start(system: NormalEquations, recording: OdometryRecording, config: Lo
     system.add_prior(DATUM, _DATUM_SIGMA_M)
 
 
-def turned_back(recording: OdometryRecording, config: LocalizationConfig) -> tuple[float, LocalizationConfig]:
+def compass_offset(
+    recording: OdometryRecording, config: LocalizationConfig
+) -> tuple[float, LocalizationConfig]:
     """Return the turn that takes the odometry back to the compass [rad], and how sure that is of its heading."""
     if config.heading_sigma_deg <= _KNOWN_DEG:
         return 0.0, config
     if recording.compass is None:
         return 0.0, config.model_copy(update={"heading_sigma_deg": _ANY_DEG})
     first = float(recording.odometry.attitude_rad[0, 2])
-    back = first_heading(recording.compass, float(recording.odometry.time_s[0])) - first
+    back = initial_heading(recording.compass, float(recording.odometry.time_s[0])) - first
     return float(np.angle(np.exp(1j * back))), config
 
 
@@ -180,9 +182,9 @@ def _add_heading(
     walk = gyro.heading_walk * along.travel + along.beyond_usual(along.odometry.turn_sigma_rad) ** 2
     system.add_walk(HEADING, np.maximum(np.sqrt(walk), _EXACT_RAD))
     system.add_walk(GYRO, np.sqrt(gyro.bias_walk * seconds))
-    if recording.inertial is None or not gyro.is_of_use:
+    if recording.inertial is None or not gyro.is_used:
         return
-    beyond = along.summed(turned_beyond(recording.inertial, along.odometry))
+    beyond = along.summed(gyro_residual_rad(recording.inertial, along.odometry))
     before = np.flatnonzero(np.isfinite(beyond))
     turned_rad = np.diff(np.unwrap(along.odometry.attitude_rad[:, 2])[along.index])
     one, half = np.ones(len(before)), 0.5 * seconds[before]

@@ -9,10 +9,15 @@ from survey.core.streams import stream
 from survey.data.recording import OdometryRecording
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.error_terms import differenced_fixes, differenced_heights, signed_travel, turned_back
+from vision_slam.fusion.error_terms import (
+    compass_offset,
+    differenced_fixes,
+    differenced_heights,
+    signed_travel,
+)
 from vision_slam.fusion.hypotheses import GyroTurn
 from vision_slam.fusion.particle_filter import ParticleFilter
-from vision_slam.inertial.gyro import GyroErrors, turned_beyond
+from vision_slam.inertial.gyro import GyroErrors, gyro_residual_rad
 from vision_slam.rotation import quaternions, rotations
 
 _SET_OFF_M = 5.0
@@ -63,7 +68,7 @@ def filter_path(recording: OdometryRecording, reckoned: FloatArray, config: Loca
     poses_s = recording.odometry.time_s
     fixes, settings = differenced_fixes(recording, config)
     heights, settings = differenced_heights(recording, settings)
-    back, settings = turned_back(recording, settings)
+    back, settings = compass_offset(recording, settings)
     cosine, sine = np.cos(back), np.sin(back)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     path = (reckoned - recording.start) @ turn.T + recording.start
@@ -168,9 +173,9 @@ class _Walk:
 
 def _beyond(recording: OdometryRecording, moments_s: FloatArray, config: LocalizationConfig) -> FloatArray:
     """By how much the gyro turns beyond the odometry before each moment [rad]; NaN where it does not tell, or need not."""
-    if recording.inertial is None or not GyroErrors.of(config).is_of_use:
+    if recording.inertial is None or not GyroErrors.of(config).is_used:
         return np.full(len(moments_s), np.nan)
-    beyond = turned_beyond(recording.inertial, recording.odometry)
+    beyond = gyro_residual_rad(recording.inertial, recording.odometry)
     parts = np.column_stack([np.nan_to_num(beyond), np.isnan(beyond)])
     summed = np.vstack([np.zeros(2), np.cumsum(parts, axis=0)])
     moved = np.diff(_at(moments_s, recording.odometry.time_s, summed), axis=0, prepend=np.zeros((1, 2)))

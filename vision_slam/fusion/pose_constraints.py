@@ -1,4 +1,4 @@
-"""Ties: places that the path is known to meet again, stakes in passing and closures upon itself, each judged by the others."""
+"""PoseConstraints: places that the path is known to meet again, stakes in passing and closures upon itself, each judged by the others."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,14 +9,14 @@ from scipy import sparse
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
-from vision_slam.fusion.block_tridiagonal import Chain
+from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
 from vision_slam.fusion.normal_equations import PER_NODE
 from vision_slam.rotation import rotations, turned
 
 
 @dataclass(frozen=True)
-class Ties:
-    """M ties of three rows each: sparse ``rows`` (3 M, unknowns), ``value`` (3 M,) and ``noise`` (3 M, 3 M)."""
+class PoseConstraints:
+    """M constraints of three rows each: sparse ``rows`` (3 M, unknowns), ``value`` (3 M,) and ``noise`` (3 M, 3 M)."""
 
     rows: Any
     value: FloatArray
@@ -25,16 +25,16 @@ class Ties:
     def __len__(self) -> int:
         return len(self.value) // 3
 
-    def without(self, which: int) -> "Ties":
+    def without(self, which: int) -> "PoseConstraints":
         """Return all but one."""
         keep = np.ones(len(self.value), dtype=bool)
         keep[3 * which : 3 * which + 3] = False
-        return Ties(self.rows[keep], self.value[keep], self.noise[np.ix_(keep, keep)])
+        return PoseConstraints(self.rows[keep], self.value[keep], self.noise[np.ix_(keep, keep)])
 
 
-def ties_of(
+def pose_constraints(
     recording: OdometryRecording, reckoned: FloatArray, node_time_s: FloatArray, n_unknowns: int
-) -> Ties:
+) -> PoseConstraints:
     r"""Return what stakes and closures say of the path's error.
 
     A stake at p, seen at the offset o from the pose: p̃ + R̃ o − p = e + ∂(R o) · (ψ, θ, φ).
@@ -56,32 +56,34 @@ def ties_of(
         value.append((moved - arm).ravel())
         noise.append(spread)
     blocks = np.concatenate(noise)
-    return Ties(
+    return PoseConstraints(
         sparse.csr_array(sparse.vstack(rows)),
         np.concatenate(value),
         np.asarray(sparse.block_diag(list(blocks)).toarray()) if len(blocks) else np.zeros((0, 0)),
     )
 
 
-def gated(ties: Ties, chain: Chain, estimate: FloatArray, gate: float) -> Ties:
-    r"""Leave out, worst first, every tie that all the other ties and sensors contradict.
+def gate_constraints(
+    constraints: PoseConstraints, chain: BlockTridiagonal, estimate: FloatArray, gate: float
+) -> PoseConstraints:
+    r"""Leave out, worst first, every tie that all the other constraints and sensors contradict.
 
-    Each is predicted without itself: with S = H Σ Hᵀ + R over all ties, y their
+    Each is predicted without itself: with S = H Σ Hᵀ + R over all constraints, y their
     innovations and i the rows of one, its leave-one-out innovation is
     ``([S⁻¹]_ii)⁻¹ [S⁻¹ y]_i`` with the covariance ``([S⁻¹]_ii)⁻¹``; its squared length in
     standard deviations is χ² with three degrees of freedom.
     """
-    while len(ties):
-        seen = chain.solve(ties.rows.T.toarray())
-        precision = np.linalg.inv(ties.rows @ seen + ties.noise)
-        weighted = precision @ (ties.value - ties.rows @ estimate)
-        blocks = [slice(3 * i, 3 * i + 3) for i in range(len(ties))]
+    while len(constraints):
+        seen = chain.solve(constraints.rows.T.toarray())
+        precision = np.linalg.inv(constraints.rows @ seen + constraints.noise)
+        weighted = precision @ (constraints.value - constraints.rows @ estimate)
+        blocks = [slice(3 * i, 3 * i + 3) for i in range(len(constraints))]
         squared = [float(weighted[b] @ np.linalg.solve(precision[b, b], weighted[b])) for b in blocks]
         worst = int(np.argmax(squared))
         if squared[worst] <= gate:
             break
-        ties = ties.without(worst)
-    return ties
+        constraints = constraints.without(worst)
+    return constraints
 
 
 @dataclass(frozen=True)

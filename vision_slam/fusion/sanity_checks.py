@@ -23,7 +23,7 @@ _CONVINCING, _MISFIT = 10.0, 0.02  # the latter a fix: what assumed errors misju
 _SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
 
 
-def with_credible_start(
+def check_start_by_fixes(
     recording: OdometryRecording, path: FloatArray, time_s: FloatArray, config: LocalizationConfig
 ) -> tuple[OdometryRecording, LocalizationConfig]:
     """Take a surveyed start for unknown where the fixes of the first 300 m put it elsewhere.

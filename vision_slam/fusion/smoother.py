@@ -37,10 +37,10 @@ from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors import Odometry
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.block_tridiagonal import Chain
+from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
 from vision_slam.fusion.error_terms import Nodes, add_terms
 from vision_slam.fusion.normal_equations import PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
-from vision_slam.fusion.pose_constraints import Ties, gated, ties_of
+from vision_slam.fusion.pose_constraints import PoseConstraints, gate_constraints, pose_constraints
 
 logger = logging.getLogger(__name__)
 
@@ -58,7 +58,7 @@ class SmoothedPath:
 
     ``position`` (N, 3) [m], ``attitude_rad`` (N, 3) roll, pitch, yaw, ``covariance``
     (N, 6, 6) of position, yaw, pitch and roll [m, rad], ``error`` the whole posterior of
-    the keyframes, ``n_ties`` and ``n_refused`` how many stakes and closures were taken
+    the keyframes, ``n_constraints`` and ``n_refused`` how many stakes and closures were taken
     and refused, ``gps_evidence`` the gain in log likelihood if the receiver's errors are
     taken to last four times as long as assumed.
     """
@@ -67,7 +67,7 @@ class SmoothedPath:
     attitude_rad: FloatArray
     covariance: FloatArray
     error: PathError
-    n_ties: int = 0
+    n_constraints: int = 0
     n_refused: int = 0
     gps_evidence: float = 0.0
 
@@ -78,17 +78,19 @@ def smooth(recording: OdometryRecording, reckoned: FloatArray, config: Localizat
     time_s = recording.odometry.time_s[nodes]
     posterior = _Posterior.of(recording, reckoned, nodes, config)
     gain = _gain_if_longer(recording, reckoned, nodes, config, posterior.log_evidence)
-    ties = ties_of(recording, reckoned, time_s, posterior.chain.n_unknowns)
-    accepted = gated(ties, posterior.chain, posterior.estimate, config.tie_gate)
-    posterior = posterior.with_ties(accepted)
-    if len(ties) > len(accepted):
+    constraints = pose_constraints(recording, reckoned, time_s, posterior.chain.n_unknowns)
+    accepted = gate_constraints(constraints, posterior.chain, posterior.estimate, config.tie_gate)
+    posterior = posterior.with_constraints(accepted)
+    if len(constraints) > len(accepted):
         logger.warning(
             "%d of %d closures and stakes disagree with all else and are left out",
-            len(ties) - len(accepted),
-            len(ties),
+            len(constraints) - len(accepted),
+            len(constraints),
         )
     path = _corrected(recording, reckoned, nodes, posterior)
-    return replace(path, n_ties=len(accepted), n_refused=len(ties) - len(accepted), gps_evidence=gain)
+    return replace(
+        path, n_constraints=len(accepted), n_refused=len(constraints) - len(accepted), gps_evidence=gain
+    )
 
 
 def log_evidence(recording: OdometryRecording, reckoned: FloatArray, config: LocalizationConfig) -> float:
@@ -99,9 +101,9 @@ def log_evidence(recording: OdometryRecording, reckoned: FloatArray, config: Loc
 
 @dataclass(frozen=True)
 class _Posterior:
-    """Estimate (n,), sparse information, the factorization of the chain, and what ties gained on it."""
+    """Estimate (n,), sparse information, the factorization of the chain, and what constraints gained on it."""
 
-    chain: Chain
+    chain: BlockTridiagonal
     information: sparse.csr_array
     estimate: FloatArray
     log_evidence: float
@@ -127,7 +129,7 @@ class _Posterior:
         add_terms(system, recording, along, config)
         design, values = system.design, system.values
         information = sparse.csr_array(design.T @ design)
-        chain = Chain.of(sparse.coo_array(information), PER_NODE, system.n_nodes)
+        chain = BlockTridiagonal.of(sparse.coo_array(information), PER_NODE, system.n_nodes)
         right = design.T @ values
         estimate = chain.solve(right[:, None])[:, 0]
         misfit = float(values @ values - right @ estimate)
@@ -146,15 +148,15 @@ class _Posterior:
         left: FloatArray = own - gain @ seen.transpose(0, 2, 1)
         return 0.5 * (left + left.transpose(0, 2, 1))
 
-    def with_ties(self, ties: Ties) -> "_Posterior":
+    def with_constraints(self, constraints: PoseConstraints) -> "_Posterior":
         """Return the posterior that also knows some stakes and closures (Woodbury over the chain)."""
-        if not len(ties):
+        if not len(constraints):
             return self
-        seen = self.chain.solve(ties.rows.T.toarray())
-        gain = np.linalg.solve(ties.rows @ seen + ties.noise, seen.T).T
-        estimate = self.estimate + gain @ (ties.value - ties.rows @ self.estimate)
-        weighted = sparse.csr_array(np.linalg.inv(ties.noise)) @ ties.rows
-        information = sparse.csr_array(self.information + ties.rows.T @ weighted)
+        seen = self.chain.solve(constraints.rows.T.toarray())
+        gain = np.linalg.solve(constraints.rows @ seen + constraints.noise, seen.T).T
+        estimate = self.estimate + gain @ (constraints.value - constraints.rows @ self.estimate)
+        weighted = sparse.csr_array(np.linalg.inv(constraints.noise)) @ constraints.rows
+        information = sparse.csr_array(self.information + constraints.rows.T @ weighted)
         return replace(self, information=information, estimate=estimate, gained=(gain, seen))
 
 

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.sensors import Compass, GpsFixes
-from vision_slam.io.sequence import Sensed
+from vision_slam.io.sequence import VisionRecords
 
 _TIME_S = 30.0
 _HOLE_S = 1.5
@@ -13,7 +13,7 @@ _LONG_ENOUGH_M = 20.0
 _OUTLYING_M = 2.0
 
 
-def attitudes(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> FloatArray:
+def world_attitudes(rotations: FloatArray, time_s: FloatArray, recording: VisionRecords) -> FloatArray:
     """Return roll, pitch, yaw (N, 3) [rad] of a body whose turns (N, 3, 3) images have told.
 
     The specific force, turned into the frame of the first image and averaged over 30 s to
@@ -24,7 +24,7 @@ def attitudes(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> F
     upright = _upright(rotations, time_s, recording) @ rotations
     attitude: FloatArray = Rotation.from_matrix(upright).as_euler("xyz")
     compass = recording.compass
-    attitude[:, 2] += (0.0 if compass is None else first_heading(compass, time_s[0])) - attitude[0, 2]
+    attitude[:, 2] += (0.0 if compass is None else initial_heading(compass, time_s[0])) - attitude[0, 2]
     attitude[:, 2] = np.unwrap(attitude[:, 2])
     return attitude
 
@@ -50,7 +50,7 @@ def heading_correction(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> f
     return turn
 
 
-def _upright(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> FloatArray:
+def _upright(rotations: FloatArray, time_s: FloatArray, recording: VisionRecords) -> FloatArray:
     """Return turns (N, 3, 3) from the frame of the first image to one whose z points up."""
     inertial = recording.inertial
     if inertial is None:
@@ -61,7 +61,7 @@ def _upright(rotations: FloatArray, time_s: FloatArray, recording: Sensed) -> Fl
     return _raised(up)
 
 
-def upright_start(recording: Sensed, time_s: float) -> FloatArray:
+def initial_pose(recording: VisionRecords, time_s: float) -> FloatArray:
     """Return the pose (4, 4) at the first image, with gravity of its first second pointing down."""
     pose = np.eye(4)
     if recording.inertial is not None:
@@ -100,7 +100,7 @@ def _nearest(time_s: FloatArray, at_s: FloatArray) -> IntArray:
     return np.searchsorted(middle, at_s)
 
 
-def first_heading(compass: Compass, time_s: float) -> float:
+def initial_heading(compass: Compass, time_s: float) -> float:
     """Mean of what a compass says within 2 s of a moment [rad]."""
     near = np.abs(compass.time_s - time_s) <= 2.0
     heading = compass.heading_rad[near] if near.any() else compass.heading_rad[:1]

@@ -48,7 +48,7 @@ class GyroErrors:
         return cls(float(heading**2), float(noise**2), float(walk**2), config.gyro_scale_sigma**2)
 
     @property
-    def is_of_use(self) -> bool:
+    def is_used(self) -> bool:
         """Whether the heading walks: where it does not, the odometry has made use of the gyro already."""
         return self.heading_walk > 0.0
 
@@ -57,7 +57,7 @@ class GyroErrors:
         return self.noise * seconds + self.scale * turned_rad**2
 
 
-def turned_beyond(inertial: Inertial, odometry: Odometry) -> FloatArray:
+def gyro_residual_rad(inertial: Inertial, odometry: Odometry) -> FloatArray:
     """Return by how much the gyro turned about the vertical beyond the odometry, from pose to pose (N - 1,) [rad].
 
     Each reading is the mean rate over the time before it. NaN where readings lack. The
@@ -68,7 +68,7 @@ def turned_beyond(inertial: Inertial, odometry: Odometry) -> FloatArray:
     >>> times = np.arange(4.0)
     >>> odometry = Odometry(times, np.zeros((3, 3)), np.zeros((4, 3)))
     >>> rates = np.tile([0.0, 0.0, 0.01], (4, 1))
-    >>> print(turned_beyond(Inertial(times, rates, np.zeros((4, 3))), odometry))
+    >>> print(gyro_residual_rad(Inertial(times, rates, np.zeros((4, 3))), odometry))
     [0.01 0.01 0.01]
     """
     pose = Rotation.from_euler("xyz", odometry.attitude_rad)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.data.sensors import Inertial, Wheels
-from vision_slam.io.sequence import Sensed
+from vision_slam.io.sequence import VisionRecords
 
 _STANDING_S = 0.5
 _STANDING_M = 2e-3
@@ -34,11 +34,11 @@ class RelativeMotion:
 class MotionSensors:
     """Wheels and gyro of a recording; the gyro's bias is learnt while standing, then from images."""
 
-    def __init__(self, recording: Sensed) -> None:
-        self.go_on(recording)
+    def __init__(self, recording: VisionRecords) -> None:
+        self.continue_with(recording)
         self._bias = self._standing_bias()
 
-    def go_on(self, recording: Sensed) -> None:
+    def continue_with(self, recording: VisionRecords) -> None:
         """Turn to other records of the same drive, such as later ones; what was learnt of the bias stays."""
         self._wheels, self._inertial = recording.wheels, recording.inertial
         self._wheel_s, self._inertial_s = _usual_s(self._wheels), _usual_s(self._inertial)

@@ -16,7 +16,7 @@ from vision_slam.io.gps_files import GpsLog
 _DATED_S = 1e8  # times of images beyond this count from 1970
 
 
-class Sensed(Protocol):
+class VisionRecords(Protocol):
     """What visual odometry looks at, of a recording or of a sequence."""
 
     @property
@@ -46,7 +46,7 @@ class ImageSequence:
 
     ``gps`` are fixes that came in the same recording. ``notes`` say in words what its reader
     did or supposed, for the user to judge. ``reference_time_s`` (R,) and ``reference`` (R, 4, 4), body to the reference's own frame,
-    are poses to judge by; localization does not look at them, except where `scaled_by_first`
+    are poses to judge by; localization does not look at them, except where `scale_by_reference`
     is asked to.
     """
 
@@ -71,7 +71,7 @@ class ImageSequence:
                 )
 
 
-def scaled_by_first(sequence: ImageSequence, distance_m: float) -> ImageSequence:
+def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSequence:
     """Give a sequence without wheels the odometer of its first metres, read from the reference.
 
     After `distance_m` nothing of the reference is used: one camera knows no scale by itself,
@@ -95,7 +95,7 @@ def scaled_by_first(sequence: ImageSequence, distance_m: float) -> ImageSequence
     return replace(sequence, wheels=odometer)
 
 
-def placed(
+def georeference(
     sequence: ImageSequence, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
 ) -> Recording:
     """Put a sequence into the world by the fixes that were recorded beside it.

@@ -16,7 +16,7 @@ _USUAL = np.log(1.05)
 _MOST = np.log(4.0)
 
 
-class Enhancer:
+class ContrastEnhancer:
     """Contrast-limited adaptive histogram equalization (CLAHE, section I.A of the glacier paper).
 
     Each tile's grey values are spread over the whole range, but no value gets more than
@@ -26,21 +26,21 @@ class Enhancer:
     Examples
     --------
     >>> ramp = np.tile(np.arange(118, 138, dtype=np.uint8), (64, 4))
-    >>> bool(np.ptp(Enhancer(4.0, 2)(ramp)) > 3 * np.ptp(ramp))
+    >>> bool(np.ptp(ContrastEnhancer(4.0, 2)(ramp)) > 3 * np.ptp(ramp))
     True
     """
 
     def __init__(self, clip: float, n_tiles: int) -> None:
         self._clahe: Any = cv2.createCLAHE(clip, (n_tiles, n_tiles)) if clip > 0.0 else None
-        self._exposure = Exposure()
+        self._exposure = ExposureCompensation()
 
     def __call__(self, grey: Image) -> Image:
         """Return the enhanced image of the same shape."""
-        level = self._exposure.evened(grey)
+        level = self._exposure.compensated(grey)
         return level if self._clahe is None else np.asarray(self._clahe.apply(level), dtype=np.uint8)
 
 
-class Exposure:
+class ExposureCompensation:
     """Takes steps of the camera's exposure out of a sequence of images.
 
     Corners are followed by their grey values, which must stay what they were. From image to
@@ -51,10 +51,10 @@ class Exposure:
     Examples
     --------
     >>> ramp = np.tile(np.arange(80, 120, dtype=np.uint8), (64, 4))
-    >>> exposure = Exposure()
-    >>> exposure.evened(ramp) is ramp
+    >>> exposure = ExposureCompensation()
+    >>> exposure.compensated(ramp) is ramp
     True
-    >>> int(np.abs(exposure.evened(2 * ramp).astype(int) - ramp).max())
+    >>> int(np.abs(exposure.compensated(2 * ramp).astype(int) - ramp).max())
     0
     """
 
@@ -62,7 +62,7 @@ class Exposure:
         self._levels: FloatArray | None = None
         self._log_gain = 0.0
 
-    def evened(self, grey: Image) -> Image:
+    def compensated(self, grey: Image) -> Image:
         """Return the next image as it would be with the exposure of the first."""
         levels = np.quantile(grey[::4, ::4], _SHARES)
         if self._levels is not None:

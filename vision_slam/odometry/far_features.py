@@ -38,7 +38,7 @@ class _Bearings:
     along_m: FloatArray
 
 
-class Skyline:
+class FarFeatures:
     r"""Bearings of far ridges over a whole drive, and what they say of the heading of images.
 
     A window of a few metres takes a ridge for infinitely far, and sees no parallax; but one
@@ -73,9 +73,9 @@ class Skyline:
     Examples
     --------
     >>> camera = Camera("pinhole", 640, 480, [[400, 0, 320], [0, 400, 240], [0, 0, 1]], np.zeros(5), np.eye(4))
-    >>> skyline = Skyline(camera)
-    >>> skyline.add([])
-    >>> skyline.drift_rad(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([0, 0, 1])).tolist()
+    >>> far_features = FarFeatures(camera)
+    >>> far_features.add([])
+    >>> far_features.drift_rad(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([0, 0, 1])).tolist()
     [0.0, 0.0, 0.0]
     """
 

@@ -63,7 +63,7 @@ def image_health(grey: Image) -> FrameHealth:
     )
 
 
-class Doubt:
+class VisionHysteresis:
     """Whether images are worse than none.
 
     Where images say that wheels spin, they are right if many corners say so. Few corners, such as
@@ -78,7 +78,7 @@ class Doubt:
 
     Examples
     --------
-    >>> doubt = Doubt(200)
+    >>> doubt = VisionHysteresis(200)
     >>> [doubt.remains(n, slips) for n, slips in ((40, False), (90, True), (40, True), (90, False), (120, False))]
     [False, False, True, True, False]
     """

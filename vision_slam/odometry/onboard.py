@@ -14,7 +14,7 @@ from survey.data.sensors import Compass, Inertial, Odometry, SensorRecords, Sigh
 from survey.io.tables import read_table, write_table
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth
-from vision_slam.odometry.visual_slam import FramePose, Sight, VisualOdometry
+from vision_slam.odometry.visual_slam import FramePose, VisualOdometer, VisualOdometry
 
 Records = TypeVar("Records", bound=SensorRecords)
 
@@ -25,7 +25,7 @@ _MOST_WAITING = 40
 
 
 @dataclass(frozen=True)
-class _Sensed:
+class _Records:
     """Records of a drive so far, or the latest of them."""
 
     camera: Camera
@@ -60,7 +60,7 @@ class OnboardOdometry:
         self._wheels, self._compass = list[Wheels](), list[Compass]()
         self._inertial = list[Inertial]()
         self._waiting: deque[tuple[float, Image]] = deque()
-        self._sight: Sight | None = None
+        self._sight: VisualOdometer | None = None
         self._at_s, self._n_told = 0.0, 0
 
     def sense(self, wheels: Wheels | None, inertial: Inertial | None, compass: Compass | None) -> None:
@@ -93,7 +93,7 @@ class OnboardOdometry:
             self._look_at_next()
         if self._sight is None or len(self._sight.slam.frames) < 2:
             return None
-        whole = _Sensed(self._camera, joined(self._wheels), joined(self._inertial), joined(self._compass))
+        whole = _Records(self._camera, joined(self._wheels), joined(self._inertial), joined(self._compass))
         return self._sight.delivered(whole)
 
     def _is_ready(self) -> bool:
@@ -111,11 +111,11 @@ class OnboardOdometry:
 
     def _look_at_next(self) -> None:
         time_s, image = self._waiting.popleft()
-        recent = _Sensed(self._camera, self._latest(self._wheels), self._latest(self._inertial))
+        recent = _Records(self._camera, self._latest(self._wheels), self._latest(self._inertial))
         if self._sight is None:
-            self._sight = Sight(recent, self._config, time_s)
+            self._sight = VisualOdometer(recent, self._config, time_s)
         else:
-            self._sight.sensors.go_on(recent)
+            self._sight.sensors.continue_with(recent)
         self._sight.take(image, time_s)
         self._at_s = time_s
 
@@ -135,7 +135,7 @@ def joined(parts: Sequence[Records]) -> Records | None:
     return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def write_seen(found: VisualOdometry, folder: Path) -> None:
+def write_visual_odometry(found: VisualOdometry, folder: Path) -> None:
     """Write what images gave: ``odometry.csv``, ``sightings.csv`` and, one row a frame, ``health.csv``."""
     folder.mkdir(parents=True, exist_ok=True)
     found.odometry.write(folder / "odometry.csv")
@@ -144,8 +144,8 @@ def write_seen(found: VisualOdometry, folder: Path) -> None:
     write_table(folder / "health.csv", columns | {"is_lost": found.is_lost.astype(float)})
 
 
-def read_seen(folder: Path) -> VisualOdometry:
-    """Read what `write_seen` wrote; the numbers are the same to the last bit.
+def read_visual_odometry(folder: Path) -> VisualOdometry:
+    """Read what `write_visual_odometry` wrote; the numbers are the same to the last bit.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.data.camera import Camera, Image
 from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.resection import resected, resection_information
+from vision_slam.odometry.resection import resect, resection_information
 
 _N_VIEWS, _SPACING_M = 8, 0.15
 _EARLIER = (2, 4, 7)  # views before the newest that its features are triangulated with
@@ -63,7 +63,7 @@ class _Map:
     descriptors: Descriptors
 
 
-class LastViews:
+class ViewRecognizer:
     r"""Keeps the newest images that were followed well, and finds the camera in front of them again.
 
     After a white-out, behind a hand or where the rover was lifted no corner can be followed. The
@@ -221,7 +221,7 @@ class LastViews:
     ) -> tuple[FloatArray, FloatArray, int]:
         """Fit the camera's pose to all that agrees; return it, its covariance (6, 6), and how many near ones do."""
         pixel = 1.0 / self._focal_px
-        camera, errors = resected(
+        camera, errors = resect(
             first, points, is_far, rays,
             angle_sigma=self._config.pixel_sigma * pixel, turn_sigma=_ANY_RAD, shift_sigma=_ANY_M,
         )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray
 
 
-def resected(
+def resect(
     predicted: FloatArray,
     points: FloatArray,
     is_far: BoolArray,
@@ -75,7 +75,7 @@ def resection_information(
 ) -> FloatArray:
     """Return what rays to known points tell of a camera's pose (6, 6): of its turn and shift in its own frame.
 
-    Points, far points and errors are those of `resected`; its prediction is not in it.
+    Points, far points and errors are those of `resect`; its prediction is not in it.
     """
     jacobian = _jacobian(*_expected(pose[:3, :3], pose[:3, 3], points, is_far), is_far)
     information: FloatArray = np.einsum("nki,nkj->ij", jacobian, jacobian) / angle_sigma**2

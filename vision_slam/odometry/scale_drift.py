@@ -25,10 +25,10 @@ _RESTS_ON = 0.8
 _TURNS_RAD_M, _TURN_WITHIN_M = 0.03, 1.0
 
 
-def resizing(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> FloatArray:
+def scale_corrections(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> FloatArray:
     r"""Return what lengths from each keyframe (K,) to the next are to be multiplied by.
 
-    With L_k the length of step k by images, R_k that by wheels, and g_k what `beneath` tells
+    With L_k the length of step k by images, R_k that by wheels, and g_k what `camera_height_ratio` tells
     at its end, the logarithms m_k by which the map is too large, w by which wheels count too
     much, and b by which the camera is mounted lower than is said, follow
 
@@ -50,13 +50,13 @@ def resizing(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> Flo
     rolled_m : (K - 1,) ndarray
         Travel by wheels from each to the next [m], NaN where they do not tell.
     ground : (K,) ndarray
-        What `beneath` tells, NaN where it does not.
+        What `camera_height_ratio` tells, NaN where it does not.
 
     Examples
     --------
     >>> poses = np.tile(np.eye(4), (101, 1, 1))
     >>> poses[:, 0, 3] = 0.2 * np.arange(101)
-    >>> print(resizing(poses, np.full(100, 0.206), np.full(101, 0.01)).round(3)[[0, 50, 100]])
+    >>> print(scale_corrections(poses, np.full(100, 0.206), np.full(101, 0.01)).round(3)[[0, 50, 100]])
     [1.011 1.011 1.011]
     """
     seen = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).clip(min=_LEAST_TRAVEL_M)
@@ -88,7 +88,9 @@ def resizing(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> Flo
     return factor
 
 
-def beneath(poses: FloatArray, sightings: Sightings, seen_from: IntArray, height_m: float) -> FloatArray:
+def camera_height_ratio(
+    poses: FloatArray, sightings: Sightings, seen_from: IntArray, height_m: float
+) -> FloatArray:
     """Return log(h / h_k) at each keyframe (K,), with h_k the height of the camera above the ground under the body.
 
     Ahead of it the ground may lie anywhere, but there the body rests on it: on what stands out,

@@ -33,7 +33,7 @@ class Track:
         self.rays.append(ray)
 
 
-def followed(
+def track_corners(
     before: Image, now: Image, pixels: Pixels, guess: Pixels, config: VisualOdometryConfig
 ) -> tuple[Pixels, BoolArray]:
     """Follow corners (N, 2) by pyramidal Lucas-Kanade, forth from a guess and back again.
@@ -60,7 +60,7 @@ def followed(
     return landed, (found.ravel() > 0) & (found_back.ravel() > 0) & came_back & inside
 
 
-def moved_as_one(before: FloatArray, now: FloatArray, angle: float) -> BoolArray:
+def epipolar_inliers(before: FloatArray, now: FloatArray, angle: float) -> BoolArray:
     """Tell which unit rays (N, 3) moved as some rigid motion of the camera would have it, to an angle [rad]."""
     first, second = (np.ascontiguousarray(rays[:, :2] / rays[:, 2:]) for rays in (before, now))
     cv2.setRNGSeed(0)  # RANSAC draws; the same images shall give the same bytes

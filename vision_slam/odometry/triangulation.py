@@ -13,7 +13,7 @@ _GREATEST_RANGE_M = 60.0
 _GREATEST_ERROR_PX = 1.5
 
 
-class Landmarks:
+class LandmarkTriangulator:
     """Triangulates every track that was seen often and near enough, relative to its last keyframe's body.
 
     Its covariance is that of pixels and of poses together, since the poses within the

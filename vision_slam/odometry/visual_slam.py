@@ -10,20 +10,20 @@ from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.data.camera import Camera, Image
 from survey.data.sensors import Odometry, Sightings
-from vision_slam.inertial.attitude import attitudes, upright_start
+from vision_slam.inertial.attitude import initial_pose, world_attitudes
 from vision_slam.inertial.motion import MotionSensors, RelativeMotion
-from vision_slam.io.sequence import Sensed
-from vision_slam.odometry.clahe import Enhancer, grey_of
+from vision_slam.io.sequence import VisionRecords
+from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
 from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.far_features import Skyline
+from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.features import Pixels, detect
-from vision_slam.odometry.health import Doubt, FrameHealth, bridged_sigma_m, image_health, is_lost
-from vision_slam.odometry.recognition import LastViews
-from vision_slam.odometry.resection import resected
-from vision_slam.odometry.scale_drift import beneath, resizing, scale_sightings
-from vision_slam.odometry.tracks import Track, followed, moved_as_one
-from vision_slam.odometry.triangulation import Landmarks
-from vision_slam.odometry.wheel_slip import SlipWatch
+from vision_slam.odometry.health import FrameHealth, VisionHysteresis, bridged_sigma_m, image_health, is_lost
+from vision_slam.odometry.recognition import ViewRecognizer
+from vision_slam.odometry.resection import resect
+from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
+from vision_slam.odometry.tracks import Track, epipolar_inliers, track_corners
+from vision_slam.odometry.triangulation import LandmarkTriangulator
+from vision_slam.odometry.wheel_slip import WheelSlipDetector
 from vision_slam.odometry.window import Window, half_turned
 from vision_slam.rotation import rotations
 
@@ -68,16 +68,16 @@ class VisualSlam:
         self.finished: list[Track] = []
         self.rolled_m: list[float] = []
         self._tracks: list[Track] = []
-        self._enhance = Enhancer(self.config.clahe_clip, self.config.clahe_tiles)
-        self._slip = SlipWatch(camera.T_body_camera[2, 3])
+        self._enhance = ContrastEnhancer(self.config.clahe_clip, self.config.clahe_tiles)
+        self._slip = WheelSlipDetector(camera.T_body_camera[2, 3])
         self._image: Image | None = None
         self._grey: Image | None = None
         self._pose = np.eye(4) if start is None else start
         self._step = np.eye(4)
         self._since: RelativeMotion | None = None
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
-        self._doubt = Doubt(self.config.n_features)
-        self._views = LastViews(camera, self.config)
+        self._doubt = VisionHysteresis(self.config.n_features)
+        self._views = ViewRecognizer(camera, self.config)
 
     def step(self, image: Image, time_s: float, motion: RelativeMotion | None) -> FramePose:
         """Take the next image and the motion since the one before, which the first has not."""
@@ -156,7 +156,7 @@ class VisualSlam:
         guess = self._projected(predicted, points, is_far)
         lost = ~np.isfinite(guess).all(axis=1) | (np.abs(guess - pixels).max(axis=1, initial=0.0) > 150.0)
         guess[lost] = pixels[lost]
-        return followed(self._image, enhanced, pixels, guess, self.config)
+        return track_corners(self._image, enhanced, pixels, guess, self.config)
 
     def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
         """Points of the tracks; those still unknown lie on level ground, or far off above the horizon."""
@@ -202,7 +202,7 @@ class VisualSlam:
         points = np.array([self._tracks[i].point for i in index])
         is_far = np.array([self._tracks[i].is_far for i in index])
         has_gyro = self._since is None or self._since.rotation is not None
-        camera, errors = resected(
+        camera, errors = resect(
             predicted @ self.camera.T_body_camera, points, is_far, self._rays(pixels[index]),
             angle_sigma=self.config.pixel_sigma / self._focal_px,
             turn_sigma=0.01 if has_gyro else 0.1,
@@ -217,7 +217,7 @@ class VisualSlam:
             return np.zeros_like(came)
         before = self.camera.rays(np.array([track.pixel for track in self._tracks])[came])
         agree = came.copy()
-        agree[came] = moved_as_one(before, self._rays(pixels[came]), 1.0 / self._focal_px)
+        agree[came] = epipolar_inliers(before, self._rays(pixels[came]), 1.0 / self._focal_px)
         return agree
 
     def _judged(self, health: FrameHealth, came: BoolArray, agree: BoolArray) -> FrameHealth:
@@ -323,7 +323,7 @@ class VisualOdometry(DataObject):
 
 
 def visual_odometry(
-    recording: Sensed,
+    recording: VisionRecords,
     config: VisualOdometryConfig | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> VisualOdometry:
@@ -342,7 +342,7 @@ def visual_odometry(
     if len(recording.frames) < 2:
         raise InputError("the recording has one frame; motion needs at least two.")
     times = recording.frames.time_s
-    sight = Sight(recording, config, times[0])
+    sight = VisualOdometer(recording, config, times[0])
     for index, time_s in enumerate(times.tolist()):
         sight.take(recording.frames[index], time_s)
         if progress is not None:
@@ -350,12 +350,12 @@ def visual_odometry(
     return sight.delivered(recording)
 
 
-class Sight:
+class VisualOdometer:
     """Visual odometry on its way: takes one image after the other, with wheels and gyro in between.
 
     Parameters
     ----------
-    drive : Sensed
+    drive : VisionRecords
         Camera, and the records up to where the wheels begin to turn, at least.
     config : VisualOdometryConfig, optional
         How images become motion.
@@ -363,14 +363,14 @@ class Sight:
         Time of the first image [s].
     """
 
-    def __init__(self, drive: Sensed, config: VisualOdometryConfig | None, start_s: float) -> None:
+    def __init__(self, drive: VisionRecords, config: VisualOdometryConfig | None, start_s: float) -> None:
         assert drive.camera is not None
-        self.slam = VisualSlam(drive.camera, config, upright_start(drive, start_s))
+        self.slam = VisualSlam(drive.camera, config, initial_pose(drive, start_s))
         self.sensors = MotionSensors(drive)
         self._blank = np.zeros((drive.camera.height, drive.camera.width), np.uint8)
         self._before_s = start_s
-        self._landmarks = Landmarks(drive.camera, self.slam.config)
-        self._skyline = Skyline(drive.camera)
+        self._landmarks = LandmarkTriangulator(drive.camera, self.slam.config)
+        self._far_features = FarFeatures(drive.camera)
         self._frame_of: dict[int, int] = {}
         self._n_frames = 0
 
@@ -398,30 +398,32 @@ class Sight:
         if ended:
             slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
             self._landmarks.add(ended, slam.window.poses, self._frame_of)
-            self._skyline.add(ended)
+            self._far_features.add(ended)
 
-    def delivered(self, drive: Sensed) -> VisualOdometry:
+    def delivered(self, drive: VisionRecords) -> VisualOdometry:
         """Return what all images gave, levelled by the inertial records of the whole drive."""
         slam = self.slam
         slam.finished += slam.live_tracks
         self._place_ended(slam.window.newest)
-        return _delivered(slam, self._landmarks.sightings, self._skyline, drive)
+        return _delivered(slam, self._landmarks.sightings, self._far_features, drive)
 
 
-def _delivered(slam: VisualSlam, sightings: Sightings, skyline: Skyline, drive: Sensed) -> VisualOdometry:
+def _delivered(
+    slam: VisualSlam, sightings: Sightings, far_features: FarFeatures, drive: VisionRecords
+) -> VisualOdometry:
     poses = np.array([slam.pose(frame) for frame in slam.frames])
     times = np.array([frame.time_s for frame in slam.frames])
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
     keyframe, placed = np.array([frame.keyframe for frame in slam.frames]), np.array(slam.window.poses)
     # Without a gyro the path bends up and down too much for the ground to tell.
     height_m = 0.0 if drive.inertial is None else float(slam.camera.T_body_camera[2, 3])
-    ground = beneath(placed, sightings, keyframe[sightings.pose], height_m)
-    factor = resizing(placed, np.array(slam.rolled_m), ground)[keyframe]
+    ground = camera_height_ratio(placed, sightings, keyframe[sightings.pose], height_m)
+    factor = scale_corrections(placed, np.array(slam.rolled_m), ground)[keyframe]
     steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
-    attitude = attitudes(poses[:, :3, :3], times, drive)
+    attitude = world_attitudes(poses[:, :3, :3], times, drive)
     if drive.wheels is not None:  # how near ridges may be is known in metres, which images alone do not have
-        attitude[:, 2] -= skyline.drift_rad(*_levelled(slam, poses, attitude))
+        attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
     odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
     return VisualOdometry(odometry, scale_sightings(sightings, factor), health, is_lost(poses, health))
 

@@ -16,7 +16,7 @@ _HEIGHT_SIGMA, _HEIGHT_SIGMA_OVER_M = 0.016, 25.0
 _OUTLYING, _MOST = 0.1, 0.06
 
 
-class SlipWatch:
+class WheelSlipDetector:
     r"""Compares the wheels' travel from keyframe to keyframe with what images make of it.
 
     One camera sees shapes, not sizes; but the ground just ahead must lie as far below the

@@ -11,7 +11,7 @@ from survey.data.recording import Recording
 from survey.data.sensors import LoopClosures
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.places.ground_view import GroundMosaics
-from vision_slam.places.overlay import Overlay, overlaid
+from vision_slam.places.overlay import Overlay, match_overlay
 from vision_slam.rotation import rotations
 
 _KEY_SPACING_M = 1.0
@@ -89,7 +89,7 @@ def _recognised(
     """Yield earlier pose, later pose and overlay of all pairs near one another that look alike."""
     view = lru_cache(_N_VIEWS)(mosaics.around)
     for earlier, later in _near(mosaics.travel_m, path, sigma_m):
-        overlay = overlaid(view(earlier), view(later))
+        overlay = match_overlay(view(earlier), view(later))
         if overlay is None or overlay.n_agree < _LEAST_AGREE:
             continue
         expected = (path[later] - path[earlier])[:2]

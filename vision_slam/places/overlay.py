@@ -31,7 +31,7 @@ class Overlay:
     misfit_m: float
 
 
-def overlaid(first: GroundView, second: GroundView) -> Overlay | None:
+def match_overlay(first: GroundView, second: GroundView) -> Overlay | None:
     """Lay one view over the other by a turn and a shift; None where too few features look alike.
 
     Lengths are known, so that two matches give a guess: of all pairs of matches those as
@@ -44,7 +44,7 @@ def overlaid(first: GroundView, second: GroundView) -> Overlay | None:
     >>> rng = np.random.default_rng(1)
     >>> xyz, looks = rng.uniform(-2.0, 2.0, (40, 3)), rng.random((40, 128), np.float32)
     >>> looks /= np.linalg.norm(looks, axis=1, keepdims=True)
-    >>> lain = overlaid(GroundView(0, xyz, looks), GroundView(9, xyz - [0.5, 0.2, 0.1], looks))
+    >>> lain = match_overlay(GroundView(0, xyz, looks), GroundView(9, xyz - [0.5, 0.2, 0.1], looks))
     >>> lain.shift.round(3).tolist(), lain.n_agree
     ([0.5, 0.2, 0.1], 40)
     """

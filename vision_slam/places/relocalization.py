@@ -20,10 +20,10 @@ from survey.data.recording import Recording
 from survey.data.sensors import Odometry
 from vision_slam.inertial.attitude import heading_correction
 from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.io.sequence import Sensed
+from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.visual_slam import VisualOdometry
 from vision_slam.places.ground_view import GroundMosaics
-from vision_slam.places.overlay import Overlay, overlaid
+from vision_slam.places.overlay import Overlay, match_overlay
 from vision_slam.rotation import rotations
 
 _HOLE_S = 1.5
@@ -38,8 +38,8 @@ _SEARCHED_M = 40.0
 _OVERLAY_RAD = np.radians(3.0)
 
 
-def segment_starts(recording: Sensed, found: VisualOdometry) -> IntArray:
-    """Return the frames that no sensor ties to the one before.
+def segment_starts(recording: VisionRecords, found: VisualOdometry) -> IntArray:
+    """Return the frames that no sensor constraints to the one before.
 
     Neither wheels nor images know what happened in between: the wheels have a hole of more
     than 1.5 s, and the images found nothing that they had seen before, or cannot have.
@@ -129,7 +129,7 @@ def _by_ground(
         return None
     path = dead_reckoning(odometry, recording.start)
     mosaics = GroundMosaics(recording.frames, recording.camera, path, odometry, found.sightings)
-    met = relocated(mosaics, np.arange(first), np.arange(first, end))
+    met = match_ground(mosaics, np.arange(first), np.arange(first, end))
     if met is None:
         return None
     earlier, later, overlay = met
@@ -140,7 +140,9 @@ def _by_ground(
     return _Laid(path[earlier] + level @ overlay.shift + arm, turn, _OVERLAY_RAD)
 
 
-def relocated(mosaics: GroundMosaics, known: IntArray, unknown: IntArray) -> tuple[int, int, Overlay] | None:
+def match_ground(
+    mosaics: GroundMosaics, known: IntArray, unknown: IntArray
+) -> tuple[int, int, Overlay] | None:
     """Find which of the known poses stood on ground that one of the unknown poses sees; None rather than a guess.
 
     Nothing is assumed of where the unknown ones are: each of the first 40 m is compared with
@@ -154,7 +156,7 @@ def relocated(mosaics: GroundMosaics, known: IntArray, unknown: IntArray) -> tup
     for pose in _spaced(mosaics, known):
         earlier = mosaics.around(pose)
         for view in views:
-            overlay = overlaid(earlier, view)
+            overlay = match_overlay(earlier, view)
             if overlay is not None and overlay.n_agree >= (best[2].n_agree + 1 if best else _LEAST_AGREE):
                 best = pose, view.pose, overlay
     return best

@@ -1,6 +1,7 @@
 """``firnline localize`` on someone else's images, and what it refuses."""
 
 import json
+import resource
 from pathlib import Path
 
 import cv2
@@ -89,29 +90,73 @@ def test_the_help_has_examples_of_every_kind_of_recording() -> None:
         assert word in words
 
 
-def test_localizes_an_own_recording(tmp_path: Path) -> None:
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Thirty metres on a straight line, with recorded odometry, exact fixes and one landmark a metre."""
     n = 30
     times = np.arange(float(n))
     place = np.column_stack([times, np.zeros(n), np.zeros(n)]) + [5e5, 6e6, 100.0]
     odometry = Odometry(times, np.tile([1.0, 0.0, 0.0], (n - 1, 1)), np.zeros((n, 3)))
     ahead = np.tile([3.0, 1.0, -0.1], (n, 1))
     sightings = Sightings(np.arange(n), ahead, np.tile(1e-4 * np.eye(3), (n, 1, 1)), np.full(n, 8.0))
-    recording = Recording(
+    made = Recording(
         crs=CRS.from_epsg(32608),
         start=place[0],
         gps=GpsFixes(times, place),
         odometry=odometry,
         sightings=sightings,
     )
-    recording.write(tmp_path / "recording")
-    out = tmp_path / "out"
+    made.write(tmp_path / "recording")
+    return tmp_path / "recording"
+
+
+def test_a_replacement_that_fails_leaves_the_old_folder_whole(recording: Path, tmp_path: Path) -> None:
+    words = ["localize", str(recording), "-o", str(tmp_path / "out"), "-q", "--force"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    before = {file.name: file.read_bytes() for file in (tmp_path / "out").iterdir()}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(
+        resource.RLIMIT_FSIZE, (1000, limits[1])
+    )  # files end after 1000 bytes, as on a full disk
+    try:
+        result = CliRunner().invoke(app, words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert result.exit_code == 3, result.output
+    assert {file.name: file.read_bytes() for file in (tmp_path / "out").iterdir()} == before
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["out", "recording"]
+
+
+def test_files_of_others_in_the_output_folder_are_never_deleted(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("mine")
     result = CliRunner().invoke(
-        app, ["localize", str(tmp_path / "recording"), "-o", str(out), "-q", "--json"]
+        app, ["localize", str(recording), "-o", str(tmp_path / "out"), "-q", "--force"]
     )
+    assert result.exit_code == 3
+    assert (tmp_path / "out" / "thesis.txt").read_text() == "mine"
+
+
+def test_refused_fixes_are_counted_and_printed(recording: Path, tmp_path: Path) -> None:
+    fixes = GpsFixes.read(recording / "gps.csv")
+    jumped = fixes.position + np.isin(np.arange(30), [12, 13])[:, None] * [40.0, 0.0, 0.0]
+    (recording / "gps.csv").unlink()
+    GpsFixes(fixes.time_s, jumped).write(recording / "gps.csv")
+    result = CliRunner().invoke(
+        app, ["localize", str(recording), "-o", str(tmp_path / "out"), "-q", "--json"]
+    )
+    printed = json.loads(result.stdout)
+    assert (printed["fixes"], printed["fixes_refused"]) == (30, 2)
+
+
+def test_localizes_an_own_recording(recording: Path, tmp_path: Path) -> None:
+    n = 30
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, ["localize", str(recording), "-o", str(out), "-q", "--json"])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["landmarks"] == n
     thinned = [
-        *("localize", str(tmp_path / "recording"), "-o", str(out), "-q", "--json", "--force"),
+        *("localize", str(recording), "-o", str(out), "-q", "--json", "--force"),
         *(
             "--set",
             'localization.landmark_thinning="information"',
@@ -124,7 +169,7 @@ def test_localizes_an_own_recording(tmp_path: Path) -> None:
     names = {file.name for file in out.iterdir()}
     assert {"trajectory.tum", "trajectory.csv", "track.gpkg", "landmarks.csv", "map.png"} <= names
     wrong = CliRunner().invoke(
-        app, ["localize", str(tmp_path / "recording"), "--crs", "EPSG:32608", "-o", str(tmp_path / "o")]
+        app, ["localize", str(recording), "--crs", "EPSG:32608", "-o", str(tmp_path / "o")]
     )
     assert wrong.exit_code == 4
     assert "of its own" in wrong.stderr

@@ -17,7 +17,7 @@ from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from vision_slam.inertial.gravity import standing_bias
-from vision_slam.inertial.gyro import turned_beyond
+from vision_slam.inertial.gyro import gyro_residual_rad
 
 CRS = "EPSG:32608"
 AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), CRS)
@@ -95,7 +95,7 @@ def test_the_gyro_tells_every_turn_where_the_heading_walks():
     config = mission(accelerometer=True).model_copy(update={"sensors": sensors})
     recording, _ = simulate_statistical(terrain(), route(), config)
     # Right angles within a second are among the turns; what the heading walks is 1e-5 degrees.
-    assert np.abs(turned_beyond(recording.inertial, recording.odometry)).max() < 1e-6
+    assert np.abs(gyro_residual_rad(recording.inertial, recording.odometry)).max() < 1e-6
 
 
 def test_the_base_station_shares_most_of_the_error():

@@ -22,7 +22,7 @@ from survey.data.recording import Recording
 from survey.data.sensors import Inertial
 from tests.sim.simulate.test_vision import ground, route
 from vision_slam import LocalizationConfig, visual_odometry
-from vision_slam.odometry.onboard import read_seen
+from vision_slam.odometry.onboard import read_visual_odometry
 
 WAY = route((6.0, 12.0), (10.5, 12.0), (10.5, 14.0))
 
@@ -73,7 +73,7 @@ def test_the_rover_finds_its_way_by_what_it_sees(drives):
 
 def test_what_was_seen_on_board_is_what_the_recording_tells_afterwards(drives):
     _, folder = drives[0]
-    on_board = read_seen(folder / "recording" / "onboard")
+    on_board = read_visual_odometry(folder / "recording" / "onboard")
     afterwards = visual_odometry(Recording.read(folder / "recording"))
     np.testing.assert_array_equal(on_board.odometry.time_s, afterwards.odometry.time_s)
     np.testing.assert_array_equal(on_board.odometry.step, afterwards.odometry.step)

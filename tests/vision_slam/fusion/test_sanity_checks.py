@@ -8,7 +8,7 @@ from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes, Odometry
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.sanity_checks import fix_delay_s, with_credible_start
+from vision_slam.fusion.sanity_checks import check_start_by_fixes, fix_delay_s
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.rotation import rotations
 
@@ -44,7 +44,7 @@ def _drive(
 def test_a_start_that_fixes_agree_with_is_believed() -> None:
     recording, path = _drive()
     assert recording.odometry is not None
-    kept, config = with_credible_start(recording, path, recording.odometry.time_s, CONFIG)
+    kept, config = check_start_by_fixes(recording, path, recording.odometry.time_s, CONFIG)
     assert kept is recording
     assert config is CONFIG
 
@@ -54,7 +54,7 @@ def test_a_start_elsewhere_is_taken_for_unknown(caplog: pytest.LogCaptureFixture
     assert recording.odometry is not None
     away = np.array([18.0, -24.0, 0.0])
     told = Recording(SITE, path[0] + away, recording.gps, odometry=recording.odometry)
-    kept, config = with_credible_start(told, path + away, recording.odometry.time_s, CONFIG)
+    kept, config = check_start_by_fixes(told, path + away, recording.odometry.time_s, CONFIG)
     assert config.start == "unknown"
     # The slow error of the fixes, 1 m, and what the heading of the fit adds at the start.
     assert np.hypot(*(kept.start - path[0])[:2]) < 3.0
@@ -69,7 +69,7 @@ def test_a_path_that_bends_on_a_long_drive_does_not_refute_its_start() -> None:
     )
     fixes = along + CONFIG.gps_white_sigma_m * np.random.default_rng(3).standard_normal(along.shape)
     recording = Recording(SITE, along[0], GpsFixes(times, fixes))
-    assert with_credible_start(recording, bent - bent[0], times, CONFIG)[0] is recording
+    assert check_start_by_fixes(recording, bent - bent[0], times, CONFIG)[0] is recording
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])

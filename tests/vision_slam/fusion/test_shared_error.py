@@ -1,4 +1,4 @@
-"""What else ties a path: gravity, stakes, closures, a base station; and what tells that a model is wrong."""
+"""What else constraints a path: gravity, stakes, closures, a base station; and what tells that a model is wrong."""
 
 from dataclasses import replace
 
@@ -87,7 +87,7 @@ def test_stakes_pin_the_path():
     real = position[where] + np.einsum("nij,nj->ni", rotations(attitude[where]), arm)
     seen = StakeSightings(where.astype(float), np.arange(4.0), arm, np.tile(9e-4 * np.eye(3), (4, 1, 1)))
     path = smoothed(replace(recording, stakes=Stakes(real, np.full(4, 0.05)), stake_sightings=seen))
-    assert path.n_ties == 4
+    assert path.n_constraints == 4
     # A stake is known to 5 cm and seen to 3 cm.
     assert np.abs(path.position[where] - position[where]).max() < 0.25
     assert np.sqrt(path.covariance[where, 2, 2]).max() < 0.07
@@ -115,7 +115,7 @@ def test_two_wrong_closures_of_eight_are_refused_and_change_nothing():
     )
     gated = smoothed(replace(recording, loop_closures=closures_at(position, attitude, wrong)))
     clean = smoothed(replace(recording, loop_closures=six))
-    assert (gated.n_ties, gated.n_refused) == (6, 2)
+    assert (gated.n_constraints, gated.n_refused) == (6, 2)
     np.testing.assert_allclose(gated.position, clean.position, atol=1e-9)
     accepted = smoothed(
         replace(recording, loop_closures=closures_at(position, attitude, wrong)),

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.data.camera import Camera, Frames
 from survey.data.sensors import Inertial
-from vision_slam.inertial.attitude import attitudes
+from vision_slam.inertial.attitude import world_attitudes
 from vision_slam.io.sequence import ImageSequence
 
 
@@ -20,5 +20,5 @@ def test_what_came_after_a_hole_does_not_tilt_what_came_before(camera: Camera) -
     seen = np.where(
         (times < 20.0)[:, None, None], np.eye(3), Rotation.from_euler("x", 80.0, degrees=True).as_matrix()
     )
-    attitude = attitudes(seen, times, recording)
+    attitude = world_attitudes(seen, times, recording)
     assert np.abs(attitude[:, :2]).max() < 1e-9

@@ -13,7 +13,7 @@ from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import filter_path
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.inertial.gyro import turned_beyond
+from vision_slam.inertial.gyro import gyro_residual_rad
 from vision_slam.rotation import rotations
 
 WALK_DEG = 0.1
@@ -74,12 +74,12 @@ def test_gyro_is_summed_between_poses_wherever_its_readings_fall() -> None:
         np.zeros_like(recording.odometry.attitude_rad),
     )
     steady = replace(recording.inertial, gyro_rad_s=np.tile([0.0, 0.0, 0.02], (160, 1)))
-    beyond = turned_beyond(steady, shifted)
+    beyond = gyro_residual_rad(steady, shifted)
     # The last pose lies within the readings' usual gap behind the last of them; a sum of rates is exact.
     np.testing.assert_allclose(beyond, 0.02, atol=1e-12)
     kept = (steady.time_s < 10.0) | (steady.time_s > 12.0)  # the next reading is of 12.25 s
     holed = Inertial(steady.time_s[kept], steady.gyro_rad_s[kept], steady.specific_force_m_s2[kept])
-    assert np.flatnonzero(np.isnan(turned_beyond(holed, shifted))).tolist() == [9, 10, 11, 12]
+    assert np.flatnonzero(np.isnan(gyro_residual_rad(holed, shifted))).tolist() == [9, 10, 11, 12]
 
 
 def test_gyro_holds_the_heading_in_spite_of_its_bias() -> None:

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from survey.core.errors import InputError
 from survey.data.camera import Camera
 from vision_slam.io.bags import is_bag, read_bag
-from vision_slam.io.sequence import placed
+from vision_slam.io.sequence import georeference
 
 NOISE = np.random.default_rng(3).integers(0, 255, (4, 12, 16), dtype=np.uint8)
 
@@ -192,7 +192,7 @@ def test_a_bag_gives_back_what_was_written(tmp_path: Path, kind: str) -> None:
     assert sequence.wheels.left_m.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert sequence.gps is not None
     assert sequence.gps.n_without_fix == 1
-    recording = placed(sequence, sequence.gps)
+    recording = georeference(sequence, sequence.gps)
     assert recording.crs.to_epsg() == 32608
     assert recording.vertical_datum == "ellipsoidal height"
     assert len(recording.gps) == 3

@@ -14,7 +14,7 @@ from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.gps_files import read_gps
 from vision_slam.io.images import images_of, read_pixels
 from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import placed, scaled_by_first
+from vision_slam.io.sequence import georeference, scale_by_reference
 
 UTM = "EPSG:32608"
 
@@ -50,11 +50,11 @@ def test_the_scale_comes_from_the_first_metres_only(tmp_path: Path) -> None:
     folder = _kitti(tmp_path / "seq", n=4)
     rows = [f"1 0 0 0 0 1 0 0 0 0 1 {1.2 * k}" for k in range(4)]
     (folder / "poses.txt").write_text("\n".join(rows) + "\n")
-    sensors = MotionSensors(scaled_by_first(read_sequence(folder), 1.0))
+    sensors = MotionSensors(scale_by_reference(read_sequence(folder), 1.0))
     assert sensors.between(0.0, 0.1).travel_m == pytest.approx(1.2)
     assert sensors.between(0.1, 0.2).travel_m is None
     with pytest.raises(InputError, match="cannot give the scale"):
-        scaled_by_first(read_sequence(folder), 10.0)
+        scale_by_reference(read_sequence(folder), 10.0)
 
 
 def test_tum_layout(tmp_path: Path) -> None:
@@ -284,8 +284,8 @@ def test_fixes_must_fall_into_the_time_of_the_images(tmp_path: Path) -> None:
     )
     log = read_gps(tmp_path / "m.csv")
     with pytest.raises(InputError, match=r"0 of 3 fixes \(99\.9 to 100\.[12] s\).*--gps-shift"):
-        placed(sequence, log, UTM)
-    recording = placed(sequence, log, UTM, shift_s=-100.0)
+        georeference(sequence, log, UTM)
+    recording = georeference(sequence, log, UTM, shift_s=-100.0)
     assert recording.start.tolist() == pytest.approx([500001.0, 6470000.0, 5.0])
 
 

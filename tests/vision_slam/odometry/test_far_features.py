@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
-from vision_slam.odometry.far_features import Skyline
+from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.tracks import Track
 
 N, STEP_M = 1000, 0.2
@@ -28,9 +28,9 @@ def _ridge(camera: Camera, bearing_deg: float, distance_m: float, rng: np.random
 
 
 def _drift(camera: Camera, tracks: list[Track]) -> FloatArray:
-    skyline = Skyline(camera)
-    skyline.add(tracks)
-    return skyline.drift_rad(TURN, PLACE, np.arange(N))
+    far_features = FarFeatures(camera)
+    far_features.add(tracks)
+    return far_features.drift_rad(TURN, PLACE, np.arange(N))
 
 
 def _one_sided(camera: Camera, rng: np.random.Generator) -> list[Track]:

@@ -8,9 +8,9 @@ from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
 from tests.vision_slam.conftest import PlaneWorld
 from vision_slam.inertial.motion import RelativeMotion
-from vision_slam.odometry.clahe import Enhancer
+from vision_slam.odometry.clahe import ContrastEnhancer
 from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.recognition import LastViews
+from vision_slam.odometry.recognition import ViewRecognizer
 from vision_slam.odometry.visual_slam import VisualSlam
 
 N_SEEN = 9
@@ -29,11 +29,11 @@ def elsewhere(camera: Camera) -> PlaneWorld:
     return PlaneWorld(camera, seed=9)
 
 
-def _views(world: PlaneWorld, camera: Camera) -> tuple[LastViews, list[FloatArray]]:
+def _views(world: PlaneWorld, camera: Camera) -> tuple[ViewRecognizer, list[FloatArray]]:
     """Views of a straight metre and a half, with exact poses."""
     config = VisualOdometryConfig()
-    views, poses = LastViews(camera, config), [_pose(STEP_M * k) for k in range(N_SEEN)]
-    enhance = Enhancer(config.clahe_clip, config.clahe_tiles)
+    views, poses = ViewRecognizer(camera, config), [_pose(STEP_M * k) for k in range(N_SEEN)]
+    enhance = ContrastEnhancer(config.clahe_clip, config.clahe_tiles)
     for k, pose in enumerate(poses):
         views.keep(k, enhance(world.image(pose)), poses)
     return views, poses
@@ -44,7 +44,7 @@ def test_a_rover_that_was_moved_asleep_is_found_with_the_error_that_it_claims(
 ) -> None:
     views, poses = _views(plane_world, camera)
     views.moved(RelativeMotion(60.0, None, None))
-    enhance, rng = Enhancer(4.0, 8), np.random.default_rng(3)
+    enhance, rng = ContrastEnhancer(4.0, 8), np.random.default_rng(3)
     squared = []
     for _ in range(6):
         moved = poses[-1] @ _pose(rng.uniform(-0.3, 0.5), rng.uniform(-0.2, 0.2), rng.uniform(-8.0, 8.0))
@@ -64,7 +64,7 @@ def test_other_ground_is_not_recognised(
 ) -> None:
     views, poses = _views(plane_world, camera)
     views.moved(RelativeMotion(60.0, None, None))
-    enhance = Enhancer(4.0, 8)
+    enhance = ContrastEnhancer(4.0, 8)
     for yaw_deg in (0.0, 20.0):
         image = enhance(elsewhere.image(poses[-1] @ _pose(0.1, yaw_deg=yaw_deg)))
         assert views.recognised(image, poses[-1], poses) is None
@@ -75,7 +75,7 @@ def test_other_ground_is_not_recognised(
 def test_a_gyro_that_went_on_is_not_contradicted(plane_world: PlaneWorld, camera: Camera) -> None:
     views, poses = _views(plane_world, camera)
     views.moved(RelativeMotion(1.0, np.eye(3), 0.1))
-    image = Enhancer(4.0, 8)(plane_world.image(poses[-1] @ _pose(0.1, yaw_deg=6.0)))
+    image = ContrastEnhancer(4.0, 8)(plane_world.image(poses[-1] @ _pose(0.1, yaw_deg=6.0)))
     assert views.recognised(image, poses[-1] @ _pose(0.1), poses) is None
     assert views.recognised(image, poses[-1] @ _pose(0.1, yaw_deg=6.0), poses) is not None
 

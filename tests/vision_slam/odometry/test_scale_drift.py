@@ -5,7 +5,7 @@ import pytest
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.sensors import Sightings
-from vision_slam.odometry.scale_drift import beneath, resizing, scale_sightings
+from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
 
 N, STEP_M = 500, 0.2
 HEIGHT_M = 0.7
@@ -33,14 +33,14 @@ def _ground(too_large: FloatArray) -> FloatArray:
 
 def test_a_map_that_creeps_gets_its_size_from_wheels_and_ground() -> None:
     creep = np.linspace(1.02, 0.97, N)
-    factor = resizing(_poses(STEP_M * creep), np.full(N, STEP_M), _ground(creep))
+    factor = scale_corrections(_poses(STEP_M * creep), np.full(N, STEP_M), _ground(creep))
     # It creeps by 0.05 % a metre; the memory of some metres misses that at the ends alone.
     np.testing.assert_allclose(factor[:-1] * creep, 1.0, atol=0.001)
 
 
 def test_wheels_that_count_too_much_all_along_are_found_out_by_the_ground() -> None:
     creep = np.linspace(1.04, 1.0, N)
-    factor = resizing(_poses(STEP_M * creep), np.full(N, 1.03 * STEP_M), _ground(creep))
+    factor = scale_corrections(_poses(STEP_M * creep), np.full(N, 1.03 * STEP_M), _ground(creep))
     # Before, wheels are known to 3 % and the height to 0.5 %: by (0.5 / 3)² of 3 % the wheels win.
     np.testing.assert_allclose(factor[:-1] * creep, 1.03 ** (1.0 / 37.0), atol=0.001)
 
@@ -49,7 +49,7 @@ def test_in_a_hole_of_the_ground_the_wheels_tell() -> None:
     creep = np.linspace(1.02, 0.99, N)
     ground = _ground(creep)
     ground[100:300] = np.nan
-    factor = resizing(_poses(STEP_M * creep), np.full(N, STEP_M), ground)
+    factor = scale_corrections(_poses(STEP_M * creep), np.full(N, STEP_M), ground)
     np.testing.assert_allclose(factor[:-1] * creep, 1.0, atol=0.001)
 
 
@@ -57,16 +57,18 @@ def test_in_a_hole_of_the_wheels_the_ground_tells() -> None:
     creep = np.linspace(1.02, 0.97, N)
     rolled = np.full(N, STEP_M)
     rolled[100:300] = np.nan
-    factor = resizing(_poses(STEP_M * creep), rolled, _ground(creep))
+    factor = scale_corrections(_poses(STEP_M * creep), rolled, _ground(creep))
     np.testing.assert_allclose(factor[:-1] * creep, 1.0, atol=0.001)
 
 
 def test_without_wheels_or_ground_the_size_stays_what_it_is() -> None:
     poses, rolled = _poses(np.full(N, STEP_M)), np.full(N, 1.1 * STEP_M)
-    assert resizing(poses, np.full(N, np.nan), _ground(np.full(N, 1.1))).tolist() == [1.0] * (N + 1)
-    assert resizing(poses, rolled, NO_GROUND).tolist() == [1.0] * (N + 1)
-    assert resizing(poses, rolled, np.where(np.arange(N + 1) < 40, -0.1, np.nan)).tolist() == [1.0] * (N + 1)
-    assert resizing(poses[:1], np.zeros(0), NO_GROUND[:1]).tolist() == [1.0]
+    assert scale_corrections(poses, np.full(N, np.nan), _ground(np.full(N, 1.1))).tolist() == [1.0] * (N + 1)
+    assert scale_corrections(poses, rolled, NO_GROUND).tolist() == [1.0] * (N + 1)
+    assert scale_corrections(poses, rolled, np.where(np.arange(N + 1) < 40, -0.1, np.nan)).tolist() == [
+        1.0
+    ] * (N + 1)
+    assert scale_corrections(poses[:1], np.zeros(0), NO_GROUND[:1]).tolist() == [1.0]
 
 
 def test_wheels_that_skid_in_a_turn_or_spin_are_not_believed() -> None:
@@ -74,14 +76,14 @@ def test_wheels_that_skid_in_a_turn_or_spin_are_not_believed() -> None:
     spin = (np.arange(N) >= 350) & (np.arange(N) < 375)
     heading = np.cumsum(np.where(turn, np.pi / 50, 0.0))
     rolled = STEP_M * np.where(turn, 1.05, np.where(spin, 2.0, 1.0))
-    factor = resizing(_poses(np.full(N, STEP_M), heading), rolled, _ground(np.ones(N)))
+    factor = scale_corrections(_poses(np.full(N, STEP_M), heading), rolled, _ground(np.ones(N)))
     # Cauchy's loss leaves steps that are off by log 2, 20 sigma, a forty-fifth of their say: 0.69 / 45 = 1.5 %.
     np.testing.assert_allclose(factor, 1.0, atol=0.02)
     np.testing.assert_allclose(factor[:340], 1.0, atol=0.002)
 
 
 def test_a_mounting_that_cannot_be_is_not_believed() -> None:
-    factor = resizing(_poses(np.full(N, STEP_M)), np.full(N, STEP_M), _ground(np.full(N, 1.3)))
+    factor = scale_corrections(_poses(np.full(N, STEP_M)), np.full(N, STEP_M), _ground(np.full(N, 1.3)))
     np.testing.assert_allclose(
         factor, np.exp(-0.06), rtol=1e-3
     )  # the loss lets wheels and ground disagree a little
@@ -91,9 +93,9 @@ def test_standing_turning_on_the_spot_and_reversing_change_no_size() -> None:
     stands, ground = np.arange(N) // 50 % 3 == 1, _ground(np.full(N, 1.01))
     length = STEP_M * np.where(stands, 0.0, 1.0)
     rolled = length / 1.01 * np.where(np.arange(N) > 300, -1.0, 1.0)
-    np.testing.assert_allclose(resizing(_poses(length), rolled, ground), 1.0 / 1.01, rtol=1e-3)
+    np.testing.assert_allclose(scale_corrections(_poses(length), rolled, ground), 1.0 / 1.01, rtol=1e-3)
     on_the_spot = _poses(np.full(N, 1e-4), 0.05 * np.arange(N, dtype=np.float64))
-    assert resizing(on_the_spot, np.full(N, 0.03), ground).tolist() == [1.0] * (N + 1)
+    assert scale_corrections(on_the_spot, np.full(N, 0.03), ground).tolist() == [1.0] * (N + 1)
 
 
 def _strip(z_m: float) -> FloatArray:
@@ -111,27 +113,27 @@ def _seen(points: FloatArray, poses: FloatArray) -> tuple[Sightings, IntArray]:
 
 def test_the_ground_below_the_body_tells_how_large_the_map_is() -> None:
     poses = _poses(np.full(100, STEP_M))
-    told = beneath(poses, *_seen(_strip(-0.07), poses), HEIGHT_M)
+    told = camera_height_ratio(poses, *_seen(_strip(-0.07), poses), HEIGHT_M)
     np.testing.assert_allclose(told[5:-5], np.log(0.7 / 0.77))
-    raised = beneath(poses, *_seen(np.vstack([_strip(0.0), _strip(-0.36)]), poses), HEIGHT_M)
+    raised = camera_height_ratio(poses, *_seen(np.vstack([_strip(0.0), _strip(-0.36)]), poses), HEIGHT_M)
     np.testing.assert_allclose(raised[5:-5], 0.0)  # what lies deeper than half the height is no ground
 
 
 @pytest.mark.parametrize("height_m", [0.0, -1.0])
 def test_a_camera_without_height_tells_nothing(height_m: float) -> None:
     poses = _poses(np.full(100, STEP_M))
-    assert np.isnan(beneath(poses, *_seen(_strip(0.0), poses), height_m)).all()
+    assert np.isnan(camera_height_ratio(poses, *_seen(_strip(0.0), poses), height_m)).all()
 
 
 def test_what_was_seen_long_ago_or_hardly_is_no_ground() -> None:
     poses = _poses(np.full(100, STEP_M))
     sightings, k = _seen(_strip(0.0), poses)
     early = Sightings(0 * k, sightings.offset + poses[k, :3, 3], sightings.covariance, sightings.range_m)
-    told = beneath(poses, early, 0 * k, HEIGHT_M)
+    told = camera_height_ratio(poses, early, 0 * k, HEIGHT_M)
     assert np.isfinite(told[5:41]).all()
     assert np.isnan(told[41:]).all()
     few = Sightings(k[:3], sightings.offset[:3], sightings.covariance[:3], sightings.range_m[:3])
-    assert np.isnan(beneath(poses, few, k[:3], HEIGHT_M)).all()
+    assert np.isnan(camera_height_ratio(poses, few, k[:3], HEIGHT_M)).all()
 
 
 def test_sightings_grow_with_their_pose() -> None:

@@ -21,7 +21,7 @@ from survey.data.sensors import GpsFixes, Inertial, Wheels
 from vision_slam.config import LocalizationConfig
 from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import ImageSequence, scaled_by_first
+from vision_slam.io.sequence import ImageSequence, scale_by_reference
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.visual_slam import VisualSlam, visual_odometry
@@ -333,7 +333,7 @@ def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None
         pytest.skip(f"the images {folder} are not here; set FIRNLINE_DATA")
     sequence = read_sequence(folder)
     assert sequence.reference is not None
-    first = scaled_by_first(sequence, 10.0)
+    first = scale_by_reference(sequence, 10.0)
     found = visual_odometry(replace(first, reference=None, reference_time_s=None))
     path = np.vstack(
         [np.zeros(3), np.cumsum(np.einsum("nij,nj->ni", _turns(found), found.odometry.step), axis=0)]

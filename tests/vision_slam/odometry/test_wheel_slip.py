@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from vision_slam.odometry.wheel_slip import SlipWatch
+from vision_slam.odometry.wheel_slip import WheelSlipDetector
 
 GROUND = np.column_stack([np.linspace(0.5, 2.0, 12), np.zeros(12), np.zeros(12)])
 
 
-def _settled() -> SlipWatch:
-    watch = SlipWatch(0.7)
+def _settled() -> WheelSlipDetector:
+    watch = WheelSlipDetector(0.7)
     for _ in range(20):
         assert watch.travel_m(0.25, 0.25) == 0.25
         watch.observe(GROUND, 0.25)
@@ -31,7 +31,7 @@ def test_a_map_that_shrinks_slowly_is_left_to_the_wheels() -> None:
 
 
 def test_before_the_map_has_a_size_the_wheels_give_it() -> None:
-    assert SlipWatch(0.7).travel_m(0.25, 0.1) == 0.25
+    assert WheelSlipDetector(0.7).travel_m(0.25, 0.1) == 0.25
 
 
 def test_after_blind_frames_nobody_knows_whether_wheels_slip() -> None:
@@ -55,7 +55,7 @@ def test_while_wheels_spin_the_height_of_the_camera_mends_the_size() -> None:
 
 def test_the_height_of_the_camera_tells_the_scale_of_the_wheels() -> None:
     """Wheels count 3 % too much; the map follows them, and the ground lies 3 % too low in it."""
-    watch = SlipWatch(0.7)
+    watch = WheelSlipDetector(0.7)
     for _ in range(1200):
         told = watch.travel_m(0.2575, 0.25)
         size = told / 0.25
@@ -65,7 +65,7 @@ def test_the_height_of_the_camera_tells_the_scale_of_the_wheels() -> None:
 
 
 def test_a_height_that_cannot_be_is_not_believed() -> None:
-    watch = SlipWatch(0.7)
+    watch = WheelSlipDetector(0.7)
     for _ in range(1200):
         watch.travel_m(0.25, 0.25)
         watch.observe(GROUND - [0.0, 0.0, 0.3], 0.25)

@@ -12,8 +12,8 @@ from survey.data.recording import Recording
 from survey.data.sensors import GpsFixes, Odometry, Sightings
 from vision_slam.places.ground_view import GroundMosaics, GroundView
 from vision_slam.places.loop_closures import detect_loop_closures
-from vision_slam.places.overlay import overlaid
-from vision_slam.places.relocalization import relocated
+from vision_slam.places.overlay import match_overlay
+from vision_slam.places.relocalization import match_ground
 
 STEP_M = 0.25
 NO_LANDMARKS = Sightings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
@@ -95,7 +95,7 @@ def test_other_ground_is_not_taken_for_the_same(drive: Recording) -> None:
     assert drive.frames is not None
     assert drive.camera is not None
     mosaics = GroundMosaics(drive.frames, drive.camera, places, drive.odometry, NO_LANDMARKS)
-    overlay = overlaid(mosaics.around(12), mosaics.around(40))
+    overlay = match_overlay(mosaics.around(12), mosaics.around(40))
     assert overlay is None or overlay.n_agree < 10
 
 
@@ -113,7 +113,7 @@ def test_a_rover_that_knows_nothing_of_its_place_finds_it_by_the_ground(drive: R
     attitude = odometry.attitude_rad * [1.0, 1.0, 0.0] + turned[:, None] * [0.0, 0.0, 1.0]
     reckoned = Odometry(odometry.time_s, odometry.step, attitude)
     mosaics = GroundMosaics(drive.frames, drive.camera, lost, reckoned, NO_LANDMARKS)
-    met = relocated(mosaics, np.arange(14, 24), np.arange(last + 10, last + 14))
+    met = match_ground(mosaics, np.arange(14, 24), np.arange(last + 10, last + 14))
     assert met is not None
     earlier, later, overlay = met
     level = Rotation.from_euler("z", headings[earlier]).as_matrix()
@@ -139,7 +139,7 @@ def test_finds_turn_shift_and_height_among_false_matches() -> None:
     turn, shift = 2.0, np.array([0.8, -0.4, 0.15])
     there = (here - shift) @ Rotation.from_euler("z", turn).as_matrix()
     there[:60] = rng.uniform(-2.5, 2.5, (60, 3))  # half of what looks alike lies elsewhere
-    overlay = overlaid(_view(here, looks), _view(there + 0.01 * rng.normal(size=(120, 3)), looks))
+    overlay = match_overlay(_view(here, looks), _view(there + 0.01 * rng.normal(size=(120, 3)), looks))
     assert overlay is not None
     assert overlay.n_agree >= 58
     # 1 cm of noise on 60 features: 2 mm.
@@ -151,5 +151,5 @@ def test_chance_makes_few_matches_agree() -> None:
     rng = np.random.default_rng(6)
     looks = np.abs(rng.normal(size=(150, 128)))
     views = [_view(rng.uniform(-2.5, 2.5, (150, 3)), looks) for _ in range(2)]
-    overlay = overlaid(*views)
+    overlay = match_overlay(*views)
     assert overlay is None or overlay.n_agree < 12

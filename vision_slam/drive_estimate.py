@@ -1,0 +1,103 @@
+"""Estimated path and landmarks of a drive, in a CRS or in the frame of the first image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.data.surface_points import SurfacePoints
+from survey.data.trajectory import Trajectory
+from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.localization import Localization
+from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.rotation import quaternions, rotations
+
+
+@dataclass(frozen=True)
+class DriveEstimate:
+    """Path and landmarks of one drive.
+
+    With fixes they are in the CRS of the recording; without, in the frame of the first image
+    (x forward, y left, z up).
+
+    Parameters
+    ----------
+    time_s : (N,) ndarray
+        Times of the poses [s].
+    position, quaternion : (N, 3) and (N, 4) ndarray
+        Poses of the body; the quaternion as x, y, z, w.
+    landmarks : (M, 3) ndarray
+        Points of the surface.
+    sigma_z_m : (M,) ndarray
+        Standard deviation of their elevation [m].
+    visual_odometry : VisualOdometry, optional
+        Odometry of the images, where images were processed.
+    trajectory, points : optional
+        Path and landmarks in the CRS, with covariances.
+    online : Trajectory, optional
+        The causal path: each pose uses only records up to its own time.
+    notes : tuple of str
+        Corrections of the input and assumptions about it, one sentence each.
+    n_fixes, n_fixes_refused : int
+        Fixes within the time of the path, and those of them that failed the innovation gate.
+    """
+
+    time_s: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+    landmarks: FloatArray
+    sigma_z_m: FloatArray
+    visual_odometry: VisualOdometry | None = None
+    trajectory: Trajectory | None = None
+    points: SurfacePoints | None = None
+    online: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+    n_fixes: int = 0
+    n_fixes_refused: int = 0
+
+    @classmethod
+    def in_crs(cls, result: Localization) -> "DriveEstimate":
+        """Return the estimate of a recording with fixes."""
+        path, points = result.trajectory, result.points
+        return cls(
+            path.time_s,
+            path.position,
+            path.quaternion,
+            points.xyz,
+            points.sigma_z,
+            result.visual_odometry,
+            path,
+            points,
+            result.online_trajectory,
+            result.notes,
+            result.n_fixes,
+            result.n_fixes_refused,
+        )
+
+    @classmethod
+    def in_first_frame(cls, visual: VisualOdometry) -> "DriveEstimate":
+        """Return the estimate of images without fixes."""
+        odometry, sightings = visual.odometry, visual.sightings
+        path = dead_reckoning(odometry, np.zeros(3))
+        turn = rotations(odometry.attitude_rad[sightings.pose])
+        landmarks = path[sightings.pose] + np.einsum("nij,nj->ni", turn, sightings.offset)
+        covariance = turn @ sightings.covariance @ turn.transpose(0, 2, 1)
+        sigma_z_m = np.sqrt(covariance[:, 2, 2])
+        return cls(odometry.time_s, path, quaternions(odometry.attitude_rad), landmarks, sigma_z_m, visual)
+
+    @property
+    def length_m(self) -> float:
+        """Distance travelled [m]."""
+        return float(np.linalg.norm(np.diff(self.position, axis=0), axis=1).sum())
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """Covariances of the positions (N, 3, 3) [m²]; None without a CRS."""
+        return None if self.trajectory is None else self.trajectory.covariance
+
+    @property
+    def is_lost(self) -> BoolArray | None:
+        """Whether each pose is unreliable (N,); None where no image was processed and no CRS is known."""
+        if self.trajectory is not None:
+            return np.asarray(self.trajectory.health) < 0.5
+        return None if self.visual_odometry is None else self.visual_odometry.is_lost
