@@ -16,6 +16,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files import DamagedError, existing_file, first_line, warnings_logged
 from survey.core.geodesy import UNSTATED, vertical_datum_of
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
+from survey.io.raster.deflate_blocks import refuse_damaged_blocks
 from survey.io.raster.hdf5 import refuse_unreadable
 from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked
 
@@ -95,13 +96,16 @@ def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None
     with _opened(file, band) as source:
         in_source = _checked_band(source, file, band)
         window = _window(source, file, bounds)
+        crcs = source.tags().get(CRC_TAG, "").split()
+        is_summed = len(crcs) >= band and bounds is None
+        if not is_summed:
+            refuse_damaged_blocks(source, file, in_source, window)
         values = _read_strips(source, in_source, window)
         crs = source.crs.to_wkt() if source.crs else None
         datum = stated_datum(source)
         transform = source.transform @ Affine.translation(window[0], window[1])
-        crcs = source.tags().get(CRC_TAG, "").split()
         stored_as = str(source.dtypes[in_source - 1])
-    if len(crcs) >= band and bounds is None:
+    if is_summed:
         refuse_altered(file, crcs[band - 1], checksum_parts(values, transform, datum), f"the tag {CRC_TAG}")
     try:
         datum = datum or (vertical_datum_of(crs) if crs else UNSTATED)
@@ -121,6 +125,7 @@ def opened_raster(file: Path) -> Iterator[Any]:
     """
     with _opened(file, 1) as source:
         _checked_band(source, file, 1)
+        refuse_damaged_blocks(source, file, 1, (0, 0, source.width, source.height))
         yield source
 
 
