@@ -1,4 +1,4 @@
 """Simulated instruments: camera, GPS, IMU, wheels, LiDAR, and their time-correlated errors.
 
-Each is a function of motion and ground; what carries them lives in `sim.vehicle`.
+Each is a function of motion and ground, described once in `registry`; the rover itself is in `sim.vehicle`.
 """

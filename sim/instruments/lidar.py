@@ -1,6 +1,6 @@
-"""A spinning laser scanner on the rover: rays against the very ground that is driven on.
+"""Spinning LiDAR on the rover: ray casting against the fine terrain.
 
-The scanner turns while the rover moves, so every point has a time and an origin of its own.
+The scanner turns while the rover moves, so every point has its own time and origin.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from survey.data.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Scanner:
-    """A spinning scanner.
+    """Spinning LiDAR: beams, range, errors.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Scanner:
     range_sigma_m : float
         Standard deviation of a range [m].
     ghost_share : float
-        Share of the returns that are none of the ground: half of them short (blowing
+        Share of the returns that are not from the ground: half of them short (blowing
         snow), half long (reflected twice), which places them below it.
     height_m : float
         Above the body's origin [m].
@@ -75,9 +75,9 @@ class Scan(NamedTuple):
     """The returns of one turn.
 
     ``time_s`` (N,) of each; ``beam`` (N,) index of its beam; ``offset`` (N, 3) [m] in the
-    body's frame at that time, as the scanner tells it; ``origin`` (N, 3) where the scanner
+    body's frame at that time, as measured; ``origin`` (N, 3) where the scanner
     was then and ``hit`` (N, 3) where that puts the point in the world, both with the real
-    pose; ``is_ghost`` (N,) tells returns that are none of the ground.
+    pose; ``is_ghost`` (N,) marks returns that are not from the ground.
     """
 
     time_s: FloatArray
@@ -156,9 +156,9 @@ def scan(
     heights = np.ascontiguousarray(ground.height[::-1]).astype(np.float64) - low[2]
     _cast(heights, ground.step_m, origin - low, directions, 1.5 * scanner.farthest_m, range_m, cosine)
     rng = stream(seed, "lidar", index)
-    column, beam, told_m, is_ghost = _returns(scanner, range_m, cosine, rng)
-    offset = told_m[:, None] * rays[column, beam] + [0.0, 0.0, scanner.height_m]
-    hit = origin[column] + told_m[:, None] * directions[column, beam]
+    column, beam, measured_m, is_ghost = _returns(scanner, range_m, cosine, rng)
+    offset = measured_m[:, None] * rays[column, beam] + [0.0, 0.0, scanner.height_m]
+    hit = origin[column] + measured_m[:, None] * directions[column, beam]
     return Scan(time_s[column], beam, offset, origin[column], hit, is_ghost)
 
 
@@ -181,10 +181,10 @@ def _returns(
     ghost = kind < scanner.ghost_share
     in_the_air = 0.2 * reach + 0.7 * reach * share
     behind = reach * (1.05 + share)
-    told = np.where(ghost, np.where(kind < 0.5 * scanner.ghost_share, in_the_air, behind), reach)
-    told = told + scanner.range_sigma_m * noise
-    column, beam = np.nonzero(returned & (told > 0.0))
-    return column, beam, told[column, beam], ghost[column, beam]
+    measured = np.where(ghost, np.where(kind < 0.5 * scanner.ghost_share, in_the_air, behind), reach)
+    measured = measured + scanner.range_sigma_m * noise
+    column, beam = np.nonzero(returned & (measured > 0.0))
+    return column, beam, measured[column, beam], ghost[column, beam]
 
 
 @njit(cache=True)

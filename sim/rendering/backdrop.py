@@ -1,4 +1,4 @@
-"""The sky and the mountains around the site, painted on a wide cylinder."""
+"""Backdrop: sky and mountains around the site on a wide cylinder."""
 
 import math
 from typing import NamedTuple
@@ -30,7 +30,7 @@ class Backdrop(NamedTuple):
 
 
 def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdrop:
-    """Paint the cylinder; ridge lines are smoothed over a texel, the haze is in the picture."""
+    """Return the cylinder's radiance; ridge lines are smoothed over a texel, haze is included."""
     rng = stream(seed, "appearance", "backdrop")
     tangent = (np.arange(_COLUMNS) + 0.5) / _COLUMNS * 2.0 - 1.0
     azimuth = np.concatenate([0.5 * np.pi * face + np.arctan(tangent) for face in range(4)])
@@ -48,13 +48,13 @@ def backdrop(config: AppearanceConfig, centre: FloatArray, seed: int) -> Backdro
 
 
 def _crest(azimuth: Doubles, mean_deg: float, rng: np.random.Generator) -> Floats:
-    """Elevation of the ridge line at each azimuth [deg]: peaks with concave sides."""
+    """Return the elevation of the ridge line at each azimuth [deg]: peaks with concave sides."""
     waves = sum(a * np.abs(np.sin(0.5 * k * azimuth + rng.uniform(0.0, np.pi))) for k, a in _WAVES)
     return np.asarray(np.maximum(mean_deg * (1.75 - waves), 0.15 * mean_deg), dtype=np.float32)
 
 
 def _mountainside(azimuth: Doubles, elevation: Floats, crest: Floats, rng: np.random.Generator) -> Floats:
-    """Radiance of sunlit rock and of the snow on it, of which there is more higher up."""
+    """Return the radiance of sunlit rock and snow, with more snow higher up."""
     texel_deg = 0.1
     relief = wavy((512, 3600), texel_deg, (0.3, 25.0), 2.0, rng, stretch=0.6, periodic=True)
     shade = np.roll(relief, 2, axis=1) - relief + 0.5 * (np.roll(relief, 2, axis=0) - relief)
@@ -111,7 +111,7 @@ def backdrop_row(
     z: float,
     painted: Floats,
 ) -> None:
-    """Do the same for the `n` rays of a row that are listed; `faces` without its axes."""
+    """Look up the radiance of the `n` listed rays of a row; `faces` without its axes."""
     for k in range(n):
         c = u32(pixel[k])
         east, north = float(ux[c]), float(uy[c])

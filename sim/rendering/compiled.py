@@ -1,4 +1,4 @@
-"""How the renderer's loops are compiled.
+"""Compilation of the renderer's loops by numba.
 
 LLVM does not vectorise a loop that gathers from one array and stores to another, because
 the two might overlap. The arrays that the row loops get never do; `row_loop` says so.
@@ -28,7 +28,7 @@ u64 = np.uint64
 
 
 class _NoAlias(CompilerBase):
-    """The usual compiler, told that array arguments do not overlap."""
+    """Numba compiler that assumes array arguments not to overlap."""
 
     def define_pipelines(self) -> list[Any]:
         self.state.flags.noalias = True
@@ -79,7 +79,7 @@ def share_out(kernel: Callable[..., None], *arguments: Any) -> None:
 
 @lru_cache(maxsize=1)
 def _helpers(n: int) -> ThreadPoolExecutor:
-    """Threads that stay: to start them anew for every frame would cost more than to wake them."""
+    """Return a thread pool that lasts from frame to frame, because starting threads is slow."""
     return ThreadPoolExecutor(n, "renders")
 
 

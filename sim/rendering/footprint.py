@@ -1,4 +1,4 @@
-"""Second pass, second half: what part of the surface each pixel covers, and what is read there.
+"""Pixel footprints: the part of the surface that each pixel covers, and anisotropic texture sampling.
 
 A pixel's footprint is a strip along the line of sight. Up to a few taps are spread over it,
 each from the level of the mipmap that fits their distance. The fine texture is a periodic tile;
@@ -82,7 +82,7 @@ class Footprints(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """Where the taps of one tile are read, pixel by pixel."""
+    """Sampling points of one tile, pixel by pixel."""
 
     scale: Floats
     """Texels per metre, of the level that is read."""
@@ -103,7 +103,7 @@ class Aim(NamedTuple):
 
 @inlined
 def _level(size: np.float32) -> np.int32:
-    """Mip level of a size in texels: the next power of two above the size over the square root of 2."""
+    """Return the mip level of a size in texels: the next power of two above the size over the square root of 2."""
     s = size * f32(0.7071)
     low = i32(s > f32(1)) + i32(s > f32(2)) + i32(s > f32(4)) + i32(s > f32(8))
     return i32(low + i32(s > f32(16)) + i32(s > f32(32)) + i32(s > f32(64)) + i32(s > f32(128)))
@@ -198,7 +198,7 @@ def aim(
     y: Floats,
     share: Floats,
 ) -> None:
-    """Work out, once for all taps, where one corner's copy of a tile is read and what each tap weighs."""
+    """Compute sampling points and weights of the taps in one corner's copy of a tile."""
     half, per, amplitude = f32(0.5), f32(per_m), f32(gain)
     for k in range(n):
         lv = level[k]

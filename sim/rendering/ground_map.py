@@ -1,4 +1,4 @@
-"""Sunlight, cast shadows and skylight on every node of the terrain, baked once, and their mipmap."""
+"""Ground map: precomputed sunlight, cast shadows and skylight on every node, with a mipmap."""
 
 import math
 from typing import NamedTuple
@@ -28,7 +28,7 @@ class GroundMap(NamedTuple):
 
 
 def ground_map(terrain: FineTerrain, height: Floats, patches: Floats, config: AppearanceConfig) -> GroundMap:
-    """Light the terrain; `height` and `patches` (share of clean snow's reflectance) begin in the south."""
+    """Return the map of a lit terrain; `height` and `patches` (share of clean snow's reflectance) begin in the south."""
     south_up = (np.ascontiguousarray(grid[::-1]) for grid in (terrain.tone, terrain.openness, terrain.water))
     words = np.empty(height.shape, np.uint32)
     share_out(
@@ -59,7 +59,7 @@ def _light(
     sky_share: float,
     words: Words,
 ) -> None:
-    """Radiance of each node by the sun (Lambert's law, relative to level ground) and by the sky."""
+    """Return the radiance of each node by the sun (Lambert's law, relative to level ground) and by the sky."""
     rows, columns = height.shape
     half = f32(0.5 / step_m)
     sx, sy, sz = f32(sun[0]), f32(sun[1]), f32(sun[2])
@@ -85,7 +85,7 @@ def _light(
 
 @by_share
 def _halve(worker: int, n_workers: int, fine: Words, coarse: Words) -> None:
-    """Mean of 2 × 2 words, each of the three parts by itself."""
+    """Return means of 2 × 2 words, of each of the three parts by itself."""
     rows, columns = coarse.shape
     for j in range(worker, rows, n_workers):
         for i in range(columns):
@@ -102,7 +102,7 @@ def _halve(worker: int, n_workers: int, fine: Words, coarse: Words) -> None:
 
 @scalar
 def _sunlit(height: Floats, i: int, j: int, step_m: float, sun: Doubles) -> float:
-    """Share of the sun's disk that a node sees: the highest terrain towards it decides."""
+    """Return the visible share of the sun's disk at a node, by the highest terrain towards it."""
     rows, columns = height.shape
     level = math.hypot(sun[0], sun[1])
     if level < 1e-6:

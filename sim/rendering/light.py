@@ -1,4 +1,4 @@
-"""From what was read off the surface to radiance: sun, sky, haze, open water and the rover's own shadow."""
+"""Shading: radiance from surface samples by sun, sky, haze, open water and the rover's shadow."""
 
 import math
 from typing import NamedTuple
@@ -30,7 +30,7 @@ class Light(NamedTuple):
 
 @scalar
 def hazed(radiance: float, path_m: float, haze_m: float) -> float:
-    """Veil a radiance: exp(-path / haze) of it is left (a rational cubic stands for the exponential)."""
+    """Apply haze: exp(-path / haze) of the radiance remains (a rational cubic approximates the exponential)."""
     t = f32(path_m) / f32(haze_m)
     clear = f32(1) / (f32(1) + t * (f32(1) + t * (f32(0.5) + t * f32(0.166667))))
     return f32(radiance) * clear + f32(HAZE_RADIANCE) * (f32(1) - clear)
@@ -38,7 +38,7 @@ def hazed(radiance: float, path_m: float, haze_m: float) -> float:
 
 @row_loop
 def shade(n: int, at: Footprints, in_shade: float, haze_m: float) -> None:
-    """Radiance of dry ground in sun, skylight and haze."""
+    """Compute the radiance of dry ground in sun, skylight and haze."""
     in_shade, per_haze = f32(in_shade), f32(1.0 / haze_m)
     for k in range(n):
         water = at.water[k] * f32(1.0 / 255.0)
@@ -61,7 +61,7 @@ def add_shadow_and_water(
     light: Light,
     scenery: Backdrop,
 ) -> None:
-    """Correct the few pixels that lie in the rover's shadow or on water; only those that are marked may."""
+    """Correct the marked pixels for the rover's shadow and water."""
     has_box = light.box_half_m[0] > 0.0
     around = shadow_width_m2(light)
     for k in range(n):
@@ -93,13 +93,13 @@ def add_shadow_and_water(
 
 @scalar
 def shadow_width_m2(light: Light) -> float:
-    """Square of the distance from the line through the box to the sun within which all of its shadow lies."""
+    """Return the square of the distance from the line through the box to the sun within which all of its shadow lies."""
     return (light.box_half_m**2).sum() + 0.1
 
 
 @scalar
 def _box_shadow(px: float, py: float, pz: float, light: Light) -> float:
-    """Share of the sun that the box hides from a place, counted from its middle: the length of the sun's ray inside it, made soft."""
+    """Return the share of the sun that the box hides from a place relative to its middle, with soft edges."""
     rotation, sun = light.box_rotation, light.sun
     enters, leaves = -1e9, 1e9
     for axis in range(3):
@@ -120,7 +120,7 @@ def _box_shadow(px: float, py: float, pz: float, light: Light) -> float:
 def _water(
     ux: float, uy: float, slope: float, body: float, origin: Doubles, light: Light, scenery: Backdrop
 ) -> float:
-    """Radiance of a still pool: its dark body, the mirrored sky and mountains by Schlick's formula, the sun's glint."""
+    """Return the radiance of a still pool: dark body, sky and mountains mirrored by Schlick's formula, sun glint."""
     stretch = 1.0 / math.sqrt(1.0 + slope * slope)
     facing = min(max(-slope * stretch, 0.0), 1.0)
     mirrored = 0.02 + 0.98 * (1.0 - facing) ** 5

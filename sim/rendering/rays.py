@@ -1,4 +1,4 @@
-"""Second pass, first half: the rays of one image row, from the table's range to the exact one."""
+"""Ray refinement: exact ranges of the rays of one image row from the table's approximate ones."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ SKY = 3
 
 
 class RowRays(NamedTuple):
-    """What is known of the rays of one row, pixel by pixel."""
+    """Properties of the rays of one row, pixel by pixel."""
 
     ux: Floats
     """Horizontal unit direction."""
@@ -52,10 +52,10 @@ def meet_ground(
     step_m: float,
     rays: RowRays,
 ) -> None:
-    """Turn a row's rays into the world, look their ranges up and make them exact by Newton's method.
+    """Rotate a row's rays into the world, look up their ranges and refine them by Newton's method.
 
     On the bilinear surface Z, with f(r) = oz + slope r - Z(o + u r), one step is
-    r - f / (slope - grad Z · u); a second evaluation tells whether it has arrived.
+    r - f / (slope - grad Z · u); a second evaluation tests convergence.
     """
     _look_up(lens_x, lens_y, lens_z, rotation, view, table, table_rows, rays)
     if not _sees_ground(rays):
@@ -74,7 +74,7 @@ def _look_up(
     table_rows: int,
     rays: RowRays,
 ) -> None:
-    """Turn a row's rays into the world, and look up where they begin and how far the table may be believed."""
+    """Rotate a row's rays into the world; look up their first ranges and the bounds of the table."""
     zero, one, knee = f32(0), f32(1), f32(NEAR_HORIZON)
     r00, r01, r02 = f32(rotation[0, 0]), f32(rotation[0, 1]), f32(rotation[0, 2])
     r10, r11, r12 = f32(rotation[1, 0]), f32(rotation[1, 1]), f32(rotation[1, 2])
@@ -112,7 +112,7 @@ def _look_up(
 
 @row_loop
 def _sees_ground(rays: RowRays) -> bool:
-    """Tell whether the table has ground for any ray of the row."""
+    """Return whether the table has ground for any ray of the row."""
     highest = f32(0)
     for c in range(rays.nearest.size):
         highest = max(highest, rays.nearest[c])
@@ -121,7 +121,7 @@ def _sees_ground(rays: RowRays) -> bool:
 
 @row_loop
 def _make_exact(origin: Doubles, flat: Floats, columns: int, rows: int, step_m: float, rays: RowRays) -> None:
-    """Make the ranges exact by Newton's method, and tell of which rays that is sure."""
+    """Refine the ranges by Newton's method, and mark the rays that converged."""
     zero = f32(0)
     ox, oy, oz, inv = f32(origin[0]), f32(origin[1]), f32(origin[2]), f32(1.0 / step_m)
     n = i32(columns)

@@ -1,4 +1,4 @@
-"""The camera's view of the fine terrain: images, and the exact depth behind them."""
+"""Renderer: images of the fine terrain from a calibrated camera, exact depth, and optical flow."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ _BLUR_SAMPLES = 5
 
 @dataclass(frozen=True)
 class RoverBox:
-    """The box, fixed to the rover, whose shadow falls on the ground.
+    """Box, fixed to the rover, that casts a shadow on the ground.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class RoverBox:
 
 
 class Renderer:
-    """Renders what a calibrated camera sees of a fine terrain.
+    """Renderer of a fine terrain for a calibrated camera.
 
     One sweep of the terrain per azimuth gives nearly the range of every ray, one Newton step
     on the bilinear surface makes it exact, and rays beside an edge walk the surface cell by
@@ -165,7 +165,7 @@ class Renderer:
     def visible(
         self, T_world_camera: FloatArray, T_world_camera_next: FloatArray, tolerance_m: float = 0.05
     ) -> npt.NDArray[np.bool_]:
-        """Tell which pixels' places on the ground (H, W) the next view also sees."""
+        """Return which pixels' places on the ground (H, W) are visible in the next view too."""
         depth = self.depth(T_world_camera)
         points = self._points(np.where(np.isinf(depth), np.float32(1e6), depth), T_world_camera)
         there = np.linalg.inv(T_world_camera_next)
@@ -220,7 +220,7 @@ class Renderer:
         return radiance, depth
 
     def _local(self, pose: FloatArray) -> Doubles:
-        """Return a pose counted from the terrain's south-western node and datum; refuse what sees nothing."""
+        """Return a pose relative to the terrain's south-western node and datum; refuse one off the terrain or below it."""
         matrix = np.array(pose, dtype=np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
             raise InputError("the camera's pose holds no 4 × 4 finite numbers; give T_world_camera.")
@@ -280,14 +280,14 @@ def _texture(tile: Tile) -> Texture:
 
 
 def _edge_rays(lens: Lens) -> Doubles:
-    """Rays along the image's edges: they bound all others."""
+    """Return the rays along the image's edges, which bound all others."""
     rays = np.stack([lens.x, lens.y, lens.z], axis=-1)
     around = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
     return around.astype(np.float64)
 
 
 def _row_poses(poses: list[Doubles], n_rows: int) -> tuple[Doubles, Doubles]:
-    """Rotation and place of each row, along the shortest turn from the first pose to the last."""
+    """Return rotation and position of each row, along the shortest turn from the first pose to the last."""
     first, last = poses[0], poses[-1]
     turn = cv2.Rodrigues(first[:3, :3].T @ last[:3, :3])[0].ravel()
     share = np.linspace(0.0, 1.0, n_rows)

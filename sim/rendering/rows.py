@@ -1,4 +1,4 @@
-"""All rows of an image, several at a time on as many threads as there are."""
+"""Rows of an image: rays, surface lookup and shading, in parallel threads."""
 
 from typing import NamedTuple
 
@@ -47,7 +47,7 @@ class Texture(NamedTuple):
 
 
 class RenderScene(NamedTuple):
-    """Everything that does not change from frame to frame."""
+    """Data that are constant from frame to frame."""
 
     surface: Surface
     ground: GroundMap
@@ -137,7 +137,7 @@ def _paint_row(
 
 @scalar
 def walk_edges(rays: RowRays, surface: Surface, origin: Doubles) -> None:
-    """Give the pixels that the table cannot decide their exact range, or the sky."""
+    """Compute the exact range, or the sky, of pixels that the table cannot decide."""
     for c in range(rays.fate.size):
         if rays.fate[c] != EDGE and rays.fate[c] != OUTSIDE:
             continue
@@ -237,7 +237,7 @@ def _extremes(n: int, at: Footprints) -> tuple[float, float]:
 
 @row_loop
 def _is_special(n: int, at: Footprints, rays: RowRays, origin: Doubles, light: Light, special: Ints) -> bool:
-    """Mark the pixels that the rover's shadow or water may be on, and tell whether there are any."""
+    """Mark the pixels with a possible shadow of the rover or water; return whether there are any."""
     sx, sy, sz = f32(light.sun[0]), f32(light.sun[1]), f32(light.sun[2])
     ox, oy = f32(origin[0] - light.box_centre[0]), f32(origin[1] - light.box_centre[1])
     oz, wide = f32(light.box_centre[2]), f32(shadow_width_m2(light) + _ROUNDED_M2)

@@ -1,4 +1,4 @@
-"""From radiance to grey levels: lens blur, vignetting, gain, shot and read noise, eight bits."""
+"""Image sensor: radiance to 8-bit grey levels with lens blur, vignetting, gain, shot and read noise."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ _DRAWS = 1 << 21
 
 
 class Sensor:
-    """What makes an image of radiance; the noise of a frame follows from the seed and its number alone."""
+    """Image sensor; the noise of a frame depends on the seed and its number alone."""
 
     def __init__(self, config: ImagingConfig, camera: Camera, seed: int) -> None:
         self._config = config
@@ -45,7 +45,7 @@ class Sensor:
 
 
 def _vignette(camera: Camera, loss: float) -> Floats:
-    """Share of the light that reaches each pixel: falls with the square of the distance from the middle."""
+    """Return the share of light at each pixel, which falls with the square of the distance from the middle."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     squared = (u - camera.matrix[0, 2]) ** 2 + (v - camera.matrix[1, 2]) ** 2
     return (1.0 - loss * squared / squared.max()).astype(np.float32)
@@ -64,7 +64,7 @@ def _expose(
     frame: int,
     image: Image,
 ) -> None:
-    """Grey level = signal + noise of variance read² + shot² signal; each row has its window of the draws."""
+    """Compute grey levels: signal plus noise of variance read² + shot² signal, from one window of draws per row."""
     rows, columns = radiance.shape
     gain, read, shot = f32(gain), f32(read_sd * read_sd), f32(shot_sd * shot_sd)
     for row in range(worker, rows, n_workers):

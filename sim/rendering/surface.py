@@ -1,4 +1,4 @@
-"""The bilinear surface that rays meet, and the exact walk along one ray, cell by cell.
+"""Bilinear surface and exact ray casting, cell by cell.
 
 Coordinates are metres east and north of the south-western node and above a datum near the
 ground, so that single precision holds a tenth of a millimetre. A ray is given by its
@@ -39,7 +39,7 @@ def surface_of(terrain: FineTerrain, datum_m: float) -> Surface:
 
 
 def _block_maxima(height: Floats, block: int) -> Floats:
-    """Highest node of each block and its neighbours: from anywhere in it a jump of one block is safe."""
+    """Return the highest node of each block and its neighbours: from anywhere in it a jump of one block is safe."""
     rows, columns = (-(-n // block) for n in height.shape)
     padded = np.full((rows * block, columns * block), -1e9, np.float32)
     padded[: height.shape[0], : height.shape[1]] = height
@@ -110,7 +110,7 @@ def _patch_hit(
     enters: float,
     leaves: float,
 ) -> float:
-    """Root, between two ranges, of the ray's height above one bilinear patch: c2 r² + c1 r + c0; -1 for none."""
+    """Return the root, between two ranges, of the ray's height above one bilinear patch: c2 r² + c1 r + c0; -1 for none."""
     z = height[j, i]
     p, q = height[j, i + 1] - z, height[j + 1, i] - z
     t = height[j + 1, i + 1] - z - p - q

@@ -1,4 +1,4 @@
-"""First pass: one walk of the terrain per azimuth gives, for every direction, nearly the range of the first hit.
+"""Visibility sweep: approximate range of the first hit in every direction, from one pass per azimuth.
 
 The table is indexed by the tangent of half the azimuth from the viewing direction (columns)
 and by the ray's slope (rows, dense near the horizon) and holds 1 / range, which over a plane
@@ -19,7 +19,7 @@ _FARTHEST_M = 2000.0
 
 
 class View(NamedTuple):
-    """Which directions the table's columns and rows stand for."""
+    """Directions of the table's columns and rows."""
 
     forward_x: float
     """Horizontal unit vector of the viewing direction."""
@@ -33,7 +33,7 @@ class View(NamedTuple):
 
 
 def sample_ranges(farthest_m: float) -> Floats:
-    """Return the ranges at which the terrain is looked at: 6 cm apart, from 10 m on 0.6 % of the range [m]."""
+    """Return the ranges at which the terrain is sampled: 6 cm apart, from 10 m on 0.6 % of the range [m]."""
     ranges = [0.12]
     while ranges[-1] < min(farthest_m, _FARTHEST_M):
         ranges.append(ranges[-1] + max(0.06, 0.006 * ranges[-1]))
@@ -79,7 +79,7 @@ def _profile(
     ranges: Floats,
     heights: Floats,
 ) -> None:
-    """Heights above the eye along one azimuth."""
+    """Compute heights above the eye along one azimuth."""
     u_end, v_end = f32(columns - 1.001), f32(rows - 1.001)
     u0, v0, du, dv, eye = f32(u0), f32(v0), f32(du), f32(dv), f32(eye)
     for k in range(n):
@@ -161,7 +161,7 @@ def _running_horizon(n: int, ranges: Floats, heights: Floats, slopes: Floats, co
 
 @row_loop
 def _to_border(place: float, direction: float, size: float) -> float:
-    """Range at which a horizontal direction leaves the map along one axis."""
+    """Return the range at which a horizontal direction leaves the map along one axis."""
     if direction > 1e-9:
         return (size - place) / direction
     return -place / direction if direction < -1e-9 else 1e9

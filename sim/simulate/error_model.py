@@ -1,15 +1,15 @@
-r"""The error model of the statistical fidelity, fitted to drives in images.
+r"""Error model of the statistical fidelity, fitted to drives in images.
 
-What the images of a run gave on board is held against where the rover really was. Errors are
-estimated minus real. An attitude error that forgets itself over Λ, and also walks by w per
-square root of a metre, changes over a distance d by
+The visual odometry of a run is compared with the real path. Errors are estimated minus real.
+An attitude error with correlation length Λ, and a random walk of w per square root of a
+metre, changes over a distance d by
 
 .. math:: E (x(t + d) - x(t))^2 = 2 \sigma^2 (1 - e^{-d/\Lambda}) + w^2 d
 
-For the stated Λ its changes over 60 m and over 300 m tell σ and w of the heading; roll and
-pitch, which gravity holds, do not walk: theirs tell σ, and their mean over a drive tells what is
-constant. What landmarks err by across the line of sight is read from their heights above the
-real ground, seen at grazing angles; what they err by along it is not seen, and is what they claim.
+For the stated Λ the changes over 60 m and over 300 m give σ and w of the heading; roll and
+pitch, which gravity constrains, do not walk: their changes give σ, and their mean over a drive
+the constant part. The landmarks' error across the line of sight follows from their heights above
+the real ground at grazing angles; the error along it is not observable, and their claim is used.
 """
 
 from collections.abc import Sequence
@@ -37,13 +37,13 @@ APART_M, FAR_APART_M = 60.0, 300.0
 _NEAREST_PER_CENT, _FARTHEST_PER_CENT = 1.0, 99.0
 _N_BINS = 8
 _NORMAL_MAD = 1.4826
-# Stretches farther from the others than this were followed wrongly: they are counted apart, not fitted.
+# Stretches with a scale error farther from the median than this are mistracked: they are counted, not fitted.
 _TORN = 0.15
 
 
 @dataclass(frozen=True)
 class OdometryErrors:
-    """What the odometry of one drive was wrong by.
+    """Errors of the odometry of one drive.
 
     ``attitude_deg`` (N, 3) every 5 m of travel; of the stretches between, which end at
     ``mark_s`` (N,): ``length_m`` (N - 1,), ``turned_rad`` (N - 1,), ``scale`` (N - 1,) and
@@ -59,16 +59,16 @@ class OdometryErrors:
 
     @property
     def is_torn(self) -> BoolArray:
-        """Stretches (N - 1,) that were followed wrongly."""
+        """Mistracked stretches (N - 1,)."""
         torn: BoolArray = np.abs(self.scale - np.median(self.scale)) > _TORN
         return torn
 
 
 @dataclass(frozen=True)
 class DriveErrors:
-    """What one drive in images was wrong by.
+    """Errors of odometry and landmarks of one drive in images.
 
-    Of the landmarks that a map is made of ``range_m`` (M,) at first sight, ``height_m`` (M,)
+    Of the landmarks of a map: ``range_m`` (M,) at first sight, ``height_m`` (M,)
     above the ground, and ``along_m`` (M,), the standard deviation claimed along the line of sight.
     """
 
@@ -84,7 +84,7 @@ class DriveErrors:
 
 
 def errors_of(run: RunFolder) -> DriveErrors:
-    """Hold what the onboard computer saw on a run against what was real.
+    """Compare the visual odometry of a run with its truth.
 
     Raises
     ------
@@ -102,14 +102,14 @@ def errors_of(run: RunFolder) -> DriveErrors:
 
 
 def drive_errors(recording: Recording, found: VisualOdometry, real: Truth) -> DriveErrors:
-    """Hold what images gave, turned to the heading that the fixes tell, against what was real."""
+    """Compare visual odometry, aligned to the heading of the fixes, with the truth."""
     _, found = align_heading(recording, found)
     errors = odometry_errors(found.odometry, real.trajectory)
     return DriveErrors(errors, *_landmark_errors(found, real))
 
 
 def odometry_errors(odometry: Odometry, real: Trajectory) -> OdometryErrors:
-    """Hold an odometry against the real path."""
+    """Compare an odometry with the real path."""
     place, turns = _really(odometry, real)
     attitude = turns.as_euler("xyz")
     off = odometry.attitude_rad - attitude
@@ -132,7 +132,7 @@ def odometry_errors(odometry: Odometry, real: Trajectory) -> OdometryErrors:
 
 
 def _really(odometry: Odometry, real: Trajectory) -> tuple[FloatArray, Rotation]:
-    """Return where the rover was (N, 3), and its attitudes, at the odometry's times."""
+    """Return real positions (N, 3) and attitudes at the odometry's times."""
     times = odometry.time_s.clip(*real.time_s[[0, -1]])
     place = np.column_stack([np.interp(times, real.time_s, axis) for axis in real.position.T])
     return place, Slerp(real.time_s, Rotation.from_quat(real.quaternion))(times)
@@ -143,25 +143,25 @@ def _landmark_errors(found: VisualOdometry, real: Truth) -> tuple[FloatArray, Fl
     seen, gates = found.sightings, LocalizationConfig()
     position, turned = _really(found.odometry, real.trajectory)
     turns = turned.as_matrix()
-    kept = (seen.range_m > gates.landmark_min_range_m) & (
+    usable = (seen.range_m > gates.landmark_min_range_m) & (
         np.linalg.eigvalsh(seen.covariance)[:, -1] <= gates.landmark_max_sigma_m**2
     )
-    pose, offset = seen.pose[kept], seen.offset[kept]
+    pose, offset = seen.pose[usable], seen.offset[usable]
     xyz = position[pose] + np.einsum("nij,nj->ni", turns[pose], offset)
     height = xyz[:, 2] - real.dem.at(xyz[:, :2])
     ray = offset / np.linalg.norm(offset, axis=1)[:, None]
-    along = np.sqrt(np.einsum("ni,nij,nj->n", ray, seen.covariance[kept], ray))
+    along = np.sqrt(np.einsum("ni,nij,nj->n", ray, seen.covariance[usable], ray))
     known = np.isfinite(height)
-    return seen.range_m[kept][known], height[known], along[known]
+    return seen.range_m[usable][known], height[known], along[known]
 
 
 def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> SensorConfig:
-    """Return the sensors of the statistical fidelity that err as these drives did; receivers stay as they are.
+    """Fit the sensor errors of the statistical fidelity to drives; receivers keep their defaults.
 
     Parameters
     ----------
     drives : sequence of DriveErrors
-        On which nothing is judged.
+        Drives that no score is taken from.
     correlation_m : float
         Travel over which attitude errors stay correlated, as the model states it [m].
 
@@ -172,9 +172,9 @@ def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> Sen
 
     Notes
     -----
-    That a heading walks is told by drives of more than 600 m; without one all of its change is
-    taken to be soon forgotten. What the model has no name for is left out: a scale that wanders
-    from metre to metre, and what turns add.
+    The random walk of the heading needs drives of more than 600 m; without one all of its change
+    is taken for correlated error. Not modelled: scale errors that vary from metre to metre, and
+    errors in turns.
     """
     driven = [drive.odometry for drive in drives if drive.driven_m > 2.0 * APART_M]
     if not driven:
@@ -202,13 +202,13 @@ def fitted(drives: Sequence[DriveErrors], correlation_m: float = APART_M) -> Sen
         "landmark_cross_sigma_m": across,
         "landmark_along_sigma_m": along,
     }
-    told = {name: tuple(float(f"{value:.3g}") for value in pair) for name, pair in pairs.items()}
-    return SensorConfig.model_validate(rounded | told)
+    rounded_pairs = {name: tuple(float(f"{value:.3g}") for value in pair) for name, pair in pairs.items()}
+    return SensorConfig.model_validate(rounded | rounded_pairs)
 
 
 def _wandering_and_walk(driven: Sequence[OdometryErrors], correlation_m: float) -> tuple[float, float]:
-    """Return σ of the heading error that is forgotten [deg], and the walk of that which is not [deg per root metre]."""
-    near, far = _forgotten(APART_M, correlation_m), _forgotten(FAR_APART_M, correlation_m)
+    """Return σ of the correlated heading error [deg], and its random walk [deg per root metre]."""
+    near, far = _mean_square_change(APART_M, correlation_m), _mean_square_change(FAR_APART_M, correlation_m)
     change = changed(driven, [2])
     long_enough = [drive for drive in driven if drive.length_m.sum() > 2.0 * FAR_APART_M]
     walked = 0.0
@@ -219,24 +219,24 @@ def _wandering_and_walk(driven: Sequence[OdometryErrors], correlation_m: float) 
 
 
 def changing(driven: Sequence[OdometryErrors], axes: list[int], correlation_m: float) -> float:
-    """Return σ of errors of attitude that forget themselves and do not walk [deg]."""
-    return float(np.sqrt(changed(driven, axes) / _forgotten(APART_M, correlation_m)))
+    """Return σ of attitude errors without a random walk [deg]."""
+    return float(np.sqrt(changed(driven, axes) / _mean_square_change(APART_M, correlation_m)))
 
 
 def changed(driven: Sequence[OdometryErrors], axes: list[int], apart_m: float = APART_M) -> float:
-    """Return the mean square of how much errors of attitude change over a distance [deg²]; axes are roll, pitch, yaw."""
+    """Return the mean square change of attitude errors over a distance [deg²]; axes are roll, pitch, yaw."""
     lag = round(apart_m / STRETCH_M)
     changes = [drive.attitude_deg[lag:, axes] - drive.attitude_deg[:-lag, axes] for drive in driven]
     return float(np.mean(np.concatenate(changes) ** 2))
 
 
-def _forgotten(apart_m: float, correlation_m: float) -> float:
-    """Return what a forgotten error of variance 1 changes by over a distance, squared."""
+def _mean_square_change(apart_m: float, correlation_m: float) -> float:
+    """Return the mean square change of a correlated error of variance 1 over a distance."""
     return float(2.0 * (1.0 - np.exp(-apart_m / correlation_m)))
 
 
 def _by_range(drives: Sequence[DriveErrors], power: int) -> tuple[float, float]:
-    """Fit a + b r^power, neither below 0, to what landmarks err by across (1) or along (2) the line of sight."""
+    """Fit a + b r^power, neither below 0, to landmark errors across (1) or along (2) the line of sight."""
     ranges = np.concatenate([drive.range_m for drive in drives])
     values = np.concatenate([drive.height_m if power == 1 else drive.along_m for drive in drives])
     edges = np.quantile(ranges, np.linspace(0.0, 1.0, _N_BINS + 1))

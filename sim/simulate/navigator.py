@@ -1,4 +1,4 @@
-"""Steers by estimate: visual odometry and GPS, weighed by particles, say where the rover is while it drives."""
+"""Onboard navigation: visual odometry and GPS fixes in a particle filter, with dead reckoning in between."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -20,16 +20,16 @@ from vision_slam.odometry.visual_slam import FramePose, VisualOdometry
 from vision_slam.pipeline import image_config
 
 _SURVEYED_DEG = 1.0
-"""How well the heading at the start is known [deg]."""
+"""Standard deviation of the heading at the start [deg]."""
 LATE_FRAMES = 2
-"""Frames by which the answer that is steered by is late, so that the next one can be taken in the meantime."""
-_KEPT_S = 5.0
-# Relative error of a way that wheels and gyro bridged, as visual odometry tells it afterwards.
-_BRIDGED = 0.05
+"""Delay of the estimate in frames, during which the onboard computer processes the next ones."""
+_MEMORY_S = 5.0
+# Relative error of distances without vision, which wheels and gyro bridge.
+_BRIDGED_ERROR = 0.05
 
 
-class Known(NamedTuple):
-    """Where the rover was at the newest image that was looked at: ``time_s``, ``xy`` (2,) [m], ``heading_rad`` from east."""
+class TimedPose(NamedTuple):
+    """Estimated pose at the newest processed image: ``time_s``, ``xy`` (2,) [m], ``heading_rad`` from east."""
 
     time_s: float
     xy: FloatArray
@@ -37,24 +37,24 @@ class Known(NamedTuple):
 
 
 class OnboardComputer:
-    """Follows the rover by camera, wheels and gyro, and holds the path to the fixes by a particle filter.
+    """Estimates the pose from camera, wheels, gyro and GPS fixes by a particle filter.
 
     Parameters
     ----------
     start : Start
-        Calibration, and place and heading at which the drive begins, as surveyed.
+        Calibration, and surveyed pose at the start.
     config : LocalizationConfig
-        What is assumed of odometry and receiver.
+        Assumed errors of odometry and receiver.
     antenna_height_m : float
-        Of the GPS antenna above the ground [m].
+        Height of the GPS antenna above the ground [m].
     seed : int
-        The mission's, of the particles.
+        The mission's seed, for the particles.
     """
 
     def __init__(self, start: Start, config: LocalizationConfig, antenna_height_m: float, seed: int) -> None:
         self._antenna = np.array([0.0, 0.0, antenna_height_m])
-        told = {"heading_sigma_deg": max(config.heading_sigma_deg, _SURVEYED_DEG)}
-        assumed = image_config(config).model_copy(update=told)
+        at_start = {"heading_sigma_deg": max(config.heading_sigma_deg, _SURVEYED_DEG)}
+        assumed = image_config(config).model_copy(update=at_start)
         self._filter = ParticleFilter(assumed, stream(seed, "navigator"), start=start.position)
         self._odometry = OnboardOdometry(start.camera)
         self._fixes: list[tuple[float, FloatArray]] = []
@@ -62,17 +62,17 @@ class OnboardComputer:
         self._pose: FloatArray | None = None
         self._blind_m = 0.0
         self._heading_rad = start.heading_rad
-        self._known = Known(0.0, start.position[:2], start.heading_rad)
+        self._newest = TimedPose(0.0, start.position[:2], start.heading_rad)
 
-    def take(self, readings: Readings) -> Known:
-        """Take the readings since the last call in, and say where the rover was at the newest image that is done."""
+    def process(self, readings: Readings) -> TimedPose:
+        """Process the readings since the last call; return the pose at the newest finished image."""
         self._sense(readings)
         for frame, pose in self._odometry.poses():
-            self._known = self._moved_to(frame, pose)
-        return self._known
+            self._newest = self._moved_to(frame, pose)
+        return self._newest
 
-    def finished(self, readings: Readings) -> VisualOdometry | None:
-        """Take the last readings in, and return what all images gave; None of fewer than two."""
+    def finish(self, readings: Readings) -> VisualOdometry | None:
+        """Process the last readings; return the visual odometry of all images, or None of fewer than two."""
         self._sense(readings)
         return self._odometry.finished()
 
@@ -86,8 +86,8 @@ class OnboardComputer:
         if readings.inertial is not None:
             self._inertial.append(readings.inertial)
 
-    def _moved_to(self, frame: FramePose, pose: FloatArray) -> Known:
-        """Move the particles by what an image and the gyro told, and weigh them by the fixes until then."""
+    def _moved_to(self, frame: FramePose, pose: FloatArray) -> TimedPose:
+        """Move the particles by visual odometry and gyro to a frame, and weight them by the fixes until then."""
         time_s = frame.time_s
         if self._pose is None:
             self._heading_rad -= _heading(pose)
@@ -97,87 +97,87 @@ class OnboardComputer:
             step = np.array([cosine * east - sine * north, sine * east + cosine * north, up])
             unseen_m = self._unseen_m(float(np.linalg.norm(step)), frame.health.is_visual)
             turn = self._turn_by_gyro(time_s, np.array([self._pose, pose]))
-            self._filter.move(step, time_s - self._known.time_s, unseen_m, turn=turn)
+            self._filter.move(step, time_s - self._newest.time_s, unseen_m, turn=turn)
         self._pose = pose
         while self._fixes and self._fixes[0][0] <= time_s:
             self._filter.correct(self._fixes.pop(0)[1] - self._antenna)
         found = self._filter.estimate()
         heading = self._heading_rad + _heading(pose) + found.heading_rad
-        return Known(time_s, found.position[:2], heading)
+        return TimedPose(time_s, found.position[:2], heading)
 
     def _unseen_m(self, length_m: float, is_visual: bool) -> float:
-        """Error of a step that wheels and gyro bridged [m]: a share of the whole way since images told the last."""
+        """Return the error of a step that wheels and gyro bridged [m]: a share of the distance without vision."""
         before_m = self._blind_m
         self._blind_m = 0.0 if is_visual else before_m + length_m
-        return _BRIDGED * float(np.sqrt(max(self._blind_m**2 - before_m**2, 0.0)))
+        return _BRIDGED_ERROR * float(np.sqrt(max(self._blind_m**2 - before_m**2, 0.0)))
 
     def _turn_by_gyro(self, time_s: float, poses: FloatArray) -> GyroTurn | None:
-        """Return what the gyro turned beyond two poses (2, 4, 4), from the newest that is known to this moment."""
-        while self._inertial and self._inertial[0].time_s[-1] < self._known.time_s - _KEPT_S:
+        """Return the gyro's turn beyond that of two poses (2, 4, 4), from the newest estimate to this time."""
+        while self._inertial and self._inertial[0].time_s[-1] < self._newest.time_s - _MEMORY_S:
             self._inertial.pop(0)
         recent = joined(self._inertial)
-        if recent is None or time_s <= self._known.time_s:
+        if recent is None or time_s <= self._newest.time_s:
             return None
         attitude = Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")
-        odometry = Odometry(np.array([self._known.time_s, time_s]), np.zeros((1, 3)), attitude)
+        odometry = Odometry(np.array([self._newest.time_s, time_s]), np.zeros((1, 3)), attitude)
         beyond_rad = float(gyro_residual_rad(recent, odometry)[0])
         turned_rad = float(np.angle(np.exp(1j * (attitude[1, 2] - attitude[0, 2]))))
         return GyroTurn(beyond_rad, turned_rad) if np.isfinite(beyond_rad) else None
 
 
-class Aboard(Protocol):
-    """An `OnboardComputer` here or elsewhere: what is asked first is answered first."""
+class ComputerConnection(Protocol):
+    """Connection to an `OnboardComputer` in this or another process; results come in the order of the readings."""
 
-    def ask(self, readings: Readings, /) -> None:
-        """Hand readings over."""
+    def send(self, readings: Readings, /) -> None:
+        """Send readings."""
 
-    def answer(self) -> Known:
-        """Wait for the answer to the oldest question that has none yet."""
+    def receive(self) -> TimedPose:
+        """Wait for the pose of the oldest readings that have none yet."""
         ...
 
-    def finished(self, readings: Readings, /) -> VisualOdometry | None:
-        """Hand the last readings over; wait for what all images gave."""
+    def finish(self, readings: Readings, /) -> VisualOdometry | None:
+        """Send the last readings; wait for the visual odometry of all images."""
         ...
 
 
 class VisualNavigator:
-    """Asks the onboard computer, and bridges by wheels and gyro the time since the image that its answer is of.
+    """Navigator that steers by an onboard computer, with dead reckoning since its newest processed image.
 
-    The answer is always that of `LATE_FRAMES` frames ago, whether it took long or not: the
-    drive is the same wherever the computer is.
+    The pose received is always that of `LATE_FRAMES` frames ago, however long it took: the
+    drive is the same wherever the computer runs.
 
     Parameters
     ----------
     start : Start
-        What is known before the drive.
-    aboard : Aboard
+        Calibration and start pose.
+    computer : ComputerConnection
         The onboard computer.
     """
 
-    def __init__(self, start: Start, aboard: Aboard) -> None:
-        self._aboard = aboard
-        self._known = Known(0.0, start.position[:2], start.heading_rad)
+    def __init__(self, start: Start, computer: ComputerConnection) -> None:
+        self._computer = computer
+        self._newest = TimedPose(0.0, start.position[:2], start.heading_rad)
         self._reckoning = DeadReckoning()
-        self._n_asked = 0
+        self._n_sent = 0
 
     def step(self, readings: Readings) -> PoseEstimate:
-        """Take the readings since the last call in, and say where the rover is."""
-        self._aboard.ask(readings)
+        """Process the readings since the last call, and return the estimated pose."""
+        self._computer.send(readings)
         self._reckoning.add(readings)
-        self._n_asked += 1
-        if self._n_asked > LATE_FRAMES:
-            self._known = self._aboard.answer()
-        return self._reckoning.since(self._known)
+        self._n_sent += 1
+        if self._n_sent > LATE_FRAMES:
+            self._newest = self._computer.receive()
+        return self._reckoning.since(self._newest)
 
     def finish(self, readings: Readings) -> VisualOdometry | None:
-        """Take the last readings in, and return what the images gave."""
-        for _ in range(min(self._n_asked, LATE_FRAMES)):
-            self._aboard.answer()
-        return self._aboard.finished(readings)
+        """Process the last readings, and return the visual odometry."""
+        for _ in range(min(self._n_sent, LATE_FRAMES)):
+            self._computer.receive()
+        return self._computer.finish(readings)
 
 
 class DeadReckoning:
-    """Wheels and gyro of the last moments, the gyro less what it says while the rover rests at the start."""
+    """Dead reckoning by wheels and gyro; the gyro's bias is its mean while the rover rests at the start."""
 
     def __init__(self) -> None:
         self._wheels = np.zeros((1, 2))
@@ -185,7 +185,7 @@ class DeadReckoning:
         self._bias, self._resting = 0.0, list[FloatArray]()
 
     def add(self, readings: Readings) -> None:
-        """Take readings in."""
+        """Add readings."""
         if readings.wheels is not None:
             rolled = 0.5 * (readings.wheels.left_m + readings.wheels.right_m)
             self._wheels = np.vstack([self._wheels, np.column_stack([readings.wheels.time_s, rolled])])
@@ -198,10 +198,10 @@ class DeadReckoning:
             turned = self._gyro[-1, 1] + np.cumsum((rates - self._bias) * gaps)
             self._gyro = np.vstack([self._gyro, np.column_stack([readings.inertial.time_s, turned])])
 
-    def since(self, known: Known) -> PoseEstimate:
-        """Return where wheels and gyro have carried the rover since it was known to be somewhere."""
-        self._wheels = _from(self._wheels, known.time_s - _KEPT_S)
-        self._gyro = _from(self._gyro, known.time_s - _KEPT_S)
+    def since(self, known: TimedPose) -> PoseEstimate:
+        """Return the pose after the motion of wheels and gyro since a known pose."""
+        self._wheels = _from(self._wheels, known.time_s - _MEMORY_S)
+        self._gyro = _from(self._gyro, known.time_s - _MEMORY_S)
         later = self._wheels[:, 0] > known.time_s
         times = np.r_[known.time_s, self._wheels[later, 0]]
         rolled = np.diff(np.interp(times, *self._wheels.T))

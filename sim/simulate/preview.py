@@ -1,4 +1,4 @@
-"""A first look at a drive: a video to play and a sheet of its frames."""
+"""Preview of a drive: video, animated image, and contact sheet."""
 
 from io import BytesIO
 from pathlib import Path

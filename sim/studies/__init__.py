@@ -1,4 +1,4 @@
-"""The papers' figures and tables, made anew: one study per figure, found by its name."""
+"""Reproduction of the papers' figures and tables: one study per figure, found by its name."""
 
 import difflib
 from importlib import import_module
@@ -10,7 +10,7 @@ from survey.core.errors import InputError
 
 
 class Study(Protocol):
-    """Makes the products of one figure or table in a folder."""
+    """Produces one figure or table in a folder."""
 
     def __call__(self, folder: Path, *, quick: bool, progress: Progress) -> None:
         """Write pictures and tables into `folder`; `quick` makes them smaller and rougher."""
@@ -48,7 +48,7 @@ STUDIES: dict[str, str] = {
     "carving-fig12": "sim.studies.carving.bounds_and_timing:figure_12",
     "carving-fig13": "sim.studies.carving.maps:figure_13",
 }
-"""Name of the study, in the order of the papers → where its function stands, ``module:function``."""
+"""Study name → its function as ``module:function``, in the order of the papers."""
 
 LONG: dict[str, str] = {
     "glacier-fig12": "two surveys of 2.7 km in images, about 25 minutes of CPU each; they go on where they were stopped",
@@ -58,7 +58,7 @@ LONG: dict[str, str] = {
 
 
 def study(name: str) -> Study:
-    """Return the function that makes a study.
+    """Return the function of a study.
 
     Raises
     ------

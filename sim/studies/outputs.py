@@ -1,4 +1,4 @@
-"""Tables and pictures that a study leaves behind."""
+"""Output of studies: tables and figures."""
 
 import csv
 from collections.abc import Iterable, Sequence

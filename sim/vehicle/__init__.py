@@ -1,4 +1,4 @@
-"""The simulated rover: rigid-body and kinematic motion, and path following.
+"""Simulated rover: rigid-body and kinematic physics, and path following.
 
-What it senses lives in `sim.instruments`.
+Sensors are in `sim.instruments`.
 """

@@ -1,4 +1,4 @@
-"""A stretch of real motion, as the physics left it, from which sensors read."""
+"""Motion of the rover: states at equal time steps, interpolated for the sensors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,20 +13,20 @@ from survey.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class RoverMotion:
-    """States of the rover at equal steps of time; what lies between is interpolated.
+    """States of the rover at equal time steps, interpolated in between.
 
     Parameters
     ----------
     time_s : (N,) ndarray
         Times [s].
     position : (N, 3) ndarray
-        Of the body's origin in the world [m].
+        Position of the body's origin in the world [m].
     quaternion : (N, 4) ndarray
-        From the body to the world (x, y, z, w).
+        Rotation from the body to the world (x, y, z, w).
     velocity, rate : (N, 3) ndarray
-        In the world [m/s, rad/s].
+        Velocity and rate of turn in the world [m/s, rad/s].
     rolled_m : (N, 2) ndarray
-        By the left and the right track [m].
+        Distance rolled by the left and the right track [m].
     """
 
     time_s: FloatArray
@@ -38,12 +38,12 @@ class RoverMotion:
 
     @classmethod
     def of(cls, states: Sequence[RoverState]) -> "RoverMotion":
-        """Collect states in the order of time."""
+        """Return the motion through states in the order of time."""
         return cls(*(np.array([state[k] for state in states]) for k in range(6)))
 
     @property
     def rotation(self) -> Rotation:
-        """Body to world at every time."""
+        """Rotation from the body to the world at every time."""
         return Rotation.from_quat(self.quaternion)
 
     def position_at(self, time_s: FloatArray) -> FloatArray:
@@ -56,11 +56,11 @@ class RoverMotion:
 
     @cached_property
     def _turning(self) -> Slerp:
-        """What gives attitudes in between; the camera and all instruments ask it."""
+        """Interpolator of the attitude."""
         return Slerp(self.time_s, self.rotation)
 
     def rolled_at(self, time_s: FloatArray) -> FloatArray:
-        """Return what the tracks have unrolled (M, 2) at times within the stretch [m]."""
+        """Return the distances (M, 2) rolled by both tracks at times within the stretch [m]."""
         return _between(self.time_s, self.rolled_m, time_s)
 
     def velocity_at(self, time_s: FloatArray) -> FloatArray:

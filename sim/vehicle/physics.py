@@ -1,4 +1,4 @@
-"""What moves a rover: the face that all physics share, and the model that rolls without forces."""
+"""Rover physics: the common interface, and a kinematic model without forces."""
 
 from typing import NamedTuple, Protocol
 
@@ -15,7 +15,7 @@ GRAVITY_M_S2 = 9.81
 
 
 class HeightField(Protocol):
-    """Ground to drive on: heights on a square grid."""
+    """Height field of the ground on a square grid."""
 
     @property
     def step_m(self) -> float:
@@ -33,12 +33,12 @@ class HeightField(Protocol):
 
 
 class RoverState(NamedTuple):
-    """Where a rover really is and how it moves: for sensors and scores, never for estimators.
+    """Real state of a rover, for sensors and scores, never for estimators.
 
     ``position`` of the body's origin on the ground between the tracks [m], ``velocity`` of
     that point [m/s] and ``rate`` of turn [rad/s] are in the world's frame; ``quaternion``
     (x, y, z, w) takes the body to the world; ``rolled_m`` is what the left and the right
-    track have unrolled; ``energy_j`` what the battery has given.
+    track have rolled; ``energy_j`` the energy drawn from the battery.
     """
 
     time_s: float
@@ -51,22 +51,22 @@ class RoverState(NamedTuple):
 
 
 class Physics(Protocol):
-    """Moves a rover in steps of fixed length at the speeds that are asked of its tracks."""
+    """Physics of a rover, in steps of fixed length at commanded track speeds."""
 
     dt_s: float
     """Length of a step [s]."""
     friction_share: float
-    """Share of the usual friction that the ground gives now; below 1 on slippery spots."""
+    """Friction of the ground as a share of the usual one; below 1 on slippery spots."""
     drive_share: tuple[float, float]
-    """Share of the asked speed that the left and the right track turn at; 0 is a stuck track."""
+    """Speed of the left and the right track as shares of the commanded ones; 0 is a stuck track."""
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
-        """Move by one step with these speeds asked of the tracks [m/s]."""
+        """Advance by one step at commanded track speeds [m/s]."""
         ...
 
     @property
     def state(self) -> RoverState:
-        """Where the rover is after the last step."""
+        """State after the last step."""
         ...
 
 
@@ -77,7 +77,7 @@ def origin_of(ground: HeightField, xy: FloatArray) -> FloatArray:
 
 
 class KinematicRover:
-    r"""A rover without forces: it stands on the ground and rolls as fast as its tracks turn, less slip.
+    r"""Kinematic model of a rover: it rests on the ground and rolls at the speed of its tracks, less slip.
 
     On a slope θ the tracks slip by i = i₀ + tan²θ; the turn is a share of what the tracks'
     difference asks for, as skidding tracks give it:
@@ -106,7 +106,7 @@ class KinematicRover:
         self._speeds = 0.0, 0.0
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
-        """Roll for one step."""
+        """Advance by one step at commanded track speeds [m/s]."""
         left, right = left_m_s * self.drive_share[0], right_m_s * self.drive_share[1]
         self._n_steps += 1
         self._rolled += self.dt_s * left, self.dt_s * right
@@ -125,7 +125,7 @@ class KinematicRover:
             self._slope = float(-self._attitude()[1])
 
     def _attitude(self) -> FloatArray:
-        """Roll, pitch and yaw of the plane through four places under the tracks [rad]."""
+        """Return roll, pitch and yaw of the plane through four points under the tracks [rad]."""
         half = 0.5 * self._config.track_length_m, 0.5 * self._config.track_gauge_m
         ahead = np.array([np.cos(self._heading), np.sin(self._heading)]) * half[0]
         left = np.array([-np.sin(self._heading), np.cos(self._heading)]) * half[1]
@@ -138,7 +138,7 @@ class KinematicRover:
 
     @property
     def state(self) -> RoverState:
-        """Where the rover is after the last step."""
+        """State after the last step."""
         height = float(np.nan_to_num(self._ground.elevation(self._xy[None]))[0])
         turned = Rotation.from_euler("xyz", self._attitude())
         speed, turn = self._speeds

@@ -1,4 +1,4 @@
-"""Follows a route: pure pursuit for a rover that steers by the difference of its tracks."""
+"""Path following: pure pursuit for a skid-steered rover, and recovery of a stuck one."""
 
 from collections import deque
 
@@ -15,13 +15,13 @@ _TRIES, _PLACE_M = 3, 2.0
 
 
 class PurePursuit:
-    r"""Steers at the point of the route that lies one look-ahead in front.
+    r"""Pure-pursuit controller: steers towards the point of the route one look-ahead distance ahead.
 
-    With the angle α to that point and the look-ahead L the curvature asked for is
+    With the angle α to that point and the look-ahead L the commanded curvature is
     :math:`\kappa = 2 \sin\alpha / L` (Coulter, 1992); the tracks turn at
     :math:`v \mp \omega b s / 2` with ω = κ v, their distance b and a factor s, since tracks
-    skid and turn the rover less than their difference says. A point behind is turned to on
-    the spot.
+    skid and turn the rover less than their difference implies. Towards a point behind the
+    rover turns on the spot.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class PurePursuit:
 
     @property
     def progress_m(self) -> float:
-        """How far along the route the rover has come [m]."""
+        """Progress along the route [m]."""
         return float(self._along[self._nearest])
 
     def at(self, along_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -62,12 +62,12 @@ class PurePursuit:
         return self._xy[k], np.arctan2(step[:, 1], step[:, 0])
 
     def is_done(self, xy: FloatArray) -> bool:
-        """Tell whether the end of the route is reached."""
+        """Return whether the end of the route is reached."""
         near = float(np.hypot(*(self._xy[-1] - xy))) <= self._config.goal_radius_m
         return near and self.length_m - self.progress_m <= 2.0 * self._config.goal_radius_m
 
     def track_speeds(self, xy: FloatArray, heading_rad: float) -> tuple[float, float]:
-        """Return the speeds [m/s] to ask of the left and the right track at a place (2,) and heading."""
+        """Return the commanded speeds of the left and the right track at a position (2,) and heading [m/s]."""
         self._advance(xy)
         config = self._config
         ahead = min(self._nearest + round(config.look_ahead_m / _SPACING_M), len(self._xy) - 1)
@@ -82,18 +82,18 @@ class PurePursuit:
         return speed - half, speed + half
 
     def _advance(self, xy: FloatArray) -> None:
-        """Move on to the nearest point of the next metres, never back."""
+        """Advance to the nearest point of the next metres, never back."""
         last = self._nearest + round(_SEARCHED_M / _SPACING_M)
         gaps = np.hypot(*(self._xy[self._nearest : last + 1] - xy).T)
         self._nearest += int(np.argmin(gaps))
 
 
 class BackingOff:
-    """Backs a rover off that hangs, turning it on the way to where it has to go, and lets it try again.
+    """Recovery of a stuck rover: it backs off while turning towards its route, and tries again.
 
     Uphill one track alone may be too weak to turn a rover; rolling back it turns easily. A
-    rover that moves less than 0.1 m in 3 s, by what it believes, hangs. After three tries
-    at one place it is left to its fate.
+    rover is stuck when its estimated position moves less than 0.1 m in 3 s. After three tries
+    at one place there is no further one.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class BackingOff:
         self._place, self._n_tries = np.full(2, np.inf), 0
 
     def track_speeds(self, time_s: float, xy: FloatArray, wanted: tuple[float, float]) -> tuple[float, float]:
-        """Return the speeds [m/s] to ask of both tracks, where `wanted` would follow the route."""
+        """Return the commanded speeds of both tracks [m/s], where `wanted` would follow the route."""
         if time_s < self._until_s:
             return self._back
         self._trail.append((time_s, xy))
@@ -133,7 +133,7 @@ class BackingOff:
         return self._back
 
     def _may_try(self, xy: FloatArray) -> bool:
-        """Count the tries at a place."""
+        """Return whether another try is due at a place, and count it."""
         if not np.hypot(*(xy - self._place)) < _PLACE_M:
             self._place, self._n_tries = xy, 0
         self._n_tries += 1

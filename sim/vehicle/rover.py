@@ -1,4 +1,4 @@
-"""A tracked, skid-steered rover as rigid bodies in contact with the ground (Bullet).
+"""Contact physics of a tracked, skid-steered rover as rigid bodies (Bullet).
 
 Each track is a row of wheels that turn alike. Thrust, slip, side-slip, turning and tipping
 over come out of Coulomb friction at the wheels' contacts with snow that gives a little.
@@ -36,7 +36,7 @@ _SETTLED_S = 2.0
 
 
 class ContactRover:
-    """A rover whose tracks push against the ground.
+    """Rover of rigid bodies whose tracks push against the ground.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class ContactRover:
         self._settle()
 
     def _built(self, heading_rad: float) -> int:
-        """Put the rover together and on the ground."""
+        """Build the rover on the ground, and return its body."""
         call, config, mass = self.bullet, self._config, self._rover.mass_kg
         radius, gauge, length = config.wheel_radius_m, config.track_gauge_m, config.track_length_m
         between = max(0.5 * gauge - radius, 0.05)
@@ -141,7 +141,7 @@ class ContactRover:
         return body
 
     def _settle(self) -> None:
-        """Let the rover come to rest on its tracks, and count from there."""
+        """Let the rover come to rest on its tracks, and reset all counters."""
         self._read()
         for _ in range(round(_SETTLED_S / self.dt_s)):
             self.step(0.0, 0.0)
@@ -150,7 +150,7 @@ class ContactRover:
         self.shaft_work_j = self.resisted_j = self._battery_j = 0.0
 
     def _highest_below(self, heading_rad: float) -> float:
-        """Height of the highest ground under the rover at its start, over that at its middle [m]."""
+        """Return the height of the highest ground under the rover at its start, above that at its middle [m]."""
         config = self._config
         half = 0.5 * config.track_length_m + config.wheel_radius_m, 0.5 * config.track_gauge_m
         x, y = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-h, h, 9) for h in half)))
@@ -159,7 +159,7 @@ class ContactRover:
         return float(np.nanmax(self._ground.elevation(places))) - float(self._origin[2])
 
     def _lay_patch(self, x: float, y: float) -> None:
-        """Give Bullet the ground around a place; where it overlaps the last patch the triangles are the same."""
+        """Place the patch of ground around a point; where it overlaps the last patch the triangles are the same."""
         call, step = self.bullet, self._ground.step_m
         xmin, ymin, xmax, ymax = self._ground.bounds
         n = round(_PATCH_M / step) + 1
@@ -178,7 +178,7 @@ class ContactRover:
         self.patch_centre = float(centre[0]), float(centre[1])
 
     def _shape_ground(self, height: FloatArray, n: int) -> None:
-        """Give the patch new heights; what bounds it is fixed when it is made, and made wide enough."""
+        """Set the heights of the patch; its bounds are fixed when it is created, wide enough for all."""
         call, step = self.bullet, self._ground.step_m
         field = {
             "shapeType": call.GEOM_HEIGHTFIELD,
@@ -197,7 +197,7 @@ class ContactRover:
         )
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
-        """Move by one step with these speeds asked of the tracks [m/s]."""
+        """Advance by one step at commanded track speeds [m/s]."""
         self._ask(left_m_s * self.drive_share[0], right_m_s * self.drive_share[1])
         resistance = self._resist()
         turning, velocity = self._turning, self._velocity
@@ -210,7 +210,7 @@ class ContactRover:
             self._lay_patch(x, y)
 
     def _ask(self, left_m_s: float, right_m_s: float) -> None:
-        """Tell the motors and the ground what has changed."""
+        """Set motor speeds and friction where they have changed."""
         asked = left_m_s, right_m_s, self.friction_share
         if asked == self._asked:
             return
@@ -231,7 +231,7 @@ class ContactRover:
         self._asked = asked
 
     def _resist(self) -> list[float]:
-        """Let the snow resist the motion along the body; return the force [N]."""
+        """Apply the resistance of the snow along the body; return the force [N]."""
         x, y, z, w = self._turn
         ahead = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
         along = sum(a * v for a, v in zip(ahead, self._velocity, strict=True))
@@ -241,7 +241,7 @@ class ContactRover:
         return pushed
 
     def _read(self) -> None:
-        """Ask Bullet where everything is after a step."""
+        """Read the state of chassis and wheels from Bullet."""
         call = self.bullet
         self._place, self._turn = call.getBasePositionAndOrientation(self.body)
         self._velocity, self._rate = call.getBaseVelocity(self.body)
@@ -251,7 +251,7 @@ class ContactRover:
         self._torques = [wheel[3] for wheel in wheels]
 
     def _account(self, resistance: list[float], turning: list[float], velocity: tuple[float, ...]) -> None:
-        """Add up work; over a step a force works at the mean of the speeds before and after it."""
+        """Add the work of a step, at the mean of the speeds before and after it."""
         rates = zip(self._torques, turning, self._turning, strict=True)
         power = sum(torque * 0.5 * (old + new) for torque, old, new in rates)
         speeds = zip(resistance, velocity, self._velocity, strict=True)
@@ -261,7 +261,7 @@ class ContactRover:
 
     @property
     def state(self) -> RoverState:
-        """Where the rover is after the last step."""
+        """State after the last step."""
         x, y, z, w = self._turn
         down = [-self._height_m * part for part in _up(x, y, z, w)]
         place = [at + below + start for at, below, start in zip(self._place, down, self._origin, strict=True)]
@@ -280,7 +280,7 @@ class ContactRover:
 
 
 def _up(x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
-    """Direction of the body's z axis in the world, of its quaternion."""
+    """Return the direction of the body's z axis in the world."""
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
@@ -289,7 +289,7 @@ def _cross(a: Any, b: Any) -> tuple[float, float, float]:
 
 
 class _Engine:
-    """One world of Bullet's, that ends with the object."""
+    """Bullet client with a world of its own, closed with the object."""
 
     def __init__(self) -> None:
         with _silence():
@@ -304,7 +304,7 @@ class _Engine:
         self._module = pybullet
 
     def __getattr__(self, name: str) -> Any:
-        """Return Bullet's function of that name, bound to this world, or its constant."""
+        """Return Bullet's function of that name for this world, or its constant."""
         found = getattr(self._module, name)
         if callable(found):
             found = partial(found, physicsClientId=self._client)
@@ -318,10 +318,10 @@ class _Engine:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep what Bullet says of itself out of the standard output, which is for data, and out of the messages."""
+    """Suppress Bullet's messages on standard output and standard error."""
     sys.stdout.flush()
     sys.stderr.flush()
-    kept = [os.dup(stream) for stream in (1, 2)]
+    copies = [os.dup(stream) for stream in (1, 2)]
     with Path(os.devnull).open("wb") as nowhere:
         for stream in (1, 2):
             os.dup2(nowhere.fileno(), stream)
@@ -329,6 +329,6 @@ def _silence() -> Iterator[None]:
         yield
     finally:
         ctypes.CDLL(None).fflush(None)
-        for stream, copy in zip((1, 2), kept, strict=True):
+        for stream, copy in zip((1, 2), copies, strict=True):
             os.dup2(copy, stream)
             os.close(copy)

@@ -1,4 +1,4 @@
-"""The simulated site: terrain, fine relief, hazards and surface appearance.
+"""Simulated site: terrain, fine relief, hazards and surface appearance.
 
 Images of it are rendered in `sim.rendering`.
 """

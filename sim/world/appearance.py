@@ -1,4 +1,4 @@
-"""The look of snow, firn and debris: fine texture in periodic tiles, grey patches, and the direction of the sun."""
+"""Surface appearance of snow, firn and debris: periodic texture tiles, grey patches, direction of the sun."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,7 +21,7 @@ GRAIN_TEXELS = 1024
 
 @dataclass(frozen=True)
 class Tile:
-    """A periodic texture with its mipmap; each word packs the 2 × 2 texels that one bilinear reading needs.
+    """Periodic texture with its mipmap; each word packs the 2 × 2 texels of one bilinear sample.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def packed(texture: FloatGrid, texels_per_m: float) -> Tile:
 
 
 def _sunlit_relief(rng: np.random.Generator, wind_from_deg: float, config: AppearanceConfig) -> FloatGrid:
-    """Relative change of sunlight on relief finer than the terrain's nodes: drifts, creased edges and ripples.
+    """Return the relative change of sunlight on relief finer than the terrain's nodes: drifts, edges and ripples.
 
     The slopes of each form have the same variance in every octave, as wind-worked snow nearly has.
     """
@@ -138,7 +138,7 @@ def _shading(relief: FloatGrid, config: AppearanceConfig) -> FloatGrid:
 
 
 def _specks(rng: np.random.Generator, per_area: float) -> FloatGrid:
-    """Dust, cryoconite and small stones: 6 per square metre, radii by a power law from 0.5 to 6 cm."""
+    """Return specks of dust, cryoconite and small stones: 6 per square metre, radii by a power law from 0.5 to 6 cm."""
     n = int(2500 * per_area)
     dark = np.zeros((SURFACE_TEXELS, SURFACE_TEXELS), np.float32)
     radius = np.clip(np.rint(0.5 * (1.0 - rng.random(n)) ** -0.6), 1, 6).astype(int)
@@ -151,7 +151,7 @@ def _specks(rng: np.random.Generator, per_area: float) -> FloatGrid:
 
 
 def _stones(rng: np.random.Generator, config: AppearanceConfig) -> FloatGrid:
-    """Debris: stones of 2 to 40 cm in all tones, bright towards the sun, dark on their far side."""
+    """Return debris: stones of 2 to 40 cm in all tones, bright towards the sun, dark on their far side."""
     n = SURFACE_TEXELS
     gravel = wavy((n, n), SURFACE_TEXEL_M, (0.02, 2.0), 0.7, rng, periodic=True)
     coarseness = np.exp(0.6 * wavy((n, n), SURFACE_TEXEL_M, (0.3, 5.0), 1.5, rng, periodic=True))
@@ -174,7 +174,7 @@ def _stones(rng: np.random.Generator, config: AppearanceConfig) -> FloatGrid:
 
 
 def _copies(place: FloatArray, reach: float) -> list[FloatArray]:
-    """Return where a shape must be drawn so that the tile's opposite edges meet."""
+    """Return the places at which a shape is drawn so that the tile is periodic."""
     n = SURFACE_TEXELS
     shifts = [[0] + [n] * bool(p < reach + 2) + [-n] * bool(p > n - reach - 2) for p in place.tolist()]
     return [place + np.array([east, north]) for east in shifts[0] for north in shifts[1]]

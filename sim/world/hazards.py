@@ -1,4 +1,4 @@
-"""What a rover had better avoid on a glacier: crevasses, melt channels, pools and dirt cones, carved into fine ground."""
+"""Glacier hazards carved into fine terrain: crevasses, melt channels, pools and dirt cones."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _ICE_TONE = 0.80
 
 @dataclass(frozen=True)
 class Hazard:
-    """One hazard and its outline.
+    """Hazard and its outline.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Hazard:
 
 @dataclass(frozen=True)
 class Ground:
-    """Fine ground while hazards are put on it: grids whose first row is the northern one.
+    """Grids of the fine terrain while hazards are carved; the first row is the northern one.
 
     Coordinates within are metres east and south of the north-western node, so that columns
     and rows are `x / step_m` and `y / step_m`.
@@ -51,7 +51,7 @@ class Ground:
     water: FloatGrid
     """Share of the surface that is open water."""
     openness: FloatGrid
-    """Share of the sky that is seen."""
+    """Visible share of the sky."""
     step_m: float
 
     @property
@@ -80,7 +80,7 @@ class Ground:
 
 @dataclass(frozen=True)
 class Slot:
-    """A winding line with a width: the plan of a crevasse or a channel."""
+    """Plan of a crevasse or a channel: a line with a width."""
 
     line: FloatArray
     half_width_m: FloatArray
@@ -116,7 +116,7 @@ def crevasse(ground: Ground, rng: np.random.Generator, depth_m: float) -> Hazard
 
 
 def bridged_crevasse(ground: Ground, rng: np.random.Generator) -> Hazard:
-    """Let a snow bridge, 0.8 to 1.8 m wide, sag by 5 to 20 cm: all that is seen of the crevasse below."""
+    """Carve a snow bridge, 0.8 to 1.8 m wide, that sags by 5 to 20 cm over a crevasse."""
     slot = _winding(ground, rng, width_m=(0.8, 1.8))
     window, distance, half_width = slot.across(ground)
     sag = _bowl(distance, half_width)
@@ -166,7 +166,7 @@ def melt_pool(ground: Ground, rng: np.random.Generator) -> Hazard | None:
 
 
 def dirt_cone(ground: Ground, rng: np.random.Generator) -> Hazard:
-    """Heap a dirt-covered cone of ice, 0.3 to 1 m high."""
+    """Add a dirt-covered cone of ice, 0.3 to 1 m high."""
     centre = ground.place(rng, 3.0)
     tall = rng.uniform(0.3, 1.0)
     radius = tall * rng.uniform(1.2, 1.8)
@@ -222,7 +222,7 @@ def _winding(ground: Ground, rng: np.random.Generator, width_m: tuple[float, flo
 
 
 def _downhill(ground: Ground, rng: np.random.Generator, length_m: float) -> FloatArray:
-    """Follow the slope of the ground's larger forms, winding as melt water does."""
+    """Return a meandering line down the slope of the larger relief."""
     place = ground.place(rng, 10.0)
     phase, wave = rng.uniform(0.0, 6.0), rng.uniform(2.0, 4.0)
     line = []

@@ -1,4 +1,4 @@
-"""The ground as a rover meets it: a terrain model with dunes, sastrugi, hummocks and hazards at 0.25 m or finer."""
+"""Fine terrain: a terrain model with dunes, sastrugi, hummocks and hazards at 0.25 m or finer."""
 
 import hashlib
 from collections.abc import Callable
@@ -25,7 +25,7 @@ ByteGrid = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class FineTerrain:
-    """Heights on a grid of 0.25 m or finer, what the surface is made of, and the hazards.
+    """Fine terrain: heights on a grid of 0.25 m or finer, surface properties, and hazards.
 
     Between the nodes the surface is bilinear: `elevation`, the physics, the images and the
     laser see the same ground.
@@ -84,7 +84,7 @@ class FineTerrain:
 
     @cached_property
     def dem(self) -> Dem:
-        """The heights as a terrain model (a copy in double precision)."""
+        """Heights as a terrain model (a copy in double precision)."""
         return Dem(self.height.astype(np.float64), self.transform, self.crs, self.vertical_datum)
 
     def elevation(self, xy: FloatArray) -> FloatArray:
@@ -107,7 +107,7 @@ class FineTerrain:
         return normals
 
     def _patches(self, xy: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-        """Heights of the four nodes around each place (SW, SE, NW, NE), the place between them, and whether inside."""
+        """Return the heights of the four nodes around each place (SW, SE, NW, NE), the place between them, and whether it is inside."""
         rows, columns = self.height.shape
         uv = (np.asarray(xy, dtype=np.float64).reshape(-1, 2) - self.origin) / self.step_m
         inside = (uv >= 0.0).all(axis=1) & (uv[:, 0] <= columns - 1) & (uv[:, 1] <= rows - 1)
@@ -121,10 +121,10 @@ class FineTerrain:
 
 
 def fine_terrain(terrain: Dem, config: SceneryConfig, seed: int) -> FineTerrain:
-    """Put fine relief and hazards on a terrain model.
+    """Add fine relief and hazards to a terrain model.
 
-    The terrain's heights are kept at its cell centres (a cubic spline runs between them);
-    the fine relief and the hazards are added. The last result is kept: asking again for the
+    The heights at the terrain's cell centres are preserved (a cubic spline interpolates them);
+    the fine relief and the hazards are added. The last result is cached: asking again for the
     same costs nothing.
 
     Parameters
@@ -156,7 +156,7 @@ def fine_terrain(terrain: Dem, config: SceneryConfig, seed: int) -> FineTerrain:
 
 
 class _Site:
-    """A terrain that equals another one with the same heights at the same place."""
+    """Cache key of a terrain: equal for the same heights at the same place."""
 
     def __init__(self, terrain: Dem) -> None:
         self.terrain = terrain
@@ -198,7 +198,7 @@ def _bytes(share: FloatGrid) -> ByteGrid:
 
 
 def _refined(terrain: Dem, step_m: float) -> tuple[FloatGrid, float]:
-    """Run a cubic spline through the heights; return it on steps that divide the terrain's cells."""
+    """Interpolate the heights by a cubic spline, at steps that divide the terrain's cells."""
     n_unknown = int(np.isnan(terrain.elevation).sum())
     if n_unknown or min(terrain.shape) < 4:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The world of a mission: the real terrain, what is known of it beforehand, and the area to survey."""
+"""World of a mission: real terrain, prior elevations, and the area to survey."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -103,7 +103,7 @@ def _area(mission: MissionConfig, terrain: Dem) -> SurveyArea:
 
 
 def _footprint(terrain: Dem) -> shapely.Geometry:
-    """Outline of the cells whose height is known."""
+    """Return the outline of the cells with a height."""
     valid = np.isfinite(terrain.elevation)
     if valid.all():
         return shapely.box(*terrain.bounds)
@@ -112,7 +112,7 @@ def _footprint(terrain: Dem) -> shapely.Geometry:
 
 
 def _clipped(area: SurveyArea, known: shapely.Geometry, step_m: float) -> SurveyArea:
-    """Return the largest part of the area on known ground, a cell and a half inside, so that heights interpolate."""
+    """Return the largest part of the area with known heights, a cell and a half inside for interpolation."""
     inside = area.polygon.intersection(known.buffer(-1.5 * step_m)).simplify(0.5 * step_m)
     parts = [part for part in shapely.get_parts(inside) if part.geom_type == "Polygon" and part.area > 0.0]
     if not parts:
@@ -123,13 +123,13 @@ def _clipped(area: SurveyArea, known: shapely.Geometry, step_m: float) -> Survey
 
 
 def _around(terrain: Dem, area: SurveyArea, margin_m: float = 30.0) -> Dem:
-    """Cut the terrain to the area and what a camera sees beyond its edge."""
+    """Crop the terrain to the area and a margin in view of the camera."""
     xmin, ymin, xmax, ymax = area.bounds
     return terrain.window((xmin - margin_m, ymin - margin_m, xmax + margin_m, ymax + margin_m))
 
 
 def _satellite_copy(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> Dem:
-    """Coarse cells over the area; where the fine raster is empty the nearest cell is continued."""
+    """Return coarse cells over the area; empty ones take the value of the nearest cell."""
     cell_m = _whole_cells(mission.satellite.cell_m, terrain.step_m)
     xmin, ymin, xmax, ymax = area.bounds
     sides = (xmax - xmin) / cell_m, (ymax - ymin) / cell_m
@@ -180,7 +180,7 @@ def _padded(terrain: Dem, bounds: tuple[float, float, float, float]) -> Dem:
 
 
 def _span(offset: float, width: float) -> tuple[int, int]:
-    """First cell and number of cells of a stretch given in cell widths from the raster's edge."""
+    """Return first cell and number of cells of an interval in cell widths from the raster's edge."""
     through_centres = abs(offset - np.floor(offset) - 0.5) < 1e-6
     first = int(np.floor(offset)) if through_centres else round(offset)
     return first, round(width) + int(through_centres)

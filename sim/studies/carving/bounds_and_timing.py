@@ -1,4 +1,4 @@
-"""The carving paper's table and the figures about errors (Table I, Figs. 11 and 12)."""
+"""Table and error figures of the carving paper (Table I, Figs. 11 and 12)."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -48,7 +48,7 @@ REGIMES = {
     "short reach from the median": Regime(1.0, False),
     "5 m": Regime(5.0, False),
 }
-"""The paper does not tell how its length scale begins in Table I, nor which height is 0: heights in the
+"""The paper does not state how its length scale begins in Table I, nor which height is 0: heights in the
 sensor's own frame and kernels that reach 1 m give errors and gains like its own; the others are kinder."""
 
 

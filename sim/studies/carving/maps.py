@@ -1,4 +1,4 @@
-"""The carving paper's maps: surfaces and bounds, cross-sections, contributions, a slope driven down (Figs. 7 to 10 and 13)."""
+"""Maps of the carving paper: surfaces and bounds, cross-sections, contributions, a descent (Figs. 7 to 10 and 13)."""
 
 from pathlib import Path
 

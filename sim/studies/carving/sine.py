@@ -1,4 +1,4 @@
-"""The carving paper's kernel and its experiment on a sine curve (Figs. 3 and 5)."""
+"""Kernel and sine-curve experiment of the carving paper (Figs. 3 and 5)."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The carving paper's experiment on made-up ground: five terrains, a Velodyne HDL-64, and what it sees of them.
+"""Experiment of the carving paper on synthetic terrain: five terrains scanned by a Velodyne HDL-64.
 
 The paper's scans are not to be had. Five terrains stand for its five: rough ground falling by 5°,
 hills, piles of rubble, nearly flat and flat ground, 30 × 30 m, seen from 2.2 m above the ground.
@@ -23,7 +23,7 @@ HALF_M = 15.0
 SENSOR_HEIGHT_M, NOISE_M = 2.2, 0.02
 N_TRAIN, N_TEST, N_GRID = 10_000, 5_000, 60
 VIEWS = ((0.0, 0.0), (8.0, 5.0), (-6.0, 8.0))
-"""Where the sensor stands [m], the first one alone or all three."""
+"""Places of the sensor [m]: the first one alone or all three."""
 CRS = projected_crs("EPSG:32608", "the study")
 _MARGIN_M, _STEP_M = 3.0, 0.1
 _FARTHEST_M = 32.0
@@ -33,7 +33,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class CarvingWorld:
-    """Ground of known height.
+    """Synthetic terrain.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class CarvingWorld:
         return bilinear(self.field.z, (xy - corner) / self.field.step_m)
 
     def sensor(self, place: tuple[float, float]) -> FloatArray:
-        """Return where the sensor is (3,) [m] that stands at a place."""
+        """Return the position (3,) of the sensor at a place [m]."""
         return np.array([*place, float(self.heights(np.array([place]))[0]) + SENSOR_HEIGHT_M])
 
     def scan(self, views: tuple[tuple[float, float], ...], rng: Rng) -> SurfacePoints:
@@ -73,8 +73,8 @@ class CarvingWorld:
             sensor = self.sensor(place)
             reached = self.field.hits(sensor, directions, _FARTHEST_M)
             met = np.isfinite(reached)
-            told = reached[met] + NOISE_M * rng.standard_normal(int(met.sum()))
-            xyz = sensor + told[:, None] * directions[met]
+            measured = reached[met] + NOISE_M * rng.standard_normal(int(met.sum()))
+            xyz = sensor + measured[:, None] * directions[met]
             within = (np.abs(xyz[:, :2]) < HALF_M).all(axis=1)
             hits.append(xyz[within])
             origins.append(np.broadcast_to(sensor, hits[-1].shape))
@@ -83,7 +83,7 @@ class CarvingWorld:
 
 @dataclass(frozen=True)
 class ScanTrial:
-    """Points to learn from, points of the same scan to test on, and the ground on a regular grid (3600, 3)."""
+    """Training points, test points of the same scan, and the ground on a regular grid (3600, 3)."""
 
     world: CarvingWorld
     train: SurfacePoints
@@ -94,7 +94,7 @@ class ScanTrial:
     def new(
         cls, name: str, seed: int, *, n_views: int = 1, n_train: int = N_TRAIN, n_test: int = N_TEST
     ) -> "ScanTrial":
-        """Scan a terrain, and deal out its hits."""
+        """Scan a terrain, and split its hits."""
         world = CarvingWorld.new(name, seed)
         rng = stream(seed, "carving", name, "scan", n_views)
         points = world.scan(VIEWS[:n_views], rng)
@@ -163,4 +163,4 @@ TERRAINS: dict[str, Callable[[Grid, FloatArray, FloatArray, Rng], FloatArray]] =
     "nearly flat": _nearly_flat,
     "flat": _flat,
 }
-"""Five terrains in the place of the paper's five, rough ones first."""
+"""Five terrains that stand for the paper's five, rough ones first."""

@@ -1,4 +1,4 @@
-"""The EMap paper's figures and its table, with OctoMap, springs and the field lattice side by side."""
+"""Figures and table of the EMap paper for OctoMap, springs and the field lattice."""
 
 import time
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The EMap paper's baseline: OctoMap, with the topmost voxels as the surface."""
+"""OctoMap, the baseline of the EMap paper, with the topmost voxels as the surface."""
 
 import os
 import time
@@ -18,7 +18,7 @@ _OCCUPIED = 1
 
 
 class OctoMapSurface:
-    """An OctoMap fed with scans; every node takes the height of the nearest topmost occupied voxel.
+    """OctoMap of scans; every node takes the height of the nearest topmost occupied voxel.
 
     Parameters
     ----------

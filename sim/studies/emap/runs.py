@@ -1,4 +1,4 @@
-"""The EMap experiment run by run: every method fed with the same scans, and scored at every one of them."""
+"""Runs of the EMap experiment: every method gets the same scans, and is scored after each."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -28,14 +28,14 @@ SCENARIOS = ("Raw", "Nearest", "Gaussian", "CDF")
 OCTOMAP, OCTOMAP_COARSE, EMAP, FIELD = "OctoMap 0.10 m", "OctoMap 0.25 m", "EMap (springs)", "Field lattice"
 METHODS = (OCTOMAP, OCTOMAP_COARSE, EMAP, FIELD)
 STEADY_FROM = 16
-"""Scan from which the map counts as settled: by then the sensor stands over ground that it saw from afar."""
+"""Scan from which the map counts as settled: the sensor is then above ground that it scanned before."""
 
 
 class Mapper(Protocol):
     """A method under test."""
 
     def take(self, points: SurfacePoints) -> None:
-        """Take in one scan."""
+        """Add one scan."""
 
     def heights(self, nodes: FloatArray) -> FloatArray:
         """Return heights at places (N, 2) [m]."""
@@ -64,7 +64,7 @@ class _Lattice:
 
 
 def mapper(method: str) -> Mapper:
-    """Return a method of the study, new."""
+    """Return a new instance of a method of the study."""
     make: dict[str, Callable[[], Mapper]] = {
         OCTOMAP: lambda: _OctoMap(0.10),
         OCTOMAP_COARSE: lambda: _OctoMap(STEP_M),
@@ -109,7 +109,7 @@ class RunScore:
 
 
 def run(drive: EmapRun, methods: Sequence[str] = METHODS) -> dict[str, RunScore]:
-    """Feed one drive's scans to every method, and score each after every scan."""
+    """Add one drive's scans to every method, and score each after every scan."""
     mappers = {method: mapper(method) for method in methods}
     scores = {method: RunScore() for method in methods}
     hit = _HitNodes()
@@ -125,7 +125,7 @@ def run(drive: EmapRun, methods: Sequence[str] = METHODS) -> dict[str, RunScore]
 
 
 class _HitNodes:
-    """Which nodes have had a hit within half a step."""
+    """Return which nodes have had a hit within half a step."""
 
     def __init__(self) -> None:
         self._keys = np.zeros(0, dtype=np.int64)

@@ -1,6 +1,6 @@
-"""The EMap paper's experiment: a spinning scanner over sine hills, its utility functions and its score.
+"""Experiment of the EMap paper: a spinning scanner over sine hills, utility functions and scores.
 
-Where the paper leaves something open, or prints it wrongly, the reading is told beside it.
+Where the paper leaves something open, or prints it wrongly, our reading is stated beside it.
 """
 
 from collections.abc import Callable, Iterator
@@ -91,7 +91,7 @@ def _above(z: FloatArray, step_m: float, p: FloatArray) -> float:
 def _march(
     z: FloatArray, step_m: float, start: FloatArray, directions: FloatArray, farthest_m: float
 ) -> FloatArray:
-    """Walk along every ray until it is under the surface, then bisect.
+    """Step along every ray until it is below the surface, then bisect.
 
     No step is longer than the steepest slope of the raster allows, nor shorter than half a node.
     """

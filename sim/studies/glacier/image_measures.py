@@ -1,4 +1,4 @@
-"""What can be said of an image of snow and ice: contrast, gradients, features, and how long they can be matched."""
+"""Image measures for snow and ice: contrast, gradients, features, and feature matches."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ def rms_contrast(image: Image, mask: Mask) -> float:
 
 
 def local_contrast(image: Image, mask: Mask) -> float:
-    """Median over the image of standard deviation over mean under a Gaussian window of 12 pixels."""
+    """Return the median over the image of standard deviation over mean under a Gaussian window of 12 pixels."""
     weight = _smooth(mask.astype(np.float32)) + 1e-6
     level = np.where(mask, image, 0).astype(np.float32)
     mean = _smooth(level) / weight
@@ -45,7 +45,7 @@ def _smooth(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def gradients(image: Image, mask: Mask) -> FloatArray:
-    """Lengths of the gradient [grey levels per pixel] at the masked pixels."""
+    """Return the lengths of the gradient [grey levels per pixel] at the masked pixels."""
     derivatives = [cv2.Sobel(image, cv2.CV_32F, *axis, ksize=3) / 8.0 for axis in ((1, 0), (0, 1))]
     return np.asarray(np.hypot(*derivatives)[mask], dtype=np.float64)
 
@@ -90,7 +90,7 @@ class Pair:
     flow: FloatArray
     """(H, W, 2) [pixels]."""
     mask: Mask
-    """Terrain of the first image that the second sees."""
+    """Terrain of the first image that is visible in the second."""
 
     def equalised(self) -> "Pair":
         """Return the pair after CLAHE."""
@@ -113,9 +113,9 @@ def tracked(pair: Pair, start: FloatArray) -> tuple[FloatArray, FloatArray]:
     window = {"winSize": (21, 21), "maxLevel": 4}
     end, ahead, _ = _opencv.calcOpticalFlowPyrLK(pair.first, pair.second, points, None, **window)
     back, again, _ = _opencv.calcOpticalFlowPyrLK(pair.second, pair.first, end, None, **window)
-    kept = (ahead.ravel() == 1) & (again.ravel() == 1)
-    kept &= np.linalg.norm((back - points)[:, 0], axis=1) < 1.0
-    return start[kept], end[kept, 0].astype(np.float64)
+    tracked = (ahead.ravel() == 1) & (again.ravel() == 1)
+    tracked &= np.linalg.norm((back - points)[:, 0], axis=1) < 1.0
+    return start[tracked], end[tracked, 0].astype(np.float64)
 
 
 def described(
@@ -139,7 +139,7 @@ def described(
 
 @dataclass(frozen=True)
 class Yield:
-    """What one method got out of one pair."""
+    """Counts of one method on one pair."""
 
     detected: int
     matched: int

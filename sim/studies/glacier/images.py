@@ -1,4 +1,4 @@
-"""Does the simulated ice look like ice to an algorithm? Contrast, gradients, features and match lengths.
+"""Comparison of rendered with photographed ice: contrast, gradients, features and match lengths.
 
 The glacier paper compares its simulator with field images by what algorithms make of them
 (Figs. 3 and 4). Here: what CLAHE does for features on rendered snow of 3 % local contrast,
@@ -85,7 +85,7 @@ def _clahe_rows(
 def clahe_yields(
     name: str, scene: SnowScene, n_pairs: int, apart_m: float = 0.25
 ) -> Iterator[dict[str, Any]]:
-    """Count what every method detects, matches and gets right, summed over pairs, raw and after CLAHE."""
+    """Count detections, matches and correct matches of every method, summed over pairs, raw and after CLAHE."""
     total = {(method, image): np.zeros(3, int) for method in METHODS for image in ("raw", "CLAHE")}
     for drive in range(n_pairs):
         raw = scene.pair(drive, apart_m)
@@ -260,7 +260,7 @@ def _rendered(
 
 
 def _misfit(values: Mapping[str, float], spread: Mapping[str, tuple[float, float, float]]) -> float:
-    """Mean distance from the photographs' medians, in halves of their spread."""
+    """Return the mean distance from the photographs' medians, in halves of their spread."""
     return float(
         np.mean([abs(values[n] - mid) / max(high - low, 1e-9) for n, (low, mid, high) in spread.items()])
     )

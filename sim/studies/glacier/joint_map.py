@@ -1,4 +1,4 @@
-"""What it is worth to estimate map and path as one: surveys of 2.7 km with receivers whose errors last.
+"""Comparison of joint with separate estimates of map and path: surveys of 2.7 km with correlated receiver errors.
 
 The site is 600 × 600 m with 25 m of relief: a plane, a squared exponential of 140 m and 3 m,
 one of 55 m and 0.5 m, and micro-relief of 4 m and 0.15 m. Four swaths, GPS of 3 m that stays
@@ -49,7 +49,7 @@ ODOMETRY: dict[str, Any] = {
 }
 RECEIVER: dict[str, Any] = {"gps_bias_sigma_m": 3.0, "gps_white_sigma_m": 1.0}
 ASSUMED_TAU_S = 300.0
-"""What the estimator takes for the receiver's correlation time, whatever it is: the longer one is the safer."""
+"""Correlation time of the receiver that the estimator assumes: the longer one is the safer."""
 KERNEL = GaussianProcessConfig(
     fit=False,
     family="two-scale",
@@ -62,7 +62,7 @@ KERNEL = GaussianProcessConfig(
     tolerance_m=5e-3,
 )
 STATED = JointConfig(satellite=SatelliteErrors(sigma_m=1.0))
-"""The satellite's error as its product states it."""
+"""Error of the satellite prior as its product states it."""
 _LATERAL_M = np.array([-25.0, -16.0, -9.0, -4.0, 0.0, 4.0, 9.0, 16.0, 25.0])
 _PER_GROUP = 6
 
@@ -98,7 +98,7 @@ CASES = (
 
 @dataclass(frozen=True)
 class SurveyOutcome:
-    """How one survey came out: errors of the map [m], never debiased, its coverage, and the path's vertical error [m]."""
+    """Result of one survey: errors of the map [m], never debiased, its coverage, and the path's vertical error [m]."""
 
     rmse_m: float
     offset_m: float
@@ -125,7 +125,7 @@ def site(seed: int) -> tuple[Dem, Dem]:
 
 
 def _tilt_for_relief(grid: Grid, heights: FloatArray, across: FloatArray) -> float:
-    """Find by halving the tilt that brings the site's relief to 25 m; 0 where it is larger already."""
+    """Return, by bisection, the tilt that brings the site's relief to 25 m; 0 where it is larger already."""
     x, y = grid.xy.T
     inside = ((x >= 0.0) & (x <= SIDE_M) & (y >= 0.0) & (y <= SIDE_M)).reshape(grid.shape)
     low, high = 0.0, 60.0
@@ -209,13 +209,13 @@ def _vertical_rms(trajectory: Trajectory, real: Trajectory) -> float:
 
 
 def judged(found: JointMap, terrain: Dem, trajectory: Trajectory, real: Trajectory) -> SurveyOutcome:
-    """Compare map and path of a joint estimate with what was really there."""
+    """Compare map and path of a joint estimate with the truth."""
     before, after = (_vertical_rms(path, real) for path in (trajectory, found.correction.applied(trajectory)))
     return _judged(found.reconstruction, terrain, before, after)
 
 
 def _judged(result: Reconstruction, terrain: Dem, before: float, after: float) -> SurveyOutcome:
-    """Compare a map with the whole terrain, micro-relief and all."""
+    """Compare a map with the real terrain, micro-relief included."""
     error = result.mean.elevation - terrain.at(result.mean.xy).reshape(result.mean.shape)
     within = np.abs(error) <= 1.959964 * result.std.elevation
     rmse = float(np.sqrt(np.mean(error**2)))
@@ -233,7 +233,7 @@ def outcomes(
 
 
 def comparison(folder: Path, *, quick: bool, progress: Progress) -> None:
-    """Make the figure and the table: error, site-mean error apart, and coverage, step by step."""
+    """Write the figure and the table: error, site-mean error apart, and coverage, step by step."""
     seeds = range(4100, 4103 if quick else 4120)
     taus_s = (60.0, 300.0)
     n_total = len(seeds) * len(taus_s) * len(CASES)

@@ -1,4 +1,4 @@
-"""The glacier paper's Figs. 9, 10 and 11: error against swaths over random terrain, and what α and β tell.
+"""The glacier paper's Figs. 9, 10 and 11: error against number of swaths over random terrain, and the meaning of α and β.
 
 The paper does not say how its random DEMs were drawn, nor how they were reconstructed. So every family of
 terrain is shown, with a Gaussian process fitted to each survey; and the paper's own hyperparameters, α = 10 m² and
@@ -51,7 +51,7 @@ CALLED = GivenMap(method="given", name="gamma = 315 read as 315 m", variance_m2=
 
 
 def glacier_fig10(folder: Path, *, quick: bool, progress: Progress) -> None:
-    """Mean error of both patterns against swaths on every family, with the limits of the classes drawn."""
+    """Draw the mean error of both patterns against swaths on every family, with the limits of the classes."""
     rows = _studied(folder, FAMILIES, (FITTED,), quick, progress)
     study = _study(folder.name, FAMILIES, (FITTED,), quick)
     write_rows(folder / "summary.csv", rows)
@@ -60,7 +60,7 @@ def glacier_fig10(folder: Path, *, quick: bool, progress: Progress) -> None:
 
 
 def glacier_fig11(folder: Path, *, quick: bool, progress: Progress) -> None:
-    """Mean error on the paper's kind of terrain with the limit of Class 3, by three readings of its Gaussian process."""
+    """Draw the mean error on the paper's kind of terrain with the limit of Class 3, by three readings of its Gaussian process."""
     maps = (FITTED, PRINTED, CALLED)
     kinds = (PAPERS_KIND, FAMILIES[2])
     rows = _studied(folder, kinds, maps, quick, progress)
@@ -71,7 +71,7 @@ def glacier_fig11(folder: Path, *, quick: bool, progress: Progress) -> None:
 
 
 def glacier_fig9(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa: ARG001
-    """Distributions of samples that mislead: as many samples, told apart by α and β alone."""
+    """Draw misleading distributions of samples: equal numbers, distinguished by α and β alone."""
     area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     routes = misleading_routes(area)
     rows: list[SummaryRow] = []
@@ -136,7 +136,7 @@ def _study(name: str, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: b
 def _studied(
     folder: Path, kinds: Sequence[RandomKind], maps: Sequence[Map], quick: bool, progress: Progress
 ) -> list[SummaryRow]:
-    """Run a study, from where it was stopped, and return its summary; its trials are not kept."""
+    """Run a study, from where it was stopped, and return its summary; its trials are deleted."""
     study = _study(folder.name, kinds, maps, quick)
     place = folder / ("unfinished-quick" if quick else "unfinished")
     run_study(study, place, watch=lambda done, total: progress("trials", done, total))

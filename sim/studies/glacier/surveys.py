@@ -1,4 +1,4 @@
-"""The glacier paper's Figs. 12 and 13: both surveys driven in images, what they saw, and their maps.
+"""The glacier paper's Figs. 12 and 13: both surveys driven in images, their landmarks, and their maps.
 
 The missions are run as ``firnline run`` would, into the folder of runs beside the figures; where a run stands there
 whole, or half, it is read or continued.
@@ -75,7 +75,7 @@ _QUICK: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class MissionResult:
-    """What a mission left behind."""
+    """Outputs of a mission."""
 
     planner: str
     area: survey.SurveyArea
@@ -172,7 +172,7 @@ def _row(one: MissionResult) -> SummaryRow:
 
 
 def _surveyed(folder: Path, *, quick: bool, progress: Progress) -> list[MissionResult]:
-    """Run both missions, or read what stands of them."""
+    """Run both missions, or read their finished stages."""
     done = []
     for index, planner in enumerate(SWATHS):
         mission = mission_of(planner, quick=quick)

@@ -52,7 +52,7 @@ _SAMPLE_M = 50.0
 
 @dataclass(frozen=True)
 class Traverse:
-    """One drive over the site and the landmarks it gave."""
+    """Drive over the site and its landmarks."""
 
     world: World
     route: Route
@@ -76,7 +76,7 @@ def glacier_fig5(folder: Path, *, quick: bool, progress: Progress) -> None:
 
 
 def glacier_fig6(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa: ARG001
-    """Draw the terrain of Fig. 5 as it is."""
+    """Draw the real terrain of Fig. 5."""
     world = build_world(_mission("statistical"))
     _write(folder / "terrain.png", route_map(world.terrain, area=world.area))
     progress("maps", 1, 1)
@@ -97,7 +97,7 @@ def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
 
 
 def glacier_fig8(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa: ARG001
-    """Draw what coverage counts: the distance that a robot drives, or the samples that a scientist gets."""
+    """Draw robot-centric and science-centric coverage: distance driven, and samples."""
     area = survey.SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     route = planners.plan(area, None, planners.LawnmowerConfig(swaths=4))
     coverage = Coverage.of(route, area, sample_step_m=_SAMPLE_M)

@@ -105,14 +105,14 @@ def test_what_images_do_not_tell_the_filter_hears_from_the_gyro_and_of_how_unsur
     assert steps[0] == steps[-1] == 0.0
 
 
-def test_a_computer_that_dies_is_told_of_in_one_sentence():
+def test_a_computer_whose_process_ends_is_reported_in_one_sentence():
     camera = Camera("pinhole", 8, 6, [[8, 0, 4], [0, 8, 3], [0, 0, 1]], np.zeros(5), np.eye(4))
     start = Start(camera, np.zeros(3), 0.0)
     with navigating(mission(), 2) as navigate:
         navigator = navigate(start)
-        aboard = navigator._aboard
-        assert isinstance(aboard, Subprocess)
-        os.kill(aboard._process.pid, signal.SIGKILL)
+        connection = navigator._computer
+        assert isinstance(connection, Subprocess)
+        os.kill(connection._process.pid, signal.SIGKILL)
         with pytest.raises(InputError, match="ended with code -9 after about 0 images"):
             _step_often(navigator)
 
