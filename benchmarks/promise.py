@@ -37,9 +37,11 @@ import planners
 from benchmarks.equal_error import FAMILIES, SearchedFamily
 from benchmarks.report import Row, main
 from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import AdaptiveConfig, survey_adaptively
-from planners.guarantee.assurance import belief_from_prior
-from planners.guarantee.guarantee import MapRequirement, promise
+from planners.guarantee.adaptive import survey_adaptively
+from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.guarantee import guarantee
+from planners.guarantee.kernel_posterior import posterior_from_prior
+from planners.guarantee.requirement import MapRequirement
 from planners.prediction.predict import places
 from planners.swaths.heading import across_marked_grain
 from sim.executors import done
@@ -206,7 +208,7 @@ def outcome(task: Task) -> Outcome:
 
 
 def _adaptive(site: Site, task: Task) -> Outcome:
-    belief = belief_from_prior(CoarseCells(site.prior, 1.0), noise_m=task.noise_m)
+    belief = posterior_from_prior(CoarseCells(site.prior, 1.0), noise_m=task.noise_m)
     measured: list[FloatArray] = []
 
     def drive(xy: FloatArray) -> FloatArray:
@@ -221,10 +223,10 @@ def _adaptive(site: Site, task: Task) -> Outcome:
     )
     survey = survey_adaptively(site.area, belief, config, drive)
     if survey.route is None:
-        return Outcome(False, survey.assured.rmse_m, np.nan, np.nan, np.nan, 0)
+        return Outcome(False, survey.predicted.rmse_m, np.nan, np.nan, np.nan, 0)
     error = map_error(site, survey.samples, np.concatenate(measured), task.noise_m)
     length_m, n = survey.route.length_m, len(survey.route.swaths)
-    return Outcome(survey.holds, survey.assured.rmse_m, error, length_m, oracle_m(site, task), n)
+    return Outcome(survey.holds, survey.predicted.rmse_m, error, length_m, oracle_m(site, task), n)
 
 
 def _beforehand(site: Site, task: Task) -> Outcome:
@@ -235,7 +237,7 @@ def _beforehand(site: Site, task: Task) -> Outcome:
         n_simulations=N_SIMULATIONS,
         assumed=ASSUMED.get(task.family, "squared-exponential") if task.kind == "assumed" else None,
     )
-    made = promise(site.area, site.prior, wanted)
+    made = guarantee(site.area, site.prior, wanted)
     xy = places(made.route, STEP_M)
     error = map_error(site, xy, heights_at(site, xy, task, 0), task.noise_m)
     length_m, n = made.route.length_m, len(made.route.swaths)

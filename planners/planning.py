@@ -1,23 +1,27 @@
-"""The one entry: from an area and what is wanted to a route."""
+"""Planning of a survey: from an area, a pattern and rovers to a route."""
 
 import logging
 from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
+import shapely
 from threadpoolctl import threadpool_limits
 
 from planners.config import PatternConfig
+from planners.driving.departures import departures
 from planners.driving.energy import predicted
-from planners.driving.fleet import departures
-from planners.driving.rover import Crew, Fleet, Rover, depots
+from planners.driving.rover import Crew, Fleet, Rover, crew_in_grid_metres, depots
 from planners.ground.traversability import Drivable, drivable
+from planners.ground_metres import in_grid_metres, settings_factor
 from planners.patterns.planner import LayoutTask, Planner
 from planners.prediction.predict import ErrorModel, terrain_kernel
+from planners.prediction.prior_cover import require_cover
 from planners.registry import PLANNERS, planner_of
 from survey.core.arguments import check_types
 from survey.core.arrays import Progress
 from survey.core.errors import ConfigError, InputError
+from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
@@ -25,8 +29,8 @@ from survey.reconstruction.gp.covariance.kernels import Kernel
 
 logger = logging.getLogger(__name__)
 
-_LEAST_TOLD = 1e-3
-"""Share of the area below which ground that is left out is not worth a warning."""
+_NOTABLE_SHARE = 1e-3
+"""Share of the area above which ground that is left out is warned of."""
 
 
 @check_types
@@ -49,46 +53,62 @@ def plan(
     area : SurveyArea
         What is to be surveyed, and where rovers start.
     prior : Dem or None
-        Elevations known beforehand, in the area's CRS.
+        Elevations known beforehand, in the area's CRS. It may cover a part of the area: the
+        terrain of the rest counts as unknown.
     config : LawnmowerConfig, WavyConfig, PiecewiseContinuousConfig, RandomWanderConfig, VarianceDrivenConfig or BestConfig
         The pattern and its settings.
     rover : Rover, optional
-        What the rover can stand, how it turns and what driving takes. No metre of the
-        route lies on ground of the prior that is too steep or too rough for it.
+        Limits of slope and roughness, turning, and what driving takes. No metre of the
+        route lies on ground of the prior that is too steep or too rough.
     fleet : Fleet, optional
         How many rovers, and where they finish.
-    kernel : survey.reconstruction.gp.kernels.Kernel, optional
-        Covariance of what is not yet known of the terrain. Patterns that need one fit it
-        to the prior (`terrain_kernel`) when it is left out.
+    kernel : survey.reconstruction.gp.covariance.kernels.Kernel, optional
+        Covariance of the unknown terrain, with lengths in the metres of the CRS. Patterns
+        that need one fit it to the prior (`terrain_kernel`) when it is left out.
     noise_m, sample_step_m : float
         Standard deviation of a sample of the terrain and the distance between samples
         [m], for the predicted error.
     progress : callable, optional
-        Told what is done, how much of it, and of how much.
+        Called with what is done, how much of it, and of how much.
 
     Returns
     -------
     Route
         With ``prediction`` of ``length_m``, ``n_turns``, ``time_s``, ``energy_j`` and
-        ``transit_share``, ``left_out_share`` of the area where no rover can be, and where
-        a kernel is known ``rmse_m``, the error of the map over the whole area. Slopes
-        enter time and energy where the prior knows the whole way; else the ground is
-        taken as level. The piecewise-continuous pattern and the random wander are
+        ``transit_share``, all on the ground, ``map_scale`` (grid metres for each metre on
+        the ground), ``left_out_share`` of the area where no rover can be,
+        ``prior_covered_share`` of the area on which the prior has a height, and where a
+        kernel is given ``rmse_m``, the error of the map over the complete area. Slopes
+        enter time and energy where the prior has heights along all of the route; else the
+        ground is taken as level. The piecewise-continuous pattern and the random wander are
         steered while driving: their route holds the reference swaths, which `rollout`
         or the rover turns into a path, and no ``rmse_m``.
 
     Raises
     ------
+    TypeError
+        ``config`` is no configuration of a planner.
     InputError
-        A prior in another CRS than the area; an area that no swath meets or on which the
-        rover can drive nowhere; a start where it cannot be; starts that do not fit the
-        fleet; no prior and no kernel where they are needed.
+        A prior in another CRS than the area, or without a height on it; an area that no
+        swath meets or on which the rover can drive nowhere; a start where it cannot be;
+        starts that do not fit the fleet; no prior and no kernel where they are needed.
+    CapacityError
+        More swaths, waypoints, cells or rovers than `planners.capacity` allows.
     ConfigError
         A negative noise, a sample spacing that is not greater than 0; a pattern that the
         rover or the fleet cannot drive.
 
     Notes
     -----
+    Settings are metres on the ground. Where the linear scale factor of the CRS is within
+    1 % of 1 they are taken as grid metres; elsewhere they are converted with the mean
+    factor over the area, and a warning says so. ``Route.length_m`` and ``Route.spacing_m``
+    are grid metres.
+
+    The predicted error follows from the covariance and the samples alone: heights of the
+    prior do not make it smaller. Terrain that the prior does not cover has the same
+    covariance, fitted to the cells that it has.
+
     Ground that is too steep, too rough, too narrow or cut off from every start is left
     out; a warning is logged with its share, and with place and reason of its largest
     pieces. `drivable` returns all of them.
@@ -101,34 +121,93 @@ def plan(
     >>> route.length_m, route.prediction["n_turns"]
     (2850.0, 6.0)
     """
-    crew = Crew(rover or Rover(), fleet or Fleet(), prior)
     planner = planner_of(config)
+    crew = Crew(rover or Rover(), fleet or Fleet(), prior)
     _require_able(planner, crew)
     depots(area, crew.fleet)  # starts that do not fit the fleet are refused before any work
-    if prior is not None:
-        area.require_crs(prior.crs, "the prior")
+    facts = _map_facts(area, prior)
+    site = _site(area, crew)
+    route = planned_on(
+        site,
+        area,
+        config,
+        crew=crew,
+        kernel=kernel,
+        noise_m=noise_m,
+        sample_step_m=sample_step_m,
+        progress=progress,
+    )
+    return replace(route, prediction={**route.prediction, **facts})
+
+
+def planned_on(
+    site: Drivable,
+    area: SurveyArea,
+    config: PatternConfig,
+    *,
+    crew: Crew | None = None,
+    kernel: Kernel | None = None,
+    noise_m: float = 0.1,
+    sample_step_m: float = 10.0,
+    progress: Progress | None = None,
+) -> Route:
+    """Plan a route on ground that was found drivable, without checks and warnings.
+
+    Parameters
+    ----------
+    site : Drivable
+        Of the area, as `drivable` returns it.
+    area : SurveyArea
+        What is to be surveyed.
+    config : PatternConfig
+        The pattern and its settings, with metres on the ground.
+    crew : Crew, optional
+        Rovers and prior elevations.
+    kernel, noise_m, sample_step_m, progress
+        As for `plan`.
+
+    Returns
+    -------
+    Route
+        With the prediction of `plan`, except the map scale and the share that the prior covers.
+
+    Raises
+    ------
+    InputError
+        No prior and no kernel where they are needed; an area that no swath meets.
+    """
+    planner, crew, factor = planner_of(config), crew or Crew(), settings_factor(area)
     if kernel is None and planner.needs_kernel(config):
-        kernel = _kernel_of(prior, area)
+        kernel = _kernel_of(crew.dem, area)
     model = None
     if kernel is not None:
-        model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=sample_step_m)
-    site, left_out_share = _site(area, crew)
+        model = ErrorModel.of(area, kernel, noise_m=noise_m, sample_step_m=factor * sample_step_m)
+    task = LayoutTask(site.within(area), crew_in_grid_metres(crew, factor), model, progress)
     # Matrices of some hundred rows: spinning threads would only slow them down.
     with nullcontext() if model is None else threadpool_limits(1):
-        route = planner.layout(config, LayoutTask(site.within(area), crew, model, progress))
-        facts = _facts(route, crew) | {"left_out_share": left_out_share}
+        route = planner.layout(in_grid_metres(config, factor), task)
+        facts = _effort(route, crew, task.crew) | {"left_out_share": site.left_out_share(area)}
         if model is not None and planner.steering is None:
             facts["rmse_m"] = model.rmse_m(route)
     return replace(route, prediction=facts)
 
 
-def _site(area: SurveyArea, crew: Crew) -> tuple[Drivable, float]:
-    """Return where the rover can be, and the share of the area where it cannot, which is told."""
+def _map_facts(area: SurveyArea, prior: Dem | None) -> dict[str, float]:
+    """Return the map scale and the share of the area that the prior covers; warn of what is notable."""
+    scale = MapScale.over(area.crs, area.bounds)
+    if scale.warning:
+        logger.warning("%s.", scale.warning)
+    facts = {"map_scale": scale.linear.mean}
+    return facts if prior is None else facts | {"prior_covered_share": require_cover(area, prior)}
+
+
+def _site(area: SurveyArea, crew: Crew) -> Drivable:
+    """Return where the rover can be; warn of the share of the area where it cannot."""
     site = drivable(area, crew.rover, crew.dem)
     left_out_share = site.left_out_share(area)
-    if left_out_share > _LEAST_TOLD:
+    if left_out_share > _NOTABLE_SHARE:
         logger.warning("%.1f %% of the area is left out: %s", min(100.0 * left_out_share, 99.9), site)
-    return site, left_out_share
+    return site
 
 
 def _require_able(planner: Planner, crew: Crew) -> None:
@@ -142,24 +221,25 @@ def _require_able(planner: Planner, crew: Crew) -> None:
     )
 
 
-def _facts(route: Route, crew: Crew) -> dict[str, float]:
-    """Return what driving the route takes, waiting included."""
-    separation_m = crew.fleet.separation_m
-    waits_s = None if separation_m is None else departures(route.legs, crew.rover, separation_m)
-    return predicted(route.legs, crew.rover, _if_whole(crew.dem, route), waits_s=waits_s)
+def _effort(route: Route, crew: Crew, crew_on_grid: Crew) -> dict[str, float]:
+    """Return what driving the route takes on the ground, waiting included."""
+    waits_s = None
+    if crew_on_grid.fleet.separation_m is not None:
+        waits_s = departures(route.legs, crew_on_grid.rover, crew_on_grid.fleet.separation_m)
+    return predicted(route.legs, crew.rover, _if_covering(crew.dem, route), waits_s=waits_s, crs=route.crs)
 
 
 def _kernel_of(prior: Dem | None, area: SurveyArea) -> Kernel:
     if prior is None:
         raise InputError(
-            "this pattern needs to know how the terrain varies; give a prior DEM, a kernel or (for wavy swaths) a wavelength."
+            "this pattern needs a covariance of the terrain; give a prior DEM, a kernel or (for wavy swaths) a wavelength."
         )
     return terrain_kernel(prior, area)
 
 
-def _if_whole(prior: Dem | None, route: Route) -> Dem | None:
+def _if_covering(prior: Dem | None, route: Route) -> Dem | None:
     """Return the prior if it has a height everywhere along the route."""
-    if prior is None:
+    if prior is None or not shapely.box(*prior.bounds).covers(route.line):
         return None
     paths = [route.sample(0.5 * prior.step_m, rover).xy for rover in range(route.n_rovers)]
     ends = [leg.xy for leg in route.legs]

@@ -5,10 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.config import Section
 from survey.core.errors import InputError
+from survey.core.map_scale import ground_length_m, ground_lengths_m
 from survey.data.dem import Dem
 from survey.data.route import Leg
 
@@ -90,7 +92,7 @@ def energy_per_metre(slope_rad: FloatArray, mobility: Mobility) -> FloatArray:
     return energy
 
 
-def effort(xy: FloatArray, mobility: Mobility, dem: Dem | None = None) -> Effort:
+def effort(xy: FloatArray, mobility: Mobility, dem: Dem | None = None, *, crs: CRS | None = None) -> Effort:
     """Return what driving along a polyline takes.
 
     Parameters
@@ -101,11 +103,14 @@ def effort(xy: FloatArray, mobility: Mobility, dem: Dem | None = None) -> Effort
         The rover.
     dem : Dem, optional
         Heights; level ground without. The slope is taken between points one cell apart.
+    crs : pyproj.CRS, optional
+        Of the waypoints; lengths are then those on the ellipsoid. Without it grid metres
+        count as metres on the ground.
 
     Returns
     -------
     Effort
-        ``length_m`` in the plane, as everywhere; time and energy along the slope.
+        ``length_m`` in the horizontal plane; time and energy along the slope.
 
     Raises
     ------
@@ -122,22 +127,25 @@ def effort(xy: FloatArray, mobility: Mobility, dem: Dem | None = None) -> Effort
     heading = np.arctan2(moves[steps > 0.0, 1], moves[steps > 0.0, 0])
     change = np.abs((np.diff(heading) + np.pi) % (2.0 * np.pi) - np.pi)
     n_turns = int((change > _TURN_RAD).sum())
-    run_m, rise_m = _runs(xy, steps, dem)
+    ground_m = steps if crs is None else ground_lengths_m(crs, xy)
+    run_m, rise_m = _runs(xy, steps, ground_m, dem)
     slant_m = np.hypot(run_m, rise_m)
     turning_s = n_turns * mobility.turn_s
     energy_j = (
         float(slant_m @ energy_per_metre(np.arctan2(rise_m, run_m), mobility)) + turning_s * mobility.idle_w
     )
     return Effort(
-        float(steps.sum()), n_turns, float(slant_m.sum()) / mobility.speed_m_s + turning_s, energy_j
+        float(ground_m.sum()), n_turns, float(slant_m.sum()) / mobility.speed_m_s + turning_s, energy_j
     )
 
 
-def _runs(xy: FloatArray, steps: FloatArray, dem: Dem | None) -> tuple[FloatArray, FloatArray]:
-    """Return run and rise [m] of short pieces of the way."""
+def _runs(
+    xy: FloatArray, steps: FloatArray, ground_m: FloatArray, dem: Dem | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return run on the ground and rise [m] of short pieces of a path with segments of these grid and ground lengths."""
     if dem is None:
-        return steps, np.zeros(len(steps))
-    at = np.r_[0.0, np.cumsum(steps)]
+        return ground_m, np.zeros(len(steps))
+    at = _summed(steps)
     n = max(int(np.ceil(at[-1] / dem.step_m)), 1)
     stations = np.union1d(np.linspace(0.0, at[-1], n + 1), at)
     points = np.column_stack([np.interp(stations, at, xy[:, k]) for k in (0, 1)])
@@ -147,11 +155,28 @@ def _runs(xy: FloatArray, steps: FloatArray, dem: Dem | None) -> tuple[FloatArra
         raise InputError(
             f"the route passes ({x:.1f}, {y:.1f}), where the DEM has no height; keep the area on known ground."
         )
-    return np.diff(stations), np.diff(height)
+    run_m = np.diff(stations) if ground_m is steps else np.diff(np.interp(stations, at, _summed(ground_m)))
+    return run_m, np.diff(height)
+
+
+def _summed(lengths_m: FloatArray) -> FloatArray:
+    """Return the distance along a path at its waypoints [m]."""
+    distance: FloatArray = np.r_[0.0, np.cumsum(lengths_m)]
+    return distance
+
+
+def _length_m(leg: Leg, crs: CRS | None) -> float:
+    """Return the length of a leg on the ground [m]."""
+    return leg.length_m if crs is None else ground_length_m(crs, leg.xy)
 
 
 def predicted(
-    legs: Sequence[Leg], mobility: Mobility, dem: Dem | None = None, *, waits_s: FloatArray | None = None
+    legs: Sequence[Leg],
+    mobility: Mobility,
+    dem: Dem | None = None,
+    *,
+    waits_s: FloatArray | None = None,
+    crs: CRS | None = None,
 ) -> dict[str, float]:
     """Return what a route is expected to take, for `Route.prediction`.
 
@@ -165,6 +190,9 @@ def predicted(
         Heights; level ground without.
     waits_s : (K,) ndarray, optional
         How long each rover waits before it departs [s].
+    crs : pyproj.CRS, optional
+        Of the legs; lengths are then those on the ellipsoid. Without it grid metres count
+        as metres on the ground.
 
     Returns
     -------
@@ -183,12 +211,12 @@ def predicted(
     busy_s, efforts, n_recharges = [], [], 0
     for rover in sorted({leg.rover for leg in legs}):
         own = [leg.xy for leg in legs if leg.rover == rover]
-        efforts.append(effort(np.vstack(own), mobility, dem))
+        efforts.append(effort(np.vstack(own), mobility, dem, crs=crs))
         n_visits = sum(np.array_equal(xy[-1], own[0][0]) for xy in own[:-1])
         n_recharges += n_visits
         wait_s = 0.0 if waits_s is None else float(waits_s[rover])
         busy_s.append(wait_s + efforts[-1].time_s + n_visits * mobility.recharge_s)
-    swath_m = sum(leg.length_m for leg in legs if leg.kind == "swath")
+    swath_m = sum(_length_m(leg, crs) for leg in legs if leg.kind == "swath")
     length_m = sum(e.length_m for e in efforts)
     facts = {
         "length_m": length_m,

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from planners.driving.energy import Mobility, effort
+from planners.driving.energy import Mobility
+from planners.driving.fleet_rows import FleetRows
 from planners.driving.ordering import Tours
 from planners.driving.turns import Turning
 from planners.ground.transit import FreeGround
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import ConfigError, InputError
+from survey.core.errors import ConfigError
 from survey.data.dem import Dem
 from survey.data.route import Leg
 
@@ -90,7 +91,7 @@ def share(
 
 def _shared(tours: Tours, mobility: Mobility, dem: Dem | None) -> tuple[Leg, ...]:
     """Cut the best tour into one row per rover, balance the rows, and drive them."""
-    rows = _Rows(tours, mobility, dem)
+    rows = FleetRows(tours, mobility, dem)
     legs: list[Leg] = []
     for rover, row in enumerate(_relieved(rows, _cut(rows, tours.best()[1:]))):
         if len(row):
@@ -98,96 +99,7 @@ def _shared(tours: Tours, mobility: Mobility, dem: Dem | None) -> tuple[Leg, ...
     return tuple(legs)
 
 
-class _Rows:
-    """Time that a rover needs for a row of items, returns to its depot included."""
-
-    def __init__(self, tours: Tours, mobility: Mobility, dem: Dem | None) -> None:
-        self.tours, self.mobility = tours, mobility
-        self.n_rovers = len(tours.depots)
-        efforts = [effort(swath, mobility, dem) for swath in tours.swaths]
-        self.swath_s = np.array([e.time_s for e in efforts])
-        back = [effort(swath[::-1], mobility, dem) for swath in tours.swaths]
-        self.swath_j = np.maximum([e.energy_j for e in efforts], [e.energy_j for e in back])
-        self.memory: dict[tuple[int, bytes], float] = {}
-        self._require_battery()
-
-    def depot(self, rover: int) -> int:
-        return self.tours.first_depot + 2 * rover
-
-    def transit_s(self, a: int, b: int) -> float:
-        """Return driving time and the two turns at the ends of a transit [s]."""
-        length_m = self.tours.transit_m(a, b)
-        return length_m / self.mobility.speed_m_s + (2.0 * self.mobility.turn_s if length_m > 0.0 else 0.0)
-
-    def transit_j(self, a: int, b: int) -> float:
-        return self.tours.transit_m(a, b) * self.mobility.flat_j_per_m
-
-    def _require_battery(self) -> None:
-        battery_j = self.mobility.battery_j
-        if battery_j is None:
-            return
-        for swath, energy_j in enumerate(self.swath_j):
-            ends = (2 * swath, 2 * swath + 1)
-            trips = [
-                self.transit_j(self.depot(r), ends[0]) + self.transit_j(ends[1], self.depot(r)) + energy_j
-                for r in range(self.n_rovers)
-            ]
-            if max(trips) > battery_j:
-                x, y = self.tours.ends[ends[0]]
-                raise InputError(
-                    f"the swath from ({x:.1f}, {y:.1f}) and the way there and back take {max(trips) / 1e3:.0f} kJ, but the battery "
-                    f"holds {battery_j / 1e3:.0f} kJ; move the depot nearer, shorten the swaths or take a larger battery."
-                )
-
-    def seconds(self, row: IntArray, rover: int) -> float:
-        """Return the time from the depot along the row and back [s], as if the battery lasted."""
-        if not len(row):
-            return 0.0
-        key = (rover, row.tobytes())
-        if key not in self.memory:
-            stops = [self.depot(rover), *row.tolist(), self.depot(rover)]
-            driven_s = sum(self.transit_s(a ^ 1, b) for a, b in pairwise(stops))
-            self.memory[key] = driven_s + float(self.swath_s[row >> 1].sum())
-        return self.memory[key]
-
-    def _trips(self, row: IntArray, rover: int) -> list[int]:
-        """Return where each trip begins so that all take the least time: the shortest path over all cuts."""
-        home, battery_j, n = self.depot(rover), self.mobility.battery_j, len(row)
-        if battery_j is None:
-            return [0]
-        best, came_from = np.full(n + 1, np.inf), np.zeros(n + 1, dtype=np.int64)
-        best[0] = 0.0
-        for i in range(n):
-            out_s, out_j = self.transit_s(home ^ 1, row[i]), self.transit_j(home ^ 1, row[i])
-            for j in range(i, n):
-                if j > i:
-                    out_s += self.transit_s(row[j - 1] ^ 1, row[j])
-                    out_j += self.transit_j(row[j - 1] ^ 1, row[j])
-                out_s += self.swath_s[row[j] >> 1]
-                out_j += self.swath_j[row[j] >> 1]
-                if out_j > battery_j:
-                    break
-                total = best[i] + self.mobility.recharge_s + out_s + self.transit_s(row[j] ^ 1, home)
-                fits = out_j + self.transit_j(row[j] ^ 1, home) <= battery_j
-                if fits and total < best[j + 1]:
-                    best[j + 1], came_from[j + 1] = total, i
-        starts, at = [], n
-        while at > 0:
-            at = int(came_from[at])
-            starts.append(at)
-        return starts
-
-    def with_returns(self, row: IntArray, rover: int) -> IntArray:
-        """Return the tour of a rover: depot, swaths, and the depot again wherever it recharges."""
-        home = self.depot(rover)
-        starts = set(self._trips(row, rover))
-        items: list[int] = []
-        for i, item in enumerate(row.tolist()):
-            items += [home, item] if i in starts else [item]
-        return np.array(items, dtype=np.int64)
-
-
-def _cut(rows: _Rows, row: IntArray) -> list[IntArray]:
+def _cut(rows: FleetRows, row: IntArray) -> list[IntArray]:
     """Cut one row into one per rover, in order, so that the busiest takes the least time; batteries apart."""
     n, k = len(row), rows.n_rovers
     inside = np.array([rows.transit_s(a ^ 1, b) for a, b in pairwise(row.tolist())])
@@ -216,7 +128,7 @@ def _cut(rows: _Rows, row: IntArray) -> list[IntArray]:
     return [rows.tours.ordered(part, rover) for rover, part in enumerate(shares[::-1])]
 
 
-def _relieved(rows: _Rows, shares: list[IntArray]) -> list[IntArray]:
+def _relieved(rows: FleetRows, shares: list[IntArray]) -> list[IntArray]:
     """Give or exchange rows of swaths between the busiest rover and the others while that helps."""
     for _ in range(_MOST_ROUNDS):
         seconds = [rows.seconds(row, rover) for rover, row in enumerate(shares)]
@@ -230,7 +142,7 @@ def _relieved(rows: _Rows, shares: list[IntArray]) -> list[IntArray]:
 
 
 def _best_change(
-    rows: _Rows, shares: list[IntArray], busiest: int, seconds: list[float]
+    rows: FleetRows, shares: list[IntArray], busiest: int, seconds: list[float]
 ) -> dict[int, IntArray] | None:
     """Return new rows for two rovers such that the busier of the two takes the least time."""
     best, change = seconds[busiest] - _GAIN_S, None
@@ -245,7 +157,7 @@ def _best_change(
 
 
 def _exchanges(
-    rows: _Rows, mine: IntArray, theirs: IntArray, busiest: int, other: int
+    rows: FleetRows, mine: IntArray, theirs: IntArray, busiest: int, other: int
 ) -> list[tuple[IntArray, IntArray]]:
     """List what becomes of two rows when one to six neighbours change over, for none to six in return."""
     found = []
@@ -266,7 +178,7 @@ def _exchanges(
     return found
 
 
-def _inserted(rows: _Rows, row: IntArray, part: IntArray, rover: int) -> IntArray:
+def _inserted(rows: FleetRows, row: IntArray, part: IntArray, rover: int) -> IntArray:
     """Put a row, as it is or turned round, where it adds the least transit."""
     home = rows.depot(rover)
     stops = np.concatenate([[home], row, [home]])
@@ -282,70 +194,3 @@ def _inserted(rows: _Rows, row: IntArray, part: IntArray, rover: int) -> IntArra
             if added < best:
                 best, result = added, np.concatenate([row[:i], turned, row[i:]])
     return result
-
-
-def departures(legs: Sequence[Leg], mobility: Mobility, separation_m: float) -> FloatArray:
-    """Return how long each rover waits at its depot so that rovers keep apart on the way [s].
-
-    Rovers depart in the order of their numbers, each as early, in steps of ten seconds, as
-    it stays `separation_m` away from all before it; within that distance of its own depot
-    it is not watched, so that rovers may share one.
-
-    Parameters
-    ----------
-    legs : sequence of Leg
-        Of all rovers.
-    mobility : Mobility
-        Their speed; turns on the spot are not timed.
-    separation_m : float
-        Smallest distance between two rovers [m].
-
-    Returns
-    -------
-    (K,) ndarray
-        Waiting time of each rover [s].
-
-    Raises
-    ------
-    InputError
-        A rover that would have to wait until another one has finished.
-    """
-    if not separation_m > 0.0:
-        raise ConfigError(f"the separation is {separation_m} m; it must be greater than 0.")
-    step_s = max(0.25 * separation_m / mobility.speed_m_s, 1.0)
-    tracks = [_track(legs, rover, mobility, step_s) for rover in range(max(leg.rover for leg in legs) + 1)]
-    longest_s = step_s * max(len(track) for track in tracks)
-    waits = np.zeros(len(tracks))
-    for rover, track in enumerate(tracks):
-        while any(
-            _too_near(track, tracks[k], round((waits[rover] - waits[k]) / step_s), separation_m)
-            for k in range(rover)
-        ):
-            waits[rover] += max(10.0, step_s)
-            if waits[rover] > longest_s:
-                raise InputError(
-                    f"rover {rover} cannot keep {separation_m:g} m from the others without waiting for their end; separate the depots."
-                )
-    return waits
-
-
-def _track(legs: Sequence[Leg], rover: int, mobility: Mobility, step_s: float) -> FloatArray:
-    """Return where a rover is every `step_s` (N, 2); empty for one that stays at home."""
-    own = [leg.xy for leg in legs if leg.rover == rover]
-    if not own:
-        return np.zeros((0, 2))
-    xy = np.vstack(own)
-    at_s = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T))] / mobility.speed_m_s
-    times = np.arange(0.0, at_s[-1] + step_s, step_s)
-    return np.column_stack([np.interp(times, at_s, xy[:, k]) for k in (0, 1)])
-
-
-def _too_near(a: FloatArray, b: FloatArray, shift: int, separation_m: float) -> bool:
-    """Tell whether two rovers, the first departing `shift` steps later, meet away from their depots."""
-    first, last = max(shift, 0), min(len(a) + shift, len(b))
-    if last <= first:
-        return False
-    here, there = a[first - shift : last - shift], b[first:last]
-    is_near = np.hypot(*(here - there).T) < separation_m
-    at_home = np.minimum(np.hypot(*(here - a[0]).T), np.hypot(*(there - b[0]).T)) < 2.0 * separation_m
-    return bool((is_near & ~at_home).any())

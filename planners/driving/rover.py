@@ -5,9 +5,11 @@ from typing import Self
 
 from pydantic import PositiveFloat, PositiveInt, model_validator
 
+from planners.capacity import require_rovers
 from planners.driving.energy import Mobility
 from planners.driving.turns import Turning, turning_room_m
 from planners.ground.traversability import RoverLimits
+from planners.ground_metres import dem_in_grid_metres, in_grid_metres
 from survey.core.arrays import FloatArray
 from survey.core.config import Section
 from survey.core.errors import InputError
@@ -75,6 +77,31 @@ class Crew:
         return not (self.makes_round_trips or finishes or self.rover.turn_radius_m > 0.0)
 
 
+def crew_in_grid_metres(crew: Crew, factor: float) -> Crew:
+    """Return the rovers with lengths, speed and heights in grid metres.
+
+    The energy for a grid metre is smaller by the factor, which a smaller mass and a higher
+    speed express.
+
+    Parameters
+    ----------
+    crew : Crew
+        With metres on the ground.
+    factor : float
+        As `planners.ground_metres.settings_factor` returns it.
+
+    Returns
+    -------
+    Crew
+        The same object for a factor of 1.
+    """
+    if factor == 1.0:
+        return crew
+    rover = in_grid_metres(crew.rover, factor)
+    rover = rover.model_copy(update={"mass_kg": rover.mass_kg / factor})
+    return Crew(rover, in_grid_metres(crew.fleet, factor), dem_in_grid_metres(crew.dem, factor))
+
+
 def depots(area: SurveyArea, fleet: Fleet) -> FloatArray | None:
     """Return where each rover begins (K, 2) [m]; None where a single rover may begin anywhere.
 
@@ -83,6 +110,7 @@ def depots(area: SurveyArea, fleet: Fleet) -> FloatArray | None:
     InputError
         Neither one start nor one for each rover; no start where rovers have to return to it.
     """
+    require_rovers(fleet.rovers)
     n_starts = len(area.starts)
     if n_starts == fleet.rovers:
         return area.starts

@@ -12,12 +12,10 @@ import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
+from planners.capacity import MOST_LINES
 from planners.ground.shortest_paths import Network, search
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import CapacityError
-
-MAX_SWATHS = 8_000
-"""The table of transits takes 16 n² bytes; this many swaths fill one gigabyte."""
 
 _NEIGHBOURS = 10
 _GAIN_M = 1e-3
@@ -51,9 +49,10 @@ def transits(network: Network, is_free: FloatArray) -> Transits:
     """
     xy = network.sights.xy
     n_swaths = len(xy) // 2
-    if n_swaths > MAX_SWATHS:
+    if n_swaths > MOST_LINES:
         raise CapacityError(
-            f"{n_swaths} swaths are too many to order at once (at most {MAX_SWATHS}); widen the spacing or split the area."
+            f"the area cuts the swaths into {n_swaths} pieces; at most {MOST_LINES} can be ordered at once, widen the spacing or "
+            "split the area."
         )
     length = np.empty((len(xy), len(xy)), dtype=np.float32)
     for row, (x, y) in enumerate(xy):

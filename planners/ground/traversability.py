@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import rasterio.features
 import shapely
 from pydantic import Field, NonNegativeFloat, PositiveFloat
-from scipy.ndimage import convolve
 from shapely import MultiPolygon, Polygon
 
+from planners.capacity import require_cells
+from planners.ground.raster_cells import cell_outline, roughness
 from planners.ground.transit import FreeGround
-from survey.core.arrays import BoolArray, FloatArray
+from planners.ground_metres import dem_in_grid_metres, in_grid_metres, settings_factor
+from survey.core.arrays import BoolArray
 from survey.core.config import Section
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
@@ -62,11 +63,17 @@ class LeftOut:
 
     polygon: Polygon
     reason: Reason
+    map_scale: float = 1.0
+
+    @property
+    def area_m2(self) -> float:
+        """Area on the ground [m²]."""
+        return float(self.polygon.area) / self.map_scale**2
 
     def __str__(self) -> str:
         """Return what, where and why in half a sentence."""
         x, y = self.polygon.representative_point().coords[0]
-        return f"{self.polygon.area:.0f} m² around ({x:.1f}, {y:.1f}) ({self.reason})"
+        return f"{self.area_m2:.0f} m² around ({x:.1f}, {y:.1f}) ({self.reason})"
 
 
 @dataclass(frozen=True)
@@ -125,7 +132,8 @@ def drivable(
     Slopes are those of the DEM's cells: steps smaller than a cell, crevasses and boulders
     are not seen.
     """
-    limits = limits or RoverLimits()
+    factor = settings_factor(area)
+    limits, dem = in_grid_metres(limits or RoverLimits(), factor), dem_in_grid_metres(dem, factor)
     left_out: list[LeftOut] = []
     free = area.free
     if limits.needs_heights:
@@ -161,7 +169,7 @@ def drivable(
         raise InputError(
             f"not all of the area can be reached from its starts: {_listed(cut_off)}; start a rover there or leave it out of the area."
         )
-    return Drivable(ground, tuple(left_out + cut_off))
+    return Drivable(ground, tuple(replace(piece, map_scale=factor) for piece in left_out + cut_off))
 
 
 def _reached(
@@ -207,6 +215,7 @@ def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reas
     xmin, ymin, xmax, ymax = area.bounds
     pad = 3.0 * dem.step_m
     dem = dem.window((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
+    require_cells(dem.elevation.size)
     slope_deg = dem.slope().elevation
     closed: dict[Reason, BoolArray] = {
         "height unknown": ~np.isfinite(slope_deg),
@@ -216,86 +225,9 @@ def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reas
     if limits.max_roughness_m is not None:
         closed["too rough"] = roughness(dem) > limits.max_roughness_m
     ground: dict[Reason, shapely.Geometry] = {
-        reason: _outline(cells, dem) for reason, cells in closed.items() if cells.any()
+        reason: cell_outline(cells, dem) for reason, cells in closed.items() if cells.any()
     }
     outside = shapely.difference(shapely.box(*area.bounds), shapely.box(*dem.bounds))
     if not outside.is_empty:
         ground["height unknown"] = shapely.union(ground.get("height unknown", Polygon()), outside)
     return ground
-
-
-def without_marked(area: SurveyArea, mask: Dem) -> SurveyArea:
-    """Return an area whose no-go zones also hold the cells of a raster that are marked, with half a cell around them.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be surveyed.
-    mask : Dem
-        1 where nobody is to drive, such as the ``no_go.tif`` of a map with bounds; 0 or NaN elsewhere.
-
-    Raises
-    ------
-    InputError
-        Another CRS, other values, nothing left, or a start on marked ground.
-
-    Examples
-    --------
-    >>> from affine import Affine
-    >>> square = SurveyArea(shapely.box(0.0, 0.0, 40.0, 40.0), "EPSG:32608")
-    >>> corner = np.zeros((4, 4))
-    >>> corner[0, 3] = 1.0
-    >>> mask = Dem(corner, Affine(10, 0, 0, 0, -10, 40), "EPSG:32608")
-    >>> bool(without_marked(square, mask).free.area < square.free.area - 100.0)
-    True
-    """
-    area.require_crs(mask.crs, "the mask of no-go ground")
-    values = mask.elevation[np.isfinite(mask.elevation)]
-    if not np.isin(values, (0.0, 1.0)).all():
-        raise InputError(
-            f"the mask of no-go ground holds values from {values.min():g} to {values.max():g}; 1 for no-go ground and 0 "
-            "elsewhere were expected."
-        )
-    marked = mask.elevation == 1.0
-    if not marked.any():
-        return area
-    zones = shapely.intersection(_outline(marked, mask), area.polygon)
-    parts = [part for part in shapely.get_parts(zones) if part.geom_type == "Polygon" and part.area > 0.0]
-    return replace(area, no_go=(*area.no_go, *parts))
-
-
-def roughness(dem: Dem) -> FloatArray:
-    """Return the standard deviation of heights about the plane through each 3 × 3 cells [m].
-
-    The plane is the least-squares one; with nine heights and three parameters the sum of
-    squares is divided by six. NaN at the border and beside nodata.
-
-    Examples
-    --------
-    >>> from affine import Affine
-    >>> tilted = Dem(np.add.outer(np.arange(4.0), np.arange(4.0)), Affine(1, 0, 0, 0, -1, 0), "EPSG:32608")
-    >>> bool(np.nanmax(roughness(tilted)) < 1e-9)
-    True
-    """
-    z = dem.elevation - np.nanmean(dem.elevation)
-    ones, step = np.ones((3, 3)), np.array([-1.0, 0.0, 1.0])
-    mean = convolve(z, ones / 9.0, mode="constant", cval=np.nan)
-    square = convolve(z * z, ones, mode="constant", cval=np.nan)
-    east = convolve(z, np.tile(step, (3, 1)), mode="constant", cval=np.nan)
-    north = convolve(z, np.tile(step[:, None], (1, 3)), mode="constant", cval=np.nan)
-    # Over nine cells the columns and rows are orthogonal with squared length 6.
-    residual = square - 9.0 * mean**2 - (east**2 + north**2) / 6.0
-    sd: FloatArray = np.sqrt(np.maximum(residual, 0.0) / 6.0)
-    return sd
-
-
-def _outline(cells: BoolArray, dem: Dem) -> shapely.Geometry:
-    """Return ground that holds the marked cells and half a cell around them, smoothed outwards only.
-
-    Beyond that half cell, slopes interpolated between cell centres are those of open cells alone.
-    """
-    shapes = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=dem.transform)
-    union = shapely.union_all([shapely.geometry.shape(geometry) for geometry, _ in shapes])
-    # Moving the outline out by a quarter of a cell more pays for what simplification takes away.
-    tolerance = 0.25 * dem.step_m
-    return shapely.simplify(union.buffer(0.5 * dem.step_m + tolerance, join_style="mitre"), 0.95 * tolerance)

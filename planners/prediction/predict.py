@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planners.capacity import require_cells, require_nodes, require_samples
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
@@ -72,6 +73,7 @@ class ErrorModel:
             raise ConfigError(f"the sample spacing is {sample_step_m} m; it must be greater than 0.")
         xmin, ymin, xmax, ymax = area.bounds
         cell = cell_m or max(xmax - xmin, ymax - ymin) / _N_NODES_ALONG
+        require_nodes(((xmax - xmin) / cell) * ((ymax - ymin) / cell), cell)
         n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
         x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
         grid = Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
@@ -122,6 +124,7 @@ class ErrorModel:
 
 def places(route: Route, step_m: float) -> FloatArray:
     """Return the samples (N, 2) that all rovers take along everything they drive [m]."""
+    require_samples(route.length_m, step_m)
     return np.vstack([route.sample(step_m, rover).xy for rover in range(route.n_rovers)])
 
 
@@ -211,6 +214,8 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     """
     area.require_crs(prior.crs, "the prior")
     xmin, ymin, xmax, ymax = area.bounds
+    prior = _over(prior, area)
+    require_cells(prior.elevation.size)
     xy, height = prior.xy, prior.elevation.ravel()
     near = (xy >= [xmin, ymin]).all(axis=1) & (xy <= [xmax, ymax]).all(axis=1) & np.isfinite(height)
     if near.sum() < 9:
@@ -222,3 +227,13 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
         likeliest(xy[near], height[near], noise, GaussianProcessConfig(family=family)) for family in _FAMILIES
     ]
     return max(fitted, key=lambda found: found.score).kernel
+
+
+def _over(prior: Dem, area: SurveyArea) -> Dem:
+    """Return the cells of a prior about an area; all of them where fewer than 2 × 2 lie on it."""
+    xmin, ymin, xmax, ymax = area.bounds
+    pad = 2.0 * prior.step_m
+    try:
+        return prior.window((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
+    except InputError:
+        return prior

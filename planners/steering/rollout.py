@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
+from planners.capacity import require_waypoints
 from planners.driving.energy import Mobility, predicted
 from planners.steering.steering import AttitudeSensor, Band, Steering
 from survey.core.arrays import FloatArray
@@ -64,6 +65,7 @@ def rollout(
     """
     if route.spacing_m is None or route.n_rovers > 1:
         raise InputError("a steered route needs a spacing and one rover; plan it for one rover.")
+    require_waypoints(len(rngs) * route.length_m / steering.step_m, "the step", steering.step_m)
     ground = area.free.buffer(1e-6)
     shapely.prepare(ground)
     half_m = steering.band_share * route.spacing_m
@@ -77,7 +79,9 @@ def rollout(
             xy = track if ground.covers(shapely.linestrings(track)) else leg.axis
             mine.append(Leg("swath", xy, leg.rover, leg.axis))
     mobility = mobility or Mobility()
-    return [replace(route, legs=tuple(mine), prediction=predicted(mine, mobility)) for mine in legs]
+    return [
+        replace(route, legs=tuple(mine), prediction=predicted(mine, mobility, crs=route.crs)) for mine in legs
+    ]
 
 
 def _tracks(

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from planners.capacity import require_lines
 from planners.ground.transit import FreeGround
 from planners.swaths.swaths import axes_of
 from survey.core.arrays import FloatArray, IntArray
@@ -107,6 +108,7 @@ def _lines_over(polygon: Any, spacing_m: float, heading_deg: float, outer_share:
         return []
     u, v = xy @ along, xy @ right
     width = v.max() - v.min()
+    require_lines(int(min(width / spacing_m, 1e15)), width)
     n = max(int(np.ceil(width / spacing_m + 1.0 - 2.0 * outer_share - 1e-9)), 1)
     distance = width / (n - 1 + 2.0 * outer_share)
     offsets = v.min() + 0.5 * width + (np.arange(n) - 0.5 * (n - 1)) * distance

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from planners.capacity import require_lines
 from planners.config import Corner, SwathConfig
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -69,6 +70,7 @@ def reference_lines(area: SurveyArea, config: SwathConfig) -> ReferenceLines:
     u, v = corners @ along, corners @ left
     width = float(np.ptp(v))
     n = n_lines(width, config)
+    require_lines(n, width)
     spacing_m = width / (n - 1 + 2.0 * config.outer_share)
     offsets = v.min() + 0.5 * (width - (n - 1) * spacing_m) + spacing_m * np.arange(n)
     reach = np.array([u.min() - 1.0, u.max() + 1.0])
@@ -88,6 +90,7 @@ def n_lines(width_m: float, config: SwathConfig) -> int:
     """Return the number of lines that a width takes at the asked spacing."""
     if config.spacing_m is None:
         return config.swaths or 1
+    require_lines(int(min(width_m / config.spacing_m, 1e15)), width_m)
     # A width that is a whole number of spacings must not gain a line by rounding.
     return max(int(np.ceil(width_m / config.spacing_m + 1.0 - 2.0 * config.outer_share - 1e-9)), 1)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import shapely
 
+from planners.capacity import require_waypoints
 from planners.config import WavyConfig
 from planners.swaths.swaths import Swath
 from survey.core.arrays import FloatArray
@@ -46,6 +47,8 @@ def wavy(
     turn_radius_m : float
         R [m]; 0 for a rover that pivots.
     """
+    total_m = float(sum(np.hypot(*(axis[1] - axis[0])) for axis in axes))
+    require_waypoints(_POINTS_PER_WAVE * total_m / wavelength_m, "the wavelength", wavelength_m)
     ground = area.free.buffer(1e-6)
     shapely.prepare(ground)
     amplitude_m = min(config.steepness * wavelength_m / (2.0 * np.pi), config.amplitude_share * spacing_m)

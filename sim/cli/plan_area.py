@@ -1,43 +1,22 @@
 """``firnline plan AREA``: a route as the options ask for it, with its picture."""
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from sim.cli.plan_request import PlanRequest, write_plan
 
 if TYPE_CHECKING:
     import planners
     import survey
     from survey.reconstruction.gp.covariance.kernels import Kernel
 
-
-def read_area(
-    source: Path, prior: Path | None, crs: str | None, no_go: Path | None
-) -> "tuple[survey.SurveyArea, survey.Dem | None]":
-    """Read the area, less the ground that a raster marks, and what is known of it, in one CRS."""
-    import survey
-    from planners.ground.traversability import without_marked
-
-    dem = None if prior is None else survey.Dem.read(prior)
-    area = survey.SurveyArea.read(source, crs=crs if dem is None or crs is not None else dem.crs)
-    if dem is not None:
-        area.require_crs(dem.crs, "the prior")
-    if no_go is not None:
-        area = without_marked(area, survey.Dem.read(no_go, mask=True))
-    return area, dem
+_DEFAULT_SWATHS = 4
 
 
-def plan_area(
-    area: "survey.SurveyArea",
-    dem: "survey.Dem | None",
-    wanted: dict[str, Any],
-    settings: list[str],
-    out: Path,
-    *,
-    quiet: bool,
-) -> "survey.Route":
-    """Plan, and write the route and its picture."""
+def plan_area(request: PlanRequest) -> None:
+    """Plan a route of a named pattern, write it with its picture, and print what is expected of it."""
     import planners
     from sim.cli.progress import counted
     from survey.core.config import Section, validated, with_overrides
@@ -47,11 +26,12 @@ def plan_area(
         rover: planners.Rover = planners.Rover()
         fleet: planners.Fleet = planners.Fleet()
 
-    config = validated(Wanted, with_overrides(wanted, settings), "the options")
-    with counted(quiet=quiet) as progress:
-        progress("learning how the terrain varies", 0, 1)
+    config = validated(Wanted, with_overrides(_sections(request), request.settings), "the options")
+    area, dem = request.read_area()
+    with counted(quiet=request.quiet) as progress:
+        progress("fitting the terrain's covariance", 0, 1)
         kernel = None if dem is None else _kernel(dem, area)
-        progress("learning how the terrain varies", 1, 1)
+        progress("fitting the terrain's covariance", 1, 1)
         route = planners.plan(
             area,
             dem,
@@ -61,16 +41,37 @@ def plan_area(
             kernel=kernel,
             progress=progress,
         )
-    route.write(out)
-    _draw(route, area, dem, kernel, planners.drivable(area, config.rover, dem), out.with_suffix(".png"))
-    return route
+    site = planners.drivable(area, config.rover, dem)
+    write_plan(request, route, _picture(route, area, dem, kernel, site))
+    _print_route(request, route)
+
+
+def _sections(request: PlanRequest) -> dict[str, Any]:
+    """Return the options as sections of a mission."""
+    sizes = {
+        "swaths": request.swaths,
+        "spacing_m": request.spacing,
+        "budget_m": request.budget,
+        "rmse_m": request.rmse,
+    }
+    given = {name: value for name, value in sizes.items() if value is not None}
+    pattern = {"pattern": request.pattern or "lawnmower"}
+    sections: dict[str, Any] = {"planner": pattern | (given or {"swaths": _DEFAULT_SWATHS})}
+    if request.rovers is not None:
+        sections["fleet"] = {"rovers": request.rovers}
+    if request.max_slope is not None:
+        sections["rover"] = {"max_pitch_deg": request.max_slope, "max_roll_deg": request.max_slope}
+    return sections
 
 
 def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
-    """Return the covariance that the prior speaks for; None, with the reason told, when it is too coarse."""
+    """Return the likeliest covariance of the prior; None, with the reason on stderr, where it is too coarse."""
     import planners
+    from planners.prediction.prior_cover import covered_share
     from survey.core.errors import InputError
 
+    if covered_share(area, dem) == 0.0:
+        return None  # the plan refuses it
     try:
         return planners.terrain_kernel(dem, area)
     except InputError as error:
@@ -78,36 +79,35 @@ def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
         return None
 
 
-def _draw(
+def _picture(
     route: "survey.Route",
     area: "survey.SurveyArea",
     dem: "survey.Dem | None",
     kernel: "Kernel | None",
     site: "planners.Drivable",
-    path: Path,
-) -> None:
+) -> bytes:
+    """Draw the route over the area, with the predicted error of the map where one is known."""
     import planners
     from survey import figures
-    from survey.core.files import replacing
 
     std = None
     if kernel is not None and "rmse_m" in route.prediction:
         std = planners.predict_error(route, area, kernel, noise_m=0.1).std
     pieces = [piece.polygon for piece in site.left_out]
-    figure = figures.plan_map(area, route, terrain=dem, std=std, left_out=pieces)
-    with replacing(path) as file:
-        file.write_bytes(figures.png_bytes(figure))
+    return figures.png_bytes(figures.plan_map(area, route, terrain=dem, std=std, left_out=pieces))
 
 
-def tell_route(route: "survey.Route", out: Path, *, as_json: bool) -> None:
+def _print_route(request: PlanRequest, route: "survey.Route") -> None:
     """Print what is expected of the route, for people or as JSON."""
-    picture = out.with_suffix(".png")
-    if as_json:
-        content = {"route": str(out), "picture": str(picture), "length_m": route.length_m, **route.prediction}
-        typer.echo(json.dumps(content, indent=2))
+    from planners.swaths.counting import count_lines, swaths_text
+
+    if request.as_json:
+        files = {"route": str(request.out), "picture": str(request.picture)}
+        counts = {"lines": count_lines(route), "swaths": len(route.swaths)}
+        typer.echo(json.dumps(files | counts | dict(route.prediction), indent=2))
         return
     typer.echo(
-        f"{len(route.swaths)} swaths, {route.length_m:.0f} m in all, written to {out}, drawn in {picture}"
+        f"{swaths_text(route)}, {route.prediction['length_m']:.0f} m in all, written to {request.out}, drawn in {request.picture}"
     )
     for name, value in route.prediction.items():
         typer.echo(f"  predicted {name} = {value:.6g}")

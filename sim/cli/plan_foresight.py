@@ -1,110 +1,102 @@
-"""How many swaths, and how many stakes, would meet a map class: of a mission, or of an area with ``--joint``."""
+"""Numbers of swaths and stakes that meet a map class: for a mission, or for an area with ``--joint``."""
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.plan_promise import Asked, draw, limit_of, promised, wanted_of
+from sim.cli.plan_guarantee import found_guarantee, picture, prior_of, requirement_of
+from sim.cli.plan_request import PlanRequest, write_plan
 from sim.config.mission import MissionConfig
 
 if TYPE_CHECKING:
-    import survey
-    from sim.mission.foresight import Foreseen
+    from sim.mission.foresight import PredictedSurvey
 
 _MOST_FURTHER = 6
 
 
-def tell_ways(mission: MissionConfig, require: str, probability: float, *, as_json: bool) -> None:
-    """Print the ways to meet the class, the cheapest first said; end with exit code 5 where none does."""
-    from sim.mission.foresight import ways_to_meet
+def print_options_of(mission: MissionConfig, limit_m: float, probability: float, *, as_json: bool) -> None:
+    """Print the surveys that meet the class, the one with the least to drive first; exit code 5 where none does."""
+    from sim.mission.foresight import surveys_within
     from sim.world.site import build_world
 
-    limit_m = limit_of(require)
-    ways = list(ways_to_meet(mission, build_world(mission), limit_m=limit_m, chance=probability))
-    best = _best_of(ways, limit_m, probability)
+    options = list(surveys_within(mission, build_world(mission), limit_m=limit_m, probability=probability))
+    best = _best_of(options, limit_m, probability)
     if as_json:
-        typer.echo(json.dumps({"limit_m": limit_m, "ways": [way._asdict() for way in ways]}, indent=2))
+        typer.echo(json.dumps({"limit_m": limit_m, "ways": [way._asdict() for way in options]}, indent=2))
         return
-    _say(best, ways)
+    _print_options(best, options)
 
 
-def plan_joint(
-    area: "survey.SurveyArea",
-    prior: "survey.Dem",
-    asked: Asked,
-    settings: list[str],
-    out: Path,
-    *,
-    as_json: bool,
-) -> None:
+def plan_joint(request: PlanRequest) -> None:
     """Write the route with the least to drive that meets the class with the errors that its path shares.
 
-    No fewer swaths are tried than the promise needs without those errors: what is foreseen takes the terrain between
-    the cells of the prior for smooth.
+    No fewer swaths are tried than the guarantee needs without those errors: the prediction takes the terrain
+    between the cells of the prior to be smooth.
     """
     import planners
-    from sim.mission.foresight import ways_to_meet
+    from sim.mission.foresight import surveys_within
     from sim.world.site import World
     from survey.core.config import validated, with_overrides
 
-    made = promised(area, prior, wanted_of(asked))
-    mission = validated(MissionConfig, with_overrides(_stated(asked), settings), "the options")
-    mission = mission.model_copy(update={"planner": made.config})
-    limit_m, least = made.wanted.limit_m, made.config.swaths or 1
-    found = ways_to_meet(
+    stated = validated(MissionConfig, with_overrides(_stated(request), request.settings), "the options")
+    area, prior = prior_of(request)
+    made = found_guarantee(area, prior, requirement_of(request))
+    mission = stated.model_copy(update={"planner": made.config})
+    limit_m, least = made.requirement.limit_m, made.config.swaths or 1
+    found = surveys_within(
         mission,
         World(prior, prior, area),
         limit_m=limit_m,
-        chance=asked.probability,
+        probability=request.probability,
         least_swaths=least,
         most_swaths=least + _MOST_FURTHER,
     )
-    ways = list(found)
-    best = _best_of(ways, limit_m, asked.probability, least + _MOST_FURTHER)
+    options = list(found)
+    best = _best_of(options, limit_m, request.probability, least + _MOST_FURTHER)
     route = planners.plan(area, prior, made.config.model_copy(update={"swaths": best.swaths}))
-    route.write(out)
-    draw(route, area, prior, out)
-    if as_json:
-        facts = {"route": str(out), "picture": str(out.with_suffix(".png")), "limit_m": limit_m}
-        typer.echo(json.dumps(facts | {"ways": [way._asdict() for way in ways]}, indent=2))
+    write_plan(request, route, picture(route, area, prior))
+    if request.as_json:
+        facts = {"route": str(request.out), "picture": str(request.picture), "limit_m": limit_m}
+        typer.echo(json.dumps(facts | {"ways": [way._asdict() for way in options]}, indent=2))
         return
-    _say(best, ways)
-    typer.echo(f"  assumed: {made.assumptions}; without errors of place {least} swaths would do")
-    typer.echo(f"written to {out}, drawn in {out.with_suffix('.png')}")
+    _print_options(best, options)
+    typer.echo(f"  assumed: {made.assumptions}; without errors of position {least} swaths are enough")
+    typer.echo(f"written to {request.out}, drawn in {request.picture}")
 
 
-def _stated(asked: Asked) -> dict[str, object]:
+def _stated(request: PlanRequest) -> dict[str, object]:
     """Return what the options of the command say as a mission; the terrain is given beside it."""
     return {
         "schema_version": 1,
         "name": "plan",
         "terrain": {"source": "srtm-sample"},
         "planner": {"pattern": "lawnmower", "swaths": 4},
-        "satellite": {"sigma_m": asked.prior_sigma_m},
-        "reconstruction": {"joint": {"satellite": {"sigma_m": max(asked.prior_sigma_m, 0.01)}}},
+        "satellite": {"sigma_m": request.prior_sigma_m},
+        "reconstruction": {"joint": {"satellite": {"sigma_m": max(request.prior_sigma_m, 0.01)}}},
     }
 
 
-def _best_of(ways: list["Foreseen"], limit_m: float, probability: float, most_swaths: int = 8) -> "Foreseen":
-    """Return the way with the least to drive; end with exit code 5 where there is none."""
+def _best_of(
+    options: list["PredictedSurvey"], limit_m: float, probability: float, most_swaths: int = 8
+) -> "PredictedSurvey":
+    """Return the survey with the least to drive; end with exit code 5 where there is none."""
     from sim.mission.foresight import cheapest
 
-    best = cheapest(ways)
+    best = cheapest(options)
     if best is None:
         typer.echo(
-            f"firnline: an RMSE of {limit_m:.4g} m is not foreseen with {probability:.0%} by up to {most_swaths} swaths and 4 stakes; "
-            "ask for less, or for better sensors.",
+            f"firnline: no survey of up to {most_swaths} swaths and 4 stakes is predicted to reach an RMSE of {limit_m:.4g} m "
+            f"with {probability:.0%}; ask for a larger error, or for better sensors.",
             err=True,
         )
         raise typer.Exit(NOT_MET)
     return best
 
 
-def _say(best: "Foreseen", ways: list["Foreseen"]) -> None:
+def _print_options(best: "PredictedSurvey", options: list["PredictedSurvey"]) -> None:
     typer.echo(f"least to drive: {best}")
-    for way in ways:
+    for way in options:
         if way != best:
             typer.echo(f"            or: {way}")

@@ -1,8 +1,8 @@
-"""How wrong the map of a mission will be, errors of the rover's place included, before it is driven.
+"""Prediction of the map error of a mission before it is driven, errors of the rover's position included.
 
-The mission is rehearsed on the prior: where landmarks will lie and how their errors will be
-shared follows from the route and the sensors alone. The joint estimate's covariance needs no
-heights; those of the rehearsal only give the slopes.
+The mission is simulated on the prior: the places of landmarks, and how their errors are shared, follow from the
+route and the sensors alone. The covariance of the joint estimate needs no heights; those of the simulated drive
+only give the slopes.
 """
 
 from collections.abc import Iterable, Iterator
@@ -13,12 +13,16 @@ import numpy as np
 from scipy.special import gammainc
 
 import planners
-from planners.guarantee.assurance import fewest
+from planners.driving.rover import Crew
+from planners.ground.traversability import drivable
+from planners.guarantee.search import fewest
+from planners.planning import planned_on
+from planners.prediction.prior_cover import cell_centres, require_cover
+from planners.swaths.counting import count_lines
 from sim.config.mission import MissionConfig
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
 from sim.world.site import World
-from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -34,12 +38,19 @@ _BEYOND_M = 60.0
 _STEP_M = 5.0
 _UNSTATED_SIGMA_M, _UNSTATED_NUGGET_M = 1.0, 0.15
 _N_LEAST = 9
+# Patterns whose number of swaths can be varied, with everything else fixed before the drive.
+_SIZED = (planners.LawnmowerConfig, planners.WavyConfig)
 # Where the search for a number of swaths begins.
 _FIRST_TRIED = 4
 
 
-class Foreseen(NamedTuple):
-    """What a mission promises: expected RMSE [m], that of the site's mean height [m], chance of meeting the limit, drive [m]."""
+class PredictedSurvey(NamedTuple):
+    """A mission before it is driven.
+
+    ``swaths`` is the number of lines, ``stakes`` that of the stakes, ``rmse_m`` the expected error of the map,
+    ``site_mean_m`` the standard deviation of the site's mean height, ``chance`` the probability of meeting the limit,
+    ``length_m`` the distance to drive on the ground, ``pieces`` the number of swaths that the lines are cut into.
+    """
 
     swaths: int
     stakes: int
@@ -47,114 +58,164 @@ class Foreseen(NamedTuple):
     site_mean_m: float
     chance: float
     length_m: float
+    pieces: int
 
     def __str__(self) -> str:
+        """Return one line with the numbers and the probability."""
         stakes = f" with {self.stakes} stakes" if self.stakes else ""
-        return f"{self.swaths} swaths{stakes}: {self.rmse_m:.2f} m, {100 * self.chance:.0f} %, {self.length_m:.0f} m to drive"
+        lines = (
+            f"{self.swaths} swaths"
+            if self.pieces == self.swaths
+            else f"{self.swaths} lines in {self.pieces} pieces"
+        )
+        return (
+            f"{lines}{stakes}: {self.rmse_m:.2f} m, {100 * self.chance:.0f} %, {self.length_m:.0f} m to drive"
+        )
 
 
-def foresee(mission: MissionConfig, world: World, *, limit_m: float) -> Foreseen:
+def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) -> PredictedSurvey:
     r"""Predict the error of the map of a mission, with all that its landmarks share.
 
     With the joint covariance C of M nodes the mean squared error has the mean tr C / M and
-    the variance 2 tr C² / M²; the chance to stay within the limit is that of the gamma
+    the variance 2 tr C² / M²; the probability of staying within the limit is that of the gamma
     distribution with these moments (Satterthwaite 1946).
 
     Parameters
     ----------
     mission : MissionConfig
-        Pattern, sensors, aids and what is assumed of them.
+        Pattern, sensors, aiding and what is assumed of them.
     world : World
-        Its area and prior are used, and nothing else.
+        Only its area and prior are used.
     limit_m : float
-        RMSE that is wanted [m].
+        Largest RMSE [m].
+
+    Returns
+    -------
+    PredictedSurvey
+        Expected error, probability and distance.
 
     Raises
     ------
     InputError
-        A prior that does not tell a length scale, or no landmark in sight.
+        A prior without a height on the area, or too coarse for a length scale; no landmark in sight.
     ConfigError
         A mission that has no landmarks to share errors.
 
     Notes
     -----
-    As good as the covariance that is read from the prior, and the stated sensors. Relief
-    finer than the prior can tell is taken for 0.15 m, or ``reconstruction.gp.nugget_m``.
+    The prediction is as good as the covariance fitted to the prior and the stated sensors. Relief
+    finer than the prior's cells counts as 0.15 m, or as ``reconstruction.gp.nugget_m``.
     """
+    require_cover(world.area, world.prior)
+    return _predicted(mission, world, limit_m)
+
+
+def _predicted(mission: MissionConfig, world: World, limit_m: float) -> PredictedSurvey:
+    """Predict the error of the map; the prior has been checked."""
     if mission.fidelity == "ideal":
         raise ConfigError(
-            "the ideal fidelity has no errors of place to foresee; set fidelity = 'statistical'."
+            "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
         )
     solution, route = _rehearsed(mission, world)
-    xmin, ymin, xmax, ymax = world.area.bounds
-    step = max(xmax - xmin, ymax - ymin) / _NODES_ALONG
-    nodes = Grid(
-        (xmin + step / 2, ymin + step / 2, xmax - step / 2, ymax - step / 2), step, world.area.crs
-    ).xy
-    nodes = nodes[world.area.contains(nodes)]
-    if not len(nodes):
-        raise InputError("the area is too narrow for a grid of 20 nodes along it; foresee a larger one.")
-    return _promised(solution.covariance(nodes), limit_m, mission, route)
+    covariance = solution.covariance(cell_centres(world.area, _NODES_ALONG))
+    n = len(covariance)
+    mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
+    return PredictedSurvey(
+        count_lines(route),
+        mission.aids.stakes,
+        float(np.sqrt(mean)),
+        float(np.sqrt(covariance.mean())),
+        float(gammainc(mean**2 / variance, mean * limit_m**2 / variance)),
+        route.ground_length_m,
+        len(route.swaths),
+    )
 
 
-def ways_to_meet(
+def surveys_within(
     mission: MissionConfig,
     world: World,
     *,
     limit_m: float,
-    chance: float = 0.9,
+    probability: float = 0.9,
     least_swaths: int = 2,
     most_swaths: int = 8,
-) -> Iterator[Foreseen]:
-    """Yield, for 0, 2 and 4 stakes, the fewest swaths that meet the limit with the wanted chance, if any do."""
-    if not isinstance(mission.planner, planners.LawnmowerConfig | planners.WavyConfig):
+) -> Iterator[PredictedSurvey]:
+    """Yield, for 0, 2 and 4 stakes, the fewest swaths that meet the limit with a probability, if any do.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        With the pattern lawnmower or wavy; its number of swaths is varied.
+    world : World
+        Only its area and prior are used.
+    limit_m : float
+        Largest RMSE [m].
+    probability : float
+        Of meeting it.
+    least_swaths, most_swaths : int
+        Range of the search.
+
+    Yields
+    ------
+    PredictedSurvey
+        At most one for each number of stakes.
+
+    Raises
+    ------
+    ConfigError
+        A mission with another pattern.
+    """
+    if type(mission.planner) not in _SIZED:
+        names = " and ".join(planners.planner_of(kind(swaths=1)).name for kind in _SIZED)
         raise ConfigError(
-            f"stakes and swaths are weighed for the patterns lawnmower and wavy, not {mission.planner.pattern}; take one of them."
+            f"numbers of swaths and stakes are compared for the patterns {names}, not {mission.planner.pattern}; take one of them."
         )
+    require_cover(world.area, world.prior)
+    counts = range(least_swaths, most_swaths + 1)
     first = min(max(least_swaths, _FIRST_TRIED), most_swaths)
     for stakes in (0, 2, 4):
         aids = mission.aids.model_copy(update={"stakes": stakes})
         staked = mission.model_copy(update={"aids": aids})
-        found = _fewest_swaths(
-            staked, world, limit_m, chance, counts=range(least_swaths, most_swaths + 1), first=first
-        )
+        found = _fewest_swaths(staked, world, limit_m, probability, counts=counts, first=first)
         if found is not None:
-            first = found.swaths
-            yield found
+            first, survey = found
+            yield survey
 
 
 def _fewest_swaths(
-    mission: MissionConfig, world: World, limit_m: float, chance: float, *, counts: range, first: int
-) -> Foreseen | None:
-    """Return the fewest swaths that are foreseen to be enough, sought from `first` on."""
+    mission: MissionConfig, world: World, limit_m: float, probability: float, *, counts: range, first: int
+) -> tuple[int, PredictedSurvey] | None:
+    """Return the smallest number of swaths that is predicted to be enough, sought from `first` on."""
 
     @cache
-    def foreseen(swaths: int) -> Foreseen:
+    def predicted(swaths: int) -> PredictedSurvey:
         sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
-        return foresee(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
+        return _predicted(mission.model_copy(update={"planner": sized}), world, limit_m)
 
     nth = fewest(
-        lambda n: foreseen(counts[n - 1]).chance >= chance, first=counts.index(first) + 1, most=len(counts)
+        lambda n: predicted(counts[n - 1]).chance >= probability,
+        first=counts.index(first) + 1,
+        most=len(counts),
     )
-    return None if nth is None else foreseen(counts[nth - 1])
+    return None if nth is None else (counts[nth - 1], predicted(counts[nth - 1]))
 
 
-def cheapest(ways: Iterable[Foreseen]) -> Foreseen | None:
-    """Return the way with the least to drive, and of those the one with the fewest stakes."""
-    return min(ways, key=lambda way: (round(way.length_m), way.stakes), default=None)
+def cheapest(surveys: Iterable[PredictedSurvey]) -> PredictedSurvey | None:
+    """Return the survey with the least to drive, and of those the one with the fewest stakes."""
+    return min(surveys, key=lambda one: (round(one.length_m), one.stakes), default=None)
 
 
 def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Route]:
-    """Drive the mission over the prior, localize, and solve for what would be known."""
+    """Drive the mission over the prior, localize, and solve for the covariance of the map."""
     ground = _read_beyond(world.prior, world.area.bounds)
-    route = planners.plan(world.area, world.prior, mission.planner)
+    route = planned_on(drivable(world.area), world.area, mission.planner, crew=Crew(dem=world.prior))
     if mission.aids.way_home:
         route = with_way_home(route, world.area)
     recording, _ = simulate_statistical(ground, route, mission)
     localized = localize(recording, mission.assumed)
     path, points = localized.trajectory, localized.points
     if path.error is None:
-        raise ConfigError("the mission has no odometry, so that nothing is known of shared errors; add it.")
+        raise ConfigError("the mission has no odometry, so that shared errors are not known; add it.")
     joint = mission.reconstruction.joint
     sigma_m = joint.satellite.sigma_m or _UNSTATED_SIGMA_M
     nugget_m = mission.reconstruction.gp.nugget_m
@@ -174,7 +235,7 @@ def _covariance_of(
     near = ((xy >= bounds[:2]) & (xy <= bounds[2:])).all(axis=1) & np.isfinite(height)
     if near.sum() < _N_LEAST:
         raise InputError(
-            f"{int(near.sum())} known cells of the prior lie on the area; {_N_LEAST} are needed to tell how it varies."
+            f"{int(near.sum())} known cells of the prior lie on the area; {_N_LEAST} are needed to fit a covariance."
         )
     columns = np.column_stack([np.ones(int(near.sum())), xy[near] - xy[near].mean(axis=0)])
     rest = height[near] - columns @ np.linalg.lstsq(columns, height[near], rcond=None)[0]
@@ -196,14 +257,4 @@ def _read_beyond(prior: Dem, bounds: tuple[float, float, float, float]) -> Dem:
     level = float(np.nanmean(prior.elevation))
     return Dem.on(
         grid, np.where(np.isfinite(heights), heights, level).reshape(grid.shape), prior.vertical_datum
-    )
-
-
-def _promised(covariance: FloatArray, limit_m: float, mission: MissionConfig, route: Route) -> Foreseen:
-    n = len(covariance)
-    mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
-    chance = float(gammainc(mean**2 / variance, mean * limit_m**2 / variance))
-    site_mean = float(np.sqrt(covariance.mean()))
-    return Foreseen(
-        len(route.swaths), mission.aids.stakes, float(np.sqrt(mean)), site_mean, chance, route.length_m
     )

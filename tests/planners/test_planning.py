@@ -37,8 +37,8 @@ EVERY_PATTERN = [
 def test_every_pattern_plans_by_the_one_entry(config, tmp_path):
     route = plan(SITE, None, config, kernel=KERNEL, sample_step_m=20.0)
     assert SITE.free.covers(route.line)
-    assert route.prediction["length_m"] == pytest.approx(route.length_m)
-    assert route.prediction["time_s"] >= route.length_m
+    assert route.prediction["length_m"] == pytest.approx(route.ground_length_m)
+    assert route.prediction["time_s"] >= route.prediction["length_m"]
     route.write(tmp_path / "route.geojson")
     again = Route.read(tmp_path / "route.geojson")
     assert again.length_m == pytest.approx(route.length_m, abs=1e-3)
@@ -70,7 +70,8 @@ def test_a_prior_with_gaps_leaves_the_ground_level():
     elevation[10:20, 10:20] = np.nan
     prior = Dem.on(Grid((0.0, 0.0, 600.0, 600.0), 20.0, CRS), elevation)
     with_gaps, without = (plan(SITE, p, LawnmowerConfig(swaths=3)).prediction for p in (prior, None))
-    assert dict(with_gaps) == dict(without)
+    assert dict(with_gaps) == dict(without) | {"prior_covered_share": with_gaps["prior_covered_share"]}
+    assert with_gaps["prior_covered_share"] == pytest.approx(1.0 - (100 / 961), abs=0.02)
 
 
 def test_slow_rovers_take_longer():

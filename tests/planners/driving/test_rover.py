@@ -141,7 +141,7 @@ def test_a_battery_is_recharged_at_the_start_and_its_time_counted():
     route = plan(SITE, None, config, rover=tired)
     n = route.prediction["n_recharges"]
     assert n >= np.ceil(route.length_m / 3000.0) - 1
-    assert route.prediction["time_s"] == pytest.approx(route.length_m + n * 3600.0)
+    assert route.prediction["time_s"] == pytest.approx(route.ground_length_m + n * 3600.0)
 
 
 def test_a_single_rover_finishes_where_it_is_told():

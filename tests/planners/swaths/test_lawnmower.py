@@ -23,7 +23,8 @@ def test_four_swaths_lie_at_odd_eighths_and_run_edge_to_edge():
     ]
     assert [swath.xy.tolist() for swath in route.swaths] == expected
     assert route.spacing_m == 150.0
-    assert route.prediction["length_m"] == 4 * 600.0 + 3 * 150.0
+    assert route.length_m == 4 * 600.0 + 3 * 150.0
+    assert route.prediction["length_m"] == pytest.approx(route.ground_length_m)
     assert route.prediction["n_turns"] == 6
 
 
@@ -31,7 +32,9 @@ def test_four_swaths_lie_at_odd_eighths_and_run_edge_to_edge():
 def test_length_is_that_of_swaths_and_connectors(n):
     route = plan(SITE, None, LawnmowerConfig(swaths=n), rover=Rover(speed_m_s=2.0, turn_s=5.0))
     assert route.length_m == pytest.approx(600.0 * n + 600.0 * (n - 1) / n, rel=1e-12)
-    assert route.prediction["time_s"] == pytest.approx(route.length_m / 2.0 + 2 * (n - 1) * 5.0, rel=1e-12)
+    assert route.prediction["time_s"] == pytest.approx(
+        route.ground_length_m / 2.0 + 2 * (n - 1) * 5.0, rel=1e-12
+    )
 
 
 def test_connectors_are_driven_as_transits_between_the_swaths():

@@ -46,7 +46,7 @@ def test_a_plan_comes_with_its_picture_and_what_is_expected():
     out, _ = planned("site.gpkg", "--prior", "hill.tif", "--spacing", "25", "--json")
     content = json.loads(out)
     assert {"length_m", "n_turns", "time_s", "energy_j", "rmse_m", "left_out_share"} <= set(content)
-    assert Route.read(content["route"]).length_m == pytest.approx(content["length_m"])
+    assert Route.read(content["route"]).ground_length_m == pytest.approx(content["length_m"])
     assert Path(content["picture"]).read_bytes().startswith(b"\x89PNG")
 
 

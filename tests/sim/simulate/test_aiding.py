@@ -4,15 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import typer
 
 from planners import LawnmowerConfig
-from sim.cli.plan_foresight import tell_ways
-from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SatelliteConfig, SensorConfig
-from sim.mission.foresight import cheapest, foresee, ways_to_meet
+from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SensorConfig
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
-from sim.world.site import World
 from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.data.recording import Recording
 from survey.data.truth import Truth
@@ -129,34 +125,3 @@ def test_meetings_of_the_way_are_recognised():
     assert len(apart) >= 2
     assert apart.max() < 7.5
     np.testing.assert_allclose(np.linalg.norm(recording.loop_closures.offset, axis=1), apart, atol=0.5)
-
-
-def test_foresight_knows_stakes_and_swaths():
-    rng = np.random.default_rng(1)
-    ground = terrain()
-    inner = ground.window((-0.5, -0.5, 200.5, 200.5))
-    cells = Dem(inner.elevation[:50, :50].reshape(5, 10, 5, 10).mean(axis=(1, 3)), ground.transform, AREA.crs)
-    grid = Grid((20.0, 20.0, 180.0, 180.0), 40.0, AREA.crs)
-    cells = Dem.on(grid, cells.elevation + 0.5 * rng.standard_normal((5, 5)))
-    world = World(ground, cells, AREA)
-    plain, staked = (foresee(mission(stakes=n), world, limit_m=0.4) for n in (0, 2))
-    assert staked.rmse_m < plain.rmse_m
-    assert staked.site_mean_m < plain.site_mean_m
-    assert staked.chance >= plain.chance
-    assert cheapest([plain, staked]) == plain
-    found = list(ways_to_meet(mission(), world, limit_m=10.0, chance=0.5, most_swaths=2))
-    assert [(way.swaths, way.stakes) for way in found] == [(2, 0), (2, 2), (2, 4)]
-    assert str(found[1]).startswith("2 swaths with 2 stakes: ")
-
-
-def test_the_command_says_how_many_swaths_and_stakes(capsys, monkeypatch):
-    site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
-    asked = mission().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
-    tell_ways(asked, "10", 0.5, as_json=False)
-    assert capsys.readouterr().out.startswith("least to drive: 2 swaths: ")
-    monkeypatch.setattr(
-        "sim.mission.foresight.ways_to_meet", lambda *_, **__: iter(())
-    )  # none of 24 that would be tried
-    with pytest.raises(typer.Exit):
-        tell_ways(asked, "0.001", 0.5, as_json=False)
-    assert "is not foreseen" in capsys.readouterr().err

@@ -1,64 +1,41 @@
-r"""How sure it is that a map will meet a limit, over all that the terrain may be.
+"""Posterior distribution of the terrain's covariance, from the cells of a prior or from a survey."""
 
-What is not known of the terrain is a set of covariances, each with a weight (`KernelPosterior`): learned from the
-cells of a coarse prior, or from the survey itself. A prior shows nothing finer than its cells, so what is promised
-from it alone rests on the roughest family that they do not exclude (`cautious_belief`). For each covariance the
-mean squared error of the map over M nodes is a weighted sum of squared normal numbers. Its mean and variance follow
-from the posterior covariance C,
-
-.. math::  E = \frac{1}{M} \mathrm{tr}\, C, \qquad V = \frac{2}{M^2} \mathrm{tr}\, C^2
-
-and the chance that it stays below the squared limit is that of the gamma distribution with the same two
-moments (Satterthwaite 1946).
-"""
-
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
-from scipy.special import gammainc, gammaln
 
-from planners.guarantee.correlogram import Correlogram
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
-from survey.data.area import SurveyArea
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.covariance.stationary import Stationary
 from survey.reconstruction.gp.selection.kernel_search import ALL, Cell, KernelSearch, SearchedFamily
 from survey.terrain.conditional import CoarseCells
 
-_N_NODES = 300
-# The first of them tell how much errors at different nodes have in common.
-_N_IN_COMMON = 120
-# The plastic number, whose powers spread places evenly over the plane (Roberts 2018).
-_PLASTIC = 1.324717957244746
-LEARNED = 1.02
-"""How much larger errors come out where the covariance is learned than where it is known, on rough terrain."""
-# Samples nearer to one another than this share of the slope length are averaged, but no more of them than here:
-# rough terrain changes between them.
-_AVERAGED = 0.2
-_MOST_AVERAGED: dict[SearchedFamily, int] = {
-    "squared-exponential": 6,
-    "matern-5/2": 4,
-    "matern-3/2": 2,
-    "whittle": 2,
-}
 _LENGTHS_PER_DOUBLING = 2
+
+
 # Four covariances hold nearly all of what the samples leave open.
 _MOST_KERNELS = 4
+
+
 _LEAST_WEIGHT = 0.01
+
+
 # A family is excluded where the cells are less likely under all of it, by this factor, than under the best. It takes
 # much: on real ground one valley decides the likelihood of coarse cells, and tells little of the relief between them.
 _EXCLUDED = 0.001
+
+
 # Samples of a cluster, counted along the way from its first one, and how many clusters a covariance is learned from.
 _LAGS = np.array([0, 1, 3, 7])
+
+
 _MOST_CLUSTERS = 60
-# Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
-_LEAST_RATIO = 4e-9
+
+
 # 2 ν + 1 for a smoothness ν; that of a squared exponential is finite as the noise has it.
 _GROWTH: dict[SearchedFamily, float] = {
     "squared-exponential": 8.0,
@@ -87,7 +64,7 @@ def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> 
     return float(np.sqrt(noise_m**2 + 2.0 * localization_m**2 * slope_variance))
 
 
-class Believed(NamedTuple):
+class WeightedKernel(NamedTuple):
     """A covariance that the terrain may have, the error of a sample under it [m], and its weight.
 
     ``unseen_m2`` is the variance of relief so fine that samples show it as noise: each place of a map misses it.
@@ -109,10 +86,10 @@ class Believed(NamedTuple):
 class KernelPosterior:
     """Covariances that the terrain may have, the weightiest first; weights sum to 1."""
 
-    kernels: tuple[Believed, ...]
+    kernels: tuple[WeightedKernel, ...]
 
     @classmethod
-    def of(cls, found: list[Believed]) -> "KernelPosterior":
+    def of(cls, found: list[WeightedKernel]) -> "KernelPosterior":
         """Keep the weightiest, and scale their weights."""
         order = sorted(found, key=lambda one: -one.weight)
         kept = [one for one in order[:_MOST_KERNELS] if one.weight > _LEAST_WEIGHT * order[0].weight]
@@ -120,7 +97,7 @@ class KernelPosterior:
         return cls(tuple(one._replace(weight=one.weight / total) for one in kept))
 
     @classmethod
-    def of_families(cls, found: list[Believed]) -> "KernelPosterior":
+    def of_families(cls, found: list[WeightedKernel]) -> "KernelPosterior":
         """Keep the weightiest of each family, with the weight of the whole family.
 
         What cannot be told apart is so kept: cells of a prior seldom tell how rough the terrain is between them.
@@ -130,7 +107,7 @@ class KernelPosterior:
         return cls.of([one._replace(weight=shares[family]) for family, one in best.items()])
 
     @property
-    def likeliest(self) -> Believed:
+    def likeliest(self) -> WeightedKernel:
         """The weightiest covariance."""
         return self.kernels[0]
 
@@ -145,13 +122,15 @@ class KernelPosterior:
         """Weighted mean of the exponents with which the squared error of a strip grows with its width."""
         return sum(one.weight * _GROWTH[one.cell.family] for one in self.kernels)
 
-    def draw(self, rng: np.random.Generator) -> Believed:
+    def draw(self, rng: np.random.Generator) -> WeightedKernel:
         """Return one of the covariances by chance."""
         weights = [one.weight for one in self.kernels]
         return self.kernels[int(rng.choice(len(weights), p=weights))]
 
 
-def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0) -> KernelPosterior:
+def posterior_from_prior(
+    cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0
+) -> KernelPosterior:
     """Learn covariances from the cells of a coarse prior, all families equally likely beforehand.
 
     Parameters
@@ -169,7 +148,7 @@ def belief_from_prior(cells: CoarseCells, *, noise_m: float, localization_m: flo
     return KernelPosterior.of_families(_lattice(cells, ALL, noise_m, localization_m))
 
 
-def cautious_belief(
+def cautious_posterior(
     cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0, assumed: SearchedFamily | None = None
 ) -> KernelPosterior:
     """Return the covariances of the roughest family that the cells of a prior do not exclude.
@@ -192,7 +171,7 @@ def cautious_belief(
 
 def _lattice(
     cells: CoarseCells, families: tuple[SearchedFamily, ...], noise_m: float, localization_m: float
-) -> list[Believed]:
+) -> list[WeightedKernel]:
     """Weigh the covariances of a lattice of lengths and variances by how likely they make the cells."""
     height = cells.height_m - cells.height_m.mean()
     extent = float(np.ptp(cells.places.reshape(-1, 2), axis=0).max())
@@ -206,7 +185,7 @@ def _lattice(
             for variance in variances.tolist():
                 noise = localized_noise_m(noise_m, localization_m, cell.kernel(variance))
                 logs.append(_log_likelihood(variance * unit, cells.sigma_m, height))
-                found.append(Believed(cell, variance, noise, 0.0))
+                found.append(WeightedKernel(cell, variance, noise, 0.0))
     weights = np.exp(np.array(logs) - np.max(logs)).tolist()
     return [one._replace(weight=weight) for one, weight in zip(found, weights, strict=True)]
 
@@ -226,7 +205,7 @@ def _log_likelihood(covariance: FloatArray, sigma_m: float, height: FloatArray) 
     return float(-0.5 * (about @ about) - np.log(np.diag(factor)).sum() - 0.5 * np.log(weight))
 
 
-def belief_from_survey(
+def posterior_from_survey(
     xy: FloatArray, heights: FloatArray, *, noise_m: float, localization_m: float = 0.0
 ) -> KernelPosterior:
     """Learn family, length scale, variance and noise from the samples of a survey.
@@ -249,7 +228,9 @@ def belief_from_survey(
         stated = localized_noise_m(stated, localization_m, search(stated).found()[0].kernel)
     return KernelPosterior.of(
         [
-            Believed(one.cell, one.variance_m2, one.noise_m, weight, max(one.noise_m**2 - stated**2, 0.0))
+            WeightedKernel(
+                one.cell, one.variance_m2, one.noise_m, weight, max(one.noise_m**2 - stated**2, 0.0)
+            )
             for one, weight in search(stated).plausible()
         ]
     )
@@ -265,138 +246,3 @@ def _clusters(n: int) -> IntArray:
     first = np.linspace(0, max(n - 1 - _LAGS[-1], 0), n_clusters).astype(int)
     chosen: IntArray = np.unique(np.minimum(first[:, None] + _LAGS, n - 1))
     return chosen
-
-
-class Assured(NamedTuple):
-    """Chance that the map meets the limit, and its expected root mean square error [m]."""
-
-    probability: float
-    rmse_m: float
-
-
-class _Seen(NamedTuple):
-    """Correlations of the places of a plan, for one family and length: among them, and with the nodes."""
-
-    among: FloatArray
-    across: FloatArray
-    common: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Assurance:
-    """Tells how sure it is that samples at given places make a map within a limit.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        Where the map is judged, at 300 places or so.
-    limit_m : float
-        Largest root mean square error allowed [m].
-    step_m : float
-        Distance between samples [m].
-    doubt : float
-        How much larger errors are taken to be than the covariances say, which are not known but learned.
-    """
-
-    area: SurveyArea
-    limit_m: float
-    step_m: float
-    doubt: float = 1.0
-
-    @cached_property
-    def nodes(self) -> FloatArray:
-        """Places (M, 2) on the free ground [m], in no step with any swaths; any first part of them is spread evenly."""
-        low, high = np.array(self.area.bounds[:2]), np.array(self.area.bounds[2:])
-        n = int(_N_NODES * np.prod(high - low) / max(self.area.free.area, 1e-9))
-        share = (0.5 + np.arange(1, min(n, 100 * _N_NODES) + 1)[:, None] / _PLASTIC ** np.array([1, 2])) % 1.0
-        nodes = low + share * (high - low)
-        inside: FloatArray = nodes[self.area.contains(nodes)]
-        if not len(inside):
-            raise InputError("the area is so thin that no node of its map lies on free ground; widen it.")
-        return inside
-
-    @cached_property
-    def _reach_m(self) -> float:
-        """Farthest that two places of the area can be apart [m]."""
-        xmin, ymin, xmax, ymax = self.area.bounds
-        return float(np.hypot(xmax - xmin, ymax - ymin))
-
-    def of(self, xy: FloatArray, belief: KernelPosterior) -> Assured:
-        """Return what samples at the places (N, 2) [m] promise."""
-        seen: dict[tuple[str, float], _Seen] = {}
-        each = []
-        for one in belief.kernels:
-            thin = self._averaged(one)
-            key = one.cell.family, one.cell.length
-            if key not in seen:
-                seen[key] = self._seen(xy[::thin], one.cell)
-            each.append(self._under(one, seen[key], thin))
-        weights = np.array([one.weight for one in belief.kernels])
-        return Assured(
-            float(weights @ [one.probability for one in each]),
-            float(weights @ [one.rmse_m for one in each]),
-        )
-
-    def _averaged(self, believed: Believed) -> int:
-        """Return how many samples one place stands for."""
-        n = int(_AVERAGED * slope_length_m(believed.kernel) / self.step_m)
-        return min(max(n, 1), _MOST_AVERAGED[believed.cell.family])
-
-    def _seen(self, places: FloatArray, cell: Cell) -> _Seen:
-        read, some = Correlogram(cell, self._reach_m), self.nodes[:_N_IN_COMMON]
-        return _Seen(read.between(places, places), read.between(places, self.nodes), read.between(some, some))
-
-    def _under(self, believed: Believed, seen: _Seen, thin: int) -> Assured:
-        """Return what is promised if the terrain has this covariance; each place stands for `thin` samples."""
-        matrix = seen.among.copy()
-        matrix[np.diag_indices(len(matrix))] += max(
-            believed.noise_m**2 / thin / believed.variance_m2, _LEAST_RATIO
-        )
-        factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
-        if failed:
-            return Assured(0.0, float(np.sqrt(believed.variance_m2)))
-        half = lapack.dtrtrs(factor, np.column_stack([np.ones(len(matrix)), seen.across]), lower=1)[0]
-        ones, explained = half[:, 0], half[:, 1:]
-        gap = 1.0 - ones @ explained
-        left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) / (ones @ ones)
-        some, gap = explained[:, :_N_IN_COMMON], gap[:_N_IN_COMMON]
-        common = seen.common - some.T @ some + np.outer(gap, gap) / (ones @ ones)
-        scale_m2 = self.doubt**2 * believed.variance_m2
-        common = scale_m2 * common
-        common[np.diag_indices(len(common))] += believed.unseen_m2
-        return self._chance(scale_m2 * left + believed.unseen_m2, common)
-
-    def _chance(self, variance_m2: FloatArray, covariance_m2: FloatArray) -> Assured:
-        """Return the chance of a gamma distributed mean square, from the errors' variances and some covariances."""
-        mean = max(float(variance_m2.mean()), 1e-12)
-        variance = max(2.0 * float(np.square(covariance_m2).mean()), 1e-6 * mean**2)
-        shape = mean**2 / variance
-        # The mean of the square root of a gamma distributed number.
-        rmse = np.exp(gammaln(shape + 0.5) - gammaln(shape)) * np.sqrt(mean / shape)
-        return Assured(float(gammainc(shape, shape * self.limit_m**2 / mean)), float(rmse))
-
-
-def fewest(is_enough: Callable[[int], bool], *, first: int, most: int) -> int | None:
-    """Return the smallest number from 1 to `most` that is enough, sought from `first` on; None where none is.
-
-    Examples
-    --------
-    >>> fewest(lambda n: n >= 7, first=5, most=30)
-    7
-    """
-    low, high, step = 0, min(max(first, 1), most), 1
-    if is_enough(high):
-        while high - step > low:
-            if not is_enough(high - step):
-                low = high - step
-                break
-            high, step = high - step, 2 * step
-    else:
-        while not is_enough(high):
-            if high >= most:
-                return None
-            low, high, step = high, min(high + step, most), 2 * step
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if is_enough(middle) else (middle, high)
-    return high

@@ -1,4 +1,4 @@
-"""``firnline plan --require``: promises, refusals, and a survey planned swath by swath."""
+"""``firnline plan --require``: guarantees, refusals, and a survey planned swath by swath."""
 
 import json
 
@@ -33,32 +33,32 @@ def firnline(folder, *options: str, code: int = 0):
     return result
 
 
-def test_a_class_is_promised_and_what_was_assumed_is_told(site):
+def test_a_class_is_guaranteed_with_its_assumptions(site):
     folder, _ = site
-    out = folder / "promised.geojson"
-    told = json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
-    assert min(told["probability"], told["simulated_share"]) >= 0.9
-    assert "learned from the prior" in told["assumed"]
-    assert told["likely_rmse_m"] <= told["rmse_m"]
-    assert Route.read(out).length_m == pytest.approx(told["length_m"])
-    assert (folder / "promised.png").stat().st_size > 10_000
+    out = folder / "guaranteed.geojson"
+    facts = json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
+    assert min(facts["probability"], facts["simulated_share"]) >= 0.9
+    assert "fitted to the prior" in facts["assumed"]
+    assert facts["likely_rmse_m"] <= facts["rmse_m"]
+    assert Route.read(out).ground_length_m == pytest.approx(facts["length_m"])
+    assert (folder / "guaranteed.png").stat().st_size > 10_000
 
 
-def test_what_cannot_be_promised_is_refused_in_one_sentence_and_nothing_is_written(site):
+def test_what_cannot_be_guaranteed_is_refused_in_one_sentence_and_nothing_is_written(site):
     folder, _ = site
     out = folder / "refused.geojson"
     result = firnline(folder, "--require", "0.02", "--noise", "1.0", "-o", str(out), code=5)
     (sentence,) = result.stderr.strip().splitlines()
-    assert "cannot be promised" in sentence
+    assert "cannot be guaranteed" in sentence
     assert "they reach" in sentence
     assert not out.exists()
     assert "no map class" in firnline(folder, "--require", "class-9", code=4).stderr
 
 
-def test_a_survey_is_planned_swath_by_swath_until_the_promise_holds(site):
+def test_a_survey_is_planned_swath_by_swath_until_the_guarantee_holds(site):
     folder, terrain = site
     part, files = folder / "next.geojson", (folder / "driven.geojson", folder / "samples.csv")
-    options = ["--require", "0.3", "--adaptive", "-o", str(part)]
+    options = ["--require", "0.3", "--adaptive", "--force", "-o", str(part)]
     firnline(folder, *options)
     driven = Route.read(part)
     for _ in range(8):
@@ -66,34 +66,34 @@ def test_a_survey_is_planned_swath_by_swath_until_the_promise_holds(site):
         heights = terrain.at(xy) + 0.1 * stream(7, len(xy)).standard_normal(len(xy))
         driven.write(files[0])
         SurfacePoints(np.column_stack([xy, heights]), sigma_m=np.full(len(xy), 0.1), crs=CRS).write(files[1])
-        told = json.loads(
+        facts = json.loads(
             firnline(folder, *options, "--driven", str(files[0]), "--measured", str(files[1])).stdout
         )
-        if "done" in told:
+        if "done" in facts:
             break
         driven = Route((*driven.legs, *Route.read(part).legs), CRS, "adaptive")
-    assert told["probability"] >= 0.9
+    assert facts["probability"] >= 0.9
     assert 2 <= len(driven.swaths) <= 9
     assert isinstance(terrain, Dem)
 
 
-def test_what_a_promise_decides_itself_is_not_taken_beside_it(site):
+def test_options_that_the_guarantee_decides_are_refused(site):
     folder, _ = site
     said = firnline(folder, "--require", "class-3", "--swaths", "4", code=4).stderr
-    assert "leave out swaths" in said
+    assert "leave out --swaths" in said
     assert (
         "leave out --assume"
         in firnline(folder, "--require", "1", "--adaptive", "--assume", "whittle", code=4).stderr
     )
-    assert "leave out settings" in firnline(folder, "--require", "1", "--set", "aids.stakes=2", code=4).stderr
+    assert "leave out --set" in firnline(folder, "--require", "1", "--set", "aids.stakes=2", code=4).stderr
 
 
-def test_shared_errors_are_foreseen_with_swaths_and_stakes(site):
+def test_shared_errors_are_predicted_with_swaths_and_stakes(site):
     folder, _ = site
     out = folder / "joint.geojson"
     options = ["--require", "2.0", "--joint", "--set", "aids.base_station=true", "-o", str(out)]
-    told = json.loads(firnline(folder, *options).stdout)
-    assert [way["stakes"] for way in told["ways"]] == [0, 2, 4]
-    assert all(way["chance"] >= 0.9 for way in told["ways"])
-    assert len(Route.read(out).swaths) == min(way["swaths"] for way in told["ways"])
+    facts = json.loads(firnline(folder, *options).stdout)
+    assert [way["stakes"] for way in facts["ways"]] == [0, 2, 4]
+    assert all(way["chance"] >= 0.9 for way in facts["ways"])
+    assert len(Route.read(out).swaths) == min(way["swaths"] for way in facts["ways"])
     assert "leave out --adaptive" in firnline(folder, *options, "--adaptive", code=4).stderr

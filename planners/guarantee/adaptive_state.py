@@ -1,0 +1,200 @@
+"""State of an adaptive survey while it is driven."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planners.capacity import MOST_SAMPLES, require_samples
+from planners.config import WavyConfig
+from planners.guarantee.gaps import gaps_filled
+from planners.guarantee.kernel_posterior import KernelPosterior, posterior_from_survey
+from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
+from planners.guarantee.search import fewest
+from planners.guarantee.survey_lines import SurveyLines
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.route import Leg
+
+MeasureHeights = Callable[[FloatArray], FloatArray]
+"""Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""
+
+MOST_SWATHS = 30
+# A survey is given up after no fewer swaths, unless the densest one has less than this probability.
+_LEAST_SEEN = 6
+_HOPE = 0.05
+
+
+@dataclass(frozen=True)
+class AdaptiveConfig:
+    """Settings of an adaptive survey.
+
+    Parameters
+    ----------
+    limit_m : float
+        Largest root mean square error of the map [m].
+    probability : float
+        Probability with which the limit has to be met, between 0 and 1.
+    noise_m, localization_m : float
+        Stated error of a sample's height, and of the rover's place east and north [m].
+    sample_step_m : float
+        Distance between samples [m].
+    n_first : int
+        Swaths that are driven before the covariance is fitted.
+    first_probability : float
+        Probability, from the prior, that the spacing of the first swaths is enough. A gap that proves too
+        wide takes one more swath.
+    heading_deg : float, optional
+        Heading of the swaths, counter-clockwise from east [deg]; across the narrowest width when left out. The
+        prediction assumes terrain that varies alike in all directions: let swaths run across a marked grain
+        (`planners.swaths.heading.across_marked_grain`), not along it.
+    """
+
+    limit_m: float
+    probability: float = 0.9
+    noise_m: float = 0.1
+    localization_m: float = 0.0
+    sample_step_m: float = 10.0
+    n_first: int = 2
+    first_probability: float = 0.8
+    heading_deg: float | None = None
+
+    def in_grid_metres(self, factor: float) -> "AdaptiveConfig":
+        """Return the settings with their horizontal lengths multiplied by a factor.
+
+        Parameters
+        ----------
+        factor : float
+            As `planners.ground_metres.settings_factor` returns it.
+
+        Returns
+        -------
+        AdaptiveConfig
+            Heights and errors of heights stay.
+        """
+        step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
+        return replace(self, sample_step_m=step_m, localization_m=localization_m)
+
+
+def nearest_line(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[float, float]:
+    """Return the line (offset, spacing) [m] that is nearest to an offset."""
+    return min(lines, key=lambda line: abs(line[0] - offset_m))
+
+
+class AdaptiveState:
+    """State of an adaptive survey: what was driven and measured, and the posterior from it."""
+
+    def __init__(self, area: SurveyArea, posterior: KernelPosterior, config: AdaptiveConfig) -> None:
+        self.config, self.posterior = config, posterior
+        self.lines = SurveyLines(area, config.heading_deg)
+        self.predictor = LimitPredictor(area, config.limit_m, config.sample_step_m, FITTED_KERNEL_INFLATION)
+        self.offsets: list[float] = []
+        self.n_further = 0
+        self.legs: list[Leg] = []
+        self.samples, self.heights = np.empty((0, 2)), np.empty(0)
+        self.predicted = MapPrediction(0.0, float(np.sqrt(posterior.likeliest.variance_m2)))
+
+    @property
+    def here(self) -> FloatArray | None:
+        """Where the rover is [m], None before it has driven."""
+        return self.legs[-1].xy[-1] if self.legs else None
+
+    def offset_of(self, place: FloatArray | None) -> float:
+        """Distance of a place, the start at first, from the area's edge [m]."""
+        starts = self.lines.area.starts
+        if place is None and not len(starts):
+            return 0.0
+        place = starts[0] if place is None else place
+        return float(place @ self.lines.left - self.lines.v.min())
+
+    def nearest(self, lines: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        """Return the line nearest to the rover; the first one is nearest to the edge where it starts."""
+        return nearest_line(lines, self.offset_of(self.here))
+
+    @property
+    def wavelength_m(self) -> float:
+        """Length of the waves of the swaths to come [m]."""
+        scales = WavyConfig(swaths=1).wavelength_scales
+        return scales * self.posterior.slope_length_m
+
+    def further(self, probability: float) -> list[tuple[float, float]] | None:
+        """Return the fewest further lines that are predicted to be enough; None where none are.
+
+        A prior, or a swath or two, may make the terrain look rougher than it is: while there is hope, some swaths are
+        laid over the whole area before it is given up.
+        """
+        most = MOST_SWATHS - len(self.offsets)
+        if most < 1:
+            return None
+
+        def is_enough(n_lines: int) -> bool:
+            self.predicted = self.predicted_with(self._filled(n_lines))
+            return self.predicted.probability >= probability
+
+        # The swath just driven has made the last plan one shorter, more or less: begin there.
+        found = fewest(is_enough, first=self.n_further - 1, most=most)
+        if found is None:
+            found = _LEAST_SEEN - len(self.offsets)
+            if found < 1 or self.predicted.probability < _HOPE:
+                return None
+        self.n_further = found
+        return self._filled(found)
+
+    def _filled(self, n_lines: int) -> list[tuple[float, float]]:
+        return gaps_filled(self.offsets, self.lines.width_m, n_lines, self.posterior.growth)
+
+    def predicted_with(self, lines: Sequence[tuple[float, float]]) -> MapPrediction:
+        """Predict the map once the lines and the ways to them are driven too."""
+        here = self.here
+        left, planned = list(lines), [self.samples]
+        while left:
+            line = nearest_line(left, self.offset_of(here))
+            left.remove(line)
+            for piece in self._pieces(line, here):
+                driven = piece if here is None else np.vstack([here, piece])
+                planned.append(places_along(driven, self.config.sample_step_m))
+                here = piece[-1]
+        if here is None:
+            raise InputError("no swath meets the free ground of the area; ask for another area.")
+        return self.predictor.of(np.vstack(planned), self.posterior)
+
+    def drive(self, line: tuple[float, float], measure: MeasureHeights) -> None:
+        """Drive to a line and along it, and take samples all the way."""
+        for piece in self._pieces(line, self.here):
+            before = len(self.legs)
+            if self.legs and np.hypot(*(piece[0] - self.legs[-1].xy[-1])) > 0.0:
+                self.legs.append(Leg("transit", self.lines.ground.way(self.legs[-1].xy[-1], piece[0])))
+            self.legs.append(Leg("swath", piece, axis=piece[[0, -1]]))
+            driven = np.vstack([leg.xy for leg in self.legs[before:]])
+            xy = places_along(driven, self.config.sample_step_m)
+            self.samples = np.vstack([self.samples, xy])
+            self.heights = np.append(self.heights, measure(xy))
+        self.offsets.append(line[0])
+
+    def _pieces(self, line: tuple[float, float], here: FloatArray | None) -> list[FloatArray]:
+        """Return what is driven on a line, piece by piece from the end that is nearer."""
+        pieces = self.lines.swath(*line, self.wavelength_m)
+        if here is None or not pieces:
+            return pieces
+        is_forth = np.hypot(*(pieces[0][0] - here)) <= np.hypot(*(pieces[-1][-1] - here))
+        return pieces if is_forth else [xy[::-1] for xy in pieces[::-1]]
+
+    def learn(self) -> None:
+        """Fit family, length, variance and noise to all samples, and predict the map."""
+        config = self.config
+        self.posterior = posterior_from_survey(
+            self.samples,
+            self.heights,
+            noise_m=config.noise_m,
+            localization_m=config.localization_m,
+        )
+        self.predicted = self.predictor.of(self.samples, self.posterior)
+
+
+def places_along(xy: FloatArray, step_m: float) -> FloatArray:
+    """Return places (M, 2) every `step_m` along a polyline (N, 2), its start included [m]."""
+    require_samples(float(np.hypot(*np.diff(xy, axis=0).T).sum()), step_m, MOST_SAMPLES)
+    distance = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T))]
+    at = np.arange(0.0, distance[-1] + 1e-9, step_m)
+    return np.column_stack([np.interp(at, distance, xy[:, 0]), np.interp(at, distance, xy[:, 1])])

@@ -1,0 +1,109 @@
+"""Requirement on a map: the largest error, its probability, and the errors of the samples."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from survey.core.errors import ConfigError
+from survey.reconstruction.gp.selection.kernel_search import ALL, SearchedFamily
+from survey.scoring.standards.standards import map_classes
+
+
+@dataclass(frozen=True)
+class MapRequirement:
+    """Requirement on a map, with the errors of the samples it is made from.
+
+    Parameters
+    ----------
+    limit_m : float
+        Largest root mean square error of the map [m].
+    probability : float
+        Probability with which the limit has to be met, between 0 and 1.
+    noise_m, localization_m : float
+        Standard deviation of a sample's height, and of the rover's place east and north [m].
+    sample_step_m : float
+        Distance between samples [m].
+    prior_sigma_m : float
+        Standard deviation of a cell of the prior [m].
+    n_simulations : int
+        Number of simulated surveys.
+    seed : int
+        Seed of the simulated terrain.
+    assumed : str, optional
+        Covariance family of the terrain; by default the roughest that the prior does not exclude.
+
+    Raises
+    ------
+    ConfigError
+        A number out of its range.
+    """
+
+    limit_m: float
+    probability: float = 0.9
+    noise_m: float = 0.1
+    localization_m: float = 0.0
+    sample_step_m: float = 10.0
+    prior_sigma_m: float = 1.0
+    n_simulations: int = 100
+    seed: int = 0
+    assumed: SearchedFamily | None = None
+
+    def in_grid_metres(self, factor: float) -> "MapRequirement":
+        """Return the requirement with its horizontal lengths multiplied by a factor.
+
+        Parameters
+        ----------
+        factor : float
+            As `planners.ground_metres.settings_factor` returns it.
+
+        Returns
+        -------
+        MapRequirement
+            Heights and errors of heights stay.
+        """
+        step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
+        return replace(self, sample_step_m=step_m, localization_m=localization_m)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.probability < 1.0:
+            raise ConfigError(
+                f"the probability is {self.probability}; give a number between 0 and 1, e.g. 0.9."
+            )
+        for name in ("limit_m", "sample_step_m"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise ConfigError(f"{name} is {getattr(self, name)}; it must be greater than 0.")
+        for name in ("noise_m", "localization_m", "prior_sigma_m"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise ConfigError(f"{name} is {getattr(self, name)}; it must be 0 or greater.")
+        if self.assumed is not None and self.assumed not in ALL:
+            raise ConfigError(f"{self.assumed} is no family of covariances; take {', '.join(ALL)}.")
+        if self.n_simulations < 10:
+            raise ConfigError(
+                f"{self.n_simulations} simulations are too few for a probability; take 10 or more."
+            )
+
+
+def reachable_class(rmse_m: float) -> str | None:
+    """Return the strictest map class of the paper's tables that an error meets.
+
+    Parameters
+    ----------
+    rmse_m : float
+        Root mean square error of a map [m].
+
+    Returns
+    -------
+    str or None
+        Class, contour interval and limit in words; None where it meets none.
+
+    Examples
+    --------
+    >>> reachable_class(0.25)
+    'Class 2 at a 1.829 m interval (0.3048 m)'
+    """
+    met = [row for row in map_classes() if rmse_m <= row.limit_m]
+    return (
+        f"{met[-1].map_class} at a {met[-1].interval_m:.4g} m interval ({met[-1].limit_m:.4f} m)"
+        if met
+        else None
+    )

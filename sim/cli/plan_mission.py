@@ -1,0 +1,28 @@
+"""``firnline plan MISSION``: the plan stage of a mission, or the numbers of swaths and stakes that it needs."""
+
+from sim.cli.plan_request import PlanRequest
+
+
+def plan_mission(request: PlanRequest) -> None:
+    """Run the plan stage of a mission."""
+    from sim.cli.mission_file import run_until, tell
+
+    _, run = run_until(
+        request.source,
+        "plan",
+        runs=request.runs,
+        settings=list(request.settings),
+        quiet=request.quiet,
+        verbose=request.verbose,
+    )
+    tell(run, as_json=request.as_json)
+
+
+def required_swaths(request: PlanRequest) -> None:
+    """Print the numbers of swaths and stakes with which the mission's map meets the class."""
+    from sim.cli.plan_foresight import print_options_of
+    from sim.cli.plan_guarantee import limit_of
+    from sim.mission.runs import read_mission
+
+    mission = read_mission(request.source, list(request.settings))
+    print_options_of(mission, limit_of(str(request.require)), request.probability, as_json=request.as_json)

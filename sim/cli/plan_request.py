@@ -1,0 +1,130 @@
+"""Request of ``firnline plan``: its options, checked against one another before any work."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+    import survey
+
+_FORMATS = (".geojson", ".gpkg")
+_LEAST_MARGIN_M = 200.0
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """Options of the command; None stands for an option that was not given."""
+
+    source: Path
+    out: Path
+    prior: Path | None
+    crs: str | None
+    no_go: Path | None
+    pattern: str | None
+    swaths: int | None
+    spacing: float | None
+    budget: float | None
+    rmse: float | None
+    rovers: int | None
+    max_slope: float | None
+    require: str | None
+    probability: float
+    noise_m: float
+    localization_m: float
+    prior_sigma_m: float
+    assume: str | None
+    joint: bool
+    adaptive: bool
+    driven: Path | None
+    measured: Path | None
+    settings: tuple[str, ...]
+    runs: Path
+    force: bool
+    as_json: bool
+    quiet: bool
+    verbose: int
+
+    @property
+    def picture(self) -> Path:
+        """Picture of the route, beside it."""
+        return self.out.with_suffix(".png")
+
+    @property
+    def is_mission(self) -> bool:
+        """Whether the source is a mission file."""
+        return self.source.suffix == ".toml"
+
+    def given(self, *names: str) -> list[str]:
+        """Return those of the named options that were given, as they are written on the command line."""
+        known = {field.name for field in fields(self)}
+        return [
+            "--" + name.replace("_", "-")
+            for name in names
+            if name in known and getattr(self, name) not in (None, False, ())
+        ]
+
+    def check_outputs(self) -> None:
+        """Refuse outputs that exist, are inputs, cannot be written or have an unknown format.
+
+        Raises
+        ------
+        InputError
+            One sentence that names the output and what to do.
+        """
+        from sim.cli.outputs import refuse_existing
+        from survey.core.errors import InputError
+
+        if self.out.suffix.lower() not in _FORMATS:
+            raise InputError(
+                f"the route {self.out} ends in {self.out.suffix!r}; {' or '.join(_FORMATS)} was expected "
+                "(firnline export writes other formats from it)."
+            )
+        inputs = (self.source, self.prior, self.no_go, self.driven, self.measured)
+        refuse_existing((self.out, self.picture), force=self.force, inputs=inputs)
+
+    def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
+        """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
+        import survey
+        from planners.ground.no_go_mask import without_marked
+
+        crs: Any = self.crs
+        if crs is None and self.prior is not None:
+            crs = _crs_of(self.prior)
+        area = survey.SurveyArea.read(self.source, crs=crs)
+        prior = None if self.prior is None else read_about(self.prior, area, "the prior")
+        if self.no_go is not None:
+            area = without_marked(area, read_about(self.no_go, area, "the raster of no-go ground", mask=True))
+        return area, prior
+
+
+def _crs_of(path: Path) -> "CRS":
+    """Return the projected CRS that a raster's header names."""
+    from survey.core.geodesy import projected_crs
+    from survey.io.raster import raster_facts
+
+    return projected_crs(raster_facts(path).crs, str(path))
+
+
+def read_about(path: Path, area: "survey.SurveyArea", what: str, *, mask: bool = False) -> "survey.Dem":
+    """Read the cells of a raster on an area and about it, as far as slopes and cameras reach."""
+    import survey
+    from planners.capacity import require_cells
+
+    area.require_crs(_crs_of(path), what)
+    near = survey.Dem.read(path, bounds=area.bounds, mask=mask)
+    require_cells(near.elevation.size)
+    margin_m = max(4.0 * near.step_m, _LEAST_MARGIN_M)
+    xmin, ymin, xmax, ymax = area.bounds
+    about = (xmin - margin_m, ymin - margin_m, xmax + margin_m, ymax + margin_m)
+    return survey.Dem.read(path, bounds=about, mask=mask)
+
+
+def write_plan(request: PlanRequest, route: "survey.Route", picture: bytes) -> None:
+    """Write the route and its picture; both replace what was there, or neither does."""
+    from survey.core.exchange import replacing_files
+
+    with replacing_files(request.out, request.picture) as (route_file, picture_file):
+        route.write(route_file)
+        picture_file.write_bytes(picture)

@@ -1,0 +1,92 @@
+"""Prediction of the map error of a mission, with the errors that its path shares."""
+
+import numpy as np
+import pytest
+import shapely
+import typer
+
+from planners import LawnmowerConfig, RandomWanderConfig
+from sim.cli.plan_foresight import print_options_of
+from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SatelliteConfig
+from sim.mission.foresight import cheapest, predicted_survey, surveys_within
+from sim.world.site import World
+from survey import ConfigError, Dem, Grid, InputError, SurveyArea
+
+AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), "EPSG:32608")
+
+
+def mission(**aids) -> MissionConfig:
+    return MissionConfig(
+        schema_version=1,
+        name="m",
+        seed=5,
+        terrain=RandomTerrain(source="random"),
+        planner=LawnmowerConfig(swaths=2),
+        aids=AidsConfig(**aids),
+    )
+
+
+def world(area: SurveyArea = AREA) -> World:
+    grid = Grid((-60.0, -60.0, 260.0, 260.0), 40.0, area.crs)
+    x, y = np.meshgrid(grid.x, grid.y)
+    rng = np.random.default_rng(1)
+    cells = 4.0 * np.sin(x / 60.0) * np.cos(y / 45.0) + 0.5 * rng.standard_normal(grid.shape)
+    return World(Dem.on(grid, cells), Dem.on(grid, cells), area)
+
+
+def test_stakes_lower_the_predicted_error_and_more_so_that_of_the_mean_height():
+    plain, staked = (predicted_survey(mission(stakes=n), world(), limit_m=0.4) for n in (0, 2))
+    assert staked.rmse_m < plain.rmse_m
+    assert staked.site_mean_m < plain.site_mean_m
+    assert staked.chance >= plain.chance
+    assert cheapest([plain, staked]) == plain
+
+
+def test_the_fewest_swaths_are_found_for_each_number_of_stakes():
+    found = list(surveys_within(mission(), world(), limit_m=10.0, probability=0.5, most_swaths=2))
+    assert [(survey.swaths, survey.stakes) for survey in found] == [(2, 0), (2, 2), (2, 4)]
+    assert str(found[1]).startswith("2 swaths with 2 stakes: ")
+
+
+def test_a_concave_area_of_any_size_is_predicted_and_lines_are_counted_apart_from_pieces():
+    bay = shapely.Polygon(
+        [(0, 0), (193, 0), (193, 171), (120, 171), (120, 33), (71, 33), (71, 171), (0, 171)]
+    )
+    (found,) = list(
+        surveys_within(
+            mission(), world(SurveyArea(bay, AREA.crs)), limit_m=10.0, probability=0.5, most_swaths=2
+        )
+    )[:1]
+    assert found.swaths == 2
+    assert found.pieces > 2
+    assert str(found).startswith(f"2 lines in {found.pieces} pieces: ")
+
+
+def test_a_prior_elsewhere_is_refused():
+    far = SurveyArea.rectangle((5000.0, 0.0, 5200.0, 200.0), AREA.crs)
+    with pytest.raises(InputError, match="no height on the area"):
+        predicted_survey(mission(), world(far), limit_m=0.4)
+
+
+def test_patterns_without_a_number_of_swaths_to_vary_are_refused():
+    wander = mission().model_copy(update={"planner": RandomWanderConfig(swaths=2)})
+    with pytest.raises(ConfigError, match="lawnmower and wavy, not random-wander"):
+        list(surveys_within(wander, world(), limit_m=1.0))
+
+
+def test_the_command_prints_the_survey_with_the_least_to_drive(capsys):
+    site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
+    asked = mission().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
+    print_options_of(asked, 10.0, 0.5, as_json=False)
+    assert capsys.readouterr().out.startswith("least to drive: 2 swaths: ")
+
+
+def test_the_command_ends_with_5_where_no_survey_is_enough(capsys, monkeypatch):
+    site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
+    asked = mission().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
+    # The search itself tries 24 surveys, which takes a minute.
+    monkeypatch.setattr("sim.mission.foresight.surveys_within", lambda *_, **__: iter(()))
+    with pytest.raises(typer.Exit) as ending:
+        print_options_of(asked, 0.001, 0.5, as_json=False)
+    assert ending.value.exit_code == 5
+    assert "ask for a larger error" in capsys.readouterr().err
