@@ -12,7 +12,7 @@ from sim.rendering.compiled import Doubles, Floats, share_out
 from sim.rendering.ground_map import ground_map
 from sim.rendering.light import Light
 from sim.rendering.rows import Lens, RenderScene, Texture, render_rows
-from sim.rendering.sensor import Sensor
+from sim.rendering.sensor import ImageSensor
 from sim.rendering.surface import surface_of
 from sim.rendering.sweep import row_slopes, sample_ranges, sweep, view_of
 from sim.world.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
@@ -102,7 +102,7 @@ class Renderer:
         self._lens = _lens(camera)
         self._edges = _edge_rays(self._lens)
         self.scene = _scene(terrain, self._datum, appearance, wind_from_deg, seed)
-        self._sensor = Sensor(imaging or ImagingConfig(), camera, seed)
+        self._sensor = ImageSensor(imaging or ImagingConfig(), camera, seed)
         self._table = np.zeros((max(256, camera.width), max(256, int(2.4 * camera.height))), np.float32)
         self._radiance, self._depth = (np.zeros(self._lens.x.shape, np.float32) for _ in range(2))
         self._ranges = sample_ranges(float(np.hypot(*terrain.height.shape)) * terrain.step_m)

@@ -11,7 +11,7 @@ from survey.data.camera import Camera, Image
 _DRAWS = 1 << 21
 
 
-class Sensor:
+class ImageSensor:
     """Image sensor; the noise of a frame depends on the seed and its number alone."""
 
     def __init__(self, config: ImagingConfig, camera: Camera, seed: int) -> None:

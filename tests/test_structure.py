@@ -1,0 +1,103 @@
+"""Structure of the code: sizes of folders, files and functions, and names that stand for one thing.
+
+A function's length is that of its body: lines after the signature, without the docstring, blank lines
+and comments. A file's length counts all its lines. ``python -m tests.test_structure`` prints the measures.
+"""
+
+import ast
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim")
+MOST_FILES = 15
+FLAT = {"sim/cli"}
+"""One file for each command, and what commands share."""
+FILE_P90 = 295
+FUNCTION_P90 = 17
+LONGEST_FUNCTION = 45
+
+
+def files() -> list[Path]:
+    return sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))
+
+
+def trees() -> Iterator[tuple[Path, ast.Module, list[str]]]:
+    for file in files():
+        text = file.read_text(encoding="utf-8")
+        yield file, ast.parse(text), text.splitlines()
+
+
+def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef, lines: list[str]) -> int:
+    """Return the number of lines of a function's body, without docstring, blank lines and comments."""
+    body = function.body[1:] if ast.get_docstring(function) is not None else function.body
+    if not body:
+        return 0
+    stripped = (line.strip() for line in lines[body[0].lineno - 1 : function.end_lineno])
+    return sum(bool(line) and not line.startswith("#") for line in stripped)
+
+
+def function_lengths() -> dict[str, int]:
+    found = {}
+    for file, tree, lines in trees():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                found[f"{file.relative_to(ROOT)}:{node.lineno} {node.name}"] = code_lines(node, lines)
+    return found
+
+
+def file_lengths() -> dict[str, int]:
+    return {str(file.relative_to(ROOT)): len(lines) for file, _, lines in trees()}
+
+
+def folder_sizes() -> Counter[str]:
+    return Counter(str(file.parent.relative_to(ROOT)) for file in files() if file.name != "__init__.py")
+
+
+def class_places() -> dict[str, set[str]]:
+    """Return the modules that define each public class or type alias of a module's top level."""
+    places = defaultdict(set)
+    for file, tree, _ in trees():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].add(str(file.relative_to(ROOT)))
+    return places
+
+
+def test_folders_hold_at_most_fifteen_files():
+    crowded = {folder: n for folder, n in folder_sizes().items() if n > MOST_FILES and folder not in FLAT}
+    assert not crowded
+
+
+def test_every_class_name_stands_for_one_class():
+    assert not {name: places for name, places in class_places().items() if len(places) > 1}
+
+
+def test_files_are_short():
+    assert np.percentile(list(file_lengths().values()), 90) <= FILE_P90
+
+
+def test_functions_are_short():
+    lengths = function_lengths()
+    assert np.percentile(list(lengths.values()), 90) <= FUNCTION_P90
+    assert not {name: n for name, n in lengths.items() if n > LONGEST_FUNCTION}
+
+
+def test_every_folder_says_what_it_holds():
+    silent = [
+        str(file.relative_to(ROOT))
+        for file, tree, _ in trees()
+        if file.name == "__init__.py" and not ast.get_docstring(tree)
+    ]
+    assert not silent
+
+
+if __name__ == "__main__":
+    lengths, sizes = function_lengths(), file_lengths()
+    print("functions: median, p90, longest", *np.percentile(list(lengths.values()), [50, 90, 100]))  # noqa: T201
+    print("files: median, p90, longest", *np.percentile(list(sizes.values()), [50, 90, 100]))  # noqa: T201
+    for title, table in (("functions", lengths), ("files", sizes), ("folders", dict(folder_sizes()))):
+        print(title, *sorted(table.items(), key=lambda item: -item[1])[:12], sep="\n  ")  # noqa: T201
