@@ -15,6 +15,7 @@ test: $(VENV)/.ready
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/vulture
 	$(BIN)/codespell firnline survey planners vision_slam sim tests benchmarks docs README.md
 
 types: $(VENV)/.ready

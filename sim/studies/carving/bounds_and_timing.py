@@ -24,7 +24,6 @@ PAPER = (
 )
 """Table I of the paper: mean square errors of five terrains without and with visibility, its unit not given."""
 SEEDS = (0, 1, 2)
-ROUGH = tuple(TERRAINS)[:3]
 
 
 class Regime(NamedTuple):

@@ -27,8 +27,6 @@ SIDE_M = 2.0 * RANGE_M
 SCENARIOS = ("Raw", "Nearest", "Gaussian", "CDF")
 OCTOMAP, OCTOMAP_COARSE, EMAP, FIELD = "OctoMap 0.10 m", "OctoMap 0.25 m", "EMap (springs)", "Field lattice"
 METHODS = (OCTOMAP, OCTOMAP_COARSE, EMAP, FIELD)
-STEADY_FROM = 16
-"""Scan from which the map counts as settled: the sensor is then above ground that it scanned before."""
 
 
 class Mapper(Protocol):
@@ -92,10 +90,6 @@ class RunScore:
     def mean(self, scenario: str) -> float:
         """Return the mean over the scans of a scenario's weighted error [cm²]."""
         return float(np.mean(self.weighted[scenario]))
-
-    def steady(self) -> float:
-        """Return the mean error of cells that were hit, once settled [cm²]."""
-        return float(np.mean(self.parts["seen"][STEADY_FROM:]))
 
     def add(self, error_m: FloatArray, offset: FloatArray, parts: dict[str, BoolArray]) -> None:
         """Score one scan."""
