@@ -12,11 +12,12 @@ from pyproj import CRS
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum
+from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum, transformed
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe
 from survey.data.plots import draw_points, value_range
-from survey.io.points import PLACE, PointTable, read_point_table, write_point_table
+from survey.io.point_columns import PLACE, say_projected, utm_zone
+from survey.io.points import PointTable, read_point_table, write_point_table
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -199,11 +200,12 @@ class SurfacePoints(DataObject):
             The file is missing, empty or damaged, lacks a column or the uncertainty,
             holds NaN, is in degrees or names no CRS.
         """
-        table = read_point_table(path)
         try:
+            table = projected_table(read_point_table(path), crs, str(path))
             return cls._from_table(table, crs, sigma_m, vertical_datum)
         except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+            message = str(error)
+            raise InputError(message if str(path) in message else f"{path}: {message}") from error
 
     @classmethod
     def _from_table(cls, table: PointTable, crs: Any, sigma_m: float | None, datum: str | None) -> Self:
@@ -353,6 +355,28 @@ def _places(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArra
     if not all(name in columns for name in names):
         return None
     return np.column_stack([columns.pop(name) for name in names])
+
+
+def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
+    """Project places in degrees to the named CRS or to their UTM zone, and log it; leave metres as they are.
+
+    Raises
+    ------
+    InputError
+        A table in degrees with the sensor's places in metres of an unknown CRS, or places beyond the CRS.
+    """
+    stated = None if table.crs is None else CRS.from_user_input(table.crs)
+    if stated is None or not stated.is_geographic:
+        return table
+    if any(name in table.columns for name in _ORIGIN):
+        raise InputError(
+            f"{where} has places in degrees and {_ORIGIN[0]} in metres; write both in one projected CRS."
+        )
+    x, y = (table.columns[name] for name in PLACE[:2])
+    target = utm_zone(x, y) if crs is None else projected_crs(crs, where)
+    east, north = transformed(np.column_stack([x, y]), stated, target, where).T
+    say_projected(where, target)
+    return table._replace(columns={**table.columns, PLACE[0]: east, PLACE[1]: north}, crs=target)
 
 
 def _symmetric(columns: dict[str, FloatArray], names: Mapping[str, tuple[int, int]]) -> FloatArray:

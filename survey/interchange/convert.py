@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from survey.core.errors import InputError
 from survey.core.geodesy import projected_crs
 from survey.data.area import SurveyArea
+from survey.data.surface_points import projected_table
 from survey.data.trajectory import Trajectory
-from survey.io.points import PointTable, read_point_table, write_point_table
+from survey.io.points import read_point_table, write_point_table
 from survey.io.raster import band_count, band_names, read_raster, write_raster
 from survey.io.tracks import write_kitti, write_track, write_tum
 
@@ -57,8 +58,8 @@ def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = N
     if kind == "raster":
         _raster(source, out, crs)
     elif kind == "points":
-        table = read_point_table(source)
-        write_point_table(out, PointTable(table.columns, _one(table.crs, crs, source), table.vertical_datum))
+        table = projected_table(read_point_table(source), crs, str(source))
+        write_point_table(out, table._replace(crs=_one(table.crs, crs, source)))
     elif kind == "area":
         SurveyArea.read(source, crs=crs).write(out)
     else:

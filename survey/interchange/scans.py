@@ -1,4 +1,4 @@
-"""LiDAR scans, one after the other: npz, LAS/LAZ, PLY, and ROS 2 recordings."""
+"""Read LiDAR scans one by one: npz, LAS/LAZ, PLY, KITTI .bin, and ROS 2 recordings."""
 
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -12,10 +12,12 @@ from survey.core.arrays import FloatArray, checked
 from survey.core.errors import InputError
 from survey.core.files import existing_file
 from survey.data.surface_points import SurfacePoints
-from survey.io.points import PLACE, read_point_table
+from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
+from survey.io.point_columns import PLACE
+from survey.io.points import read_point_table
 from survey.io.tracks import read_tum
 
-_NPZ, _TABLES, _BAGS = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap")
+_NPZ, _TABLES, _BAGS, _KITTI = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap"), (".bin",)
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 _TIMES = ("gps_time", "time_s", "time", "t")
 _CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -67,7 +69,7 @@ def scan_files(sources: Sequence[str | Path]) -> list[Path]:
     InputError
         A path that does not exist or whose ending is not known, or no scan at all.
     """
-    known = _NPZ + _TABLES + _BAGS
+    known = _NPZ + _TABLES + _BAGS + _KITTI
     files: list[Path] = []
     for source in map(Path, sources):
         if source.is_dir():
@@ -89,7 +91,8 @@ def read_scans(
     Every scan carries its sensor's place: an ``.npz`` as `origin` (3,) or `origins` (N, 3)
     beside `points` (N, 3); LAS, LAZ and PLY as the columns ``origin_x_m``, ``origin_y_m`` and
     ``origin_z_m``, or as a time per point where a trajectory is given; messages of a ROS 2
-    recording are in the sensor's frame and need the trajectory's attitude too.
+    recording and KITTI scans are in the sensor's frame and need the trajectory's attitude too. The
+    time of a KITTI scan is described at `survey.interchange.kitti_scans.kitti_time_s`.
 
     Parameters
     ----------
@@ -118,6 +121,8 @@ def read_scans(
             yield from _read_bag(file, crs, sigma_m, track)
         elif suffix in _NPZ:
             yield _read_npz(file, crs, sigma_m)
+        elif suffix in _KITTI:
+            yield _read_kitti(file, crs, sigma_m, track)
         else:
             yield _read_table(file, crs, sigma_m, track)
 
@@ -150,6 +155,16 @@ def _read_table(file: Path, crs: Any, sigma_m: float | None, track: SensorPath |
     xyz = np.column_stack([columns[name] for name in PLACE])
     origins = track.place(time, f"the scan {file}")
     return _points(file, xyz, origins, columns.get("sigma_z_m", sigma_m), table.crs or crs)
+
+
+def _read_kitti(file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None) -> SurfacePoints:
+    if track is None:
+        raise InputError(
+            f"the points of {file} are in the sensor's frame; give the trajectory of the sensor (TUM) with --trajectory."
+        )
+    time_s = kitti_time_s(file, track.time_s)
+    xyz, origins = _in_world(read_kitti_scan(file), time_s, file, track)
+    return _points(file, xyz, origins, sigma_m, crs)
 
 
 def _read_bag(
@@ -186,10 +201,15 @@ def _of_message(
     """Return the points of one PointCloud2 in the world; points that say NaN met nothing and are left out."""
     time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     xyz = cloud_xyz(message, path)
-    xyz = xyz[np.isfinite(xyz).all(axis=1)]
-    place = track.place(np.array([time]), f"a scan of {path}")
-    world = track.turned(xyz, time) + place
-    return _points(path, world, np.broadcast_to(place, world.shape), sigma_m, crs)
+    world, origins = _in_world(xyz[np.isfinite(xyz).all(axis=1)], time, path, track)
+    return _points(path, world, origins, sigma_m, crs)
+
+
+def _in_world(xyz: FloatArray, time_s: float, path: Path, track: SensorPath) -> tuple[FloatArray, FloatArray]:
+    """Return the points (N, 3) [m] of one moment in the world, and the place of the sensor for each."""
+    place = track.place(np.array([time_s]), f"a scan of {path}")
+    world: FloatArray = track.turned(xyz, time_s) + place
+    return world, np.broadcast_to(place, world.shape)
 
 
 def cloud_xyz(message: Any, path: Path) -> FloatArray:

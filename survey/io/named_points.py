@@ -11,7 +11,8 @@ from pyproj import CRS
 from survey.core.errors import InputError
 from survey.core.files import existing_file
 from survey.core.geodesy import UNSTATED
-from survey.io.points import PLACE, PointTable, read_point_table
+from survey.io.point_columns import PLACE, in_own_columns
+from survey.io.points import PointTable, read_point_table
 from survey.io.tables import read_table
 from survey.io.vector import read_features
 
@@ -36,7 +37,7 @@ def read_named_points(path: str | Path, what: str) -> NamedPoints:
     file = existing_file(path, what)
     suffix = file.suffix.lower()
     if suffix == ".csv":
-        table = PointTable(read_table(file, PLACE, what=what, texts=(_NAME,)))
+        table = PointTable(*in_own_columns(read_table(file, (), what=what, texts=(_NAME,)), f"{what} {file}"))
         names = _csv_names(file)
     elif suffix == ".gpx":
         table, names = _gpx(file, what)

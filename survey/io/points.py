@@ -20,10 +20,10 @@ from survey.core.errors import InputError
 from survey.core.files import existing_file, first_line, replacing
 from survey.core.geodesy import UNSTATED, vertical_datum_of
 from survey.io.las_header import check_claim, check_las_points, check_las_records
+from survey.io.point_columns import PLACE, in_own_columns
 from survey.io.tables import read_table, write_table
 from survey.io.vector import read_features, write_features
 
-PLACE = ("x_m", "y_m", "z_m")
 _DATUM = "vertical_datum"
 # LAS keeps coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
@@ -97,7 +97,7 @@ def _format(path: str | Path) -> _Format:
 
 
 def _read_csv(path: Path) -> PointTable:
-    return PointTable(read_table(path, PLACE, what="the point file"))
+    return PointTable(*in_own_columns(read_table(path, (), what="the point file"), f"the point file {path}"))
 
 
 def _write_csv(path: Path, table: PointTable) -> None:

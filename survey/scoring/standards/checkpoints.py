@@ -16,7 +16,7 @@ from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.named_points import read_named_points
-from survey.io.points import PLACE
+from survey.io.point_columns import PLACE
 from survey.scoring.covered_area import covered_share
 
 CONTROL_M = 0.10

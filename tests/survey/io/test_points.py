@@ -78,7 +78,7 @@ def test_damaged_files_are_named_in_one_sentence(
 
 def test_a_missing_column_is_named(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
-    path.write_text("x_m,y,z_m,sigma_z_m\n1,2,3,0.1\n")
+    path.write_text("x_m,w,z_m,sigma_z_m\n1,2,3,0.1\n")
     with pytest.raises(InputError, match="y_m"):
         SurfacePoints.read(path, crs=CRS)
 

@@ -1,0 +1,196 @@
+"""Names of the coordinate columns of point tables: own names, and those that other programs write."""
+
+import logging
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+
+PLACE = ("x_m", "y_m", "z_m")
+WGS84 = CRS.from_epsg(4326)
+_HEIGHTS = (
+    "z_m",
+    "z",
+    "elevation",
+    "height",
+    "h",
+    "altitude",
+    "elevation_m",
+    "height_m",
+    "altitude_m",
+    "elev",
+)
+
+
+class _Family(NamedTuple):
+    """Names of the horizontal columns, and the name of a height that belongs to them."""
+
+    first: tuple[str, ...]
+    second: tuple[str, ...]
+    height: str
+    is_geographic: bool = False
+
+
+# Metres before degrees: a table that has both is read in metres.
+_FAMILIES = (
+    _Family(("x_m", "x"), ("y_m", "y"), "z"),
+    _Family(
+        ("easting_m", "easting", "east_m", "east", "e"),
+        ("northing_m", "northing", "north_m", "north", "n"),
+        "h",
+    ),
+    _Family(
+        ("longitude_deg", "longitude", "lon_deg", "lon"),
+        ("latitude_deg", "latitude", "lat_deg", "lat"),
+        "height",
+        is_geographic=True,
+    ),
+)
+
+
+class PlaceColumns(NamedTuple):
+    """Names of the columns of easting (or longitude), northing (or latitude) and height in a table."""
+
+    names: tuple[str, str, str]
+    is_geographic: bool
+
+
+def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
+    """Return the columns that hold the place of each point; letters' case does not matter.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of all columns.
+    where : str
+        Name of the file, for the message.
+
+    Returns
+    -------
+    PlaceColumns
+        Own names (``x_m``, ``y_m``, ``z_m``) first, then ``x, y, z``, ``easting, northing, elevation``,
+        ``E, N, H``, and in degrees ``lon, lat, height`` or ``longitude, latitude, elevation``.
+
+    Raises
+    ------
+    InputError
+        No such columns, or several that could be meant.
+
+    Examples
+    --------
+    >>> place_columns(["id", "E", "N", "H"], "points.csv")
+    PlaceColumns(names=('E', 'N', 'H'), is_geographic=False)
+    >>> place_columns(["lon", "lat", "height"], "points.csv").is_geographic
+    True
+    """
+    if all(name in header for name in PLACE):
+        return PlaceColumns(PLACE, is_geographic=False)
+    found = {name.lower(): name for name in header}
+    if len(found) < len(header):
+        raise InputError(
+            f"{where} has columns whose names differ in the case of letters alone; rename or remove them."
+        )
+    families = [f for f in _FAMILIES if _named(f.first, found) and _named(f.second, found)]
+    metric = [family for family in families if not family.is_geographic]
+    chosen = (metric or families)[:1]
+    if not chosen or len(metric) > 1:
+        raise InputError(
+            f"{where} has {'several' if chosen else 'no'} columns of places (found {', '.join(header) or 'nothing'}); "
+            "name them x_m, y_m, z_m or x, y, z or easting, northing, elevation or lon, lat, height."
+        )
+    family = chosen[0]
+    first, second = _one(family.first, found, where), _one(family.second, found, where)
+    return PlaceColumns((first, second, _height(family, found, where)), family.is_geographic)
+
+
+def in_own_columns(columns: dict[str, FloatArray], where: str) -> tuple[dict[str, FloatArray], CRS | None]:
+    """Rename the columns of the place to ``x_m``, ``y_m`` and ``z_m``, first in the table.
+
+    Returns
+    -------
+    columns : dict of str to (N,) ndarray
+        Places in metres, or longitude and latitude in degrees.
+    crs : pyproj.CRS or None
+        WGS 84 for degrees; None where the table does not name its CRS.
+
+    Raises
+    ------
+    InputError
+        As `place_columns` does, and for degrees that are out of range.
+    """
+    names, is_geographic = place_columns(list(columns), where)
+    places = {own: columns[name] for own, name in zip(PLACE, names, strict=True)}
+    others = {name: column for name, column in columns.items() if name not in names}
+    if not is_geographic:
+        return {**places, **others}, None
+    for name, limit in (("x_m", 360.0), ("y_m", 90.0)):
+        largest = float(np.abs(places[name]).max())
+        if largest > limit:
+            source = names[PLACE.index(name)]
+            raise InputError(
+                f"{where} holds {largest:g} in the column {source}, which is no angle in degrees; "
+                "rename the columns to easting and northing if they are metres."
+            )
+    return {**places, **others}, WGS84
+
+
+def utm_zone(longitude_deg: FloatArray, latitude_deg: FloatArray) -> CRS:
+    """Return the UTM zone of the middle of places, or the polar stereographic system beyond 84° N and 80° S.
+
+    Examples
+    --------
+    >>> utm_zone(np.array([-135.2, -134.9]), np.array([58.4, 58.5])).to_epsg()
+    32608
+    >>> utm_zone(np.array([10.0]), np.array([-85.0])).to_epsg()
+    3031
+    """
+    angles = np.deg2rad(longitude_deg)
+    longitude = float(np.rad2deg(np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())))
+    latitude = float(0.5 * (latitude_deg.min() + latitude_deg.max()))
+    if latitude > 84.0:
+        return CRS.from_epsg(3413)
+    if latitude < -80.0:
+        return CRS.from_epsg(3031)
+    zone = int((longitude + 180.0) // 6.0) % 60 + 1
+    return CRS.from_epsg((32600 if latitude >= 0.0 else 32700) + zone)
+
+
+def say_projected(where: str, crs: CRS) -> None:
+    """Log in one sentence that degrees were projected."""
+    logging.getLogger(__name__).warning(
+        "%s is in degrees (WGS 84); its points are projected to %s.", where, crs.name
+    )
+
+
+def _named(names: tuple[str, ...], found: dict[str, str]) -> bool:
+    return any(name in found for name in names)
+
+
+def _one(names: tuple[str, ...], found: dict[str, str], where: str) -> str:
+    """Return the only one of several names that a table has."""
+    present = [found[name] for name in names if name in found]
+    if len(present) > 1:
+        raise InputError(
+            f"{where} has the columns {' and '.join(present)}, which mean the same; remove one of them."
+        )
+    return present[0]
+
+
+def _height(family: _Family, found: dict[str, str], where: str) -> str:
+    """Return the column of heights: the only one, or the one that belongs to the horizontal columns."""
+    present = [found[name] for name in _HEIGHTS if name in found]
+    if len(present) == 1:
+        return present[0]
+    if family.height in found:
+        return found[family.height]
+    if not present:
+        raise InputError(
+            f"{where} has no column of heights (found {', '.join(found.values())}); name it z_m, z, elevation or height."
+        )
+    raise InputError(
+        f"{where} has the columns {' and '.join(present)}, and either could be the height; name the one that is meant z_m."
+    )
