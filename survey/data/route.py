@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LegKind = Literal["swath", "transit"]
+_ENDINGS = (".geojson", ".json", ".gpkg")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -210,7 +211,27 @@ class Route(DataObject):
         return shapely.multilinestrings([LineString(leg.xy) for leg in self.legs])
 
     def write(self, path: str | Path) -> None:
-        """Write the legs with rover, order and kind (GeoJSON, GeoPackage, …)."""
+        """Write the legs with rover, order, kind and what `read` reads back.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            Ends in ``.geojson``, ``.json`` or ``.gpkg``. A GeoJSON of a CRS without a registered code holds
+            degrees and names the CRS in a column; both formats preserve the CRS.
+
+        Raises
+        ------
+        InputError
+            Another ending (`survey.interchange.write_plan` writes GPX, KML, CSV, WKT and missions), a GeoJSON
+            in a local CRS, a folder that is missing or cannot be written to.
+        """
+        suffix = Path(path).suffix.lower()
+        if suffix not in _ENDINGS:
+            raise InputError(
+                f"{Path(path).name} ends in {suffix!r}; a route is written as {', '.join(_ENDINGS)}. "
+                f"For other tools use survey.interchange.write_plan(route, {str(path)!r}) or firnline export, "
+                "which also write .gpx, .kml, .csv, .wkt, .plan and .waypoints."
+            )
         lines = [LineString(leg.xy) for leg in self.legs]
         write_features(path, lines, self._columns(), self.crs, layer="route")
 

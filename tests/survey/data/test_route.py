@@ -3,6 +3,7 @@ import pytest
 
 from survey import InputError, Leg, Route
 from survey.core.map_scale import ground_length_m
+from survey.interchange import write_plan
 
 CRS = "EPSG:32608"
 
@@ -66,3 +67,15 @@ def test_lengths_on_the_ground_are_those_of_the_projection_corrected():
     )
     assert route.ground_length_m == pytest.approx(1490.0, rel=0.02)
     assert route.to_geodataframe()["length_m"].sum() == pytest.approx(route.ground_length_m)
+
+
+@pytest.mark.parametrize("name", ["r.gpx", "r.kml", "r.csv", "r.shp", "r"])
+def test_a_format_of_other_tools_names_what_writes_it(hairpin, tmp_path, name):
+    with pytest.raises(InputError, match=r"survey\.interchange\.write_plan"):
+        hairpin.write(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_function_that_the_refusal_names_writes_gpx(hairpin, tmp_path):
+    write_plan(hairpin, tmp_path / "r.gpx")
+    assert (tmp_path / "r.gpx").read_text(encoding="utf-8").startswith("<?xml")
