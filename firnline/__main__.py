@@ -11,9 +11,13 @@ def main() -> None:
     if foreign is not None:
         sys.stderr.write(foreign + "\n")
         raise SystemExit(1)
-    from sim.cli.main import main as run
+    try:
+        from sim.cli.main import main as run
 
-    run()
+        run()
+    except KeyboardInterrupt:
+        sys.stderr.write("firnline: interrupted before any work started.\n")
+        raise SystemExit(130) from None
 
 
 if __name__ == "__main__":

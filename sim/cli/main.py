@@ -1,4 +1,4 @@
-"""The command ``firnline``: its verbs stand in the order of the flow."""
+"""Command line ``firnline``: its commands, in the order in which a survey uses them."""
 
 import sys
 
@@ -21,6 +21,7 @@ from sim.cli import (
     show,
     simulate,
 )
+from sim.cli.outcome import run_guarded
 
 app = typer.Typer(
     name="firnline",
@@ -53,8 +54,8 @@ for command in (
 
 
 def main() -> None:
-    """Run the command line; exit codes are told in `sim.cli.outcome`."""
-    app(args=sys.argv[1:])
+    """Run the command line; `sim.cli.outcome` lists the exit codes."""
+    run_guarded(lambda: app(args=sys.argv[1:]))
 
 
 if __name__ == "__main__":

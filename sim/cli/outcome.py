@@ -1,53 +1,172 @@
-"""How a command ends.
+"""Exit codes of the commands, and the one sentence that each refusal ends with.
 
-0 done · 1 internal fault · 2 usage · 3 bad input · 4 bad configuration · 5 done, but the
-wanted class was not met · 130 interrupted, resumable.
+0 done · 1 internal fault · 2 usage · 3 bad input or output · 4 bad configuration · 5 done, but the
+wanted class was not met · 130 interrupted · 141 the reader of the output closed it.
 """
 
 import functools
+import io
 import logging
+import os
 import sys
 import traceback
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import NoReturn, ParamSpec, TypeVar
 
 import typer
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+UNUSABLE = 3
 NOT_MET = 5
 INTERRUPTED = 130
+OUTPUT_CLOSED = 141
+_INTERRUPTED_SENTENCE = (
+    "interrupted; complete results stay as they were, and the same command can be run again."
+)
 
 
 def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn firnline's refusals into one sentence on stderr and an exit code."""
+    """Turn exceptions of a command into one sentence on stderr and an exit code.
+
+    Parameters
+    ----------
+    command : callable
+        A command of the command line.
+
+    Returns
+    -------
+    callable
+        The same command; with ``-vv`` an internal fault also prints its traceback.
+    """
 
     @functools.wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
-        from survey.core.errors import FirnlineError
-
         try:
-            return command(*args, **kwargs)
-        except FirnlineError as error:
-            typer.echo(f"firnline: {error}", err=True)
-            raise typer.Exit(error.exit_code) from error
-        except KeyboardInterrupt as interruption:
-            typer.echo("firnline: interrupted; the same command goes on where it was.", err=True)
-            raise typer.Exit(INTERRUPTED) from interruption
+            result = command(*args, **kwargs)
+            sys.stdout.flush()
         except (typer.Exit, typer.Abort):
             raise
-        except Exception as fault:
-            logging.getLogger("firnline").debug("%s", traceback.format_exc())
-            if "-vv" in sys.argv:
-                traceback.print_exc()
-            typer.echo(
-                f"firnline: internal fault, {type(fault).__name__}: {fault}; add -vv for the traceback and tell us.",
-                err=True,
-            )
-            raise typer.Exit(1) from fault
+        except (Exception, KeyboardInterrupt) as error:
+            _end(error)
+        return result
 
     return guarded
+
+
+def run_guarded(run: Callable[[], None]) -> None:
+    """Run the command line with exit codes also for what happens outside a command: parsing, ``--help``.
+
+    Parameters
+    ----------
+    run : callable
+        The command line; it may end by `SystemExit`.
+
+    Raises
+    ------
+    SystemExit
+        With the exit code.
+    """
+    for output in (sys.stdout, sys.stderr):
+        # A name that is no UTF-8 is printed with escapes.
+        if isinstance(output, io.TextIOWrapper):
+            output.reconfigure(errors="backslashreplace")
+    try:
+        run()
+        sys.stdout.flush()
+    except SystemExit as ending:
+        if isinstance(ending.__context__, BrokenPipeError):
+            raise SystemExit(OUTPUT_CLOSED) from ending
+        raise
+    except (OSError, KeyboardInterrupt) as error:
+        try:
+            _end(error)
+        except typer.Exit as ending:
+            raise SystemExit(ending.exit_code) from error
+
+
+def printable(text: str) -> str:
+    r"""Return a text with its control characters escaped, so that a name from a file cannot steer a terminal.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        One line; letters of all languages stay as they are.
+
+    Examples
+    --------
+    >>> print(printable("glacier" + chr(27) + "[2J é"))
+    glacier\x1b[2J é
+    """
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii") for letter in text
+    )
+
+
+def _end(error: BaseException) -> NoReturn:
+    """Say what happened and leave with the exit code that belongs to it."""
+    if isinstance(error, KeyboardInterrupt):  # first, as it may have interrupted the imports of what follows
+        _leave(_INTERRUPTED_SENTENCE, INTERRUPTED, error)
+    if isinstance(error, BrokenPipeError):
+        _discard_output()
+        raise typer.Exit(OUTPUT_CLOSED) from error
+    from survey.core.errors import FirnlineError
+
+    if isinstance(error, FirnlineError):
+        _leave(str(error), error.exit_code, error)
+    sentence = _sentence(error)
+    if sentence is not None:
+        _leave(sentence, UNUSABLE, error)
+    logging.getLogger("firnline").debug("%s", traceback.format_exc())
+    if "-vv" in sys.argv:
+        traceback.print_exception(error)
+    _leave(
+        f"internal fault, {type(error).__name__}: {error}; report it with the traceback that -vv prints.",
+        1,
+        error,
+    )
+
+
+def _sentence(error: BaseException) -> str | None:
+    """Return the sentence for what the system refuses; None for a fault of firnline."""
+    from survey.core.files import NO_SPACE
+
+    if isinstance(error, MemoryError):
+        detail = f" ({error})" if str(error) else ""
+        return (
+            f"the memory does not suffice{detail}; take a smaller area or a coarser step, or fewer workers."
+        )
+    if isinstance(error, UnicodeEncodeError):
+        return f"the name {error.object[:80]!r} is not valid UTF-8; rename the file or folder."
+    if isinstance(error, OSError):
+        if error.filename is None:
+            _discard_output()
+        what = "the output" if error.filename is None else os.fsdecode(error.filename)
+        remedy = "free space" if error.errno in NO_SPACE else "check that it exists and may be read and written"
+        return f"{what}: {error.strerror or error}; {remedy}."
+    return None
+
+
+def _leave(sentence: str, code: int, error: BaseException) -> NoReturn:
+    typer.echo(printable(f"firnline: {sentence}"), err=True)
+    raise typer.Exit(code) from error
+
+
+def _discard_output() -> None:
+    """Send what is left in the buffer of stdout nowhere, so that the interpreter does not fail on it at its end."""
+    try:
+        descriptor = sys.stdout.fileno()
+    except (OSError, ValueError):  # not a file, as in tests
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, descriptor)
+    os.close(nowhere)
 
 
 refusals_told = with_exit_codes

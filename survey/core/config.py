@@ -65,6 +65,8 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file} is not valid TOML ({error}); correct that place.") from error
+    except RecursionError as error:
+        raise ConfigError(f"{file} nests its values too deeply for a configuration; correct it.") from error
 
 
 def with_overrides(values: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -99,6 +101,8 @@ def _toml_value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
+    except RecursionError as error:
+        raise ConfigError("the value of an override nests too deeply for a setting; correct it.") from error
 
 
 def validated(model: type[AnySection], values: Mapping[str, Any], where: str) -> AnySection:
@@ -108,6 +112,8 @@ def validated(model: type[AnySection], values: Mapping[str, Any], where: str) ->
         return model.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
         raise ConfigError(_sentence(error, model, where)) from error
+    except RecursionError as error:
+        raise ConfigError(f"{where} nests its values too deeply for a configuration; correct it.") from error
 
 
 def _sentence(error: ValidationError, model: type[BaseModel], where: str) -> str:

@@ -14,9 +14,10 @@ from pathlib import Path
 
 from survey.core.errors import CapacityError, InputError
 
-_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of the operating system whose remedy is to free space."""
 # What a device or a file system says of a write without naming the file.
-_WRITING = (*_NO_SPACE, errno.EIO, errno.EROFS)
+_WRITING = (*NO_SPACE, errno.EIO, errno.EROFS)
 _LITTLE_SPACE_BYTES = 2**16
 _REMOVED = ".removed"
 
@@ -147,7 +148,7 @@ def write_refusal(path: Path, error: OSError) -> InputError:
     >>> print(write_refusal(Path("a.tif"), PermissionError(13, "Permission denied")))
     a.tif could not be written (Permission denied); choose another place.
     """
-    remedy = "free space or choose another place" if error.errno in _NO_SPACE else "choose another place"
+    remedy = "free space or choose another place" if error.errno in NO_SPACE else "choose another place"
     return InputError(f"{path} could not be written ({error.strerror or error}); {remedy}.")
 
 
