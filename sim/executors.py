@@ -4,14 +4,17 @@ An engine yields results as they are done, in any order, each with its piece. A 
 worker dies; the result is the same, so nobody needs to know.
 """
 
+import asyncio
+import logging
 import multiprocessing
 import os
 import signal
 import socket
 import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from itertools import islice
 from typing import Any, Literal, TypeVar
 from urllib.parse import urlparse
@@ -58,7 +61,7 @@ def done(
     ConfigError
         dask is asked for and not installed; a number of workers below 1.
     InputError
-        The scheduler does not answer; workers die again and again without finishing anything.
+        The scheduler does not answer or stops answering; workers die again and again without finishing anything.
     """
     n = workers if workers is not None else len(os.sched_getaffinity(0))
     if n < 1:
@@ -130,7 +133,10 @@ def _by_dask(
     dask_of: Any = distributed  # carries no types
     if scheduler is not None:
         _require_answer(scheduler)
-        with dask_of.Client(scheduler, timeout=_REACH_S, set_as_default=False) as client:
+        with (
+            _connection_errors_refused(scheduler),
+            dask_of.Client(scheduler, timeout=_REACH_S, set_as_default=False) as client,
+        ):
             yield from dask_done(client, work, pieces)
         return
     settings = {
@@ -151,6 +157,7 @@ def dask_done(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Itera
     """Do every piece on the workers of a dask client; what dies with a worker is done again."""
     import distributed
 
+    address = client.scheduler.address
     rest = iter(pieces)
     ahead = 2 * max(sum(client.nthreads().values()), 4)
     running = {_submitted(client, work, piece): piece for piece in islice(rest, ahead)}
@@ -159,6 +166,8 @@ def dask_done(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Itera
     finished = completed(running, loop=client.loop)
     for future in finished:
         piece = running.pop(future)
+        if client.status != "running":
+            raise _lost_scheduler(address)
         if _died_with_its_worker(future):
             deaths += 1
             if deaths >= _PATIENCE:
@@ -176,6 +185,24 @@ def dask_done(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Itera
             running[fresh] = following
             finished.add(fresh)
         yield piece, result
+
+
+def _lost_scheduler(address: str) -> InputError:
+    return InputError(
+        f"the dask scheduler at {address} stopped answering; start it again and run the same command, "
+        "which continues behind the trials that are stored."
+    )
+
+
+@contextmanager
+def _connection_errors_refused(address: str) -> Iterator[None]:
+    """Turn errors of a connection that broke off into one sentence that names the scheduler."""
+    # The client logs the same error with its traceback, from a thread that may end later.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    except (OSError, asyncio.CancelledError, CancelledError) as error:
+        raise _lost_scheduler(address) from error
 
 
 def _submitted(client: Any, work: Callable[[P], R], piece: P) -> Any:

@@ -148,7 +148,9 @@ def _sentence(error: BaseException) -> str | None:
         if error.filename is None:
             _discard_output()
         what = "the output" if error.filename is None else os.fsdecode(error.filename)
-        remedy = "free space" if error.errno in NO_SPACE else "check that it exists and may be read and written"
+        remedy = (
+            "free space" if error.errno in NO_SPACE else "check that it exists and may be read and written"
+        )
         return f"{what}: {error.strerror or error}; {remedy}."
     return None
 

@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -140,7 +141,47 @@ def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path):
 
 
 @pytest.mark.reliability
-def test_a_full_disk_is_told_and_the_study_goes_on_afterwards(tmp_path):
+@pytest.mark.filterwarnings("ignore")  # tornado warns of the connection that breaks off
+def test_a_scheduler_that_dies_is_named(tmp_path):
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    place = ["--port", str(port), "--host", "127.0.0.1"]
+    cluster = [
+        subprocess.Popen(
+            [sys.executable, "-m", f"distributed.cli.dask_{part}", *arguments, "--no-dashboard"],
+            stderr=subprocess.DEVNULL,
+        )
+        for part, arguments in (("scheduler", place), ("worker", [address, "--nthreads", "1"]))
+    ]
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=5000))
+    command = ["montecarlo", "s.toml", "--runs", "runs", "-q", "--scheduler", address]
+    try:
+        while not list((tmp_path / "runs").rglob("*.parquet")):
+            study = subprocess.Popen(
+                [sys.executable, "-m", "sim.cli.main", *command],
+                cwd=tmp_path,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            while study.poll() is None and not list((tmp_path / "runs").rglob("*.parquet")):
+                time.sleep(0.1)
+        cluster[0].kill()
+        _, err = study.communicate()
+    finally:
+        for process in cluster:
+            process.kill()
+            process.wait()
+    assert study.returncode == 3
+    assert err == (
+        f"firnline: the dask scheduler at {address} stopped answering; start it again and run the same command, "
+        "which continues behind the trials that are stored.\n"
+    )
+
+
+@pytest.mark.reliability
+def test_a_full_disk_is_refused_and_the_study_goes_on_afterwards(tmp_path):
     (tmp_path / "s.toml").write_text(STUDY.format(trials=50))
 
     def limit() -> None:
