@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import survey
+from sim.cli.progress import counted
 from sim.cli.reconstruct_inputs import MapRequest
 from sim.cli.reconstruct_outputs import MadeMap
 from survey.core.errors import InputError
@@ -17,14 +18,17 @@ def map_points(request: MapRequest) -> MadeMap:
     area = request.read_area(points.crs)
     path = None if request.trajectory is None else _path(request.trajectory, points)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
-    mapped = map_landmarks(
-        points,
-        grid,
-        request.config,
-        prior=None if request.prior is None else survey.Dem.read(request.prior),
-        path=None if path is None else path.error,
-        quantity=request.value or ELEVATION,
-    )
+    prior = None if request.prior is None else survey.Dem.read(request.prior)
+    with counted(quiet=request.quiet) as progress:
+        mapped = map_landmarks(
+            points,
+            grid,
+            request.config,
+            prior=prior,
+            path=None if path is None else path.error,
+            quantity=request.value or ELEVATION,
+            progress=progress,
+        )
     result = mapped.reconstruction if area is None else within(mapped.reconstruction, area)
     corrected = None
     if path is not None and mapped.correction is not None:

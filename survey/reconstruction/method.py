@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
 
-from survey.core.arrays import Bounds
+from survey.core.arrays import Bounds, Progress
 from survey.core.config import Section
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.dem import Dem
@@ -54,6 +54,8 @@ class MappingTask:
         Settings; a method takes those of its own kinds.
     rays : bool
         Whether lines of sight bound the map.
+    progress : callable, optional
+        Progress callback of maps that take long.
     """
 
     points: SurfacePoints
@@ -63,6 +65,7 @@ class MappingTask:
     quantity: str = ELEVATION
     configs: Sequence[Section] = ()
     rays: bool = False
+    progress: Progress | None = None
 
     def config(self, kind: type[AnySection]) -> AnySection:
         """Return the settings of one kind, or their defaults."""

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -35,6 +36,7 @@ def map_landmarks(
     prior: Dem | None = None,
     path: PathError | None = None,
     quantity: str = ELEVATION,
+    progress: Progress | None = None,
 ) -> MappedTerrain:
     """Map landmarks as the settings say.
 
@@ -52,6 +54,8 @@ def map_landmarks(
         Error of the path that the points were seen from.
     quantity : str
         Mapped quantity.
+    progress : callable, optional
+        Progress callback of maps that take long.
 
     Returns
     -------
@@ -70,7 +74,7 @@ def map_landmarks(
         path = None
     prior = prior if method.uses_prior else None
     configs = config.configs_of(method)
-    mapped = run(method, MappingTask(points, grid, prior, path, quantity, configs, config.rays))
+    mapped = run(method, MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress))
     return mapped._replace(n_points=len(points))
 
 

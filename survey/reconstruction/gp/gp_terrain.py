@@ -1,15 +1,16 @@
 """Terrain as a Gaussian process about a mean: from points to a map that states its own uncertainty."""
 
+import logging
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray, checked
+from survey.core.arrays import BoolArray, Bounds, FloatArray, Progress, checked
 from survey.core.errors import InputError
 from survey.core.geodesy import UNSTATED, same_crs, same_vertical_datum
 from survey.core.map_scale import scale_factors
@@ -19,19 +20,29 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, Capabilities, Reconstruction, TerrainModel, not_fitted
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
-from survey.reconstruction.gp.learned import Learned, surface_variance
+from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
-from survey.reconstruction.gp.process import Process, conditioned, leave_one_out
+from survey.reconstruction.gp.process import EngineName, conditioned
 from survey.reconstruction.gp.satellite import with_prior_error
 from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
+from survey.reconstruction.gp.slopes import steepness_on_axes
 from survey.reconstruction.gp.volume import Volume, quadrature
 from survey.reconstruction.observations import Observations
 from survey.reconstruction.outliers import Outliers, distrusted
 
+logger = logging.getLogger(__name__)
 _N_LEAST = 3
 # Places on the site from which the widths of its gaps are taken.
 _N_GAPS = 41
+
+
+class MapWatch(NamedTuple):
+    """Number of nodes that a map will have, and a progress callback for its tiles."""
+
+    n_nodes: int
+    progress: Progress | None = None
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,8 @@ class GaussianProcessTerrain(TerrainModel):
     bounds : (xmin, ymin, xmax, ymax), optional
         Where the model will be asked [m]; the points' extent by default. Points farther
         from it than its diagonal are not used, and their number is reported.
+    watch : MapWatch, optional
+        Progress of a map in tiles; with it the expected time is logged beforehand.
 
     Notes
     -----
@@ -72,9 +85,10 @@ class GaussianProcessTerrain(TerrainModel):
 
     config: GaussianProcessConfig = field(default_factory=GaussianProcessConfig)
     prior: Dem | Mean | None = None
-    engine: Literal["gp", "dense"] = "gp"
+    engine: EngineName = "gp"
     quantity: str = ELEVATION
     bounds: Bounds | None = None
+    watch: MapWatch | None = field(default=None, compare=False, repr=False)
     learned_: Learned | None = field(default=None, repr=False)
     vertical_datum_: str = UNSTATED
 
@@ -92,6 +106,7 @@ class GaussianProcessTerrain(TerrainModel):
         data = Observations.of(used, self.quantity)
         mean = self._mean(used)
         process, found = self._learn(data, mean, data.variance)
+        self._announce(process)
         variance = self._through_slope(used, process, mean, data.variance)
         if variance is not data.variance:
             process, found = self._learn(data, mean, variance)
@@ -151,9 +166,7 @@ class GaussianProcessTerrain(TerrainModel):
         -----
         Relief finer than the map (the nugget) and the calibration are not in them.
         """
-        from survey.reconstruction.gp.map_samples import samples_on_axes
-
-        surfaces = samples_on_axes(self._known.process, grid.x, grid.y, n, rng)
+        surfaces = self._known.process.sample_on_axes(grid.x, grid.y, n, rng)
         return surfaces + self._known.mean.at(grid.xy).reshape(grid.shape)
 
     def slope(self, grid: Grid) -> tuple[Dem, Dem]:
@@ -163,8 +176,6 @@ class GaussianProcessTerrain(TerrainModel):
         -----
         To first order, for the scales of the map: relief finer than it is steeper.
         """
-        from survey.reconstruction.gp.map_samples import steepness_on_axes
-
         known = self._known
         slope, std = steepness_on_axes(known.process, grid.x, grid.y, known.mean.gradient(grid.xy))
         degrees = np.degrees(std / (1.0 + slope**2))
@@ -195,13 +206,11 @@ class GaussianProcessTerrain(TerrainModel):
             Of the polygon. With it the areal scale factor is applied, and volume and area count on the
             ground; without it they count in grid metres.
         """
-        from survey.reconstruction.gp.map_samples import weighted_sum_of
-
         known = self._known
         nodes, weights = quadrature(polygon, step_m)
         if crs is not None:
             weights = weights / scale_factors(crs, nodes).areal
-        mean, std = weighted_sum_of(known.process, nodes, weights)
+        mean, std = known.process.weighted_sum(nodes, weights)
         mean += float(weights @ (known.mean.at(nodes) - base_m))
         factor = float(known.calibration.at(known.nearest_m(nodes)).max())
         return Volume(mean, factor * std, float(weights.sum()))
@@ -237,6 +246,17 @@ class GaussianProcessTerrain(TerrainModel):
         if self.learned_ is None:
             raise not_fitted()
         return self.learned_
+
+    def _announce(self, process: Process) -> None:
+        """Log the expected time of a map in tiles."""
+        if self.watch is None or not process.divides_site:
+            return
+        seconds = process.expected_s(self.watch.n_nodes)
+        logger.warning(
+            "the site is too large for one solve and is mapped in %d tiles, which takes about %s",
+            process.record()["n_tiles"],
+            f"{seconds / 60.0:.0f} min" if seconds > 90.0 else f"{seconds:.0f} s",
+        )
 
     def _near(self, points: SurfacePoints) -> BoolArray:
         """Points that can matter to the site."""
@@ -310,6 +330,7 @@ class GaussianProcessTerrain(TerrainModel):
             bounds=bounds or self.bounds,
             trend="none" if self.prior is not None else self.config.mean,
             config=self.config,
+            progress=None if self.watch is None else self.watch.progress,
         )
 
     def _through_slope(
@@ -341,7 +362,7 @@ class GaussianProcessTerrain(TerrainModel):
                 data.xy[kept], residual[kept], variance[kept], found, bounds=(xmin, ymin, xmax, ymax)
             )
             height, spread = process.predict(xy)
-            return height, surface_variance(process, spread, xy) + found.nugget_m**2
+            return height, process.surface_variance(spread, xy) + found.nugget_m**2
 
         return SigmaCalibration.cross_validated(data.xy, residual, variance, predict, self._gaps_m(data.xy))
 
@@ -356,6 +377,6 @@ class GaussianProcessTerrain(TerrainModel):
 
 
 def _z_scores(process: Process) -> FloatArray:
-    mean, variance = leave_one_out(process)
+    mean, variance = process.leave_one_out()
     scores: FloatArray = (process.data.values - mean) / np.sqrt(variance)
     return scores

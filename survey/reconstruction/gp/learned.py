@@ -11,9 +11,8 @@ from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
 from survey.reconstruction.base import UNSEEN
 from survey.reconstruction.gp.calibration import SigmaCalibration
-from survey.reconstruction.gp.engines.variance_bound import variance_from_nearest
+from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.gp.process import Process
 from survey.reconstruction.gp.selection.families import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 from survey.reconstruction.support import support_codes
@@ -109,28 +108,17 @@ class Learned:
 
     def diagnostics(self) -> dict[str, Any]:
         """Return what was found out about the points and the engine, for the record."""
-        resolution = getattr(self.process, "resolution", None)
-        waves = (
-            {}
-            if resolution is None
-            else {
-                "n_modes": resolution.n_modes,
-                "tail_m": float(np.sqrt(resolution.tail_m2)),
-                "tolerance_m": resolution.tolerance_m,
-                "tolerance_is_met": bool(resolution.is_met),
-            }
-        )
         return {
             "n_points": len(self.process.data),
             "n_points_beyond_reach": self.n_beyond_reach,
             "outliers": self.outliers.facts(),
             "calibration": self.calibration.facts(),
-            "engine": {"name": type(self.process).__name__, **waves},
+            "engine": self.process.record(),
         }
 
     def _total_std(self, variance: FloatArray, xy: FloatArray, nearest_m: FloatArray) -> FloatArray:
         """Return the standard deviation of the ground: that of the process and of the nugget, calibrated."""
-        total = surface_variance(self.process, variance, xy) + self.found.nugget_m**2
+        total = self.process.surface_variance(variance, xy) + self.found.nugget_m**2
         return np.sqrt(total) * self.calibration.at(nearest_m)
 
 
@@ -140,11 +128,3 @@ class _Places(NamedTuple):
     xy: FloatArray
     residual: FloatArray
     variance: FloatArray
-
-
-def surface_variance(process: Process, variance: FloatArray, xy: FloatArray) -> FloatArray:
-    """Return the variance (M,) [m²] of a process; where it leaves waves out, no more than the nearest points leave."""
-    resolution = getattr(process, "resolution", None)
-    if resolution is None or resolution.is_met:
-        return variance
-    return np.minimum(variance, variance_from_nearest(process.kernel, process.data, xy))

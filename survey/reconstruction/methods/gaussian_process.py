@@ -1,17 +1,19 @@
 """Gaussian processes with independent errors: the Fourier engine (gp) and the dense one (dense)."""
 
 from functools import partial
-from typing import Literal
 
 from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.process import EngineName
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
 
 
-def _run(task: MappingTask, *, engine: Literal["gp", "dense"]) -> MappedTerrain:
-    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
     config = task.config(GaussianProcessConfig)
-    model = GaussianProcessTerrain(config, task.prior, engine, task.quantity, task.grid.bounds)
+    rows, columns = task.grid.shape
+    watch = MapWatch(rows * columns, task.progress)
+    model = GaussianProcessTerrain(config, task.prior, engine, task.quantity, task.grid.bounds, watch)
     return MappedTerrain(model.fit(task.points).grid(task.grid))
 
 

@@ -10,6 +10,7 @@ from scipy.linalg import cho_solve, lapack, solve_triangular
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
 from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.fourier_basis import FourierBox
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
@@ -20,7 +21,7 @@ _BLOCK = 1000
 
 
 @dataclass(frozen=True)
-class DenseGaussianProcess:
+class DenseGaussianProcess(Process):
     r"""Posterior of a Gaussian process by the equations as they stand (Eqs. 4–6, 9).
 
     .. math::  m(x) = k(x, X) V^{-1} y, \qquad v(x) = k(x, x) - k(x, X) V^{-1} k(X, x), \qquad V = K + N
@@ -193,6 +194,16 @@ class DenseGaussianProcess:
         variance = prior - np.einsum("ij,ij->j", half, half)
         variance += np.einsum("ij,jk,ik->i", gap, self.trend_covariance, gap)
         return np.asarray(np.maximum(variance, 0.0) / (4.0 * step**2), dtype=np.float64)
+
+    def derivative_variance_on_axes(self, x: FloatArray, y: FloatArray, direction: FloatArray) -> FloatArray:
+        """Return the variance (H * W,) of the derivative along a vector (2,) on the nodes of two axes."""
+        nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        return self.derivative_variance(nodes, direction)
+
+    def sample_on_axes(self, x: FloatArray, y: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+        """Draw n joint surfaces (n, H, W) [m] on the nodes of two axes."""
+        nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        return self.sample(nodes, n, rng).reshape(n, len(y), len(x))
 
     def gradient(self, xy: FloatArray) -> FloatArray:
         """Return the slope (M, 2) of the posterior mean [m/m], by central differences of a thousandth of a length scale."""

@@ -1,18 +1,15 @@
-"""How likely the points are under a kernel, with the gradient, and what each point says about the others."""
+"""Marginal likelihood of the points under a kernel, and leave-one-out predictions."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
-from survey.reconstruction.gp.engines.mean_solver import PointSums
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.engines.resolution import amplitudes, tail_variance
 from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 
@@ -25,7 +22,7 @@ class MarginalLikelihood:
 
     with Π the inverse of ``K + N`` less its part on the trend P (glacier paper, section II.D; Rasmussen and
     Williams 2006, Eqs. 2.30 and 2.45).  The noise N holds that of the points and the variance of the discarded
-    waves, so that a coarse set of waves gives a smooth and nearly unbiased approximation.
+    waves.
     """
 
     kernel: Kernel
@@ -33,21 +30,6 @@ class MarginalLikelihood:
     trend: PolynomialTrend
     noise_m2: FloatArray
     posterior: WeightPosterior
-
-    @classmethod
-    def of(
-        cls,
-        kernel: Kernel,
-        basis: FourierBasis,
-        data: NoisyValues,
-        trend: PolynomialTrend,
-        extra_noise_m2: float | FloatArray = 0.0,
-    ) -> Self:
-        """Evidence for the waves of `basis`, with more noise variance [m²] than the points state if given."""
-        noise = data.noise_m2 + tail_variance(kernel, basis) + extra_noise_m2
-        gram = PointSums.of(basis, NoisyValues(data.xy, data.columns[:, :0], noise), 0.0).gram
-        posterior = WeightPosterior.given(basis, amplitudes(kernel, basis), gram)
-        return cls(kernel, data, trend, noise, posterior)
 
     @property
     def _basis(self) -> FourierBasis:
@@ -88,11 +70,6 @@ class MarginalLikelihood:
     def _residual_map(self) -> FloatArray:
         """Coefficients (1 + T,) that take the trend off the values."""
         return np.concatenate([[1.0], -self.trend_coefficients])
-
-    @property
-    def value(self) -> float:
-        """Log marginal likelihood."""
-        return self.value_with(float(self._residual_map @ self._products @ self._residual_map))
 
     def value_with(self, misfit: float) -> float:
         """Log marginal likelihood with a misfit ``yᵀ Π y`` found elsewhere with more waves."""
@@ -136,35 +113,3 @@ class MarginalLikelihood:
         variance = 1 / self.precision_diagonal
         mean: FloatArray = self.data.values - self.weighted_residuals * variance
         return mean, variance
-
-    # -- gradient ---------------------------------------------------------------------------------
-
-    @cached_property
-    def noise_gradient(self) -> FloatArray:
-        """Derivative (N,) of the value with respect to each noise variance [1/m²]."""
-        gradient: FloatArray = 0.5 * (self.weighted_residuals**2 - self.precision_diagonal)
-        return gradient
-
-    @cached_property
-    def kernel_gradient(self) -> FloatArray:
-        """Derivative (P,) of the value with respect to the kernel's log-parameters.
-
-        For a wave of prior variance S, whitened weight u and posterior variance C it is ``(u² - 1 + C) / 2`` per
-        unit of log S; what a wave loses goes to the noise of all points.
-        """
-        weights = self._solutions @ self._residual_map
-        per_weight = weights**2 - 1 + self.posterior.diagonal
-        if self.trend.n_columns:
-            others = self._solutions[:, 1:]
-            per_weight += np.sum(others * np.linalg.solve(self._products[1:, 1:], others.T).T, axis=1)
-        n = len(self._basis.lattice)
-        per_wave = 0.5 * per_weight[:n]
-        per_wave[1:] += 0.5 * per_weight[n:]
-        spectral = self.kernel.log_spectral_gradient(self._basis.omega)
-        kept = self.kernel.spectral_density(self._basis.omega) / self._basis.box.area_m2
-        kept[1:] *= 2
-        gradient: FloatArray = spectral @ per_wave
-        if tail_variance(self.kernel, self._basis) > 0:
-            tail_gradient = self.kernel.variance_gradient - spectral @ kept
-            gradient += tail_gradient * self.noise_gradient.sum()
-        return gradient

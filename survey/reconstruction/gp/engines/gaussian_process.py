@@ -6,7 +6,7 @@ nodes: the points enter through one non-uniform transform, the maps leave throug
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.engines.evidence import MarginalLikelihood
 from survey.reconstruction.gp.engines.fourier_basis import ComplexArray
+from survey.reconstruction.gp.engines.fourier_products import FourierProducts
 from survey.reconstruction.gp.engines.mean_solver import MeanSystem, PointSums, inner
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
@@ -25,6 +26,7 @@ from survey.reconstruction.gp.engines.resolution import (
     resolve,
     sharpest_std_m,
 )
+from survey.reconstruction.gp.engines.variance_bound import variance_from_nearest
 from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 MEMORY_MB = 300.0
@@ -35,7 +37,7 @@ _SOLVER_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
-class FourierGaussianProcess:
+class FourierGaussianProcess(FourierProducts):
     r"""Posterior of a Gaussian process given noisy points, ready to be asked anywhere on the site.
 
     Made by `fit`.  The posterior at x, given values y at X with the noise variances N (glacier paper, Eqs. 4
@@ -277,6 +279,27 @@ class FourierGaussianProcess:
         fields = [box.derivative(self.mean_coefficients, axis) for axis in (0, 1)]
         gradient: FloatArray = np.stack([box.evaluate(xy, field) for field in fields], axis=-1) + trend
         return gradient
+
+    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean [m] and variance [m²] (N,) that the other values predict for each value, its noise included."""
+        return self.evidence.leave_one_out()
+
+    def surface_variance(self, variance: FloatArray, xy: FloatArray) -> FloatArray:
+        """Return the variance (M,) [m²]; where waves are left out, no more than given the nearest points."""
+        if self.resolution.is_met:
+            return variance
+        return np.minimum(variance, variance_from_nearest(self.kernel, self.data, xy))
+
+    def record(self) -> dict[str, Any]:
+        """Return name and resolution of the engine for the record."""
+        resolution = self.resolution
+        return {
+            **super().record(),
+            "n_modes": resolution.n_modes,
+            "tail_m": float(np.sqrt(resolution.tail_m2)),
+            "tolerance_m": resolution.tolerance_m,
+            "tolerance_is_met": bool(resolution.is_met),
+        }
 
     def refuse_outside(self, xy: FloatArray) -> None:
         """Raise `InputError` for places (M, 2) outside the site and its points."""

@@ -129,8 +129,9 @@ class MeanSystem:
             previous = energy
         if energy > TOLERABLE**2:
             raise CapacityError(
-                f"the map's mean did not settle within {MAX_ITERATIONS} rounds (it may be off by {energy**0.5:.2g} standard "
-                "deviations): the length scale is too long or the noise too small for so many waves; use method='dense'."
+                f"the map's mean did not settle within {MAX_ITERATIONS} iterations (it may be off by {energy**0.5:.2g} "
+                "standard deviations): the length scale is too long or the noise too small for so many waves; map a "
+                "smaller area, or state larger errors."
             )
         return z
 

@@ -1,13 +1,15 @@
 """A large site in tiles: each mapped from the points within it and a halo around it."""
 
-from dataclasses import dataclass, replace
-from typing import Self
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray
+from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
 from survey.core.errors import CapacityError, InputError
 from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
@@ -19,10 +21,14 @@ HALO_LENGTHS = 7.0
 
 _LARGEST_HALVINGS = 7
 _N_FOR_TREND = 800
+_N_TIMED = 5000
+# Every tile is conditioned for the outliers, for the calibration, and for the map.
+_PASSES = 3.0
+_SECONDS_PER_NODE = 1e-6
 
 
 @dataclass(frozen=True)
-class TiledGaussianProcess:
+class TiledGaussianProcess(Process):
     """A process whose tiles are conditioned one after the other, when they are asked.
 
     Parameters
@@ -48,6 +54,8 @@ class TiledGaussianProcess:
     likelihood exists: `log_marginal_likelihood` is 0.
     """
 
+    divides_site: ClassVar = True
+
     kernel: Kernel
     data: NoisyValues
     site: Bounds
@@ -57,6 +65,7 @@ class TiledGaussianProcess:
     tolerance_m: float
     memory_mb: float
     log_marginal_likelihood: float = 0.0
+    progress: Progress | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def fit(
@@ -70,6 +79,7 @@ class TiledGaussianProcess:
         trend: TrendName = "none",
         tolerance_m: float = 1e-3,
         memory_mb: float = 300.0,
+        progress: Progress | None = None,
     ) -> Self:
         """Choose the largest tiles that fit the memory.
 
@@ -85,7 +95,15 @@ class TiledGaussianProcess:
         part = np.unique(np.linspace(0, len(data) - 1, _N_FOR_TREND).astype(int))
         sample = DenseGaussianProcess.fit(xy[part], values[part], sigma_m[part], kernel, trend=trend)
         return cls(
-            kernel, data, site, n_tiles, sample.trend, sample.trend_coefficients, tolerance_m, memory_mb
+            kernel,
+            data,
+            site,
+            n_tiles,
+            sample.trend,
+            sample.trend_coefficients,
+            tolerance_m,
+            memory_mb,
+            progress=progress,
         )
 
     def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
@@ -95,21 +113,27 @@ class TiledGaussianProcess:
     def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean [m] and variance [m²] (M,) at places (M, 2) [m]."""
         mean, variance = np.empty(len(xy)), np.empty(len(xy))
-        for tile, here in self._tiles_of(xy):
+        for done, (tile, here) in enumerate(tiles := self._tiles_of(xy)):
             mean[here], variance[here] = self._tile(tile).predict(xy[here])
+            self._report("tiles of the calibration", done + 1, len(tiles))
         return mean + self.trend.columns(xy) @ self.coefficients, variance
 
     def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard deviation (H, W) [m] on the nodes of two axes [m]."""
         mean, std = np.empty((len(y), len(x))), np.empty((len(y), len(x)))
         columns, rows = self._index(x, 0), self._index(y, 1)
+        done = 0
         for column in np.unique(columns):
             for row in np.unique(rows):
                 i, j = np.flatnonzero(rows == row), np.flatnonzero(columns == column)
                 tile = self._tile((int(column), int(row)))
-                mean[np.ix_(i, j)], std[np.ix_(i, j)] = tile.predict_on_axes(x[j], y[i])
-        nodes = np.stack(np.meshgrid(x, y), axis=-1)
-        return mean + self.trend.columns(nodes) @ self.coefficients, std
+                part = np.ix_(i, j)
+                mean[part], std[part] = tile.predict_on_axes(x[j], y[i])
+                nodes = np.stack(np.meshgrid(x[j], y[i]), axis=-1)
+                mean[part] += self.trend.columns(nodes) @ self.coefficients
+                done += 1
+                self._report("tiles of the map", done, self.n_tiles[0] * self.n_tiles[1])
+        return mean, std
 
     def gradient(self, xy: FloatArray) -> FloatArray:
         """Return the slope (M, 2) of the mean [m/m]."""
@@ -121,12 +145,47 @@ class TiledGaussianProcess:
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance (N,) that the others predict for each point, tile by tile."""
         mean, variance = np.empty(len(self.data)), np.empty(len(self.data))
-        for tile, here in self._tiles_of(self.data.xy):
+        for done, (tile, here) in enumerate(tiles := self._tiles_of(self.data.xy)):
             process = self._tile(tile)
             inside = here[self._near(tile)]
-            one, two = process.evidence.leave_one_out()
+            one, two = process.leave_one_out()
             mean[here], variance[here] = one[inside], two[inside]
+            self._report("tiles of the outliers", done + 1, len(tiles))
         return mean + self.trend.columns(self.data.xy) @ self.coefficients, variance
+
+    def require_settled(self) -> None:
+        """Condition the tile with the most points, to know that its mean settles.
+
+        Raises
+        ------
+        CapacityError
+            It does not.
+        """
+        tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
+        self._tile(tile).predict(self.data.xy[here][:1])
+
+    def record(self) -> dict[str, Any]:
+        """Return name and number of tiles for the record."""
+        return {**super().record(), "n_tiles": self.n_tiles[0] * self.n_tiles[1]}
+
+    def expected_s(self, n_nodes: int) -> float:
+        """Return the expected time [s], from that of the tile with the most points.
+
+        Raises
+        ------
+        CapacityError
+            The tile's mean does not settle.
+        """
+        tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
+        began = time.perf_counter()
+        self._tile(tile).predict(self.data.xy[here][:_N_TIMED])
+        seconds = time.perf_counter() - began
+        n_tiles = self.n_tiles[0] * self.n_tiles[1]
+        return n_tiles * _PASSES * seconds + n_nodes * _SECONDS_PER_NODE
+
+    def _report(self, what: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(what, done, total)
 
     def _tiles_of(self, xy: FloatArray) -> list[tuple[tuple[int, int], BoolArray]]:
         """Tiles that hold places, each with the mask of its places."""

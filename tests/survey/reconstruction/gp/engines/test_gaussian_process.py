@@ -17,8 +17,7 @@ from survey.reconstruction.gp.covariance.kernels import (
 )
 from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.gp.engines.polynomial_trend import TrendName
-from survey.reconstruction.gp.forecast import VarianceForecast
-from survey.reconstruction.gp.map_products import sample_on_axes, slope_on_axes, weighted_sum
+from survey.reconstruction.gp.slopes import steepness_on_axes
 
 BOUNDS = (0.0, 0.0, 100.0, 100.0)
 AXIS = np.linspace(0.0, 100.0, 26)
@@ -35,6 +34,10 @@ Points = tuple[FloatArray, FloatArray, FloatArray]
 
 def name(kernel: Kernel) -> str:
     return type(kernel).__name__
+
+
+def steepness(gp: FourierGaussianProcess, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return steepness_on_axes(gp, x, y, np.zeros((len(x) * len(y), 2)))
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +188,7 @@ def test_updating_equals_refitting(points: Points, trend: TrendName) -> None:
     ):
         np.testing.assert_allclose(other, one, atol=1e-6)
     assert updated.log_marginal_likelihood == pytest.approx(whole.log_marginal_likelihood, abs=1e-6)
-    for one, other in zip(slope_on_axes(whole, AXIS, AXIS), slope_on_axes(updated, AXIS, AXIS), strict=True):
+    for one, other in zip(steepness(whole, AXIS, AXIS), steepness(updated, AXIS, AXIS), strict=True):
         np.testing.assert_allclose(other, one, atol=1e-6)
     with pytest.raises(InputError, match="outside the site"):
         whole.update(np.array([[500.0, 0.0]]), np.zeros(1), np.ones(1))
@@ -206,17 +209,17 @@ def test_gradient_is_the_derivative_of_the_mean(points: Points, trend: TrendName
     differences = [(gp.predict(places + e)[0] - gp.predict(places - e)[0]) / 2e-3 for e in step]
     # second-order error of a central difference over 1 mm
     np.testing.assert_allclose(gp.gradient(places), np.stack(differences, axis=-1), atol=1e-6)
-    steepness, _ = slope_on_axes(gp, np.array([20.0]), np.array([30.0]))
-    assert steepness[0, 0] == pytest.approx(float(np.hypot(*gp.gradient(places)[0])), abs=1e-9)
+    slope, _ = steepness(gp, np.array([20.0]), np.array([30.0]))
+    assert slope[0, 0] == pytest.approx(float(np.hypot(*gp.gradient(places)[0])), abs=1e-9)
 
 
 def test_slope_deviation_is_that_of_a_difference_of_neighbouring_heights(points: Points) -> None:
-    gp = FourierGaussianProcess.fit(*points, KERNEL, bounds=BOUNDS, trend="plane")
+    gp = FourierGaussianProcess.fit(*points, KERNEL, bounds=BOUNDS)
     x, y = np.array([42.0]), np.array([37.0])
-    steepness, std = slope_on_axes(gp, x, y)
-    direction = gp.gradient(np.array([[42.0, 37.0]]))[0] / steepness[0, 0]
+    slope, std = steepness(gp, x, y)
+    direction = gp.gradient(np.array([[42.0, 37.0]]))[0] / slope[0, 0]
     pair = np.array([42.0, 37.0]) + 0.05 * np.array([direction, -direction])
-    _, difference_std = weighted_sum(gp, pair, np.array([10.0, -10.0]))
+    _, difference_std = gp.weighted_sum(pair, np.array([10.0, -10.0]))
     # third-order error of a difference over 0.1 m
     assert std[0, 0] == pytest.approx(difference_std, rel=1e-3)
 
@@ -225,12 +228,12 @@ def test_samples_have_the_moments_of_the_posterior(points: Points) -> None:
     gp = FourierGaussianProcess.fit(*points, KERNEL, bounds=BOUNDS, trend="constant", tolerance_m=1e-2)
     axis = np.linspace(5.0, 95.0, 7)
     n = 600
-    samples = sample_on_axes(gp, axis, axis, n, np.random.default_rng(3))
+    samples = gp.sample_on_axes(axis, axis, n, np.random.default_rng(3))
     mean, std = gp.predict_on_axes(axis, axis)
     # four standard errors of the mean and of the standard deviation of n draws
     assert np.abs((samples.mean(axis=0) - mean) / std).max() < 4 / np.sqrt(n)
     assert np.abs(samples.std(axis=0) / std - 1).max() < 4 / np.sqrt(2 * n)
-    again = sample_on_axes(gp, axis, axis, 1, np.random.default_rng(3))
+    again = gp.sample_on_axes(axis, axis, 1, np.random.default_rng(3))
     np.testing.assert_array_equal(again[0], samples[0])
 
 
@@ -238,7 +241,7 @@ def test_samples_have_the_moments_of_the_posterior(points: Points) -> None:
 def test_volume_and_its_deviation_agree_with_brute_force(points: Points, trend: TrendName) -> None:
     gp = FourierGaussianProcess.fit(*points, KERNEL, bounds=BOUNDS, trend=trend)
     inside = NODES[(NODES[:, 0] > 20) & (NODES[:, 0] < 60) & (NODES[:, 1] > 30) & (NODES[:, 1] < 50)]
-    volume, std = weighted_sum(gp, inside, np.full(len(inside), 16.0))
+    volume, std = gp.weighted_sum(inside, np.full(len(inside), 16.0))
     xy, _, sigma = points
     P, P_star = (
         np.column_stack([np.ones(len(p)), p]) if trend == "plane" else np.zeros((len(p), 0))
@@ -259,24 +262,12 @@ def test_volume_and_its_deviation_agree_with_brute_force(points: Points, trend: 
 def test_leave_one_out_equals_leaving_one_out(points: Points, trend: TrendName) -> None:
     xy, y, sigma = points
     gp = FourierGaussianProcess.fit(*points, KERNEL, bounds=BOUNDS, trend=trend)
-    mean, variance = gp.evidence.leave_one_out()
+    mean, variance = gp.leave_one_out()
     for k in (0, 57, 119):
         rest = np.delete(np.arange(120), k)
         expected, without_noise, _ = exact(KERNEL, (xy[rest], y[rest], sigma[rest]), xy[k : k + 1], trend)
         assert mean[k] == pytest.approx(expected[0], abs=1e-3)
         assert np.sqrt(variance[k]) == pytest.approx(np.sqrt(without_noise[0] + sigma[k] ** 2), abs=1e-4)
-
-
-def test_a_forecast_needs_no_heights_and_its_swaths_add_up(points: Points) -> None:
-    xy, _, sigma = points
-    gp = FourierGaussianProcess.fit(*points, KERNEL, bounds=BOUNDS)
-    forecast = VarianceForecast.of(KERNEL, BOUNDS, sigma_m=0.05, tolerance_m=1e-3)
-    for part in (slice(0, 70), slice(70, 120)):
-        forecast = forecast.with_information(forecast.information(xy[part], sigma[part]))
-    _, std = gp.predict_on_axes(AXIS, AXIS)
-    # both within the tolerance of 0.1 mm
-    np.testing.assert_allclose(forecast.std_on_axes(AXIS, AXIS), std, atol=2e-4)
-    np.testing.assert_allclose(forecast.std(NODES), std.ravel(), atol=2e-4)
 
 
 def test_sites_may_be_oblong_and_far_from_the_origin(points: Points) -> None:

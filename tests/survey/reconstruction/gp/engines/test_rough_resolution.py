@@ -6,7 +6,6 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential, Sum
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.rough_resolution import resolution_for
-from survey.reconstruction.gp.learned import surface_variance
 from survey.reconstruction.gp.process import conditioned
 
 SITE = (0.0, 0.0, 300.0, 300.0)
@@ -39,7 +38,7 @@ def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
     places = rng.uniform(0.0, 300.0, (400, 2))
     mean, variance = fast.predict(places)
     exact_mean, exact_variance = dense.predict(places)
-    ratio = np.sqrt(surface_variance(fast, variance, places) / exact_variance)
+    ratio = np.sqrt(fast.surface_variance(variance, places) / exact_variance)
     # The box of three quarters of the site costs a few per cent; twelve neighbours tell nearly all.
     assert 0.97 < np.median(ratio) < 1.03
     assert np.quantile(ratio, 0.01) > 0.85
