@@ -1,4 +1,7 @@
-"""Planners of survey routes: patterns of swaths, their choice by predicted error, and steering while driving."""
+"""Route planning: patterns of swaths, their choice by predicted error, and steering while driving.
+
+Data types live in `survey`; this package neither localizes nor simulates.
+"""
 
 from planners.config import (
     BestConfig,

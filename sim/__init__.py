@@ -1,4 +1,7 @@
-"""The roof of firnline: the simulated world, the mission, Monte Carlo, the command line."""
+"""Simulator of firnline: worlds, sensors and vehicles, missions, Monte Carlo studies, the command line.
+
+Estimation and planning live in `survey`, `planners` and `vision_slam`, which never import this package.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

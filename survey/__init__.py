@@ -1,4 +1,7 @@
-"""The foundation of firnline: the nouns of a survey, terrain reconstruction, scoring, formats, figures."""
+"""Data types of a survey, file formats, terrain reconstruction, scoring, figures and reports.
+
+Route planning lives in `planners`, localization in `vision_slam`, simulation in `sim`.
+"""
 
 from survey import terrain
 from survey.core.errors import CapacityError, ConfigError, FirnlineError, InputError

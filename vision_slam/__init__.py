@@ -1,4 +1,7 @@
-"""Localization from what a rover senses: it is given a recording, never a world."""
+"""Localization of a rover from its recording: visual odometry, sensor fusion, loop closures.
+
+The truth of a simulation never reaches this package.
+"""
 
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import TrajectoryError, trajectory_error

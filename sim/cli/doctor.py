@@ -1,4 +1,4 @@
-"""``firnline doctor``: check that everything is here that firnline needs."""
+"""``firnline doctor``: check the installation."""
 
 import typer
 
@@ -70,7 +70,7 @@ def _machine() -> list[Finding]:
 
 
 def _geoids() -> list[Finding]:
-    """Tell for each vertical datum if heights can be taken to it, and which of PROJ's grids are missing."""
+    """Check for each vertical datum whether heights can be transformed to it, and which of PROJ's grids are missing."""
     from survey.core.geodesy import lacking_grids
 
     return [

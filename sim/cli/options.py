@@ -21,5 +21,5 @@ Workers = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 Verbose = Annotated[
-    int, typer.Option("--verbose", "-v", count=True, help="More words; -vv shows tracebacks.")
+    int, typer.Option("--verbose", "-v", count=True, help="More detail in the log; -vv shows tracebacks.")
 ]

@@ -49,13 +49,13 @@ def _area_text(area: Path | None) -> str:
 
 def _draw_and_mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
     """Write pictures of mean, width and support, and the ground that is certainly too steep."""
-    from survey.figures import png_bytes, route_map, support_map
+    from survey.figures import png_bytes, support_map, survey_map
     from survey.figures.bounds import width_map
     from survey.reconstruction.line_of_sight.steep_ground import steep_ground
 
     if result.lower is None or result.upper is None:
         return
-    figures = {"mean": route_map(result.mean), "width": width_map(result), "support": support_map(result)}
+    figures = {"mean": survey_map(result.mean), "width": width_map(result), "support": support_map(result)}
     for name, figure in figures.items():
         (out / f"{name}.png").write_bytes(png_bytes(figure))
     if max_slope_deg is not None:

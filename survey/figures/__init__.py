@@ -1,6 +1,6 @@
 """Figures of a survey: types in, `matplotlib.figure.Figure` out; no file is read or written.
 
-Every figure has one style, states its units, and can be told apart by the colour-blind.
+Every figure has one style, states its units, and uses colours that the colour-blind can distinguish. Files are written by `survey.reporting`.
 """
 
 from survey.figures.curves import terrain_profile, trajectory_error
@@ -12,7 +12,7 @@ from survey.figures.errors import (
     error_map,
     height_error,
 )
-from survey.figures.maps import deviation_map, landmark_map, route_map, support_map, terrain_comparison
+from survey.figures.maps import deviation_map, landmark_map, support_map, survey_map, terrain_comparison
 from survey.figures.paths import error_over_distance, path_map
 from survey.figures.plans import plan_map
 from survey.figures.style import png_bytes
@@ -31,8 +31,8 @@ __all__ = [
     "path_map",
     "plan_map",
     "png_bytes",
-    "route_map",
     "support_map",
+    "survey_map",
     "terrain_comparison",
     "terrain_profile",
     "trajectory_error",

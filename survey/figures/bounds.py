@@ -1,4 +1,4 @@
-"""How far apart the bounds of a map are."""
+"""Map of the width of the interval between lower and upper bound."""
 
 import numpy as np
 from matplotlib.colors import Normalize
@@ -11,7 +11,7 @@ from survey.reconstruction.base import UNSEEN, Reconstruction
 
 @styled
 def width_map(reconstruction: Reconstruction) -> Figure:
-    """Draw the distance between the lower and the upper bound of the ground's height, where anything is known.
+    """Draw the distance between the lower and the upper bound of the elevation.
 
     Parameters
     ----------

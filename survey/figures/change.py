@@ -23,7 +23,7 @@ from survey.scoring.change.results import Change
 
 @styled
 def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -> Figure:
-    """Draw the difference of two surveys; what is not significant is veiled, colours are symmetric about 0.
+    """Draw the difference of two surveys; changes that are not significant are veiled.
 
     Parameters
     ----------

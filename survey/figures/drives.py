@@ -1,4 +1,4 @@
-"""A drive beside its plan: where the rover went, where it should have gone, and where it thought that it was."""
+"""Figures of a drive: planned, driven and estimated path, and the distance between them."""
 
 import numpy as np
 import shapely
@@ -17,7 +17,7 @@ from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, styled
 def executed_route(
     route: Route, driven: FloatArray, believed: FloatArray | None = None, *, area: SurveyArea | None = None
 ) -> Figure:
-    """Draw the path that was driven over the one that was planned.
+    """Draw the driven path over the planned one.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def executed_route(
     driven : (N, 2+) ndarray
         Where the rover went: easting, northing [m].
     believed : (M, 2+) ndarray, optional
-        Where it thought that it was, at the time.
+        Its position as estimated while driving [m].
     area : SurveyArea, optional
         Its outline.
 
@@ -66,7 +66,7 @@ def executed_route(
 
 @styled
 def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray | None = None) -> Figure:
-    """Draw how far the rover was from its route, and how far it believed to be, over the share of its drive.
+    """Draw the true and the estimated distance from the route against the share of the drive.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray 
 
 
 def _draw_both(axes: Axes, driven: FloatArray, believed: FloatArray | None) -> list[Line2D]:
-    """Draw lines (N, 2) of what was driven over what was believed; return what the legend shows."""
+    """Draw the driven line over the estimated one (N, 2); return the handles of the legend."""
     drawn: list[Line2D] = []
     if believed is not None:
         drawn += axes.plot(*believed.T, color=CLAIM, linewidth=0.9, label="Believed while driving")

@@ -1,4 +1,4 @@
-"""Maps of the site: the route on the relief, surfaces side by side, what the map rests on, the landmarks."""
+"""Maps of a survey: terrain and route, surfaces side by side, standard deviation, support, landmarks."""
 
 import math
 
@@ -39,7 +39,7 @@ _SUPPORT = {
 
 
 @styled
-def route_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | None = None) -> Figure:
+def survey_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | None = None) -> Figure:
     """Draw the hillshaded terrain with contours, the area, no-go ground and the route.
 
     Swaths are numbered in driving order and carry an arrow, transits are dashed, each
@@ -68,7 +68,7 @@ def route_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | No
     --------
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 20.0), 10.0)
-    >>> figure = route_map(Dem.on(grid, grid.xy[:, 0].reshape(grid.shape)))
+    >>> figure = survey_map(Dem.on(grid, grid.xy[:, 0].reshape(grid.shape)))
     >>> figure.axes[0].get_xlabel()
     'Easting [m]'
     """
@@ -105,11 +105,11 @@ def terrain_comparison(
     Parameters
     ----------
     reference : Dem
-        The terrain as it is.
+        True terrain.
     reconstruction : Reconstruction
         The survey's map.
     prior : Dem, optional
-        What was known before, e.g. from a satellite.
+        Prior, e.g. from a satellite.
     area : SurveyArea, optional
         Its outline is drawn and sets what is shown.
 
@@ -139,7 +139,7 @@ def terrain_comparison(
 def deviation_map(
     reconstruction: Reconstruction, *, area: SurveyArea | None = None, route: Route | None = None
 ) -> Figure:
-    """Draw the standard deviation that the reconstruction claims.
+    """Draw the standard deviation of a reconstruction.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def deviation_map(
 def support_map(
     reconstruction: Reconstruction, *, area: SurveyArea | None = None, route: Route | None = None
 ) -> Figure:
-    """Draw what stands behind each node: a measurement, a line of sight, interpolation, nothing.
+    """Draw the support of each node: measured, bounded by a line of sight, interpolated, unseen.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def support_map(
 def landmark_map(
     points: SurfacePoints, terrain: Dem, *, area: SurveyArea | None = None, route: Route | None = None
 ) -> Figure:
-    """Draw how densely the surface was measured.
+    """Draw the density of the measured points.
 
     Points are counted in squares of a round size, about thirty to the longer side.
 
@@ -253,7 +253,7 @@ def landmark_map(
 
 
 def draw_outline_and_route(axes: Axes, area: SurveyArea | None, route: Route | None) -> None:
-    """Draw, on a map about something else, where it was measured."""
+    """Draw the outline of the area and the route as thin lines."""
     if area is not None:
         draw_area(axes, area, veil=False)
     if route is not None:
@@ -261,7 +261,7 @@ def draw_outline_and_route(axes: Axes, area: SurveyArea | None, route: Route | N
 
 
 def clipped(dem: Dem, bounds: tuple[float, float, float, float]) -> Dem:
-    """Keep the cells that a map shows, so that far ones do not set its colours."""
+    """Return the cells within bounds, so that far ones do not set the colours."""
     xmin, ymin, xmax, ymax = bounds
     margin = dem.step_m
     return dem.window((xmin - margin, ymin - margin, xmax + margin, ymax + margin))

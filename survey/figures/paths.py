@@ -1,4 +1,4 @@
-"""Where a rover believed to be: its path and landmarks with their ellipses, and its error over the distance."""
+"""Figures of an estimated path: its error ellipses and landmarks, and its error against distance."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ def path_map(
     is_lost: BoolArray | None = None,
     in_the_world: bool = True,
 ) -> Figure:
-    """Draw the estimated path with its 1σ ellipses over the landmarks that it saw.
+    """Draw the estimated path with its 1σ ellipses over the landmarks.
 
     Ellipses that would be too small to see are drawn larger, by a factor that the legend
     states.
@@ -92,7 +92,7 @@ def path_map(
 
 
 def _draw_landmarks(drawing: MapFigure, landmarks: FloatArray | None, sigma_m: FloatArray | None) -> None:
-    """Draw landmarks in the colour of their σ, no more than can be told apart; without any there is no colour bar."""
+    """Draw landmarks in the colour of their σ, thinned to a number that can be seen; without landmarks there is no colour bar."""
     if landmarks is None or not len(landmarks):
         drawing.bar.set_visible(False)
         return
@@ -185,7 +185,7 @@ def error_over_distance(
     covariance: FloatArray | None = None,
     is_lost: BoolArray | None = None,
 ) -> Figure:
-    """Draw how the position's error grows with the distance driven, beside the σ that was claimed.
+    """Draw the error of the position against the distance driven, with the estimated standard deviation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The map of a plan: where every rover will drive, and how uncertain the map that follows will be."""
+"""Map of a planned route over the predicted standard deviation of the survey."""
 
 import math
 from collections.abc import Sequence
@@ -42,11 +42,11 @@ def plan_map(
     std: Dem | None = None,
     left_out: Sequence[Polygon] = (),
 ) -> Figure:
-    """Draw a planned route over what is known of the ground and what the survey will leave unknown.
+    """Draw a planned route over the known terrain and the predicted standard deviation.
 
     Swaths are numbered in driving order and carry an arrow, transits are dashed, each
-    rover has its colour. Colours below tell the predicted standard deviation of the map;
-    without it, elevation.
+    rover has its colour. Colours show the predicted standard deviation of the map,
+    or the elevation where no prediction is given.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def plan_map(
     route : Route
         In the CRS of the area.
     terrain : Dem, optional
-        Known beforehand; drawn as hillshade with contours.
+        Prior terrain, drawn as hillshade with contours.
     std : Dem, optional
         Predicted standard deviation, e.g. ``planners.predict_error(…).std`` [m].
     left_out : sequence of shapely.Polygon, optional

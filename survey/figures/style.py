@@ -1,4 +1,4 @@
-"""The look of every figure: a field report that is legible at page width and safe for the colour-blind."""
+"""Style of all figures: colours, fonts, sizes, and rendering to PNG."""
 
 import io
 import math
@@ -74,7 +74,7 @@ _Result = TypeVar("_Result")
 
 
 def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Run a drawing function under the report's settings, whatever the user's own are."""
+    """Run a drawing function with the report's matplotlib settings instead of the user's."""
 
     @wraps(draw)
     def under_style(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:

@@ -1,4 +1,7 @@
-"""The report of a survey: one HTML page that opens offline, with its figures inside."""
+"""Report of a survey: one HTML page that opens offline, with its figures embedded.
+
+Figures are drawn by `survey.figures`; scores are computed by `survey.scoring`.
+"""
 
 from survey.reporting.page import write_report
 from survey.reporting.surveyed import OnBoard, SurveyResults

@@ -1,4 +1,4 @@
-"""One offline HTML page that shows a survey, its map, and how far both can be trusted."""
+"""HTML page of a survey: map, errors, uncertainty, settings and provenance."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,14 +24,14 @@ def write_report(
     """Write ``index.html`` and ``figures/*.png`` into a folder.
 
     The page loads nothing: figures are inside it, there are no scripts and no links to
-    other files. Equal input gives equal bytes, for it states no date of its own.
+    other files. Equal input gives equal bytes; the page states no date.
 
     Parameters
     ----------
     folder : str or pathlib.Path
         Made when it does not exist; its parent must.
-    survey : Surveyed
-        What is shown.
+    survey : SurveyResults
+        Results to show.
     title : str
         Heading of the page.
     localization : mapping of str to float or None, optional
@@ -67,11 +67,12 @@ def write_report(
 
 
 def _said(survey: SurveyResults) -> dict[str, object]:
-    """Return what the page says of map and score, by the template's names."""
+    """Return the content about map and score, by the names of the template."""
     score, route, reconstruction = survey.score, survey.route, survey.reconstruction
     datum = reconstruction.mean.vertical_datum or "an unstated datum"
     return {
         "is_met": score.verdicts[0].met,
+        "verdict_label": words.verdict_label(score.verdicts[0]),
         "verdict_sentence": words.verdict_sentence(score.verdicts),
         "conditions": words.conditions(score),
         "classes": words.classes_by_standard(score),
@@ -98,7 +99,7 @@ def _render(**content: object) -> str:
 
 
 def _write(folder: Path, page: str, pictures: Mapping[str, Picture]) -> Path:
-    """Write the pictures, then the page that stands for the whole."""
+    """Write the pictures, then the page."""
     try:
         folder.mkdir(exist_ok=True)
         (folder / "figures").mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""The pictures of a report, each with its words."""
+"""Pictures of a report, each with its alternative text and caption."""
 
 import base64
 import struct
@@ -15,7 +15,7 @@ from survey.reporting.surveyed import OnBoard, SurveyResults
 
 
 class Picture(NamedTuple):
-    """A figure as the page shows it: PNG (or animated WebP) bytes, words for those who cannot see it, a caption."""
+    """A figure of the page: PNG or animated WebP bytes, alternative text, caption."""
 
     image: bytes
     alt: str
@@ -43,7 +43,7 @@ class Picture(NamedTuple):
 
 
 def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
-    """Draw all that there is to show of a survey, by the pictures' names."""
+    """Draw the pictures of a survey, by their names."""
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if survey.trajectory is not None and survey.reference_trajectory is not None:
         pictures |= _path_pictures(survey.trajectory, survey.reference_trajectory, survey.points)
@@ -55,43 +55,43 @@ def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
 
 
 def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:
-    """Draw what was driven, what came out, and what it rests on."""
+    """Draw maps of route, terrain, standard deviation, support and landmarks."""
     area, route, reconstruction = survey.area, survey.route, survey.reconstruction
     pictures = {
         "map": Picture(
-            _png(figures.route_map(reconstruction.mean, area=area, route=route)),
+            _png(figures.survey_map(reconstruction.mean, area=area, route=route)),
             "Hillshaded map of the site with the route",
             "The reconstructed terrain with the route. Numbers give the order of the swaths.",
         ),
         "terrain": Picture(
             _png(figures.terrain_comparison(survey.truth, reconstruction, survey.prior, area=area)),
             "Reference and reconstruction side by side",
-            "The ground as it is, as it was mapped, and as it was known before; all in the same colours."
+            "Reference, reconstruction and prior in the same colours."
             if survey.prior
-            else "The ground as it is and as it was mapped, in the same colours.",
+            else "Reference and reconstruction in the same colours.",
         ),
         "std": Picture(
             _png(figures.deviation_map(reconstruction, area=area, route=route)),
             "Map of the claimed standard deviation",
-            "What the map claims to know: small along the swaths, larger between them.",
+            "Standard deviation of the map: small along the swaths, larger between them.",
         ),
         "support": Picture(
             _png(figures.support_map(reconstruction, area=area, route=route)),
-            "Map of what each node rests on",
-            "What stands behind each height.",
+            "Map of the support of each node",
+            "Support of each height: measured, bounded by a line of sight, interpolated or unseen.",
         ),
     }
     if survey.points is not None:
         pictures["landmarks"] = Picture(
             _png(figures.landmark_map(survey.points, reconstruction.mean, area=area, route=route)),
             "Map of the density of landmarks",
-            "Where the surface was measured, and how densely.",
+            "Density of the measured points.",
         )
     return pictures
 
 
 def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:
-    """Draw how far the map is from the reference, and if it knows so."""
+    """Draw the errors of the map and their calibration."""
     area, truth, route, reconstruction = survey.area, survey.truth, survey.route, survey.reconstruction
     return {
         "error": Picture(
@@ -112,12 +112,12 @@ def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:
         "histogram": Picture(
             _png(figures.error_histogram(reconstruction, truth, survey.score.elevation, area=area)),
             "Histogram of the errors with RMSE, NMAD and 95th percentile",
-            "How the errors are distributed.",
+            "Distribution of the errors.",
         ),
         "distance": Picture(
             _png(figures.error_against_distance(reconstruction, truth, route, area=area)),
             "Error against distance to the route",
-            "How error and claim grow away from the route.",
+            "Error and standard deviation against the distance to the route.",
         ),
     }
 
@@ -125,7 +125,7 @@ def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:
 def _path_pictures(
     trajectory: Trajectory, reference: Trajectory, points: SurfacePoints | None
 ) -> dict[str, Picture]:
-    """Draw where the rover believed to be, and how far off it was."""
+    """Draw the estimated path and its error."""
     at_times = np.column_stack(
         [np.interp(trajectory.time_s, reference.time_s, axis) for axis in reference.position.T]
     )
@@ -143,49 +143,49 @@ def _path_pictures(
                 )
             ),
             "Map of the estimated path with its 1σ ellipses, the reference and the landmarks",
-            "Where the rover believed to be, how surely, and what it saw from there.",
+            "Estimated path with its 1σ ellipses, the reference, and the landmarks.",
         ),
         "path_error": Picture(
             _png(figures.error_over_distance(trajectory.position, at_times, trajectory.covariance, is_lost)),
             "Horizontal and vertical error of the position over the distance driven, with the claimed band",
-            "How the error of the position grows with the distance, and what was claimed of it.",
+            "Error of the position against the distance driven, with the estimated standard deviation.",
         ),
         "trajectory": Picture(
             _png(figures.trajectory_error(trajectory, reference)),
             "Error of the estimated position over time with its claimed band",
-            "Error of the estimated position: east, north and up. The band is what the rover claims (± 2 σ).",
+            "Error of the estimated position: east, north and up. The band is ± 2 estimated σ.",
         ),
     }
 
 
 def _drive_pictures(survey: SurveyResults, driven: Trajectory, believed: FloatArray) -> dict[str, Picture]:
-    """Draw how the drive kept to its plan."""
+    """Draw the drive beside its plan."""
     route, paths = survey.route, (driven.position, believed)
     return {
         "executed": Picture(
             _png(figures.executed_route(route, *paths, area=survey.area)),
-            "Map of the planned path and of the one that was driven",
-            "Where the rover was to go, where it went, and where it thought that it was.",
+            "Map of the planned and the driven path",
+            "Planned path, driven path, and the path as estimated while driving.",
         ),
         "deviation": Picture(
             _png(figures.deviation_from_route(route, *paths)),
             "Distance from the planned path over the distance driven",
-            "How far from its route the rover was, and how far it thought that it was.",
+            "True and estimated distance from the route.",
         ),
     }
 
 
 def _camera_pictures(on_board: OnBoard) -> dict[str, Picture]:
-    """Show what the camera saw, and what was followed in its images."""
+    """Return the pictures of the camera: video and feature tracks."""
     pictures = {}
     if on_board.video is not None:
         alt = "Images of the drive, one after the other"
-        pictures["video"] = Picture(on_board.video, alt, "What the camera saw, from start to end.")
+        pictures["video"] = Picture(on_board.video, alt, "Images of the camera, from start to end.")
     if on_board.tracks is not None:
         pictures["tracks"] = Picture(
             _png(on_board.tracks),
-            "Images of the drive with the corners that were followed, before and after CLAHE",
-            "What the camera followed: lines are the ways of corners, left in the images as they came, right after their contrast was raised.",
+            "Images of the drive with tracked corners, before and after CLAHE",
+            "Tracked corners: left in the raw images, right after contrast enhancement (CLAHE).",
         )
     return pictures
 

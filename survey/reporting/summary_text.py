@@ -1,4 +1,4 @@
-"""What the numbers of a survey say, in plain words."""
+"""Summary sentences and tables of the numbers of a survey."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -79,6 +79,13 @@ def standard_name(standard: str) -> str:
     return _STANDARDS.get(standard, standard)
 
 
+def verdict_label(verdict: Verdict) -> str:
+    """Return the verdict in one or two words."""
+    if verdict.is_withheld:
+        return "Withheld"
+    return "Met" if verdict.met else "Not met"
+
+
 def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
     """Say if the first class was met, with the RMSE beside its limit, and which is the tightest one met.
 
@@ -123,7 +130,7 @@ def calibration_sentence(calibration: Calibration) -> str:
     """Say if the claimed uncertainty is honest.
 
     Too confident: fewer than 92 % of the errors lie within the claimed 95 % interval. Too
-    cautious: more than 98 % do and the errors are smaller than claimed on the whole. Between
+    cautious: more than 98 % do and the errors are smaller than claimed. Between
     the two it is honest, unless rare large errors make their root mean square 1.25 times the
     claim.
 

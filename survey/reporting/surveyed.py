@@ -1,4 +1,4 @@
-"""What a report shows: the survey, its map, how good it is, and what was on board."""
+"""Content of a report: survey, map, score, and records of the camera."""
 
 from dataclasses import dataclass
 
@@ -16,17 +16,16 @@ from survey.scoring import Score
 
 @dataclass(frozen=True, kw_only=True)
 class OnBoard:
-    """What a drive with a camera leaves to look at.
+    """Camera records of a drive that a report shows.
 
-    Attributes
+    Parameters
     ----------
     tracks : matplotlib.figure.Figure, optional
-        What was followed in its images.
+        Feature tracks in its images.
     video : bytes, optional
-        What the camera saw, as an animated WebP.
+        Images of the drive as an animated WebP.
     believed : (N, 2) ndarray, optional
-        Where the rover thought that it was while it steered by that [m]: the drive is shown
-        beside its plan.
+        Position by which the rover steered [m]; the drive is then shown beside its plan.
     """
 
     tracks: Figure | None = None
@@ -36,28 +35,28 @@ class OnBoard:
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyResults:
-    """A survey that came to its end, and all that it is judged by.
+    """A finished survey with its reference and score.
 
-    Attributes
+    Parameters
     ----------
     area : SurveyArea
-        What was to be mapped; errors are shown inside it only.
+        Area to be mapped; errors are shown inside it only.
     prior : Dem or None
-        What was known before.
+        Prior terrain.
     truth : Dem
         The reference terrain.
     route : Route
-        What was driven, or planned.
+        Driven or planned route.
     reconstruction : Reconstruction
-        The survey's map.
+        Map of the survey.
     score : Score
-        How good it is; its first verdict is the headline.
+        Score of the map; its first verdict is the headline.
     trajectory, reference_trajectory : Trajectory, optional
-        Where the rover believed to be and where it was; drawn when both are given.
+        Estimated and true path; drawn when both are given.
     points : SurfacePoints, optional
-        What the map was made from.
+        Points that the map was made from.
     on_board : OnBoard, optional
-        What the camera leaves to look at, where there was one.
+        Camera records, where there was a camera.
     """
 
     area: SurveyArea

@@ -37,7 +37,7 @@ from survey.figures.cartography import (
     map_figure,
     relief_exaggeration,
 )
-from survey.figures.maps import route_map
+from survey.figures.maps import survey_map
 from survey.figures.style import ERROR, ESTIMATE, FULL_IN, INK, MUTED, png_bytes, styled, symmetric_limits
 from survey.reconstruction import GaussianProcessConfig, Reconstruction
 from survey.scoring import Coverage, map_classes
@@ -78,7 +78,7 @@ def glacier_fig5(folder: Path, *, quick: bool, progress: Progress) -> None:
 def glacier_fig6(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa: ARG001
     """Draw the real terrain of Fig. 5."""
     world = build_world(_mission("statistical"))
-    _write(folder / "terrain.png", route_map(world.terrain, area=world.area))
+    _write(folder / "terrain.png", survey_map(world.terrain, area=world.area))
     progress("maps", 1, 1)
 
 
@@ -92,7 +92,7 @@ def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
         raise TypeError("the piecewise-continuous pattern is steered")
     sense = planners.attitude_sensor(world.terrain)
     driven = planners.rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
-    _write(folder / "piecewise_continuous_path.png", route_map(world.terrain, area=world.area, route=driven))
+    _write(folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven))
     progress("maps", 1, 1)
 
 

@@ -9,7 +9,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Leg, Route
-from survey.figures import deviation_map, landmark_map, png_bytes, route_map, support_map, terrain_comparison
+from survey.figures import deviation_map, landmark_map, png_bytes, support_map, survey_map, terrain_comparison
 from survey.figures.cartography import elevation_limits, relief_exaggeration, thinned, view
 from survey.figures.style import ROVERS
 
@@ -24,8 +24,8 @@ def texts(figure):
     return legends + [text.get_text() for axes in figure.axes for text in axes.texts]
 
 
-def test_the_route_map_shows_the_terrain_with_its_coordinates(site):
-    axes = route_map(site.truth, area=site.area, route=site.route).axes[0]
+def test_the_survey_map_shows_the_terrain_with_its_coordinates(site):
+    axes = survey_map(site.truth, area=site.area, route=site.route).axes[0]
     (image,) = rasters(axes)
     np.testing.assert_array_equal(image.get_array(), site.truth.elevation)
     xmin, ymin, xmax, ymax = site.truth.bounds
@@ -35,7 +35,7 @@ def test_the_route_map_shows_the_terrain_with_its_coordinates(site):
 
 
 def test_swaths_are_numbered_and_transits_dashed_in_the_colour_of_their_rover(site):
-    figure = route_map(site.truth, area=site.area, route=site.route)
+    figure = survey_map(site.truth, area=site.area, route=site.route)
     legs = [line for line in figure.axes[0].lines if len(line.get_xdata()) >= 2]
     assert len(legs) == len(site.route.legs)
     for line, leg in zip(legs, site.route.legs, strict=True):
@@ -62,26 +62,26 @@ def test_one_rover_needs_no_name_and_many_swaths_few_numbers(site):
         if legs:
             legs.append(Leg("transit", [legs[-1].xy[-1], swath.xy[0]]))
         legs.append(swath)
-    words = texts(route_map(site.truth, route=Route(tuple(legs), site.route.crs, "lawnmower")))
+    words = texts(survey_map(site.truth, route=Route(tuple(legs), site.route.crs, "lawnmower")))
     assert "Swaths (30)" in words
     numbers = [int(word) for word in words if word.isdigit() and int(word) <= 30]
     assert numbers == [1, 4, 7, 10, 13, 16, 19, 22, 25, 28]
 
 
 def test_no_go_ground_is_hatched(site):
-    patches = route_map(site.truth, area=site.area).axes[0].patches
+    patches = survey_map(site.truth, area=site.area).axes[0].patches
     assert sum(bool(patch.get_hatch()) for patch in patches) == 1
 
 
 def test_the_scale_bar_has_a_round_length(site):
-    figure = route_map(site.truth, area=site.area)
+    figure = survey_map(site.truth, area=site.area)
     assert {"20 m", "N"} <= set(texts(figure))
 
 
 def test_an_area_in_another_crs_is_refused(site):
     elsewhere = SurveyArea.rectangle(site.area.bounds, "EPSG:32609")
     with pytest.raises(InputError, match="area"):
-        route_map(site.truth, area=elsewhere)
+        survey_map(site.truth, area=elsewhere)
 
 
 def test_compared_surfaces_share_their_colours(site):
@@ -132,7 +132,7 @@ def test_every_landmark_is_counted_once(site):
 
 
 def test_the_same_map_gives_the_same_bytes(site):
-    first, second = (png_bytes(route_map(site.truth, area=site.area, route=site.route)) for _ in range(2))
+    first, second = (png_bytes(survey_map(site.truth, area=site.area, route=site.route)) for _ in range(2))
     assert first == second
     assert first.startswith(b"\x89PNG")
     assert b"Software" not in first
@@ -141,7 +141,7 @@ def test_the_same_map_gives_the_same_bytes(site):
 def test_unknown_cells_do_not_spoil_the_shading(site):
     holes = site.truth.elevation.copy()
     holes[5:9, 5:9] = np.nan
-    axes = route_map(Dem(holes, site.truth.transform, site.truth.crs)).axes[0]
+    axes = survey_map(Dem(holes, site.truth.transform, site.truth.crs)).axes[0]
     shading = next(image.get_array() for image in axes.get_images() if image.get_array().ndim == 3)
     assert np.isfinite(shading).all()
     assert (shading[5:9, 5:9, 3] == 0.0).all()
@@ -151,7 +151,7 @@ def test_flat_ground_can_be_drawn():
     grid = Grid((0.0, 0.0, 40.0, 20.0), 5.0)
     flat = Dem.on(grid, np.zeros(grid.shape))
     assert relief_exaggeration(flat) == 10.0
-    assert png_bytes(route_map(flat))
+    assert png_bytes(survey_map(flat))
 
 
 def test_large_rasters_are_thinned_in_place():
