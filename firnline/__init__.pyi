@@ -100,6 +100,7 @@ from survey.scoring.change.results import MassBalance as MassBalance
 from survey.scoring.change.results import VolumeChange as VolumeChange
 from survey.scoring.change.variogram import Variogram as Variogram
 from survey.scoring.coverage import Coverage as Coverage
+from survey.scoring.covered_area import NodeCounts as NodeCounts
 from survey.scoring.score import Score as Score
 from survey.scoring.score import score as score
 from survey.scoring.standards.standards import Verdict as Verdict

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from survey.core.errors import InputError
-from survey.reporting import Surveyed, write_report
+from survey.reporting import SurveyResults, write_report
 from survey.reporting.page import _write
 from survey.reporting.pictures import Picture
 
@@ -42,7 +42,7 @@ class Outline(HTMLParser):
 
 
 def surveyed(site, scored):
-    return Surveyed(
+    return SurveyResults(
         area=site.area,
         prior=site.prior,
         truth=site.truth,
