@@ -1,14 +1,12 @@
 """The rover's physics on ground whose answer is known."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
 from planners import Rover
 from sim.config.drive import PhysicsConfig
 from sim.vehicle.physics import KinematicRover
-from sim.vehicle.pursuit import BackingOff, PurePursuit
+from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
 
 pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python")
@@ -141,17 +139,3 @@ def test_pure_pursuit_keeps_to_a_route_with_right_angles(kind):
         aside.append(min(abs(place[1] - 40.0), abs(place[0] - 46.0)))
     assert time_s < 40.0
     assert max(aside) < 1.0  # corners are cut within the look-ahead
-
-
-def test_a_rover_that_hangs_backs_off_three_times_and_is_then_left():
-    backing, here = BackingOff(1.0), np.array([3.0, 4.0])
-    asked = [backing.track_speeds(0.05 * k, here, (0.6, 0.0)) for k in range(800)]
-    backs = [pair == (-0.2, -0.7) for pair in asked]  # it wants to turn right
-    assert sum(now and not before for before, now in pairwise(backs)) == 3
-    assert asked[-1] == (0.6, 0.0)
-
-
-def test_a_rover_that_gets_on_is_not_bothered():
-    backing = BackingOff(1.0)
-    for k in range(400):
-        assert backing.track_speeds(0.05 * k, np.array([0.04 * k, 0.0]), (0.8, 1.0)) == (0.8, 1.0)

@@ -1,0 +1,44 @@
+"""Surface appearance: texture tiles, patches, direction of the sun."""
+
+import numpy as np
+import pytest
+
+from sim.config.scene import AppearanceConfig
+from sim.world.appearance import GRAIN_TEXELS, grain_tile, packed, snow_patches, sun_direction
+
+
+def test_the_sun_stands_where_the_settings_say():
+    south = sun_direction(AppearanceConfig(sun_elevation_deg=45.0, sun_from_deg=180.0))
+    assert south == pytest.approx([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
+
+
+def test_a_tile_gives_its_texture_back(rng):
+    texture = rng.normal(size=(16, 16)).astype(np.float32)
+    tile = packed(texture, 100.0)
+    assert tile.starts.tolist() == [0, 256]
+    assert len(tile.words) == 256 + 64
+    found = ((tile.words[:256] & 255).astype(float) - 128.0) * tile.amplitude
+    np.testing.assert_allclose(
+        found.reshape(16, 16), texture - texture.mean(), atol=0.51 * tile.amplitude + 0.3
+    )
+    right = (tile.words[:256] >> np.uint32(8)) & 255
+    np.testing.assert_array_equal(
+        right.reshape(16, 16), np.roll((tile.words[:256] & 255).reshape(16, 16), -1, axis=1)
+    )
+
+
+def test_patches_darken_snow_and_stones_more():
+    shape = 200, 240
+    snow = snow_patches(shape, 0.25, AppearanceConfig(), 1)
+    debris = snow_patches(shape, 0.25, AppearanceConfig(stones=1.0), 1)
+    assert snow.shape == shape
+    assert 0.85 < snow.mean() <= 1.0
+    np.testing.assert_allclose(debris, 0.45 * snow, rtol=1e-5)
+    assert (snow_patches(shape, 0.25, AppearanceConfig(patches=0.0), 1) == 1.0).all()
+
+
+def test_contrast_scales_the_grain():
+    plain, strong = (grain_tile(AppearanceConfig(contrast=c), 1) for c in (1.0, 2.0))
+    assert plain.texels == GRAIN_TEXELS
+    assert strong.amplitude == pytest.approx(2.0 * plain.amplitude, rel=1e-5)
+    np.testing.assert_array_equal(strong.starts, plain.starts)
