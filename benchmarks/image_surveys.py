@@ -29,8 +29,8 @@ from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from survey.reconstruction import Reconstruction
 from vision_slam import LocalizationConfig
-from vision_slam.odometry import visual_slam
-from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
+from vision_slam.odometry import visual_odometry as visual_odometry_module
+from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
@@ -146,7 +146,7 @@ def keep(run: Path, found: VisualOdometry) -> None:
 
 
 def _kept(run: Path) -> Path:
-    code = b"".join(path.read_bytes() for path in _read_by(Path(visual_slam.__file__)))
+    code = b"".join(path.read_bytes() for path in _read_by(Path(visual_odometry_module.__file__)))
     return run.parent / f"seen-{hashlib.sha256(code).hexdigest()[:12]}.pickle"
 
 

@@ -48,7 +48,7 @@ from survey.reconstruction import Reconstruction, reconstruct
 from survey.reconstruction.joint.joint_map import JointTerrain
 from vision_slam import LocalizationConfig, localize
 from vision_slam.odometry.onboard import read_visual_odometry
-from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MISSIONS = Path(tempfile.gettempdir()) / "firnline-missions"

@@ -35,7 +35,7 @@ from survey.data.recording import Recording
 from survey.data.route import Leg, Route
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
+from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 from vision_slam.pipeline import align_heading, image_config, localize, with_loop_closures
 
 # Everything was chosen on seeds 31 to 33, 41 and 42.

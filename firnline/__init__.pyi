@@ -111,7 +111,7 @@ from vision_slam.evaluation import trajectory_error as trajectory_error
 from vision_slam.localization import Localization as Localization
 from vision_slam.odometry.config import VisualOdometryConfig as VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth as FrameHealth
-from vision_slam.odometry.visual_slam import VisualOdometry as VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometry as VisualOdometry
 from vision_slam.pipeline import localize as localize
 
 __version__: str

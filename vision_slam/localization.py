@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from survey.core.data_object import DataObject
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometry
 
 
 @dataclass(frozen=True, eq=False, repr=False)

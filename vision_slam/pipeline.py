@@ -25,7 +25,7 @@ from vision_slam.fusion.visual_scale import (
 from vision_slam.inertial.attitude import heading_correction
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.localization import Localization
-from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
+from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 from vision_slam.places.loop_closures import detect_loop_closures
 from vision_slam.places.relocalization import relocalize_segments, segment_starts
 from vision_slam.rotation import quaternions

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Image
+from survey.data.camera import Camera, Frames, Image
 from survey.figures.style import ESTIMATE, FULL_IN, styled
 from vision_slam.inertial.attitude import initial_pose
 from vision_slam.inertial.motion import MotionSensors
@@ -64,7 +64,9 @@ def tracks_on_frames(
     for row, last in zip(panels, ends, strict=True):
         grey = grey_of(drive.frames[last], camera.width, camera.height)
         for axes, used, name in zip(row, (plain, settings), ("As it came", "After CLAHE"), strict=True):
-            ways, n_near = tracked_pixels(drive, range(last - n_each + 1, last + 1), used)
+            ways, n_near = tracked_pixels(
+                drive, drive.frames, camera, range(last - n_each + 1, last + 1), used
+            )
             _draw(axes, ContrastEnhancer(used.clahe_clip, used.clahe_tiles)(grey), ways)
             axes.set_title(f"{name}: {len(ways)} corners followed, {n_near} of them near", fontsize=9)
         row[0].set_ylabel(f"{drive.frames.time_s[last] - drive.frames.time_s[0]:.1f} s")
@@ -72,20 +74,17 @@ def tracks_on_frames(
 
 
 def tracked_pixels(
-    drive: VisionRecords, frames: range, config: VisualOdometryConfig
+    drive: VisionRecords, frames: Frames, camera: Camera, chosen: range, config: VisualOdometryConfig
 ) -> tuple[list[FloatArray], int]:
-    """Return the latest pixels (K, 2) of each corner that is followed into the last of some frames; how many are near."""
-    assert drive.frames is not None
-    assert drive.camera is not None
-    times, sensors = drive.frames.time_s, MotionSensors(drive)
-    slam = VisualSlam(drive.camera, config, initial_pose(drive, times[frames[0]]))
-    for index in frames:
-        motion = None if index == frames[0] else sensors.between(times[index - 1], times[index])
-        slam.step(drive.frames[index], times[index], motion)
+    """Return the latest pixels (K, 2) of each corner tracked into the last of the chosen frames, and how many are near."""
+    times, sensors = frames.time_s, MotionSensors(drive)
+    slam = VisualSlam(camera, config, initial_pose(drive, times[chosen[0]]))
+    for index in chosen:
+        motion = None if index == chosen[0] else sensors.between(times[index - 1], times[index])
+        slam.step(frames[index], times[index], motion)
     tracks = [track for track in slam.live_tracks if len(track.rays) > 1]
     ways = [
-        np.vstack([drive.camera.project(np.array(track.rays[-_N_DRAWN:])), track.pixel[None]])
-        for track in tracks
+        np.vstack([camera.project(np.array(track.rays[-_N_DRAWN:])), track.pixel[None]]) for track in tracks
     ]
     return ways, sum(track.point is not None and not track.is_far for track in tracks)
 

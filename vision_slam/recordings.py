@@ -25,7 +25,7 @@ from vision_slam.io.gps_files import GpsLog, read_gps
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, georeference, scale_by_reference
-from vision_slam.odometry.visual_slam import visual_odometry
+from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import localize
 
 

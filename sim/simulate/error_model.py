@@ -29,7 +29,7 @@ from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam import LocalizationConfig
 from vision_slam.odometry.onboard import read_visual_odometry
-from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometry
 from vision_slam.pipeline import align_heading
 
 STRETCH_M = 5.0

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 from sim.instruments.suite import Readings
 from survey.core.arrays import FloatArray
 from survey.data.camera import Camera
-from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometry
 
 
 class PoseEstimate(NamedTuple):

@@ -32,7 +32,7 @@ from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
-from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometry
 
 _MEMORY_S = 0.5
 _EDGE_M = 3.0  # a rover that turns at the end of a swath swings out by so much

@@ -16,7 +16,7 @@ from survey.data.sensors import GpsFixes, Odometry, Sightings
 from vision_slam import LocalizationConfig, localize
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.readers import read_sequence
-from vision_slam.odometry.visual_slam import VisualOdometry, visual_odometry
+from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 from vision_slam.pipeline import align_heading
 from vision_slam.recordings import open_recording
 from vision_slam.rotation import rotations

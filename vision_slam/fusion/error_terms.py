@@ -1,13 +1,12 @@
 """What each sensor says of the unknowns: the rows of the smoother's equations, sensor by sensor."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors import Odometry
 from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.base_station import differenced_fixes, differenced_heights
+from vision_slam.fusion.nodes import Nodes
 from vision_slam.fusion.normal_equations import (
     BIAS,
     DATUM,
@@ -48,7 +47,7 @@ _BESIDE_S = 1.0
 
 
 def add_terms(
-    system: NormalEquations, recording: OdometryRecording, along: "Nodes", config: LocalizationConfig
+    system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
     """Add everything but stakes and closures, which may be wrong and are judged afterwards."""
     _add_start(system, recording, config)
@@ -58,82 +57,6 @@ def add_terms(
     _add_gps(system, recording, along, config)
     _add_barometer(system, recording, along, config)
     _add_gravity(system, recording, along, config)
-
-
-@dataclass(frozen=True)
-class Nodes:
-    """The nodes among the poses of the odometry, its reckoned path, and a guess (K, PER_NODE) of their unknowns.
-
-    How steps answer to attitude and scale is taken about that guess.
-    """
-
-    odometry: Odometry
-    reckoned: FloatArray
-    index: IntArray
-    guess: FloatArray
-
-    @property
-    def time_s(self) -> FloatArray:
-        """Times of the nodes [s]."""
-        return self.odometry.time_s[self.index]
-
-    @property
-    def travel(self) -> FloatArray:
-        """Travel from node to node (K - 1,) [m]."""
-        return self.summed(np.linalg.norm(np.diff(self.reckoned, axis=0), axis=1))
-
-    @property
-    def rolled(self) -> FloatArray:
-        """Travel as wheels count it (K - 1,), back again where the rover reverses [m]."""
-        return self.summed(signed_travel(self.odometry))
-
-    @property
-    def turned_rad(self) -> FloatArray:
-        """Sum of the turns of heading, to either side, from node to node."""
-        return self.summed(np.abs(np.diff(np.unwrap(self.odometry.attitude_rad[:, 2]))))
-
-    @property
-    def guessed(self) -> tuple[FloatArray, FloatArray]:
-        """The steps (N - 1, 3) and headings (N - 1,) of the odometry, less the guess of its errors."""
-        poses_s = self.odometry.time_s[:-1]
-        wrong = {k: np.interp(poses_s, self.time_s, self.guess[:, k]) for k in (YAW, PITCH, ROLL, SCALE)}
-        off = np.column_stack([wrong[ROLL], wrong[PITCH], wrong[YAW]])
-        attitude = self.odometry.attitude_rad[:-1] - off
-        steps = np.einsum("nij,nj->ni", rotations(attitude), self.odometry.step)
-        return steps * (1.0 - wrong[SCALE])[:, None], attitude[:, 2]
-
-    def summed(self, values: FloatArray) -> FloatArray:
-        """Sum what belongs to steps (N - 1, …) from node to node."""
-        total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-        sums: FloatArray = np.diff(total[self.index], axis=0)
-        return sums
-
-    def beyond_usual(self, errors: FloatArray | None) -> FloatArray:
-        """Errors of steps beyond the usual ones (N - 1,), summed from node to node (K - 1,)."""
-        if errors is None:
-            return np.zeros(len(self.index) - 1)
-        return np.sqrt(self.summed(errors**2))
-
-    def averaged(self, time_s: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Average readings (N, D) at their nearest nodes: node index, mean (K, D), count (K,).
-
-        What was read before the first pose or after the last says nothing of the path.
-        """
-        first_s, last_s = self.odometry.time_s[[0, -1]]
-        inside = (time_s >= first_s - _BESIDE_S) & (time_s <= last_s + _BESIDE_S)
-        time_s, values = time_s[inside], values[inside]
-        edges = 0.5 * (self.time_s[1:] + self.time_s[:-1])
-        nearest = np.searchsorted(edges, time_s)
-        node, inverse, count = np.unique(nearest, return_inverse=True, return_counts=True)
-        total = np.zeros((len(node), values.shape[1]))
-        np.add.at(total, inverse, values)
-        return node.astype(np.int64), total / count[:, None], count.astype(np.float64)
-
-
-def signed_travel(odometry: Odometry) -> FloatArray:
-    """Return the lengths of the steps (N - 1,) [m], negative where the rover reverses."""
-    travel: FloatArray = np.copysign(np.linalg.norm(odometry.step, axis=1), odometry.step[:, 0])
-    return travel
 
 
 def _add_start(system: NormalEquations, recording: OdometryRecording, config: LocalizationConfig) -> None:
@@ -254,44 +177,6 @@ def _add_odometry(
         (ROLL, config.tilt_sigma_deg, ROLL_BIAS),
     ):
         system.add_gauss_markov(which, memory, float(np.radians(sigma_deg)), mean)
-
-
-def differenced_fixes(
-    recording: OdometryRecording, config: LocalizationConfig
-) -> tuple[FloatArray, LocalizationConfig]:
-    """Return the fixes (N, 3), less what a base station at the start says of the errors that both receivers have.
-
-    The second is what is then to be assumed of them.
-    """
-    fixes, base = recording.gps, recording.base
-    if base is None:
-        return fixes.position, config
-    common = base.position - recording.start
-    position = fixes.position - np.column_stack(
-        [np.interp(fixes.time_s, base.time_s, error) for error in common.T]
-    )
-    left = {
-        "gps_bias_sigma_m": config.gps_bias_sigma_m * config.base_residual,
-        "gps_white_sigma_m": config.gps_white_sigma_m * float(np.sqrt(2.0)),
-    }
-    return position, config.model_copy(update=left)
-
-
-def differenced_heights(
-    recording: OdometryRecording, config: LocalizationConfig
-) -> tuple[FloatArray | None, LocalizationConfig]:
-    """Return the barometer's heights (N,), less the weather that one at the start felt, and what is to be assumed of them."""
-    readings, base = recording.barometer, recording.base_barometer
-    if readings is None:
-        return None, config
-    if base is None:
-        return readings.height_m, config
-    weather = np.interp(readings.time_s, base.time_s, base.height_m - base.height_m[0])
-    left = {
-        "barometer_drift_sigma_m": config.barometer_drift_sigma_m * config.base_barometer_residual,
-        "barometer_white_sigma_m": config.barometer_white_sigma_m * float(np.sqrt(2.0)),
-    }
-    return readings.height_m - weather, config.model_copy(update=left)
 
 
 def _add_gps(

@@ -9,13 +9,10 @@ from survey.core.streams import stream
 from survey.data.recording import OdometryRecording
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.error_terms import (
-    compass_offset,
-    differenced_fixes,
-    differenced_heights,
-    signed_travel,
-)
+from vision_slam.fusion.base_station import differenced_fixes, differenced_heights
+from vision_slam.fusion.error_terms import compass_offset
 from vision_slam.fusion.hypotheses import GyroTurn
+from vision_slam.fusion.nodes import signed_travel
 from vision_slam.fusion.particle_filter import ParticleFilter
 from vision_slam.inertial.gyro import GyroErrors, gyro_residual_rad
 from vision_slam.rotation import quaternions, rotations
@@ -67,7 +64,8 @@ def filter_path(recording: OdometryRecording, reckoned: FloatArray, config: Loca
     """
     poses_s = recording.odometry.time_s
     fixes, settings = differenced_fixes(recording, config)
-    heights, settings = differenced_heights(recording, settings)
+    measured, settings = differenced_heights(recording, settings)
+    heights = np.zeros(0) if measured is None else measured
     back, settings = compass_offset(recording, settings)
     cosine, sine = np.cos(back), np.sin(back)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
@@ -75,7 +73,7 @@ def filter_path(recording: OdometryRecording, reckoned: FloatArray, config: Loca
     up = rotations(recording.odometry.attitude_rad)[:, :, 2] @ turn.T
     antenna = fixes - _at(recording.gps.time_s, poses_s, up) * recording.antenna_height_m
     filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
-    events = _events(recording, heights is not None)
+    events = _events(recording, measured is not None)
     walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]), settings)
     accepted = np.zeros(len(antenna), dtype=np.bool_)
     estimates = []
@@ -86,7 +84,6 @@ def filter_path(recording: OdometryRecording, reckoned: FloatArray, config: Loca
         elif kind == _FIX:
             accepted[index] = filtered.correct(antenna[index])
         else:
-            assert heights is not None
             filtered.correct_height(float(heights[index]))
     return OnlinePath(
         poses_s,

@@ -143,7 +143,7 @@ class ParticleFilter:
             return True
         self._n_jumps += 1
         if self._n_jumps >= _N_JUMPS:
-            self._look_elsewhere(fix)
+            self._test_alternative(self._here, fix)
         return False
 
     def correct_height(self, height_m: float) -> None:
@@ -171,9 +171,8 @@ class ParticleFilter:
             position, heading, self._here.scale(), covariance, bool(unsure or self._n_jumps > 1)
         )
 
-    def _look_elsewhere(self, fix: FloatArray) -> None:
+    def _test_alternative(self, here: Hypotheses, fix: FloatArray) -> None:
         """Follow the story that the rover is where the fixes are; believe it when it has proved itself."""
-        assert self._here is not None
         if self._elsewhere is None or not self._elsewhere.correct(fix, _CONSISTENT, self._rng):
             self._elsewhere = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
             return
@@ -181,7 +180,7 @@ class ParticleFilter:
         _, covariance = self._elsewhere.place()
         if sureness < 0.98 or covariance[0, 0] + covariance[1, 1] > self._lost_m**2:
             return
-        turned = abs(np.angle(np.exp(1j * (heading - self._here.heading()[0]))))
+        turned = abs(np.angle(np.exp(1j * (heading - here.heading()[0]))))
         spread = np.sqrt(-2.0 * np.log(sureness))
         if turned > max(_TURNED_RAD, _TURNED_SIGMAS * spread) or self._contradicted_s > _PATIENCE_S:
             self._here, self._elsewhere = self._elsewhere, None

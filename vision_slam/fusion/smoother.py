@@ -38,7 +38,8 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
-from vision_slam.fusion.error_terms import Nodes, add_terms
+from vision_slam.fusion.error_terms import add_terms
+from vision_slam.fusion.nodes import Nodes
 from vision_slam.fusion.normal_equations import PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
 from vision_slam.fusion.pose_constraints import PoseConstraints, gate_constraints, pose_constraints
 

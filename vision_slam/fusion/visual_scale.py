@@ -8,7 +8,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.sensors import GpsFixes
 from vision_slam.odometry.scale_drift import scale_sightings
-from vision_slam.odometry.visual_slam import VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometry
 
 _LEAST_SPREAD_M = 20.0
 _FIX_ERROR_M = 3.0  # error of a receiver without corrections, which the scale inherits

@@ -8,27 +8,32 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
-import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files import first_line
 from survey.core.geodesy import ELLIPSOIDAL
 from survey.data.camera import Camera, Frames, Image
-from survey.data.sensors import Inertial, Wheels
+from survey.data.sensors import Inertial
+from vision_slam.io.bag_messages import (
+    COMPRESSED,
+    IMAGE,
+    decode_camera,
+    decode_pixels,
+    decode_transform,
+    decode_wheels,
+    stamp_s,
+)
 from vision_slam.io.gps_files import GpsLog
-from vision_slam.io.images import bits_used, decoded, eight_bits, scaling_note
+from vision_slam.io.images import bits_used, eight_bits, scaling_note
 from vision_slam.io.sequence import ImageSequence
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-_IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _KINDS = {
-    "images": (_IMAGE, _COMPRESSED),
+    "images": (IMAGE, COMPRESSED),
     "calibration": ("sensor_msgs/msg/CameraInfo",),
     "fixes": ("sensor_msgs/msg/NavSatFix",),
     "inertial": ("sensor_msgs/msg/Imu",),
@@ -37,24 +42,6 @@ _KINDS = {
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _SAMPLED_EVERY = 10  # images that tell size and depth before any is used
 _BASES = ("base_footprint", "base_link")
-# Channels, and how OpenCV turns them into grey or blue-green-red; None leaves them.
-_ENCODINGS: dict[str, tuple[int, int | None]] = {
-    "mono8": (1, None),
-    "8UC1": (1, None),
-    "mono16": (1, None),
-    "16UC1": (1, None),
-    "bgr8": (3, None),
-    "8UC3": (3, None),
-    "bgr16": (3, None),
-    "rgb8": (3, cv2.COLOR_RGB2BGR),
-    "rgb16": (3, cv2.COLOR_RGB2BGR),
-    "bgra8": (4, cv2.COLOR_BGRA2BGR),
-    "rgba8": (4, cv2.COLOR_RGBA2BGR),
-    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2BGR),
-    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2BGR),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2BGR),
-    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
-}
 # A camera that looks forward, level: where nothing tells how it is mounted.
 _FORWARD = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -191,9 +178,9 @@ def _everything(reader: "AnyReader", taken: dict[str, Any]) -> _Found:
         kind = kind_of.get(connection.id, "transforms") if connection not in transforms else "transforms"
         if kind == "transforms":
             for link in message.transforms:
-                found.mounted[link.child_frame_id.lstrip("/")] = _link(link)
+                found.mounted[link.child_frame_id.lstrip("/")] = decode_transform(link)
             continue
-        stamp = _seconds(message.header.stamp) or 1e-9 * time_ns
+        stamp = stamp_s(message.header.stamp) or 1e-9 * time_ns
         _noted(found, kind, stamp, message, connection.msgtype)
     return found
 
@@ -201,7 +188,7 @@ def _everything(reader: "AnyReader", taken: dict[str, Any]) -> _Found:
 def _noted(found: _Found, kind: str, stamp: float, message: Any, msgtype: str) -> None:
     if kind == "images":
         if len(found.stamps) % _SAMPLED_EVERY == 0:
-            pixels = _pixels(message, msgtype, f"the image at {stamp:.3f} s")
+            pixels = decode_pixels(message, msgtype, f"the image at {stamp:.3f} s")
             found.size = (pixels.shape[1], pixels.shape[0])
             found.shift = max(found.shift, bits_used(pixels) - 8 if pixels.dtype == np.uint16 else 0)
         found.stamps.append(stamp)
@@ -231,7 +218,7 @@ def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera 
         mounted = _on_body(found, found.image_frame)
         if mounted is None:
             notes.append("nothing tells how the camera is mounted: supposed to look forward, level")
-        camera = _camera(found.calibration, _FORWARD if mounted is None else mounted, place)
+        camera = decode_camera(found.calibration, _FORWARD if mounted is None else mounted, place)
     if found.size != (camera.width, camera.height):
         raise InputError(
             f"{place} has images of {found.size[0]} × {found.size[1]} pixels, their calibration {camera.width} × {camera.height}; "
@@ -252,7 +239,7 @@ def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera 
     return ImageSequence(
         camera,
         Frames(np.array(found.stamps), _BagImages(place, taken["images"].topic, found.shift)),
-        wheels=_wheels(found.odometry) if found.odometry else None,
+        wheels=decode_wheels(found.odometry) if found.odometry else None,
         inertial=inertial,
         gps=gps,
         notes=tuple(notes),
@@ -260,22 +247,19 @@ def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera 
 
 
 class _BagImages:
-    """Images of a topic: asked for in their order, the bag is read once; asked for backwards, from its beginning."""
+    """Images of a topic; the bag is read once for images in their order, and from its beginning for an earlier one."""
 
     def __init__(self, place: Path, topic: str, shift: int) -> None:
         self._place, self._topic, self._shift = place, topic, shift
-        self._next, self._images = 0, iter(())  # type: tuple[int, Iterator[Image]]
-        self._last: Image | None = None
+        self._next, self._images = 0, self._read()
+        self._last = np.zeros((0, 0), np.uint8)
 
     def __getitem__(self, index: int) -> Image:
-        if self._last is not None and index == self._next - 1:
-            return self._last
-        if self._last is None or index < self._next:
+        if index < self._next - 1:
             self._next, self._images = 0, self._read()
         while self._next <= index:
             self._last = next(self._images)
             self._next += 1
-        assert self._last is not None
         return self._last
 
     def _read(self) -> Iterator[Image]:
@@ -283,55 +267,7 @@ class _BagImages:
             chosen = [connection for connection in reader.connections if connection.topic == self._topic]
             for number, (connection, _, message) in enumerate(_messages(reader, chosen)):
                 where = f"{self._place}, image {number} of {self._topic}"
-                yield eight_bits(_pixels(message, connection.msgtype, where), self._shift, where)
-
-
-def _pixels(message: Any, msgtype: str, where: str) -> npt.NDArray[Any]:
-    """Pixels of an image message, grey or blue-green-red."""
-    if msgtype == _COMPRESSED:
-        return decoded(bytes(message.data), where)
-    if message.encoding not in _ENCODINGS:
-        raise InputError(
-            f"{where} has the encoding {message.encoding!r}; one of {', '.join(_ENCODINGS)} was expected, convert it."
-        )
-    channels, conversion = _ENCODINGS[message.encoding]
-    depth = np.dtype(np.uint16 if "16" in message.encoding else np.uint8)
-    depth = depth.newbyteorder(">" if message.is_bigendian else "<")
-    used = message.width * channels * depth.itemsize
-    if message.step < used or len(message.data) < message.step * message.height:
-        raise InputError(
-            f"{where} is cut off: {len(message.data)} bytes for {message.width} × {message.height} pixels."
-        )
-    rows = np.frombuffer(bytes(message.data), np.uint8)[: message.step * message.height]
-    rows = np.ascontiguousarray(rows.reshape(message.height, message.step)[:, :used])
-    pixels: npt.NDArray[Any] = rows.view(depth).astype(depth.newbyteorder("="))
-    if channels > 1:
-        pixels = pixels.reshape(message.height, message.width, channels)
-    return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion))
-
-
-def _camera(info: Any, mounted: FloatArray, place: Path) -> Camera:
-    """Calibration from a CameraInfo, whose fields are named in capitals in ROS 1."""
-    matrix, lens = (
-        np.asarray(getattr(info, n, getattr(info, n.upper(), None)), dtype=float) for n in ("k", "d")
-    )
-    if matrix.size != 9 or matrix.ravel()[0] <= 0.0:
-        raise InputError(
-            f"{place} has a camera_info without a calibration; calibrate, or name one with --camera."
-        )
-    if info.distortion_model in {"equidistant", "fisheye"}:
-        return Camera("fisheye", info.width, info.height, matrix.reshape(3, 3), _padded(lens, 4), mounted)
-    if len(lens) > 5 and np.any(lens[5:]):
-        raise InputError(
-            f"{place} has the distortion model {info.distortion_model!r} with {len(lens)} coefficients; "
-            "plumb_bob or equidistant was expected, rectify the images or calibrate again."
-        )
-    return Camera("pinhole", info.width, info.height, matrix.reshape(3, 3), _padded(lens, 5), mounted)
-
-
-def _padded(coefficients: FloatArray, n: int) -> FloatArray:
-    padded: FloatArray = np.r_[coefficients, np.zeros(n)][:n]
-    return padded
+                yield eight_bits(decode_pixels(message, connection.msgtype, where), self._shift, where)
 
 
 def _log(found: _Found, place: Path) -> GpsLog:
@@ -341,15 +277,6 @@ def _log(found: _Found, place: Path) -> GpsLog:
         )
     rows = np.array(found.fixes)
     return GpsLog(rows[:, 0], rows[:, 1:], True, True, found.n_without_fix, ELLIPSOIDAL)
-
-
-def _wheels(rows: list[tuple[float, ...]]) -> Wheels:
-    """Distance along the body's own forward axis, summed."""
-    table = np.array(rows)
-    forward = Rotation.from_quat(table[:-1, 4:]).apply([1.0, 0.0, 0.0])
-    steps = np.einsum("ni,ni->n", forward, np.diff(table[:, 1:4], axis=0))
-    travel = np.r_[0.0, np.cumsum(steps)]
-    return Wheels(table[:, 0], travel, travel)
 
 
 def _on_body(found: _Found, frame: str) -> FloatArray | None:
@@ -363,16 +290,3 @@ def _on_body(found: _Found, frame: str) -> FloatArray | None:
         frame, link = found.mounted[frame]
         pose = link @ pose
     return None
-
-
-def _link(message: Any) -> tuple[str, FloatArray]:
-    """Parent frame, and the child's pose in it."""
-    shift, turn = message.transform.translation, message.transform.rotation
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
-    pose[:3, 3] = shift.x, shift.y, shift.z
-    return message.header.frame_id.lstrip("/"), pose
-
-
-def _seconds(stamp: Any) -> float:
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)

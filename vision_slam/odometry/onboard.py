@@ -14,7 +14,8 @@ from survey.data.sensors import Compass, Inertial, Odometry, SensorRecords, Sigh
 from survey.io.tables import read_table, write_table
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth
-from vision_slam.odometry.visual_slam import FramePose, VisualOdometer, VisualOdometry
+from vision_slam.odometry.visual_odometry import VisualOdometer, VisualOdometry
+from vision_slam.odometry.visual_slam import FramePose
 
 Records = TypeVar("Records", bound=SensorRecords)
 
@@ -60,7 +61,7 @@ class OnboardOdometry:
         self._wheels, self._compass = list[Wheels](), list[Compass]()
         self._inertial = list[Inertial]()
         self._waiting: deque[tuple[float, Image]] = deque()
-        self._sight: VisualOdometer | None = None
+        self._odometer: VisualOdometer | None = None
         self._at_s, self._n_told = 0.0, 0
 
     def sense(self, wheels: Wheels | None, inertial: Inertial | None, compass: Compass | None) -> None:
@@ -80,9 +81,9 @@ class OnboardOdometry:
         """
         while self._waiting and self._is_ready():
             self._look_at_next()
-        if self._sight is None:
+        if self._odometer is None:
             return []
-        slam = self._sight.slam
+        slam = self._odometer.slam
         fresh = slam.frames[self._n_told :]
         self._n_told = len(slam.frames)
         return [(frame, slam.pose(frame)) for frame in fresh]
@@ -91,10 +92,10 @@ class OnboardOdometry:
         """Look at what still waits, and return what all images gave; None of fewer than two."""
         while self._waiting:
             self._look_at_next()
-        if self._sight is None or len(self._sight.slam.frames) < 2:
+        if self._odometer is None or len(self._odometer.slam.frames) < 2:
             return None
         whole = _Records(self._camera, joined(self._wheels), joined(self._inertial), joined(self._compass))
-        return self._sight.delivered(whole)
+        return self._odometer.finish(whole)
 
     def _is_ready(self) -> bool:
         """Whether the next image can be looked at: wheels and gyro reach to it, and the drive has begun."""
@@ -103,7 +104,7 @@ class OnboardOdometry:
         if not self._wheels or not self._inertial:
             return False
         reached_s = min(float(self._wheels[-1].time_s[-1]), float(self._inertial[-1].time_s[-1]))
-        if self._sight is not None:
+        if self._odometer is not None:
             return reached_s >= self._waiting[0][0]
         first, last = self._wheels[0], self._wheels[-1]
         rolled = abs(last.left_m[-1] - first.left_m[0]) + abs(last.right_m[-1] - first.right_m[0])
@@ -112,11 +113,11 @@ class OnboardOdometry:
     def _look_at_next(self) -> None:
         time_s, image = self._waiting.popleft()
         recent = _Records(self._camera, self._latest(self._wheels), self._latest(self._inertial))
-        if self._sight is None:
-            self._sight = VisualOdometer(recent, self._config, time_s)
+        if self._odometer is None:
+            self._odometer = VisualOdometer(self._camera, recent, self._config, time_s)
         else:
-            self._sight.sensors.continue_with(recent)
-        self._sight.take(image, time_s)
+            self._odometer.sensors.continue_with(recent)
+        self._odometer.add_image(image, time_s)
         self._at_s = time_s
 
     def _latest(self, parts: list[Records]) -> Records | None:

@@ -1,35 +1,27 @@
 """Monocular visual SLAM: images, wheels and gyro in, poses and landmarks out."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import gtsam
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.data_object import DataObject
-from survey.core.errors import InputError
+from survey.core.arrays import BoolArray, FloatArray
 from survey.data.camera import Camera, Image
-from survey.data.sensors import Odometry, Sightings
-from vision_slam.inertial.attitude import initial_pose, world_attitudes
-from vision_slam.inertial.motion import MotionSensors, RelativeMotion
-from vision_slam.io.sequence import VisionRecords
+from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
 from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.features import Pixels, detect
-from vision_slam.odometry.health import FrameHealth, VisionHysteresis, bridged_sigma_m, image_health, is_lost
+from vision_slam.odometry.health import FrameHealth, VisionHysteresis, image_health
 from vision_slam.odometry.recognition import ViewRecognizer
 from vision_slam.odometry.resection import resect
-from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
 from vision_slam.odometry.tracks import Track, epipolar_inliers, track_corners
-from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.wheel_slip import WheelSlipDetector
 from vision_slam.odometry.window import Window, half_turned
-from vision_slam.rotation import rotations
 
 _STILL_PX = 0.3
 _ROLLS_M = 0.02
 _LEAST_FAR = 10
+_SAME_INTERVAL = 0.01  # intervals of images that differ by less count as equal: clocks jitter
 
 
 @dataclass(frozen=True)
@@ -73,7 +65,7 @@ class VisualSlam:
         self._image: Image | None = None
         self._grey: Image | None = None
         self._pose = np.eye(4) if start is None else start
-        self._step = np.eye(4)
+        self._step, self._step_s = np.eye(4), 0.0
         self._since: RelativeMotion | None = None
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
         self._doubt = VisionHysteresis(self.config.n_features)
@@ -87,14 +79,14 @@ class VisualSlam:
         if self._image is None or motion is None:
             return self._begin(enhanced, time_s, health)
         predicted = self._predicted(motion)
-        pixels, came = self._follow(enhanced, predicted)
+        pixels, came = self._track(self._image, enhanced, predicted)
         standing = self._is_standing(motion, pixels, came)
         pose, agree = self._located(self._pose if standing else predicted, pixels, came)
         health = self._judged(health, came, agree)
         pose = self._pose if standing else pose if health.is_visual else predicted
         self._keep(pixels, agree if health.is_visual else np.zeros_like(agree))
-        self._since = _joined(self._since, motion)
-        self._step = np.linalg.inv(self._pose) @ pose
+        since = self._since = _joined(self._since, motion)
+        self._step, self._step_s = np.linalg.inv(self._pose) @ pose, motion.seconds
         self._views.moved(motion)
         self._pose, self._image = pose, enhanced
         met = (
@@ -102,10 +94,10 @@ class VisualSlam:
         )
         if met is not None:
             self._pose = met.pose
-            self._since = RelativeMotion(self._since.seconds, None, None)  # the wheels shall not undo it
+            since = RelativeMotion(since.seconds, None, None)  # the wheels shall not undo it
             health = replace(health, n_followed=0, n_inliers=met.n_agree, is_visual=True)
         if met is not None or self._deserves_keyframe(pose):
-            self._add_keyframe(enhanced, health)
+            self._add_keyframe(enhanced, health, since)
         return self._reported(time_s, health)
 
     @property
@@ -132,14 +124,14 @@ class VisualSlam:
         return replace(health, entropy_bits=0.0) if is_frozen else health
 
     def _begin(self, enhanced: Image, time_s: float, health: FrameHealth) -> FramePose:
-        self.window.add(self._pose, None)
+        self.window.begin(self._pose)
         self._image = enhanced
         self._replenish(enhanced, health)
         return self._reported(time_s, health)
 
     def _predicted(self, motion: RelativeMotion) -> FloatArray:
-        """Where wheels and gyro put the body; what they do not tell goes on as in the last step."""
-        step = self._step.copy()
+        """Predict the pose by wheels and gyro; what they do not measure goes on at the rate of the last step."""
+        step = _extrapolated(self._step, motion.seconds / self._step_s if self._step_s > 0.0 else 1.0)
         if motion.rotation is not None:
             step[:3, :3] = motion.rotation
         if motion.travel_m is not None:
@@ -149,14 +141,13 @@ class VisualSlam:
         predicted: FloatArray = self._pose @ step
         return predicted
 
-    def _follow(self, enhanced: Image, predicted: FloatArray) -> tuple[Pixels, BoolArray]:
-        assert self._image is not None
+    def _track(self, before: Image, enhanced: Image, predicted: FloatArray) -> tuple[Pixels, BoolArray]:
         pixels = np.array([track.pixel for track in self._tracks], np.float32).reshape(-1, 2)
         points, is_far = self._guessed_points(pixels)
         guess = self._projected(predicted, points, is_far)
         lost = ~np.isfinite(guess).all(axis=1) | (np.abs(guess - pixels).max(axis=1, initial=0.0) > 150.0)
         guess[lost] = pixels[lost]
-        return track_corners(self._image, enhanced, pixels, guess, self.config)
+        return track_corners(before, enhanced, pixels, guess, self.config)
 
     def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
         """Points of the tracks; those still unknown lie on level ground, or far off above the horizon."""
@@ -254,15 +245,14 @@ class VisualSlam:
             or turned >= np.radians(self.config.keyframe_turn_deg)
         )
 
-    def _add_keyframe(self, enhanced: Image, health: FrameHealth) -> None:
-        assert self._since is not None
-        rolled = self._since.travel_m
+    def _add_keyframe(self, enhanced: Image, health: FrameHealth, since: RelativeMotion) -> None:
+        rolled = since.travel_m
         self.rolled_m.append(np.nan if rolled is None else rolled)
         if rolled is not None:
             seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
             told = self._slip.travel_m(rolled, seen if health.is_visual else None)
-            self._since = replace(self._since, travel_m=told)
-        self.window.add(self._pose, self._since)
+            since = replace(since, travel_m=told)
+        self.window.add(self._pose, since)
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
         for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
@@ -297,6 +287,15 @@ class VisualSlam:
         return self.frames[-1]
 
 
+def _extrapolated(step: FloatArray, ratio: float) -> FloatArray:
+    """Return the motion (4, 4) of a step of constant velocity that takes `ratio` times as long."""
+    longer: FloatArray = step.copy()
+    if abs(ratio - 1.0) > _SAME_INTERVAL:
+        longer[:3, :3] = gtsam.Rot3.Expmap(ratio * gtsam.Rot3.Logmap(gtsam.Rot3(step[:3, :3]))).matrix()
+        longer[:3, 3] *= ratio
+    return longer
+
+
 def _joined(first: RelativeMotion | None, second: RelativeMotion) -> RelativeMotion:
     """One motion after the other."""
     if first is None:
@@ -304,137 +303,3 @@ def _joined(first: RelativeMotion | None, second: RelativeMotion) -> RelativeMot
     rotation = None if first.rotation is None or second.rotation is None else first.rotation @ second.rotation
     travel = None if first.travel_m is None or second.travel_m is None else first.travel_m + second.travel_m
     return RelativeMotion(first.seconds + second.seconds, rotation, travel)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class VisualOdometry(DataObject):
-    """What images gave: the same types as an odometry that was processed elsewhere.
-
-    Where there are wheels and a gyro its lengths are told by wheels and by the ground that it
-    stood on, all along; where there are wheels its heading is held by far ridges. ``health``
-    holds one entry a frame; ``is_lost`` says where the pose rests on wheels and gyro for too
-    long to be accepted, or on nothing.
-    """
-
-    odometry: Odometry
-    sightings: Sightings
-    health: tuple[FrameHealth, ...]
-    is_lost: BoolArray
-
-
-def visual_odometry(
-    recording: VisionRecords,
-    config: VisualOdometryConfig | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> VisualOdometry:
-    """Estimate motion and landmarks from a recording's images, wheels and inertial records.
-
-    Where images are missing for long and wheels and gyro go on, there are poses all the
-    same, as of blank images: over a turn one step from end to end would cut the corner.
-
-    Raises
-    ------
-    InputError
-        No images, fewer than two, or images that do not fit their calibration.
-    """
-    if recording.frames is None or recording.camera is None:
-        raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
-    if len(recording.frames) < 2:
-        raise InputError("the recording has one frame; motion needs at least two.")
-    times = recording.frames.time_s
-    sight = VisualOdometer(recording, config, times[0])
-    for index, time_s in enumerate(times.tolist()):
-        sight.take(recording.frames[index], time_s)
-        if progress is not None:
-            progress("frames", index + 1, len(times))
-    return sight.delivered(recording)
-
-
-class VisualOdometer:
-    """Visual odometry on its way: takes one image after the other, with wheels and gyro in between.
-
-    Parameters
-    ----------
-    drive : VisionRecords
-        Camera, and the records up to where the wheels begin to turn, at least.
-    config : VisualOdometryConfig, optional
-        How images become motion.
-    start_s : float
-        Time of the first image [s].
-    """
-
-    def __init__(self, drive: VisionRecords, config: VisualOdometryConfig | None, start_s: float) -> None:
-        assert drive.camera is not None
-        self.slam = VisualSlam(drive.camera, config, initial_pose(drive, start_s))
-        self.sensors = MotionSensors(drive)
-        self._blank = np.zeros((drive.camera.height, drive.camera.width), np.uint8)
-        self._before_s = start_s
-        self._landmarks = LandmarkTriangulator(drive.camera, self.slam.config)
-        self._far_features = FarFeatures(drive.camera)
-        self._frame_of: dict[int, int] = {}
-        self._n_frames = 0
-
-    def take(self, image: Image, time_s: float) -> None:
-        """Take the next image; the records must reach to its time."""
-        slam, sensors, before_s = self.slam, self.sensors, self._before_s
-        for between_s in sensors.gap(before_s, time_s):
-            slam.step(self._blank, between_s, sensors.between(before_s, between_s))
-            before_s = between_s
-        motion = sensors.between(before_s, time_s) if slam.frames else None
-        frame = slam.step(image, time_s, motion)
-        self._before_s = time_s
-        if motion is not None and frame.health.is_visual and slam.holds_heading:
-            before = slam.pose(slam.frames[-2])
-            sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
-        self._place_ended(slam.window.newest - slam.config.n_free)
-
-    def _place_ended(self, last_settled: int) -> None:
-        """Place the corners that ended before the window: nothing moves the poses that saw them any more."""
-        slam = self.slam
-        for index in range(self._n_frames, len(slam.frames)):
-            self._frame_of.setdefault(slam.frames[index].keyframe, index)
-        self._n_frames = len(slam.frames)
-        ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
-        if ended:
-            slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
-            self._landmarks.add(ended, slam.window.poses, self._frame_of)
-            self._far_features.add(ended)
-
-    def delivered(self, drive: VisionRecords) -> VisualOdometry:
-        """Return what all images gave, levelled by the inertial records of the whole drive."""
-        slam = self.slam
-        slam.finished += slam.live_tracks
-        self._place_ended(slam.window.newest)
-        return _delivered(slam, self._landmarks.sightings, self._far_features, drive)
-
-
-def _delivered(
-    slam: VisualSlam, sightings: Sightings, far_features: FarFeatures, drive: VisionRecords
-) -> VisualOdometry:
-    poses = np.array([slam.pose(frame) for frame in slam.frames])
-    times = np.array([frame.time_s for frame in slam.frames])
-    steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
-    keyframe, placed = np.array([frame.keyframe for frame in slam.frames]), np.array(slam.window.poses)
-    # Without a gyro the path bends up and down too much for the ground to tell.
-    height_m = 0.0 if drive.inertial is None else float(slam.camera.T_body_camera[2, 3])
-    ground = camera_height_ratio(placed, sightings, keyframe[sightings.pose], height_m)
-    factor = scale_corrections(placed, np.array(slam.rolled_m), ground)[keyframe]
-    steps *= factor[:-1, None]
-    health = tuple(frame.health for frame in slam.frames)
-    attitude = world_attitudes(poses[:, :3, :3], times, drive)
-    if drive.wheels is not None:  # how near ridges may be is known in metres, which images alone do not have
-        attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
-    odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
-    return VisualOdometry(odometry, scale_sightings(sightings, factor), health, is_lost(poses, health))
-
-
-def _levelled(
-    slam: VisualSlam, poses: FloatArray, attitude_rad: FloatArray
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return turns (K, 3, 3) and places (K, 3) of the keyframes, upright, and the keyframe that each frame hangs on."""
-    keyframes, first, of_frame = np.unique(
-        [frame.keyframe for frame in slam.frames], return_index=True, return_inverse=True
-    )
-    assert len(keyframes) == len(slam.window.poses)
-    turned = attitude_rad[first] - [0.0, 0.0, attitude_rad[0, 2]]
-    return rotations(turned), poses[first, :3, 3], of_frame

@@ -68,11 +68,13 @@ class Window:
         self._optimizer.setMaxIterations(3)
         self._optimizer.setRelativeErrorTol(1e-2)
 
-    def add(self, pose: FloatArray, motion: RelativeMotion | None) -> None:
-        """Add a keyframe with a first guess of its pose, reached by a motion from the one before."""
-        if self.poses:
-            assert motion is not None
-            self._between.append(self._constraint(pose, motion))
+    def begin(self, pose: FloatArray) -> None:
+        """Add the first keyframe, whose pose is held."""
+        self.poses.append(pose)
+
+    def add(self, pose: FloatArray, motion: RelativeMotion) -> None:
+        """Add a keyframe with a first guess of its pose, and the measured motion from the one before."""
+        self._between.append(self._constraint(pose, motion))
         self.poses.append(pose)
 
     @property

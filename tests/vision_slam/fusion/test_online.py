@@ -12,7 +12,8 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
-from vision_slam.pipeline import dead_reckoning, localize
+from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.pipeline import localize
 from vision_slam.rotation import rotations
 
 CONFIG = LocalizationConfig()

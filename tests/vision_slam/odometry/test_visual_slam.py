@@ -24,7 +24,8 @@ from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, scale_by_reference
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track
-from vision_slam.odometry.visual_slam import VisualSlam, visual_odometry
+from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.odometry.window import Window
 from vision_slam.pipeline import localize
 
@@ -250,7 +251,7 @@ def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None
     plane = seen[:, :, :2] / seen[:, :, 2:] + sigma * rng.normal(size=(4, 40, 2))
     config = VisualOdometryConfig()
     window = Window(camera, config)
-    window.add(real[0], None)
+    window.begin(real[0])
     for before, pose in pairwise(real):
         step = np.linalg.inv(before) @ pose
         guess = pose.copy()
@@ -305,7 +306,7 @@ def test_corners_that_jump_do_not_bend_the_window(camera: Camera) -> None:
     rays[3, :5, 0] += 20.0 / 240.0
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
     window = Window(camera, VisualOdometryConfig())
-    window.add(real[0], None)
+    window.begin(real[0])
     for pose in real[1:]:
         window.add(pose.copy(), RelativeMotion(0.25, np.eye(3), 0.25))
     tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
@@ -318,7 +319,7 @@ def test_corners_that_jump_do_not_bend_the_window(camera: Camera) -> None:
 def test_a_horizon_that_turns_with_the_camera_leaves_the_poses_and_is_mostly_given_up(camera: Camera) -> None:
     """Drops on the lens or noise: twenty corners stay where they are in the image while the gyro turns by 170 degrees."""
     window = Window(camera, VisualOdometryConfig())
-    window.add(_pose(0.0), None)
+    window.begin(_pose(0.0))
     window.add(_pose(0.25, 170.0), RelativeMotion(0.25, _pose(0.0, 170.0)[:3, :3], 0.25))
     ahead = np.column_stack([np.ones(20), 0.005 * np.arange(20), np.full(20, 0.05)])
     rays = ahead / np.linalg.norm(ahead, axis=1, keepdims=True) @ camera.T_body_camera[:3, :3]
@@ -389,3 +390,16 @@ def test_localize_turns_images_into_a_path_and_landmarks(plane_world: object, ca
     assert np.linalg.norm(trajectory.position - recording.gps.position, axis=1).max() < 0.03
     assert abs(np.median(points.xyz[:, 2]) - 100.0) < 0.03
     assert len(points.xyz) > 100
+
+
+def test_a_gap_in_the_images_is_predicted_by_its_length(plane_world: object, camera: Camera) -> None:
+    """Without wheels and gyro, three images are missing after the tenth; the times are right."""
+    slam = VisualSlam(camera)
+    numbers = [k for k in range(18) if not 10 < k < 14]
+    times = 0.25 * np.array(numbers)
+    for n, k in enumerate(numbers):
+        motion = RelativeMotion(float(times[n] - times[n - 1]), None, None) if n else None
+        slam.step(plane_world.image(_pose(0.125 * k)), float(times[n]), motion)  # type: ignore[attr-defined]
+    at = np.array([slam.pose(frame)[0, 3] for frame in slam.frames])
+    # One frame is predicted alone: the error of the last step, a twentieth, counts four times.
+    assert (at[11] - at[10]) / (at[10] / 10.0) == pytest.approx(4.0, rel=0.05)

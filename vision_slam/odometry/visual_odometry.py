@@ -1,0 +1,193 @@
+"""Monocular visual odometry of a recording: images, wheels and gyro to odometry and sightings."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray, IntArray, Progress
+from survey.core.data_object import DataObject
+from survey.core.errors import InputError
+from survey.data.camera import Camera, Image
+from survey.data.sensors import Odometry, Sightings
+from vision_slam.inertial.attitude import initial_pose, world_attitudes
+from vision_slam.inertial.motion import MotionSensors
+from vision_slam.io.sequence import VisionRecords
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.far_features import FarFeatures
+from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
+from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
+from vision_slam.odometry.triangulation import LandmarkTriangulator
+from vision_slam.odometry.visual_slam import VisualSlam
+from vision_slam.rotation import rotations
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VisualOdometry(DataObject):
+    """Odometry and landmark sightings estimated from images.
+
+    Parameters
+    ----------
+    odometry : Odometry
+        Steps [m] and attitudes. With wheels and a gyro the lengths are corrected by wheels and
+        by the height of the camera above the ground; with wheels the heading is corrected by
+        far ridges. Without wheels the unit of length is the first step.
+    sightings : Sightings
+        Landmarks relative to the poses.
+    health : tuple of FrameHealth
+        One entry per frame.
+    is_lost : (N,) ndarray of bool
+        Whether the pose rests on wheels and gyro for more than 20 m, or on nothing.
+
+    Notes
+    -----
+    Heading and lengths need the whole drive. The same images give the same bytes, whatever
+    the number of threads.
+    """
+
+    odometry: Odometry
+    sightings: Sightings
+    health: tuple[FrameHealth, ...]
+    is_lost: BoolArray
+
+
+def visual_odometry(
+    recording: VisionRecords,
+    config: VisualOdometryConfig | None = None,
+    progress: Progress | None = None,
+) -> VisualOdometry:
+    """Estimate motion and landmarks from images, wheels and inertial records.
+
+    Where images are missing for more than 1.5 s and wheels and gyro go on, poses are added in
+    between, as of blank images: one step from end to end would cut the corner of a turn.
+
+    Parameters
+    ----------
+    recording : Recording or ImageSequence
+        Camera, frames and, where there are any, wheels, inertial records and compass.
+    config : VisualOdometryConfig, optional
+        Settings of detection, tracking and the keyframe window.
+    progress : callable, optional
+        Progress callback (stage, done, total).
+
+    Returns
+    -------
+    VisualOdometry
+        Odometry, sightings and frame health.
+
+    Raises
+    ------
+    InputError
+        No images, fewer than two, or images that do not fit their calibration.
+    """
+    if recording.frames is None or recording.camera is None:
+        raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
+    if len(recording.frames) < 2:
+        raise InputError("the recording has one frame; motion needs at least two.")
+    times = recording.frames.time_s
+    odometer = VisualOdometer(recording.camera, recording, config, times[0])
+    for index, time_s in enumerate(times.tolist()):
+        odometer.add_image(recording.frames[index], time_s)
+        if progress is not None:
+            progress("frames", index + 1, len(times))
+    return odometer.finish(recording)
+
+
+class VisualOdometer:
+    """Incremental visual odometry: takes images one by one, with wheels and gyro in between.
+
+    Parameters
+    ----------
+    camera : Camera
+        Calibration and mounting.
+    records : VisionRecords
+        Records at least up to the first motion of the wheels.
+    config : VisualOdometryConfig, optional
+        Settings of detection, tracking and the keyframe window.
+    start_s : float
+        Time of the first image [s].
+    """
+
+    def __init__(
+        self, camera: Camera, records: VisionRecords, config: VisualOdometryConfig | None, start_s: float
+    ) -> None:
+        self.slam = VisualSlam(camera, config, initial_pose(records, start_s))
+        self.sensors = MotionSensors(records)
+        self._blank = np.zeros((camera.height, camera.width), np.uint8)
+        self._before_s = start_s
+        self._landmarks = LandmarkTriangulator(camera, self.slam.config)
+        self._far_features = FarFeatures(camera)
+        self._frame_of: dict[int, int] = {}
+        self._n_frames = 0
+
+    def add_image(self, image: Image, time_s: float) -> None:
+        """Process the next image; the records must reach its time [s]."""
+        slam, sensors, before_s = self.slam, self.sensors, self._before_s
+        for between_s in sensors.gap(before_s, time_s):
+            slam.step(self._blank, between_s, sensors.between(before_s, between_s))
+            before_s = between_s
+        motion = sensors.between(before_s, time_s) if slam.frames else None
+        frame = slam.step(image, time_s, motion)
+        self._before_s = time_s
+        if motion is not None and frame.health.is_visual and slam.holds_heading:
+            before = slam.pose(slam.frames[-2])
+            sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
+        self._triangulate_ended(slam.window.newest - slam.config.n_free)
+
+    def finish(self, records: VisionRecords) -> VisualOdometry:
+        """Return the odometry of all images, levelled by the inertial records of the whole drive."""
+        slam = self.slam
+        slam.finished += slam.live_tracks
+        self._triangulate_ended(slam.window.newest)
+        return _corrected(slam, self._landmarks.sightings, self._far_features, records)
+
+    def _triangulate_ended(self, last_settled: int) -> None:
+        """Triangulate the tracks that ended before the window, whose poses are final."""
+        slam = self.slam
+        for index in range(self._n_frames, len(slam.frames)):
+            self._frame_of.setdefault(slam.frames[index].keyframe, index)
+        self._n_frames = len(slam.frames)
+        ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
+        if ended:
+            slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
+            self._landmarks.add(ended, slam.window.poses, self._frame_of)
+            self._far_features.add(ended)
+
+
+def _corrected(
+    slam: VisualSlam, sightings: Sightings, far_features: FarFeatures, records: VisionRecords
+) -> VisualOdometry:
+    """Correct scale drift, level the attitudes and correct the heading by far features."""
+    poses = np.array([slam.pose(frame) for frame in slam.frames])
+    times = np.array([frame.time_s for frame in slam.frames])
+    factor = _scale_factors(slam, sightings, records)
+    steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
+    steps *= factor[:-1, None]
+    health = tuple(frame.health for frame in slam.frames)
+    attitude = world_attitudes(poses[:, :3, :3], times, records)
+    if (
+        records.wheels is not None
+    ):  # the distance of ridges is assumed in metres, which images alone do not have
+        attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
+    odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
+    return VisualOdometry(odometry, scale_sightings(sightings, factor), health, is_lost(poses, health))
+
+
+def _scale_factors(slam: VisualSlam, sightings: Sightings, records: VisionRecords) -> FloatArray:
+    """Return the factor of scale of each frame (N,)."""
+    keyframe, poses = np.array([frame.keyframe for frame in slam.frames]), np.array(slam.window.poses)
+    # Without a gyro the path bends up and down too much to use the height of the camera.
+    height_m = 0.0 if records.inertial is None else float(slam.camera.T_body_camera[2, 3])
+    ratio = camera_height_ratio(poses, sightings, keyframe[sightings.pose], height_m)
+    factor: FloatArray = scale_corrections(poses, np.array(slam.rolled_m), ratio)[keyframe]
+    return factor
+
+
+def _levelled(
+    slam: VisualSlam, poses: FloatArray, attitude_rad: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return rotations (K, 3, 3) and positions (K, 3) of the keyframes, levelled, and the keyframe of each frame."""
+    _, first, of_frame = np.unique(
+        [frame.keyframe for frame in slam.frames], return_index=True, return_inverse=True
+    )
+    turned = attitude_rad[first] - [0.0, 0.0, attitude_rad[0, 2]]
+    return rotations(turned), poses[first, :3, 3], of_frame
