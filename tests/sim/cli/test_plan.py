@@ -179,3 +179,90 @@ def test_a_mission_plans_for_its_rover_and_simulates_one_only():
     result = CliRunner().invoke(app, ["run", "m.toml", "--runs", "runs", "-q", "--set", "fleet.rovers=2"])
     assert result.exit_code == 3
     assert "0 starts for 2 rovers" in result.stderr
+
+
+def test_a_route_or_a_picture_that_exists_is_replaced_with_force_only():
+    planned("site.gpkg", "--swaths", "3")
+    before = Path("route.geojson").read_bytes()
+    _, err = planned("site.gpkg", "--swaths", "4", code=3)
+    assert "route.geojson exists" in err
+    assert "--force" in err
+    assert Path("route.geojson").read_bytes() == before
+    planned("site.gpkg", "--swaths", "4", "--force")
+    assert len(Route.read("route.geojson").swaths) == 4
+
+
+def test_an_unrelated_picture_beside_the_route_is_not_overwritten():
+    Path("survey.png").write_bytes(b"a photograph")
+    _, err = planned("site.gpkg", "--swaths", "3", "-o", "survey.geojson", code=3)
+    assert "survey.png exists" in err
+    assert Path("survey.png").read_bytes() == b"a photograph"
+    assert not Path("survey.geojson").exists()
+
+
+@pytest.mark.parametrize("out", ["site.gpkg", "./site.gpkg"])
+def test_an_input_is_never_an_output(out):
+    before = Path("site.gpkg").read_bytes()
+    _, err = planned("site.gpkg", "--swaths", "3", "-o", out, "--force", code=3)
+    assert "the input" in err
+    assert Path("site.gpkg").read_bytes() == before
+
+
+def test_a_failing_picture_leaves_the_old_route_and_picture(monkeypatch):
+    planned("site.gpkg", "--swaths", "3")
+    before = {name: Path(name).read_bytes() for name in ("route.geojson", "route.png")}
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("survey.figures.png_bytes", full)
+    CliRunner().invoke(app, ["plan", "site.gpkg", "--swaths", "4", "--force", "-q"])
+    assert {name: Path(name).read_bytes() for name in before} == before
+
+
+def test_formats_that_hold_no_route_are_refused_before_planning():
+    _, err = planned("site.gpkg", "--swaths", "3", "-o", "route.png", code=3)
+    assert ".geojson or .gpkg was expected" in err
+
+
+def test_lines_cut_by_a_bay_are_counted_apart_from_their_pieces():
+    bay = SITE - shapely.box(526_080.0, 6_478_050.0, 526_120.0, 6_478_201.0)
+    out, _ = planned(drawn(bay), "--swaths", "4", "--set", "planner.heading_deg=0.0")
+    assert out.startswith("4 lines in 7 pieces, ")
+    out, _ = planned(drawn(bay), "--swaths", "4", "--set", "planner.heading_deg=0.0", "--json", "--force")
+    assert {"lines": 4, "swaths": 7}.items() <= json.loads(out).items()
+
+
+def test_a_prior_elsewhere_is_refused_and_a_part_is_said():
+    grid = Grid((527_000.0, 6_478_000.0, 527_200.0, 6_478_200.0), 20.0, CRS)
+    Dem.on(grid, np.zeros(grid.shape)).write("elsewhere.tif")
+    _, err = planned("site.gpkg", "--prior", "elsewhere.tif", "--swaths", "3", code=3)
+    assert err.count("\n") == 1
+    grid = Grid((525_940.0, 6_477_940.0, 526_060.0, 6_478_260.0), 20.0, CRS)
+    Dem.on(grid, np.add.outer(np.sin(grid.y / 40.0), np.cos(grid.x / 30.0))).write("part.tif")
+    out, _ = planned("site.gpkg", "--prior", "part.tif", "--swaths", "3", "--json")
+    assert json.loads(out)["prior_covered_share"] == pytest.approx(0.35, abs=0.02)
+
+
+def test_the_map_scale_is_stated():
+    out, _ = planned("site.gpkg", "--swaths", "3", "--json")
+    assert json.loads(out)["map_scale"] == pytest.approx(0.9996, abs=2e-4)
+
+
+def test_a_million_swaths_are_refused_with_the_most_that_can_be_planned():
+    _, err = planned("site.gpkg", "--swaths", "1000000", code=3)
+    assert "at most 8000 can be planned" in err
+    _, err = planned("site.gpkg", "--spacing", "0.001", code=3)
+    assert "widen the spacing" in err
+
+
+def test_an_unknown_pattern_lists_those_of_the_registry():
+    _, err = planned("site.gpkg", "--pattern", "spiral", "--swaths", "3", code=4)
+    for name in planners.pattern_names():
+        assert name in err
+
+
+@pytest.mark.parametrize("option", [("--joint",), ("--adaptive",), ("--assume", "whittle")])
+def test_options_of_a_guarantee_need_a_requirement(option):
+    _, err = planned("site.gpkg", *option, code=4)
+    assert "goes with --require" in err

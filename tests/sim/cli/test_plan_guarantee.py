@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import shapely
 from typer.testing import CliRunner
 
 from sim.cli.main import app
@@ -97,3 +98,28 @@ def test_shared_errors_are_predicted_with_swaths_and_stakes(site):
     assert all(way["chance"] >= 0.9 for way in facts["ways"])
     assert len(Route.read(out).swaths) == min(way["swaths"] for way in facts["ways"])
     assert "leave out --adaptive" in firnline(folder, *options, "--adaptive", code=4).stderr
+
+
+def test_shared_errors_are_predicted_on_a_concave_area_of_any_size(site, tmp_path):
+    folder, _ = site
+    bay = shapely.Polygon(
+        [(5, 5), (292, 5), (292, 263), (190, 263), (190, 95), (110, 95), (110, 263), (5, 263)]
+    )
+    SurveyArea(bay, CRS).write(tmp_path / "bay.gpkg")
+    options = ["--require", "2.0", "--joint", "--prior", str(folder / "prior.tif"), "--prior-sigma", "0.5"]
+    out = tmp_path / "route.geojson"
+    result = CliRunner().invoke(app, ["plan", str(tmp_path / "bay.gpkg"), *options, "-o", str(out), "--json"])
+    assert result.exit_code == 0, result.output
+    way = json.loads(result.stdout)["ways"][0]
+    assert way["pieces"] == len(Route.read(out).swaths) > way["swaths"]
+
+
+def test_fewer_swaths_are_named_only_where_the_likeliest_covariance_needs_fewer(site):
+    folder, _ = site
+    out = folder / "words.geojson"
+    facts = json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
+    common = ["plan", str(folder / "site.gpkg"), "--prior", str(folder / "prior.tif"), "--prior-sigma", "0.5"]
+    result = CliRunner().invoke(app, [*common, "--require", "class-3", "-o", str(out), "--force"])
+    fewer = facts["likely_swaths"] < facts["lines"]
+    assert (f"and {facts['likely_swaths']} swaths are enough" in result.stdout) == fewer
+    assert ("swaths are enough" in result.stdout) == fewer
