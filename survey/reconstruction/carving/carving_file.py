@@ -1,7 +1,7 @@
-"""Carved surfaces in one file."""
+"""Reading and writing of space-carving kernels in one file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, NamedTuple
 
 from pyproj import CRS
 
@@ -13,14 +13,24 @@ from survey.reconstruction.carving.cloud import CarvingFrame, Cloud
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.descent import Step
 
-if TYPE_CHECKING:
-    from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
-
 _FORMAT = "firnline space-carving kernels 1"
-Model = TypeVar("Model", bound="SpaceCarvingKernel")
 
 
-def write_carving(path: str | Path, model: "SpaceCarvingKernel") -> None:
+class CarvingState(NamedTuple):
+    """Everything that a fitted space-carving model is made of."""
+
+    config: SpaceCarvingConfig
+    where: CarvingFrame
+    frame: Frame
+    cloud: Cloud
+    surfaces: dict[str, CarvedSurface]
+    spread_m: float
+    n_scans: int
+    n_ghosts: int
+    n_learned: int
+
+
+def write_carving(path: str | Path, model: CarvingState) -> None:
     """Write a model; equal models give equal bytes."""
     where, cloud = model.where, model.cloud
     facts = {
@@ -29,11 +39,11 @@ def write_carving(path: str | Path, model: "SpaceCarvingKernel") -> None:
         "crs": where.crs.to_wkt(),
         "vertical_datum": where.vertical_datum,
         "size_m": [model.frame.width_m, model.frame.height_m],
-        "spread_m": model.spread_m_,
-        "n_scans": model.n_scans_,
-        "n_ghosts": model.n_ghosts_,
-        "n_learned": model.n_learned_,
-        "steps": {name: list(surface.step) for name, surface in model.surfaces_.items()},
+        "spread_m": model.spread_m,
+        "n_scans": model.n_scans,
+        "n_ghosts": model.n_ghosts,
+        "n_learned": model.n_learned,
+        "steps": {name: list(surface.step) for name, surface in model.surfaces.items()},
     }
     arrays: dict[str, Any] = {
         "hits": cloud.xyz,
@@ -41,13 +51,13 @@ def write_carving(path: str | Path, model: "SpaceCarvingKernel") -> None:
         "sigma_m": cloud.sigma_m,
         "held": cloud.held,
     }
-    for name, surface in model.surfaces_.items():
+    for name, surface in model.surfaces.items():
         arrays |= {f"{name}_{column}": v for column, v in surface.bases().columns()._asdict().items()}
         arrays[f"{name}_raster"] = surface.raster
     write_arrays(path, _FORMAT, facts, arrays)
 
 
-def read_carving(path: str | Path, kind: type[Model]) -> Model:
+def read_carving(path: str | Path) -> CarvingState:
     """Read what `write_carving` wrote.
 
     Raises
@@ -56,20 +66,15 @@ def read_carving(path: str | Path, kind: type[Model]) -> Model:
         When the file is missing, damaged or holds something else.
     """
     facts, arrays = read_arrays(path, _FORMAT)
-    model = kind(validated(SpaceCarvingConfig, facts["config"], "the settings of the space-carving kernels"))
-    west, south, step_m, datum_m = facts["place"]
-    model.place = CarvingFrame(
-        west, south, step_m, datum_m, CRS.from_wkt(facts["crs"]), facts["vertical_datum"]
-    )
+    config = validated(SpaceCarvingConfig, facts["config"], "the settings of the space-carving kernels")
+    crs = CRS.from_wkt(facts["crs"])
     width_m, height_m = facts["size_m"]
-    model.frame = Frame.over(width_m, height_m, model.config.lengths_m())
-    model.cloud = Cloud(arrays["hits"], arrays["origins"], arrays["sigma_m"], arrays["held"])
-    model.spread_m_, model.n_scans_ = facts["spread_m"], facts["n_scans"]
-    model.n_ghosts_, model.n_learned_ = facts["n_ghosts"], facts["n_learned"]
-    none = Bases.none(model.frame.cells)
-    model.surfaces_ = {
+    frame = Frame.over(width_m, height_m, config.lengths_m())
+    west, south, step_m, datum_m = facts["place"]
+    none = Bases.none(frame.cells)
+    surfaces = {
         name: CarvedSurface(
-            model.frame,
+            frame,
             Step(*step),
             none.merged(Columns(*(arrays[f"{name}_{column}"] for column in Columns._fields))),
             none,
@@ -77,4 +82,14 @@ def read_carving(path: str | Path, kind: type[Model]) -> Model:
         )
         for name, step in facts["steps"].items()
     }
-    return model
+    return CarvingState(
+        config,
+        CarvingFrame(west, south, step_m, datum_m, crs, facts["vertical_datum"]),
+        frame,
+        Cloud(arrays["hits"], arrays["origins"], arrays["sigma_m"], arrays["held"]),
+        surfaces,
+        facts["spread_m"],
+        facts["n_scans"],
+        facts["n_ghosts"],
+        facts["n_learned"],
+    )

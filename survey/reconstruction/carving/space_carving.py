@@ -26,6 +26,7 @@ from survey.reconstruction.base import (
 )
 from survey.reconstruction.carving.bases import BY_POINT, BY_RAY
 from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame, raster_step_m
+from survey.reconstruction.carving.carving_file import CarvingState, read_carving, write_carving
 from survey.reconstruction.carving.cloud import CarvingFrame, Cloud
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.descent import Step
@@ -276,16 +277,28 @@ class SpaceCarvingKernel(TerrainModel):
 
     def save(self, path: str | Path) -> None:
         """Write the model to one ``.npz`` file; equal models give equal bytes."""
-        from survey.reconstruction.carving.carving_file import write_carving
-
-        write_carving(path, self)
+        state = CarvingState(
+            self.config,
+            self.where,
+            self.frame,
+            self.cloud,
+            self.surfaces_,
+            self.spread_m_,
+            self.n_scans_,
+            self.n_ghosts_,
+            self.n_learned_,
+        )
+        write_carving(path, state)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote; further points give the same map as without the break."""
-        from survey.reconstruction.carving.carving_file import read_carving
-
-        return read_carving(path, cls)
+        state = read_carving(path)
+        model = cls(state.config)
+        model.place, model.frame, model.cloud = state.where, state.frame, state.cloud
+        model.surfaces_, model.spread_m_ = state.surfaces, state.spread_m
+        model.n_scans_, model.n_ghosts_, model.n_learned_ = state.n_scans, state.n_ghosts, state.n_learned
+        return model
 
     @property
     def where(self) -> CarvingFrame:

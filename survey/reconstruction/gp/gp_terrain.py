@@ -24,6 +24,7 @@ from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
+from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
 from survey.reconstruction.gp.process import EngineName, conditioned
 from survey.reconstruction.gp.satellite import with_prior_error
 from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
@@ -230,16 +231,23 @@ class GaussianProcessTerrain(TerrainModel):
 
     def save(self, path: str | Path) -> None:
         """Write the model to one ``.npz`` file; a mean that is a function cannot be written."""
-        from survey.reconstruction.gp.model_file import write_model
-
-        write_model(path, self)
+        state = TerrainState(
+            self.config,
+            self.prior,
+            self.engine,
+            self.quantity,
+            self.bounds,
+            self.vertical_datum_,
+            self._known,
+        )
+        write_model(path, state)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote; the factorization is done again, to the same numbers."""
-        from survey.reconstruction.gp.model_file import read_model
-
-        return read_model(path, cls)
+        state = read_model(path)
+        model = cls(state.config, state.prior, state.engine, state.quantity, state.bounds)
+        return replace(model, learned_=state.learned, vertical_datum_=state.vertical_datum)
 
     @property
     def _known(self) -> Learned:

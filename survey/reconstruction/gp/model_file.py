@@ -1,13 +1,13 @@
-"""A fitted terrain model in one file: its points, mean, hyperparameters and calibration."""
+"""Reading and writing of a fitted Gaussian-process terrain: points, mean, hyperparameters and calibration."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from affine import Affine
 
+from survey.core.arrays import Bounds
 from survey.core.config import validated
 from survey.core.errors import InputError
 from survey.data.dem import Dem
@@ -17,29 +17,35 @@ from survey.reconstruction.gp.config import GaussianProcessConfig, kernel_of
 from survey.reconstruction.gp.covariance.kernels import Sum
 from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
-from survey.reconstruction.gp.process import conditioned
+from survey.reconstruction.gp.process import EngineName, conditioned
 from survey.reconstruction.gp.satellite import prior_error_kernel
 from survey.reconstruction.gp.selection.families import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 
-if TYPE_CHECKING:
-    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
-
 _FORMAT = "firnline terrain model 1"
-Model = TypeVar("Model", bound="GaussianProcessTerrain")
 
 
-def write_model(path: str | Path, model: "GaussianProcessTerrain") -> None:
+class TerrainState(NamedTuple):
+    """Everything that a fitted Gaussian-process terrain is made of."""
+
+    config: GaussianProcessConfig
+    prior: Dem | Mean | None
+    engine: EngineName
+    quantity: str
+    bounds: Bounds | None
+    vertical_datum: str
+    learned: Learned
+
+
+def write_model(path: str | Path, model: TerrainState) -> None:
     """Write a fitted model; equal models give equal bytes.
 
     Raises
     ------
     InputError
-        Before the model is fitted, for a mean that is a function, or when the file cannot be written.
+        For a mean that is a function, or when the file cannot be written.
     """
-    known = model.learned_
-    if known is None:
-        raise InputError("the terrain model knows no points yet; call fit first.")
+    known = model.learned
     arrays: dict[str, Any] = {
         "xy": known.process.data.xy,
         "values": known.process.data.values,
@@ -55,7 +61,7 @@ def write_model(path: str | Path, model: "GaussianProcessTerrain") -> None:
         "engine": model.engine,
         "quantity": model.quantity,
         "bounds": model.bounds,
-        "vertical_datum": model.vertical_datum_,
+        "vertical_datum": model.vertical_datum,
         "family": known.found.family,
         "nugget_m": known.found.nugget_m,
         "log_likelihood": known.found.log_likelihood,
@@ -84,7 +90,7 @@ def _prior_facts(prior: Dem | Mean | None, arrays: dict[str, Any]) -> dict[str, 
     }
 
 
-def read_model(path: str | Path, kind: type[Model]) -> Model:
+def read_model(path: str | Path) -> TerrainState:
     """Read what `write_model` wrote, and condition on its points again.
 
     Raises
@@ -101,10 +107,10 @@ def read_model(path: str | Path, kind: type[Model]) -> Model:
         raise
     except (ValueError, KeyError) as error:
         raise InputError(f"{path} is no terrain model ({error}); save it again.") from error
-    return _rebuilt(arrays, facts, kind)
+    return _rebuilt(arrays, facts)
 
 
-def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any], kind: type[Model]) -> Model:
+def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
     config = validated(GaussianProcessConfig, facts["config"], "the terrain model's settings")
     prior = _prior_of(facts, arrays)
     found = _found(arrays, facts, config, prior)
@@ -124,16 +130,10 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any], kind: type[Model]) -
     distance, scale = arrays["calibration"]
     calibration = SigmaCalibration(distance, scale, facts["held_out"])
     outliers = Outliers(arrays["outlier_rows"], arrays["outlier_z"], facts["treatment"])
-    return replace(
-        kind(
-            config,
-            prior,
-            facts["engine"],
-            facts["quantity"],
-            tuple(facts["bounds"]) if facts["bounds"] else None,
-        ),
-        learned_=Learned(process, mean, found, calibration, outliers, facts["n_beyond_reach"]),
-        vertical_datum_=facts["vertical_datum"],
+    learned = Learned(process, mean, found, calibration, outliers, facts["n_beyond_reach"])
+    bounds = tuple(facts["bounds"]) if facts["bounds"] else None
+    return TerrainState(
+        config, prior, facts["engine"], facts["quantity"], bounds, facts["vertical_datum"], learned
     )
 
 

@@ -1,11 +1,12 @@
-"""A field lattice in one file."""
+"""Reading and writing of a field lattice in one file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from pyproj import CRS
 
+from survey.core.arrays import Bounds
 from survey.core.config import validated
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.lattice.config import FieldLatticeConfig
@@ -16,15 +17,25 @@ from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.line_of_sight.ceiling import LowestRays
 from survey.reconstruction.nodes import LatticeFrame, NodeWindow
 
-if TYPE_CHECKING:
-    from survey.reconstruction.lattice.field_lattice import FieldLattice
-
 _FORMAT = "firnline field lattice 2"
 _NOTHING = np.zeros((0, 0, 0))
-Model = TypeVar("Model", bound="FieldLattice")
 
 
-def write_field(path: str | Path, model: "FieldLattice") -> None:
+class FieldState(NamedTuple):
+    """Everything that a fitted field lattice is made of."""
+
+    config: FieldLatticeConfig
+    bounds: Bounds | None
+    where: LatticeFrame
+    posterior: FieldPosterior
+    stiffness: Stiffness
+    recent: RecentPoints
+    n_scans: int
+    n_ghosts: int
+    rays: LowestRays | None
+
+
+def write_field(path: str | Path, model: FieldState) -> None:
     """Write a fitted model; equal models give equal bytes."""
     here, known = model.where, model.posterior
     window, information = here.window, known.information
@@ -35,9 +46,9 @@ def write_field(path: str | Path, model: "FieldLattice") -> None:
         "datum_m": here.datum_m,
         "crs": here.crs.to_wkt(),
         "vertical_datum": here.vertical_datum,
-        "stiffness": list(model.stiffness_),
-        "n_scans": model.n_scans_,
-        "n_ghosts": model.n_ghosts_,
+        "stiffness": list(model.stiffness),
+        "n_scans": model.n_scans,
+        "n_ghosts": model.n_ghosts,
         "n_points": information.n_points,
         "lengths": [len(scan) for scan in model.recent.scans],
     }
@@ -54,7 +65,7 @@ def write_field(path: str | Path, model: "FieldLattice") -> None:
     write_arrays(path, _FORMAT, facts, arrays)
 
 
-def read_field(path: str | Path, kind: type[Model]) -> Model:
+def read_field(path: str | Path) -> FieldState:
     """Read what `write_field` wrote.
 
     Raises
@@ -64,18 +75,19 @@ def read_field(path: str | Path, kind: type[Model]) -> Model:
     """
     facts, arrays = read_arrays(path, _FORMAT)
     config = validated(FieldLatticeConfig, facts["config"], "the field lattice's settings")
-    model = kind(config, tuple(facts["bounds"]) if facts["bounds"] else None)
     window = NodeWindow(*facts["window"])
     information = Information(
         arrays["stencil"], arrays["rhs"], arrays["draws"], arrays["moments"], facts["n_points"]
     )
     ends = np.cumsum(facts["lengths"])[:-1]
-    model.resume(
+    return FieldState(
+        config,
+        tuple(facts["bounds"]) if facts["bounds"] else None,
         LatticeFrame(window, facts["datum_m"], CRS.from_wkt(facts["crs"]), facts["vertical_datum"]),
         FieldPosterior(information, arrays["z"], arrays["soft"] if arrays["soft"].size else None),
         Stiffness(*facts["stiffness"]),
         RecentPoints(np.split(arrays["recent"], ends)),
-        (facts["n_scans"], facts["n_ghosts"]),
-        rays=LowestRays(*arrays["rays"]) if arrays["rays"].size else None,
+        facts["n_scans"],
+        facts["n_ghosts"],
+        LowestRays(*arrays["rays"]) if arrays["rays"].size else None,
     )
-    return model

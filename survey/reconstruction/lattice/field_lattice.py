@@ -15,6 +15,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import MEASURED, RAY_BOUNDED, Capabilities, local_datum_m, not_fitted
 from survey.reconstruction.lattice.calibration import LatticeCalibration
 from survey.reconstruction.lattice.config import FieldLatticeConfig
+from survey.reconstruction.lattice.field_file import FieldState, read_field, write_field
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part, is_small
 from survey.reconstruction.lattice.hidden_ground import BoundFactors
 from survey.reconstruction.lattice.recent_points import RecentPoints
@@ -147,32 +148,28 @@ class FieldLattice(LatticeModel):
 
     def save(self, path: str | Path) -> None:
         """Write the model to one ``.npz`` file."""
-        from survey.reconstruction.lattice.field_file import write_field
-
-        write_field(path, self)
+        state = FieldState(
+            self.config,
+            self.bounds,
+            self.where,
+            self.posterior,
+            self.stiffness_,
+            self.recent,
+            self.n_scans_,
+            self.n_ghosts_,
+            self.rays,
+        )
+        write_field(path, state)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote; further scans give the same map as without the break."""
-        from survey.reconstruction.lattice.field_file import read_field
-
-        return read_field(path, cls)
-
-    def resume(
-        self,
-        where: LatticeFrame,
-        posterior: FieldPosterior,
-        stiffness: Stiffness,
-        recent: RecentPoints,
-        counts: tuple[int, int],
-        *,
-        rays: LowestRays | None = None,
-    ) -> None:
-        """Take up where another model stood: place, posterior, stiffness, recent points, numbers of scans and ghosts."""
-        self.here, self._posterior, self.stiffness_, self.recent = where, posterior, stiffness, recent
-        self.n_scans_, self.n_ghosts_ = counts
-        self.rays = rays
-        self._calibration = self._factors = self._bounds = None
+        state = read_field(path)
+        model = cls(state.config, state.bounds)
+        model.here, model._posterior, model.stiffness_ = state.where, state.posterior, state.stiffness
+        model.recent, model.rays = state.recent, state.rays
+        model.n_scans_, model.n_ghosts_ = state.n_scans, state.n_ghosts
+        return model
 
     def _told(self, points: SurfacePoints) -> Self:
         """Take in the points of one scan, and its lines of sight."""
