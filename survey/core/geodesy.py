@@ -18,6 +18,8 @@ from survey.core.arrays import FloatArray, frozen
 from survey.core.errors import InputError
 from survey.core.text import printable
 
+FARTHEST_M = 1e8
+"""Largest easting or northing of a place on Earth in any projected CRS, zone numbers in front included."""
 UNSTATED = ""
 """The vertical datum of a file that does not say which one it uses."""
 ELLIPSOIDAL = "ellipsoidal height"
@@ -174,9 +176,67 @@ def vertical_datum_of(crs: Any) -> str:
     return ELLIPSOIDAL if len(full.axis_info) > 2 else UNSTATED
 
 
+def refuse_far(xy: Any, where: str) -> None:
+    """Refuse coordinates that no projected CRS has anywhere on Earth.
+
+    Parameters
+    ----------
+    xy : array_like
+        Eastings and northings [m], of any shape.
+    where : str
+        What carries them, for the message.
+
+    Raises
+    ------
+    InputError
+        One of them is beyond `FARTHEST_M`.
+    """
+    values = np.abs(np.asarray(xy, dtype=np.float64))
+    if values.size and float(values.max()) > FARTHEST_M:
+        raise InputError(
+            f"{where} has the coordinate {values.max():.3g} m, and none on Earth is beyond {FARTHEST_M:.0e} m; correct it."
+        )
+
+
+def equal_crs(a: CRS, b: CRS) -> bool:
+    """Return whether two systems place every point alike; the order of axes does not count.
+
+    A datum without a name of its own is compared by its ellipsoid, for file formats rename it.
+
+    Parameters
+    ----------
+    a, b : pyproj.CRS
+        The systems.
+
+    Returns
+    -------
+    bool
+        True where coordinates of one can be used in the other.
+
+    Examples
+    --------
+    >>> own = CRS("+proj=tmerc +lat_0=46 +lon_0=10.5 +ellps=GRS80 +units=m")
+    >>> equal_crs(own, CRS(own.to_wkt("WKT1_ESRI")))
+    True
+    >>> equal_crs(own, CRS("EPSG:32608"))
+    False
+    """
+    if a.equals(b, ignore_axis_order=True):
+        return True
+    if not (_has_unnamed_datum(a) and _has_unnamed_datum(b)):
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PROJ text loses the names, which is what it is used for here
+        return a.to_proj4() == b.to_proj4()
+
+
+def _has_unnamed_datum(crs: CRS) -> bool:
+    return crs.datum is not None and "unknown" in crs.datum.name.lower()
+
+
 def same_crs(a: CRS, b: CRS, what: str) -> None:
     """Refuse two different horizontal systems; `what` names the two things that meet."""
-    if not a.equals(b, ignore_axis_order=True):
+    if not equal_crs(a, b):
         raise InputError(
             f"{what} are in different systems, {a.name} and {b.name}; reproject one of them to the other."
         )

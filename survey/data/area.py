@@ -14,7 +14,7 @@ from shapely.validation import explain_validity
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs, same_crs, transformed
+from survey.core.geodesy import projected_crs, refuse_far, same_crs, transformed
 from survey.core.map_scale import ground_area_m2
 from survey.data.conversions import to_geodataframe
 from survey.io.vector import Features, read_features, write_features
@@ -254,6 +254,7 @@ def _check_polygon(polygon: Any, what: str) -> None:
         raise InputError(f"{what} is an empty polygon; draw at least three corners.")
     if not np.isfinite(frozen(shapely.get_coordinates(polygon))).all():
         raise InputError(f"{what} has corners that are NaN or infinite; correct them.")
+    refuse_far(shapely.get_coordinates(polygon), what)
     if not polygon.is_valid:
         raise InputError(
             f"{what} is not a simple polygon ({explain_validity(polygon)}); correct it in a GIS."

@@ -12,7 +12,7 @@ from pyproj import CRS
 from survey.core.arrays import Bounds, FloatArray, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, projected_crs
+from survey.core.geodesy import UNSTATED, equal_crs, projected_crs, refuse_far
 from survey.data.conversions import to_dataset
 from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
@@ -68,6 +68,7 @@ class Dem(DataObject):
         _check_transform(self.transform)
         if elevation.ndim != 2 or min(elevation.shape) < 2:
             raise InputError(f"the DEM has the shape {elevation.shape}; at least 2 × 2 cells are needed.")
+        refuse_far(self.bounds, "the DEM")
         if np.isinf(elevation).any():
             raise InputError("the DEM holds infinite heights; mark unknown cells as nodata.")
         if not np.isfinite(elevation).any():
@@ -344,7 +345,7 @@ def _agreed_crs(raster: Raster, crs: Any, path: str | Path) -> CRS:
         return projected_crs(crs, str(path))
     stated = projected_crs(raster.crs, str(path))
     asked = stated if crs is None else projected_crs(crs, "the request")
-    if not stated.equals(asked, ignore_axis_order=True):
+    if not equal_crs(stated, asked):
         raise InputError(
             f"{path} is in {stated.name}, but {asked.name} was named; leave the CRS out or correct it."
         )

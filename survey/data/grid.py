@@ -11,7 +11,7 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray, checked, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs
+from survey.core.geodesy import projected_crs, refuse_far
 
 
 @dataclass(frozen=True, repr=False)
@@ -57,6 +57,7 @@ class Grid(DataObject):
             raise InputError(
                 f"the grid's bounds {self.bounds} enclose nothing; give (xmin, ymin, xmax, ymax)."
             )
+        refuse_far(self.bounds, "the grid's bounds")
         for side in (xmax - xmin, ymax - ymin):
             steps = side / self.step_m
             if abs(steps - round(steps)) > 1e-6:

@@ -1,6 +1,5 @@
 """Read LiDAR scans one by one: npz, LAS/LAZ, PLY, KITTI .bin, and ROS 2 recordings."""
 
-import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +12,7 @@ from survey.core.errors import InputError
 from survey.core.files import existing_file
 from survey.data.surface_points import SurfacePoints
 from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
+from survey.io.arrays_file import load_npz
 from survey.io.point_columns import PLACE
 from survey.io.points import read_point_table
 from survey.io.tracks import read_tum
@@ -129,11 +129,7 @@ def read_scans(
 
 def _read_npz(path: Path, crs: Any, sigma_m: float | None) -> SurfacePoints:
     file = existing_file(path, "the scan")
-    try:
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"the scan {file} is damaged or no npz file ({error}); get it again.") from error
+    arrays = load_npz(file, "the scan", "get it again")
     if "points" not in arrays:
         raise InputError(f"the scan {file} holds {', '.join(arrays) or 'nothing'}; `points` was expected.")
     xyz = checked(arrays["points"], (None, 3), f"the points of the scan {file}")

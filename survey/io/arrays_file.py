@@ -2,16 +2,20 @@
 
 import io
 import json
+import math
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from survey.core.checksum import checksum
-from survey.core.errors import InputError
+from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, first_line, replacing
 
+LARGEST_BYTES = 2**31
+"""Largest arrays of one file: 2.1 GB in memory."""
 _CRC = "crc32"
 
 
@@ -65,11 +69,10 @@ def read_npz(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
         version of firnline wrote it.
     """
     file = existing_file(path, what)
+    arrays = load_npz(file, what, remedy)
     try:
-        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
         stated = arrays.pop(_CRC).tobytes().decode("ascii")
-    except Exception as error:  # a damaged archive fails in zipfile, zlib, struct, the header's parser, …
+    except (KeyError, UnicodeError) as error:
         raise InputError(f"{file} is damaged or not {what} ({first_line(error)}); {remedy}.") from error
     found = _checksum(arrays)
     if stated != found:
@@ -77,6 +80,68 @@ def read_npz(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
             f"{file} is damaged: its arrays have the checksum {found} where it states {stated[:16]!r}; {remedy}."
         )
     return arrays
+
+
+def load_npz(file: Path, what: str, remedy: str) -> dict[str, Any]:
+    """Read the arrays of any ``.npz`` file; nothing is unpickled, and claims are checked before memory is taken.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        From `survey.core.files.existing_file`.
+    what : str
+        What it holds, for messages.
+    remedy : str
+        How to get it again, for messages.
+
+    Returns
+    -------
+    dict
+        Arrays by name.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or an array claims more values than are stored.
+    CapacityError
+        The arrays take more than `LARGEST_BYTES`.
+    """
+    try:
+        _check_claims(file, what)
+        with np.load(file, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except InputError:
+        raise
+    except Exception as error:  # a damaged archive fails in zipfile, zlib, struct, the header's parser, …
+        raise InputError(f"{file} is damaged or not {what} ({first_line(error)}); {remedy}.") from error
+
+
+def _check_claims(file: Path, what: str) -> None:
+    """Refuse an archive whose arrays are larger than may be read, or than what is stored of them."""
+    with zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+        n_bytes = sum(member.file_size for member in members)
+        if n_bytes > LARGEST_BYTES:
+            raise CapacityError(
+                f"{what} {file} holds {n_bytes:,} bytes of arrays; {LARGEST_BYTES:,} can be read, make a smaller one."
+            )
+        for member in members:
+            with archive.open(member) as stream:
+                claimed = _claimed_bytes(stream)
+            if claimed > member.file_size:
+                raise InputError(
+                    f"{what} {file} is damaged: {member.filename[:80]!r} claims {claimed:,} bytes and holds {member.file_size:,}; get it again."
+                )
+
+
+def _claimed_bytes(stream: IO[bytes]) -> int:
+    """Return the size that the header of an array states."""
+    version = np.lib.format.read_magic(stream)
+    read_header = (
+        np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    )
+    shape, _, dtype = read_header(stream)
+    return math.prod(shape) * dtype.itemsize
 
 
 def write_arrays(path: str | Path, kind: str, facts: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:

@@ -50,7 +50,7 @@ OFFLINE: Mapping[str, str] = MappingProxyType(
     }
 )
 """Configuration options of GDAL under which data files are read."""
-LARGEST_TEXT_BYTES = 512 * 2**20
+LARGEST_TEXT_BYTES = 256 * 2**20
 """JSON and XML files beyond this are not read: while they are parsed they take some ten times their size."""
 
 _HEAD_BYTES = 65_536

@@ -53,7 +53,7 @@ def read_named_points(path: str | Path, what: str) -> NamedPoints:
 
 
 def _csv_names(file: Path) -> tuple[str, ...]:
-    with file.open(encoding="utf-8", newline="") as stream:
+    with file.open(encoding="utf-8-sig", newline="") as stream:
         rows = list(csv.reader(stream))
     header = [name.strip() for name in rows[0]]
     if _NAME not in header:

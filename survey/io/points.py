@@ -16,20 +16,24 @@ from pyproj.exceptions import CRSError
 
 from survey.core.arrays import FloatArray
 from survey.core.checksum import checksum, refuse_altered
-from survey.core.errors import InputError
+from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, first_line, replacing
-from survey.core.geodesy import UNSTATED, vertical_datum_of
+from survey.core.geodesy import UNSTATED, crs_text, vertical_datum_of
 from survey.io.las_header import check_claim, check_las_points, check_las_records
 from survey.io.point_columns import PLACE, in_own_columns
 from survey.io.tables import read_table, write_table
 from survey.io.vector import read_features, write_features
 
+LARGEST_POINTS = 30_000_000
+"""Most points that are read at once: some 3 GB from LAS with its attributes."""
 _DATUM = "vertical_datum"
 # LAS keeps coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
 _CRC = "crc32"
 _PLY_HEAD = 65_536
+# Coordinates that stand in a file twice may be rounded once.
+_SAME_PLACE_M = 0.01
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
 _LARGEST = 1e15
 _LAS_FAULTS = (
@@ -121,10 +125,21 @@ def _read_vector(path: Path) -> PointTable:
     columns = dict(zip(PLACE, xyz.T, strict=True))
     for name, column in attributes.items():
         if np.issubdtype(column.dtype, np.number):
-            columns[name] = column.astype(np.float64)
+            _add_column(columns, name, column, path)
     crs = features.crs
     stated = str(datum[0]) if datum is not None and datum[0] else vertical_datum_of(crs) if crs else UNSTATED
     return PointTable(columns, crs, stated)
+
+
+def _add_column(columns: dict[str, FloatArray], name: str, values: Any, path: Path) -> None:
+    """Add a column; one that is named like a coordinate and says something else is refused."""
+    numbers: FloatArray = np.asarray(values).astype(np.float64)
+    if name not in columns:
+        columns[name] = numbers
+    elif not np.allclose(numbers, columns[name], rtol=0.0, atol=_SAME_PLACE_M):
+        raise InputError(
+            f"the point file {path} has a column {name} that differs from the points' own coordinates; rename or remove it."
+        )
 
 
 def _write_vector(path: Path, table: PointTable) -> None:
@@ -142,8 +157,11 @@ def _read_las(path: Path) -> PointTable:
         # One thread: the same work in the same order.
         with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs) as reader:
             check_las_points(file, reader.header)
+            _check_count(file, reader.header.point_count)
             las = reader.read()
         crs = las.header.parse_crs()
+    except InputError:
+        raise
     except _LAS_FAULTS as error:
         raise _damaged(file, "LAS", error) from error
     except BaseException as error:
@@ -163,7 +181,7 @@ def _read_las(path: Path) -> PointTable:
     for name in las.point_format.extra_dimension_names:
         column = np.asarray(las[name])
         if column.ndim == 1:
-            columns[name] = column.astype(np.float64)
+            _add_column(columns, name, column, file)
     datum = vertical_datum_of(crs) if crs is not None else UNSTATED
     for record in las.header.vlrs:
         if record.user_id == _LAS_OWNER and record.record_id == _LAS_DATUM:
@@ -199,8 +217,8 @@ def _write_las(path: Path, table: PointTable) -> None:
 
 def _read_ply(path: Path) -> PointTable:
     file = existing_file(path, "the point file")
+    _check_ply_claim(file)
     try:
-        _check_ply_claim(file)
         ply = plyfile.PlyData.read(str(file))
         vertices = ply["vertex"].data
     except (
@@ -221,7 +239,7 @@ def _read_ply(path: Path) -> PointTable:
     columns = dict(zip(PLACE, (vertices[axis].astype(np.float64) for axis in "xyz"), strict=True))
     for name in vertices.dtype.names:
         if name not in "xyz" and np.issubdtype(vertices.dtype[name], np.number):
-            columns[name] = vertices[name].astype(np.float64)
+            _add_column(columns, name, vertices[name], file)
     stated = dict(comment.split(" ", 1) for comment in ply.comments if " " in comment)
     if _CRC in stated:
         refuse_altered(file, stated[_CRC], [vertices], f"its comment {_CRC}")
@@ -235,7 +253,7 @@ def _write_ply(path: Path, table: PointTable) -> None:
     for name, column in table.columns.items():
         vertices[names.get(name, name)] = column
     crs: CRS = table.crs
-    comments = [f"crs {crs.to_string()}", f"{_CRC} {checksum([vertices])}"]
+    comments = [f"crs {crs_text(crs)}", f"{_CRC} {checksum([vertices])}"]
     if table.vertical_datum:
         comments.append(f"{_DATUM} {table.vertical_datum}")
     element = plyfile.PlyElement.describe(vertices, "vertex")
@@ -251,6 +269,14 @@ def _check_ply_claim(file: Path) -> None:
         words = line.split()
         if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
             check_claim(file, int(words[2]), 1)
+            _check_count(file, int(words[2]))
+
+
+def _check_count(file: Path, n_points: int) -> None:
+    if n_points > LARGEST_POINTS:
+        raise CapacityError(
+            f"the point file {file} has {n_points:,} points; {LARGEST_POINTS:,} can be read at once, cut it into tiles or thin it."
+        )
 
 
 def _damaged(file: Path, kind: str, error: BaseException) -> InputError:

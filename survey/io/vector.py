@@ -10,7 +10,7 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
-from survey.core.errors import InputError
+from survey.core.errors import CapacityError, InputError
 from survey.core.files import existing_file, first_line, replacing, unwritable, warnings_logged
 from survey.io.companions import stale_files
 from survey.io.degrees import SURVEY_CRS, WGS84, coded_crs, in_degrees, in_survey_crs, require_transformation
@@ -25,6 +25,9 @@ _DRIVERS = {
     ".shp": "ESRI Shapefile",
 }
 
+LARGEST_FEATURES = 5_000_000
+"""Most features that are read at once: some 2 GB for points with a few attributes."""
+_COUNTED = frozenset({".gpkg", ".shp", ".fgb"})
 _SHAPEFILE_NAME = 10
 _GDAL_UTC = 100
 # Shapefiles carry the day of their last change; a fixed one keeps equal content equal to the byte.
@@ -74,7 +77,10 @@ def read_features(
     check_vector_file(file, what)
     try:
         with _gdal() as gdal, warnings_logged():
+            _refuse_too_many(gdal, file, layer, what)
             meta, _, geometry, columns = gdal.raw.read(file.absolute(), layer=layer)
+    except InputError:
+        raise
     except _faults() as error:
         raise InputError(
             f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
@@ -91,6 +97,17 @@ def read_features(
     if SURVEY_CRS in attributes:
         return Features(*in_survey_crs(shapes, attributes, f"{what} {file}"))
     return Features(shapes, attributes, meta["crs"])
+
+
+def _refuse_too_many(gdal: Any, file: Path, layer: str | int | None, what: str) -> None:
+    """Refuse more features than fit the memory, where the format counts them in its header."""
+    if file.suffix.lower() not in _COUNTED:
+        return
+    n_features = gdal.read_info(file.absolute(), layer=layer)["features"]
+    if n_features > LARGEST_FEATURES:
+        raise CapacityError(
+            f"{what} {file} has {n_features:,} features; {LARGEST_FEATURES:,} can be read at once, cut or thin it."
+        )
 
 
 def write_features(

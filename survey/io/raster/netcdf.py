@@ -10,7 +10,7 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files import replacing, unwritable
+from survey.core.files import replacing, unwritable, warnings_logged
 from survey.io.companions import stale_files
 
 _FILL = np.float32(-9999.0)
@@ -66,7 +66,9 @@ def _axes(bands: Mapping[str, FloatArray], transform: Affine) -> dict[str, Any]:
 def _grid_mapping(crs: CRS, transform: Affine) -> dict[str, Any]:
     """Return what CF readers and GDAL need to place the grid."""
     geo = " ".join(repr(float(v)) for v in transform.to_gdal())
-    return {**crs.to_cf(), "spatial_ref": crs.to_wkt(), "GeoTransform": geo}
+    with warnings_logged():  # CF has no words for some projections; the WKT has
+        cf = crs.to_cf()
+    return {**cf, "spatial_ref": crs.to_wkt(), "GeoTransform": geo}
 
 
 def _facts(vertical_datum: str) -> dict[str, str]:

@@ -1,11 +1,13 @@
 import io
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from survey import InputError
-from survey.io.arrays_file import read_arrays, read_npz, write_arrays, write_npz
+from survey import CapacityError, InputError
+from survey.io import arrays_file
+from survey.io.arrays_file import load_npz, read_arrays, read_npz, write_arrays, write_npz
 
 ARRAYS = {
     "z": np.arange(30, dtype=np.float64).reshape(5, 6),
@@ -72,3 +74,32 @@ def test_facts_and_arrays_keep_their_kind(tmp_path):
     np.testing.assert_array_equal(arrays["z"], ARRAYS["z"])
     with pytest.raises(InputError, match="'tin 1'; 'field 1' was expected"):
         read_arrays(tmp_path / "a.npz", "field 1")
+
+
+def npy(shape: tuple[int, ...], content: bytes) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return stream.getvalue() + content
+
+
+def test_an_archive_that_unpacks_to_too_much_is_refused_before_memory_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arrays_file, "LARGEST_BYTES", 2**24)
+    with (
+        zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("z.npy", "w", force_zip64=True) as member,
+    ):
+        member.write(npy((2**22,), b""))
+        for _ in range(32):
+            member.write(bytes(2**20))
+    assert (tmp_path / "bomb.npz").stat().st_size < 2**17
+    with pytest.raises(CapacityError, match="16,777,216 can be read"):
+        load_npz(tmp_path / "bomb.npz", "the model", "save it again")
+
+
+def test_an_array_that_claims_more_than_is_stored_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("z.npy", npy((10**12,), bytes(80)))
+    with pytest.raises(InputError, match="claims 8,000,000,000,000 bytes"):
+        load_npz(tmp_path / "a.npz", "the model", "save it again")

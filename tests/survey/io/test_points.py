@@ -3,10 +3,15 @@
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
+import shapely
 
-from survey.core.errors import InputError
+from survey.core.errors import CapacityError, InputError
 from survey.data.surface_points import SurfacePoints
+from survey.io import points as point_files
+from survey.io.points import read_point_table
+from survey.io.vector import write_features
 
 FORMATS = [".csv", ".gpkg", ".geojson", ".las", ".laz", ".ply"]
 CRS = "EPSG:32608"
@@ -86,3 +91,23 @@ def test_a_missing_column_is_named(tmp_path: Path) -> None:
 def test_an_unknown_ending_names_the_known_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.gpkg"):
         SurfacePoints.read(tmp_path / "points.xyz", crs=CRS)
+
+
+def test_a_column_that_contradicts_the_coordinates_is_refused(tmp_path: Path) -> None:
+    shapes = shapely.points([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    for z, words in ((np.array([3.0, 6.0]), None), (np.array([0.0, 6.0]), "column z_m that differs")):
+        write_features(tmp_path / "a.gpkg", shapes, {"z_m": z}, pyproj.CRS(CRS), layer="a")
+        if words is None:
+            assert read_point_table(tmp_path / "a.gpkg").columns["z_m"].tolist() == [3.0, 6.0]
+        else:
+            with pytest.raises(InputError, match=words):
+                read_point_table(tmp_path / "a.gpkg")
+
+
+def test_more_points_than_fit_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = SurfacePoints(np.arange(9.0).reshape(3, 3), sigma_m=0.1, crs="EPSG:32608")
+    monkeypatch.setattr(point_files, "LARGEST_POINTS", 2)
+    for ending in ("las", "laz", "ply"):
+        points.write(tmp_path / f"a.{ending}")
+        with pytest.raises(CapacityError, match="3 points; 2 can be read"):
+            read_point_table(tmp_path / f"a.{ending}")
