@@ -1,4 +1,4 @@
-"""``firnline change``: how much ice came or went between two surveys."""
+"""``firnline change``: elevation, volume and mass change between two surveys."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -6,13 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sim.cli.options import Json
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
+from sim.cli.outputs import refuse_existing, with_companions
+
+OUTPUTS = ("change.tif", "change.tif.aux.xml", "change.csv", "change.json", "change.png")
+"""Files that the command writes into its folder."""
 
 if TYPE_CHECKING:
+    from survey import Dem, Reconstruction
     from survey.scoring.change.results import Change
 
 
-@refusals_told
+@with_exit_codes
 def change(
     later: Annotated[
         Path,
@@ -29,11 +34,17 @@ def change(
     align: Annotated[
         bool, typer.Option("--align", help="First shift the earlier survey onto the later one.")
     ] = False,
-    level: Annotated[bool, typer.Option(help="Take off the mean difference of the unchanged ground.")] = True,
-    density: Annotated[float, typer.Option("--density", help="Of what was gained or lost [kg/m³].")] = 850.0,
+    level: Annotated[bool, typer.Option(help="Subtract the mean difference of the unchanged ground.")] = True,
+    density: Annotated[
+        float, typer.Option("--density", help="Density of the gained or lost material [kg/m³].")
+    ] = 850.0,
     density_std: Annotated[
         float, typer.Option("--density-std", help="Its standard deviation [kg/m³].")
     ] = 60.0,
+    crs: Annotated[
+        str | None,
+        typer.Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS)."),
+    ] = None,
     grid: Annotated[
         float, typer.Option("--grid", help="Distance between nodes when terrain models are compared [m].")
     ] = 2.0,
@@ -43,7 +54,7 @@ def change(
     force: Annotated[bool, typer.Option("--force", help="Replace a change that is there.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Compute the change of height, volume and mass, with errors that know they are correlated.
+    """Compute the change of elevation, volume and mass on the ground, with correlated errors.
 
     For example:
 
@@ -53,27 +64,23 @@ def change(
     """
     import json
 
-    from survey.core.errors import InputError
-    from survey.core.files import replacing
+    from survey.core.exchange import replacing_folder
     from survey.figures.change import change_map
     from survey.figures.style import png_bytes
     from survey.scoring.change.change_files import change_facts, write_change
 
-    if (out / "change.tif").exists() and not force:
-        raise InputError(
-            f"{out / 'change.tif'} exists; choose another folder with --out or add --force to replace it."
-        )
-    options: dict[str, Any] = {"align": align, "level": level, "step_m": grid}
+    inputs = (later, earlier, outline, stable)
+    refuse_existing([out], force=force, inputs=with_companions(inputs), own=OUTPUTS)
+    options: dict[str, Any] = {"align": align, "level": level, "step_m": grid, "crs": crs}
     found, outlines = _compared(later, earlier, outline, stable, options)
     facts = change_facts(found, density, density_std)
-    out.mkdir(parents=True, exist_ok=True)
-    write_change(out, found, density, density_std)
-    with replacing(out / "change.png") as draft:
-        draft.write_bytes(png_bytes(change_map(found, outlines)))
+    with replacing_folder(out, own=OUTPUTS) as draft:
+        write_change(draft, found, density, density_std)
+        (draft / "change.png").write_bytes(png_bytes(change_map(found, outlines)))
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
         return
-    _tell(facts, out)
+    _print_change(facts, out)
 
 
 def _compared(
@@ -82,13 +89,14 @@ def _compared(
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
+    from survey import Dem
     from survey.scoring.change.change import change as compare
     from survey.scoring.change.outlines import read_outlines
 
     if later.suffix == earlier.suffix == ".npz":
         return _models_compared(later, earlier, outline, options["step_m"])
-    new, old = _surface(later), _surface(earlier)
-    crs = getattr(new, "mean", new).crs
+    new, old = (_surface(source, options["crs"]) for source in (later, earlier))
+    crs = (new if isinstance(new, Dem) else new.mean).crs
     outlines = read_outlines(outline, crs)
     ground = None if stable is None else shapely.union_all(list(read_outlines(stable, crs).values()))
     return (
@@ -120,8 +128,8 @@ def _models_compared(
     return change_of_models(new, old, outlines, Grid.over(bounds, step_m, crs)), outlines
 
 
-def _surface(source: Path) -> Any:
-    import survey
+def _surface(source: Path, crs: str | None) -> "Reconstruction | Dem":
+    """Read a map that is no terrain model."""
     from sim.cli.score import map_of
 
     if source.suffix == ".npz":
@@ -130,18 +138,20 @@ def _surface(source: Path) -> Any:
         raise InputError(
             f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
         )
-    return survey.Reconstruction.read(source) if source.is_dir() else map_of(source)
+    return map_of(source, crs)
 
 
-def _tell(facts: dict[str, Any], out: Path) -> None:
+def _print_change(facts: dict[str, Any], out: Path) -> None:
+    from survey.core.text import printable
+
     if facts["shift"] is not None:
         shift = facts["shift"]
         typer.echo(
-            f"shifted by {shift['east_m']:+.3f} m east, {shift['north_m']:+.3f} m north, {shift['up_m']:+.3f} m up"
+            f"coordinates shifted by {shift['east_m']:+.3f} m east, {shift['north_m']:+.3f} m north, {shift['up_m']:+.3f} m up"
         )
     for row in facts["volumes"]:
         typer.echo(
-            f"{row['name']}: {row['volume_change_m3']:+.4g} m³, 95 % between {row['volume_low_95_m3']:+.4g} and "
+            f"{printable(row['name'])}: {row['volume_change_m3']:+.4g} m³, 95 % between {row['volume_low_95_m3']:+.4g} and "
             f"{row['volume_high_95_m3']:+.4g}; {row['mean_change_m']:+.3f} m on the mean, "
             f"{row['specific_mass_balance_m_we']:+.3f} ± {row['specific_std_m_we']:.3f} m w.e."
         )

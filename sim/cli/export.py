@@ -1,14 +1,15 @@
-"""``firnline export``: a route, map, track, area or set of points for a GIS, a hand-held GPS or an autopilot."""
+"""``firnline export``: convert a route, map, track, area or set of points to the format of another program."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
+from sim.cli.outputs import companions_of_output, refuse_existing, with_companions
 
 
-@refusals_told
+@with_exit_codes
 def export(
     source: Annotated[Path, typer.Argument(help="File to convert, or a run folder (its route).")],
     out: Annotated[
@@ -45,13 +46,13 @@ def export(
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
     """
     import survey
-    from survey.core.errors import ConfigError, InputError
+    from survey.core.errors import ConfigError
     from survey.core.store import RunFolder
     from survey.interchange.convert import convert, kind_of
     from survey.interchange.route_formats import write_plan
 
-    if out.exists() and not force:
-        raise InputError(f"{out} exists; choose another name or add --force to replace it.")
+    refuse_existing([out], force=force, inputs=with_companions([source]))
+    refuse_existing(companions_of_output(out), force=force, inputs=[source])
     if holds not in (None, "route", "raster", "points", "track", "area"):
         raise ConfigError(
             f"--as {holds} is not known; one of route, raster, points, track, area was expected."

@@ -41,6 +41,48 @@ def refuse_existing(
         _refuse_present(output, force=force, own=own)
 
 
+def with_companions(inputs: Iterable[Path | None]) -> list[Path]:
+    """Return input files with the files beside them that are read too (``.prj``, ``.dbf`` …).
+
+    Parameters
+    ----------
+    inputs : iterable of pathlib.Path or None
+        Files or folders that a command reads; None stands for an option that was not given.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Inputs that exist, each followed by its companions.
+    """
+    from survey.io.companions import companion_files
+
+    found: list[Path] = []
+    for path in inputs:
+        if path is None:
+            continue
+        found.append(path)
+        if path.is_file() and path.stat().st_size:
+            found += companion_files(path)
+    return found
+
+
+def companions_of_output(output: Path) -> list[Path]:
+    """Return the files that a format of several files has beside its main file.
+
+    Parameters
+    ----------
+    output : pathlib.Path
+        The main file.
+
+    Returns
+    -------
+    list of pathlib.Path
+        For ``.asc`` the ``.prj``, for ``.shp`` the tables, index and CRS; none for other formats.
+    """
+    suffixes = {".asc": (".prj",), ".shp": (".shx", ".dbf", ".prj", ".cpg")}.get(output.suffix.lower(), ())
+    return [output.with_suffix(suffix) for suffix in suffixes]
+
+
 def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
     from survey.core.errors import InputError
 

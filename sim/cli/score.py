@@ -1,4 +1,4 @@
-"""``firnline score``: judge how good a map is."""
+"""``firnline score``: errors, coverage and class of a map against a reference or checkpoints."""
 
 import math
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 if TYPE_CHECKING:
     from survey import Dem, Reconstruction, Score
@@ -29,10 +29,14 @@ Interval = Annotated[
     float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
 ]
 Sigma = Annotated[float | None, typer.Option("--sigma", help="Deviation of checkpoints that state none [m].")]
+Crs = Annotated[
+    str | None,
+    typer.Option("--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."),
+]
 Datum = Annotated[str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")]
 
 
-@refusals_told
+@with_exit_codes
 def score(
     source: Annotated[
         Path,
@@ -62,6 +66,7 @@ def score(
     route: Annotated[
         Path | None, typer.Option("--route", help="Route that was driven, for coverage, α and β.")
     ] = None,
+    crs: Crs = None,
     runs: Runs = RUNS,
     settings: Settings = None,
     as_json: Json = False,
@@ -93,13 +98,13 @@ def score(
             "interval_m": interval,
         }
         given = {"sigma_m": sigma, "vertical_datum": datum}
-        _score_at(source, checkpoints, (control, area), given, asked, as_json=as_json)
+        _score_at(map_of(source, crs), checkpoints, (control, area), given, asked, as_json=as_json)
         return
-    _score_file(source, truth, area, route, as_json=as_json)
+    _score_file(source, truth, area, route, crs, as_json=as_json)
 
 
 def _score_at(
-    source: Path,
+    map_: "Reconstruction | Dem",
     checkpoints: Path,
     besides: tuple[Path | None, Path | None],
     given: dict[str, Any],
@@ -114,7 +119,6 @@ def _score_at(
     from survey.scoring import Checkpoints, compare, score_at
     from survey.scoring.standards.checkpoints import control_places
 
-    map_ = map_of(source)
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
     points = Checkpoints.read(checkpoints, crs=dem.crs, **given)
     control, area = besides
@@ -125,7 +129,7 @@ def _score_at(
     if as_json:
         typer.echo(json.dumps(judged.to_dict(), indent=2))
         return
-    _tell_statistics(judged.to_dict()["elevation"])
+    _print_statistics(judged.to_dict()["elevation"])
     low, high = judged.interval.low_m, judged.interval.high_m
     typer.echo(f"{'rmse 95 %':<12} {low:.4f} to {high:.4f} ({judged.interval.method})")
     if judged.left_out:
@@ -136,13 +140,13 @@ def _score_at(
             typer.echo(f"  note: {caution}")
 
 
-def _tell_statistics(figures: dict[str, Any]) -> None:
+def _print_statistics(figures: dict[str, Any]) -> None:
     for name, figure in figures.items():
         typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
 
 
 def _score_file(
-    source: Path, truth: Path | None, area: Path | None, route: Path | None, *, as_json: bool
+    source: Path, truth: Path | None, area: Path | None, route: Path | None, crs: str | None, *, as_json: bool
 ) -> None:
     import json
 
@@ -153,17 +157,18 @@ def _score_file(
         raise InputError(
             f"{source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
         )
-    judged = _judged(source, truth, area, route).to_dict()
+    judged = _judged(source, truth, area, route, crs).to_dict()
     if as_json:
         typer.echo(json.dumps(judged, indent=2))
         return
-    _tell_statistics(judged["elevation"])
+    _print_statistics(judged["elevation"])
     typer.echo(best_class(judged))
 
 
-def _judged(source: Path, truth: Path, area: Path | None, route: Path | None) -> "Score":
+def _judged(source: Path, truth: Path, area: Path | None, route: Path | None, crs: str | None) -> "Score":
     """Judge in memory, or block by block what is large."""
     import survey
+    from survey.core.geodesy import agreed_crs
     from survey.io.raster import raster_facts
     from survey.scoring.blocks import score_files
 
@@ -171,9 +176,10 @@ def _judged(source: Path, truth: Path, area: Path | None, route: Path | None) ->
     if route is None and source.is_file():
         sizes = (math.prod(shape) for shape in (reference.shape, raster_facts(source).shape))
         if max(sizes) > _LARGE:
-            ground = None if area is None else survey.SurveyArea.read(area, crs=reference.crs)
-            return score_files(source, truth, ground)
-    map_, truth_dem = map_of(source), survey.Dem.read(truth)
+            system = agreed_crs(reference.crs, crs, str(truth))
+            ground = None if area is None else survey.SurveyArea.read(area, crs=system)
+            return score_files(source, truth, ground, crs=crs)
+    map_, truth_dem = map_of(source, crs), survey.Dem.read(truth, crs=crs)
     return survey.score(
         map_,
         truth=truth_dem,
@@ -182,7 +188,7 @@ def _judged(source: Path, truth: Path, area: Path | None, route: Path | None) ->
     )
 
 
-def map_of(source: Path) -> "Reconstruction | Dem":
+def map_of(source: Path, crs: str | None = None) -> "Reconstruction | Dem":
     """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation."""
     import numpy as np
 
@@ -192,8 +198,8 @@ def map_of(source: Path) -> "Reconstruction | Dem":
 
     if source.is_dir():
         return survey.Reconstruction.read(source)
-    mean = survey.Dem.read(source)
+    mean = survey.Dem.read(source, crs=crs)
     if band_count(source) < 2:
         return mean
-    std = survey.Dem.read(source, band=2)
+    std = survey.Dem.read(source, band=2, crs=crs)
     return survey.Reconstruction(mean, std, np.full(mean.shape, INTERPOLATED), "outside", {})

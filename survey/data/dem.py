@@ -12,7 +12,7 @@ from pyproj import CRS
 from survey.core.arrays import Bounds, FloatArray, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, equal_crs, projected_crs, refuse_far
+from survey.core.geodesy import UNSTATED, agreed_crs, projected_crs, refuse_far
 from survey.data.conversions import to_dataset
 from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
@@ -104,7 +104,7 @@ class Dem(DataObject):
         path : str or pathlib.Path
             GeoTIFF, Esri ASCII grid, NetCDF, VRT of local files, SRTM ``.hgt``, …
         crs : str or pyproj.CRS, optional
-            For files that carry none; refused when the file names another one.
+            For files that carry none or a local one (LOCAL_CS); refused when the file names another one.
         vertical_datum : str, optional
             For files that do not state it.
         band : int
@@ -132,7 +132,7 @@ class Dem(DataObject):
         raster = read_raster(path, band=band, bounds=bounds)
         if not mask:
             _refuse_mask(raster, path)
-        stated_crs = _agreed_crs(raster, crs, path)
+        stated_crs = agreed_crs(raster.crs, crs, str(path))
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:
             raise InputError(
                 f"{path} states {raster.vertical_datum!r}, but {vertical_datum!r} was named; correct one of them."
@@ -337,19 +337,6 @@ class Dem(DataObject):
 def _between(a: FloatArray, b: FloatArray, t: FloatArray) -> FloatArray:
     """Interpolate linearly; exact at both ends, so a nodata neighbour of weight 0 does not count."""
     return np.where(t == 0.0, a, np.where(t == 1.0, b, a + (b - a) * t))
-
-
-def _agreed_crs(raster: Raster, crs: Any, path: str | Path) -> CRS:
-    """Return the CRS of a file; refuse when it is not the one that was named."""
-    if raster.crs is None:
-        return projected_crs(crs, str(path))
-    stated = projected_crs(raster.crs, str(path))
-    asked = stated if crs is None else projected_crs(crs, "the request")
-    if not equal_crs(stated, asked):
-        raise InputError(
-            f"{path} is in {stated.name}, but {asked.name} was named; leave the CRS out or correct it."
-        )
-    return stated
 
 
 def _refuse_mask(raster: Raster, path: str | Path) -> None:

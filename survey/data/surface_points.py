@@ -12,7 +12,15 @@ from pyproj import CRS
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum, transformed
+from survey.core.geodesy import (
+    UNSTATED,
+    agreed_crs,
+    is_local,
+    projected_crs,
+    same_crs,
+    same_vertical_datum,
+    transformed,
+)
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe
 from survey.data.plots import draw_points, value_range
@@ -408,8 +416,8 @@ def _uncertainty(
 
 def _one_crs(stated: Any, named: Any) -> CRS:
     """Return the CRS of the file or, where it has none, the one that was named."""
-    if stated is None or named is None:
-        return projected_crs(stated if stated is not None else named, "the set of surface points")
+    if stated is None or named is None or is_local(stated):
+        return agreed_crs(stated, named, "the set of surface points")
     of_file, wanted = (projected_crs(crs, "the set of surface points") for crs in (stated, named))
     same_crs(of_file, wanted, "the file and the request")
     return of_file

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs
+from survey.core.geodesy import agreed_crs, projected_crs
 from survey.data.area import SurveyArea
 from survey.data.surface_points import projected_table
 from survey.data.trajectory import Trajectory
@@ -90,4 +90,4 @@ def _track(path: Trajectory, out: Path) -> None:
 
 
 def _one(stated: Any, named: Any, source: str | Path) -> Any:
-    return projected_crs(stated if stated is not None else named, str(source))
+    return agreed_crs(stated, named, str(source))

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.core.files import existing_file
-from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum, vertical_datum_of
+from survey.core.geodesy import UNSTATED, agreed_crs, same_crs, same_vertical_datum, vertical_datum_of
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.raster import opened_raster, read_window, stated_datum
@@ -164,7 +164,7 @@ def score_files(
         Only cells whose centres lie on its free ground count; where the map has no height, the ground beyond
         its raster included, the area is not covered.
     crs : str or pyproj.CRS, optional
-        Of files that carry none.
+        Of files that carry none or a local one (LOCAL_CS).
 
     Raises
     ------
@@ -221,10 +221,11 @@ class _Layer(NamedTuple):
         wkt = source.crs.to_wkt() if source.crs else None
         datum = stated_datum(source) or (vertical_datum_of(wkt) if wkt else UNSTATED)
         # A DEM of four cells refuses what no DEM may be: rotated, south-up, oblong.
-        Dem(np.zeros((2, 2)), source.transform, projected_crs(wkt or crs, str(path)))
+        system = agreed_crs(wkt, crs, str(path))
+        Dem(np.zeros((2, 2)), source.transform, system)
         if min(source.width, source.height) < 2:
             raise InputError(f"{path} has {source.height} × {source.width} cells; at least 2 × 2 are needed.")
-        return cls(source, source.transform, projected_crs(wkt or crs, str(path)), datum, source.count)
+        return cls(source, source.transform, system, datum, source.count)
 
     @property
     def bounds(self) -> Bounds:

@@ -10,6 +10,7 @@ import numpy as np
 
 from survey.core.documents import write_json
 from survey.core.files import replacing
+from survey.core.text import csv_cell
 from survey.io.raster import write_raster
 from survey.scoring.change.results import Change
 
@@ -84,7 +85,7 @@ def write_change(
     text = io.StringIO()
     table = csv.DictWriter(text, TABLE_COLUMNS, lineterminator="\n")
     table.writeheader()
-    table.writerows(facts["volumes"])
+    table.writerows({**row, "name": csv_cell(row["name"])} for row in facts["volumes"])
     with replacing(place / "change.csv") as draft:
         draft.write_text(text.getvalue(), encoding="utf-8", newline="\n")
     write_json(place / "change.json", facts)

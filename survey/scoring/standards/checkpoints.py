@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
 from survey.core.errors import InputError
 from survey.core.geodesy import UNSTATED, projected_crs, same_crs, same_vertical_datum, transformed
+from survey.core.text import printable
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.named_points import read_named_points
@@ -146,7 +147,7 @@ class Checkpoints:
                 sigma,
                 system,
                 stated or vertical_datum or UNSTATED,
-                named.names,
+                tuple(printable(name) for name in named.names),
                 columns.get("vegetated", np.zeros(len(xyz))) != 0.0,
             )
         except InputError as error:

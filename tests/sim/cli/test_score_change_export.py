@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from typer.testing import CliRunner
 
 from sim.cli.main import app
-from survey import Dem, Grid
+from survey import Dem, Grid, InputError
+from survey.io.vector import write_features
 
 UTM = "EPSG:32608"
 
@@ -65,3 +67,85 @@ def test_a_map_goes_through_every_format_and_back(site: Path) -> None:
     np.testing.assert_array_equal(Dem.read("again.tif").elevation, Dem.read("map.tif").elevation)
     told("export", "all.csv", "points.laz", "--crs", UTM, code=3)
     assert "not known" in told("export", "map.tif", "x.gpkg", "--as", "poem", code=4)
+
+
+LOCAL = 'LOCAL_CS["site grid",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
+
+
+def test_score_assigns_the_named_crs_to_rasters_in_a_local_one(site: Path) -> None:
+    plane = Dem.read("map.tif")
+    Dem(plane.elevation, plane.transform, LOCAL).write("local.tif")
+    refusal = told("score", "local.tif", "--truth", "map.tif", code=3)
+    assert "is a local one (LOCAL_CS) that cannot be reprojected" in refusal
+    assert "--crs" in refusal
+    assert "rmse_m       0.0000" in told("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
+    assert "was named" in told("score", "local.tif", "--truth", "map.tif", "--crs", "EPSG:32609", code=3)
+
+
+def test_score_in_blocks_assigns_the_named_crs_too(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.cli.score._LARGE", 100)
+    plane = Dem.read("map.tif")
+    Dem(plane.elevation, plane.transform, LOCAL).write("local.tif")
+    assert "rmse_m       0.0000" in told("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
+
+
+def test_an_export_replaces_nothing_without_force_and_never_its_input(site: Path) -> None:
+    before = Path("map.tif").read_bytes()
+    Path("map.nc").write_text("mine")
+    assert "map.nc exists" in told("export", "map.tif", "map.nc", code=3)
+    assert Path("map.nc").read_text() == "mine"
+    assert "is or contains the input" in told("export", "map.tif", "map.tif", "--force", code=3)
+    Path("other.prj").write_text("mine")
+    assert "other.prj exists" in told("export", "map.tif", "other.asc", code=3)
+    assert (Path("other.prj").read_text(), Path("other.asc").exists()) == ("mine", False)
+    told("export", "map.tif", "map.nc", "--force")
+    assert Path("map.tif").read_bytes() == before
+
+
+def test_a_refused_export_leaves_what_was_there(site: Path) -> None:
+    Path("points.laz").write_text("mine")
+    told("export", "all.csv", "points.laz", "--crs", UTM, "--force", code=3)
+    assert Path("points.laz").read_text() == "mine"
+
+
+def _surveys(folder: Path) -> list[str]:
+    plane = Dem.read(folder / "map.tif")
+    rough = plane.elevation + np.random.default_rng(2).normal(0.0, 0.1, plane.shape)
+    Dem(rough, plane.transform, plane.crs, plane.vertical_datum).write(folder / "later.tif")
+    names = {"name": np.array(["=cmd|' /C calc'!A0\x1b[2J"], dtype=object)}
+    write_features(folder / "ice.gpkg", [shapely.box(200, 200, 400, 400)], names, plane.crs, layer="ice")
+    return ["change", "later.tif", "map.tif", "--outline", "ice.gpkg", "-o", "out"]
+
+
+def test_change_replaces_nothing_without_force_and_no_file_of_others(site: Path) -> None:
+    args = _surveys(site)
+    told(*args)
+    old = Path("out/change.csv").read_bytes()
+    assert "out exists" in told(*args, code=3)
+    told(*args, "--force", "--no-level")
+    assert Path("out/change.csv").read_bytes() != old
+    Path("out/notes.txt").write_text("mine")
+    assert "notes.txt" in told(*args, "--force", code=3)
+    assert Path("out/notes.txt").read_text() == "mine"
+    assert "contains the input" in told(*args[:-1], ".", "--force", code=3)
+
+
+def test_a_change_that_fails_leaves_the_old_one(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    args = _surveys(site)
+    told(*args)
+    old = {file.name: file.read_bytes() for file in Path("out").iterdir()}
+
+    def full(*_: object) -> bytes:
+        raise InputError("the disk is full")
+
+    monkeypatch.setattr("survey.figures.style.png_bytes", full)
+    told(*args, "--force", "--no-level", code=3)
+    assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == old
+
+
+def test_names_of_outlines_are_escaped_in_tables_and_on_the_terminal(site: Path) -> None:
+    said = told(*_surveys(site))
+    assert "\x1b" not in said
+    table = Path("out/change.csv").read_text(encoding="utf-8")
+    assert "\x1b" not in table
+    assert "'=cmd" in table
