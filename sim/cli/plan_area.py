@@ -46,6 +46,14 @@ def plan_area(request: PlanRequest) -> None:
     _print_route(request, route)
 
 
+def _default_size(pattern: str) -> dict[str, int]:
+    """Return the size of a pattern for which none is given; empty for a pattern that has no number of swaths."""
+    from planners.registry import PLANNERS
+
+    sized = {planner.name for planner in PLANNERS if "swaths" in planner.config.model_fields}
+    return {"swaths": _DEFAULT_SWATHS} if pattern in sized else {}
+
+
 def _sections(request: PlanRequest) -> dict[str, Any]:
     """Return the options as sections of a mission."""
     sizes = {
@@ -55,8 +63,8 @@ def _sections(request: PlanRequest) -> dict[str, Any]:
         "rmse_m": request.rmse,
     }
     given = {name: value for name, value in sizes.items() if value is not None}
-    pattern = {"pattern": request.pattern or "lawnmower"}
-    sections: dict[str, Any] = {"planner": pattern | (given or {"swaths": _DEFAULT_SWATHS})}
+    name = request.pattern or "lawnmower"
+    sections: dict[str, Any] = {"planner": {"pattern": name} | (given or _default_size(name))}
     if request.rovers is not None:
         sections["fleet"] = {"rovers": request.rovers}
     if request.max_slope is not None:

@@ -266,3 +266,8 @@ def test_an_unknown_pattern_lists_those_of_the_registry():
 def test_options_of_a_guarantee_need_a_requirement(option):
     _, err = planned("site.gpkg", *option, code=4)
     assert "goes with --require" in err
+
+
+def test_a_pattern_without_a_number_of_swaths_gets_none_by_default():
+    _, err = planned("site.gpkg", "--prior", "hill.tif", "--pattern", "variance-driven", code=4)
+    assert "give either budget_m or rmse_m" in err
