@@ -1,4 +1,4 @@
-"""What a planner is asked for; every length in metres, every angle in degrees."""
+"""Configurations of planners; lengths in metres on the ground, angles in degrees."""
 
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -120,7 +120,7 @@ class PiecewiseContinuousConfig(SteeredConfig):
 
 
 class RandomWanderConfig(SteeredConfig):
-    """The control of the piecewise-continuous pattern: the same steps and turns, chosen blindly."""
+    """Control of the piecewise-continuous pattern: the same steps and turns, chosen at random."""
 
     pattern: Literal["random-wander"] = "random-wander"
     """Name of the pattern."""

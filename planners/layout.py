@@ -1,4 +1,4 @@
-"""From a pattern to a route: its swaths on the ground that there is, joined by transits."""
+"""Layout of swath patterns: reference lines, swaths on free ground, and their order."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -115,9 +115,7 @@ def _wavelength_m(config: WavyConfig, slope_length_m: float | None) -> float:
     if config.wavelength_m is not None:
         return config.wavelength_m
     if slope_length_m is None:
-        raise ConfigError(
-            "wavy swaths need a wavelength_m, or a prior or a kernel that tells how the terrain varies."
-        )
+        raise ConfigError("wavy swaths need a wavelength_m, or a prior or a kernel to take it from.")
     return config.wavelength_scales * slope_length_m
 
 
@@ -153,16 +151,20 @@ def _joined(
 ) -> tuple[Leg, ...]:
     """Order the swaths and join them by the shortest transits found, without a start from the end nearest to a corner."""
     ground = FreeGround(area.free)
-    kept = [Swath(xy, swath.axis) for swath in swaths for xy in clipped(ground, [swath.xy]) if len(xy) > 1]
+    clipped_swaths = [
+        Swath(xy, swath.axis) for swath in swaths for xy in clipped(ground, [swath.xy]) if len(xy) > 1
+    ]
     homes = depots(area, crew.fleet)
     if homes is None and (crew.fleet.return_to_start or crew.makes_round_trips):
         raise InputError("a rover that returns to its start needs one; mark a start in the area.")
     if homes is not None and crew.makes_round_trips:
-        return _shared(kept, ground, homes, crew)
-    start = homes[0] if homes is not None else _end_nearest(kept, corner)
+        return _shared(clipped_swaths, ground, homes, crew)
+    start = homes[0] if homes is not None else _end_nearest(clipped_swaths, corner)
     end = start if crew.fleet.return_to_start else crew.fleet.end_m
-    axes = [swath.axis for swath in kept]
-    return connect([swath.xy for swath in kept], ground, start=start, end=end, axes=axes, turning=crew.rover)
+    axes = [swath.axis for swath in clipped_swaths]
+    return connect(
+        [swath.xy for swath in clipped_swaths], ground, start=start, end=end, axes=axes, turning=crew.rover
+    )
 
 
 def _end_nearest(swaths: Sequence[Swath], corner: FloatArray | None) -> FloatArray | None:

@@ -40,6 +40,11 @@ else:
 def pattern_names() -> tuple[str, ...]:
     """Return the names of all planners.
 
+    Returns
+    -------
+    tuple of str
+        In the order of `PLANNERS`.
+
     Examples
     --------
     >>> pattern_names()[:2]

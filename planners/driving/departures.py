@@ -70,7 +70,7 @@ def _track(legs: Sequence[Leg], rover: int, mobility: Mobility, step_s: float) -
 
 
 def _too_near(a: FloatArray, b: FloatArray, shift: int, separation_m: float) -> bool:
-    """Tell whether two rovers, the first departing `shift` steps later, meet away from their depots."""
+    """Return whether two rovers, the first departing `shift` steps later, meet away from their depots."""
     first, last = max(shift, 0), min(len(a) + shift, len(b))
     if last <= first:
         return False

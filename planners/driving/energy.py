@@ -1,4 +1,4 @@
-"""What driving takes: metres, turns, seconds and joules, by the slope along the way."""
+"""Length, turns, time and energy of driving, with the slope along the way."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,7 +20,7 @@ _TURN_RAD = np.radians(30.0)
 
 
 class Mobility(Section):
-    """What a rover needs to move; the defaults are those of a 250 kg electric rover on firm snow.
+    """Speed, mass and efficiency of a rover; the defaults are those of a 250 kg electric rover on firm snow.
 
     Examples
     --------
@@ -52,7 +52,7 @@ class Mobility(Section):
 
 
 class Effort(NamedTuple):
-    """Metres, turns, seconds and joules of some driving."""
+    """Length [m], number of turns, time [s] and energy [J] of driving."""
 
     length_m: float
     n_turns: int
@@ -93,7 +93,7 @@ def energy_per_metre(slope_rad: FloatArray, mobility: Mobility) -> FloatArray:
 
 
 def effort(xy: FloatArray, mobility: Mobility, dem: Dem | None = None, *, crs: CRS | None = None) -> Effort:
-    """Return what driving along a polyline takes.
+    """Return length, time and energy of driving along a polyline.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def predicted(
     waits_s: FloatArray | None = None,
     crs: CRS | None = None,
 ) -> dict[str, float]:
-    """Return what a route is expected to take, for `Route.prediction`.
+    """Return the expected length, time and energy of a route, for `Route.prediction`.
 
     Parameters
     ----------

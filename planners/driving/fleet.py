@@ -1,4 +1,4 @@
-"""Several rovers on one site: who drives which swaths, so that the last one is back as early as possible."""
+"""Division of swaths among rovers so that the last one is back as early as possible."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -163,17 +163,17 @@ def _exchanges(
     found = []
     for n_given in range(1, min(_LONGEST_ROW, len(mine)) + 1):
         for i in range(len(mine) - n_given + 1):
-            given, kept = mine[i : i + n_given], np.delete(mine, np.s_[i : i + n_given])
-            found.append((kept, _inserted(rows, theirs, given, other)))
+            given, rest = mine[i : i + n_given], np.delete(mine, np.s_[i : i + n_given])
+            found.append((rest, _inserted(rows, theirs, given, other)))
             if len(mine) * len(theirs) > _MOST_PAIRS:
                 continue
             for n_taken in range(max(n_given - 1, 1), min(n_given, len(theirs)) + 1):
                 for j in range(len(theirs) - n_taken + 1):
                     taken = theirs[j : j + n_taken]
-                    rest = np.delete(theirs, np.s_[j : j + n_taken])
+                    others = np.delete(theirs, np.s_[j : j + n_taken])
                     if rows.swath_s[taken >> 1].sum() < rows.swath_s[given >> 1].sum():
                         found.append(
-                            (_inserted(rows, kept, taken, busiest), _inserted(rows, rest, given, other))
+                            (_inserted(rows, rest, taken, busiest), _inserted(rows, others, given, other))
                         )
     return found
 

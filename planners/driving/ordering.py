@@ -1,4 +1,4 @@
-"""From swaths to legs: the order and direction of driving, joined by transits on free ground."""
+"""Ordering of swaths and their connection by transits on free ground."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -159,7 +159,7 @@ class Tours:
         return self.until_turns_fit(lambda: self.legs(self.best(), rover))
 
     def until_turns_fit(self, drive: Callable[[], tuple[Leg, ...]]) -> tuple[Leg, ...]:
-        """Return what `drive` does; turns that find no room are struck out and it is done anew."""
+        """Return the result of `drive`, repeated without the turns that find no room."""
         struck_out: list[_NoTurnError] = []
         while True:
             try:

@@ -181,7 +181,7 @@ def _outer_arcs(u: float, v: float, a: float, b: float, turn: float) -> tuple[fl
 
 
 def _arrives(word: Word, x: float, y: float, turn: float) -> bool:
-    """Tell whether a word, driven from (0, 0, 0), ends at the goal; formulas outside their domain do not."""
+    """Return whether a word, driven from (0, 0, 0), ends at the goal; formulas outside their domain do not."""
     here = (0.0, 0.0, 0.0)
     for steering, length in word:
         here = moved(here, steering, length, 1.0)

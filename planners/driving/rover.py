@@ -1,4 +1,4 @@
-"""Who drives: one kind of rover, and how many of them."""
+"""Rovers and fleets: limits, turning, energy, number and where they finish."""
 
 from dataclasses import dataclass, field
 from typing import Self
@@ -18,7 +18,7 @@ from survey.data.dem import Dem
 
 
 class Rover(Mobility, RoverLimits, Turning):
-    """One rover: what driving takes, what ground it can stand, how it turns.
+    """Rover: energy and speed of driving, limits of the ground, turning.
 
     By default it pivots on the spot, its battery is endless and no ground is too steep.
 
@@ -35,7 +35,7 @@ class Rover(Mobility, RoverLimits, Turning):
 
 
 class Fleet(Section):
-    """How many rovers survey together, and where they finish.
+    """Number of rovers that survey together, and where they finish.
 
     They begin at the area's starts: one start for all, or one for each. Several rovers,
     and rovers with a battery, return to where they began.
@@ -59,7 +59,7 @@ class Fleet(Section):
 
 @dataclass(frozen=True)
 class Crew:
-    """A fleet of like rovers, and the heights ``dem`` that are known of their ground, if any."""
+    """Fleet of like rovers, with the prior heights ``dem`` of their ground, if any."""
 
     rover: Rover = field(default_factory=Rover)
     fleet: Fleet = field(default_factory=Fleet)

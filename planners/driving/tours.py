@@ -1,4 +1,4 @@
-"""In which order, and in which direction, to drive the swaths: local search on true detours.
+"""Order and direction of swaths: local search on the lengths of true detours.
 
 A tour is a closed row of oriented swaths. Swath ``k`` has the ends ``2k`` and ``2k + 1``; an
 item ``s`` of the tour is entered at end ``s`` and left at end ``s ^ 1``. The depot is one more
@@ -229,7 +229,7 @@ def _kick(tour: Tour, numbers: FloatArray) -> list[int]:
 
 @njit(cache=True)
 def improved(items: IntArray, t: Transits, kicks: FloatArray) -> IntArray:
-    """Return a shorter tour: 2-opt and or-opt, then kicks that are kept when they help.
+    """Return a shorter tour: 2-opt and or-opt, then kicks that are accepted when they help.
 
     `kicks` (K, 3) holds random numbers in [0, 1): where each one cuts.
     """
@@ -240,18 +240,18 @@ def improved(items: IntArray, t: Transits, kicks: FloatArray) -> IntArray:
         place[row[i] >> 1] = i
     tour = Tour(row, place)
     _descend(tour, [int(row[i // 2]) ^ (i % 2) for i in range(2 * n)], t)
-    best, kept = tour_length(row, t), row.copy()
+    best, shortest = tour_length(row, t), row.copy()
     for kick in range(len(kicks) if n > 4 else 0):
         _descend(tour, _kick(tour, kicks[kick]), t)
         length = tour_length(row, t)
         if length < best - _GAIN_M:
             best = length
-            kept[:] = row
+            shortest[:] = row
         else:
-            row[:] = kept
+            row[:] = shortest
             for i in range(n):
                 place[row[i] >> 1] = i
-    return kept
+    return shortest
 
 
 def boustrophedon(ends: FloatArray, swaths: IntArray, depot: int) -> IntArray:

@@ -23,7 +23,7 @@ _MOST_WORDS = 12
 
 
 class Turning(Section):
-    """How a rover turns.
+    """Turning radius of a rover, and whether it may reverse.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Where a rover can drive: traversability and shortest paths on free ground.
+"""Traversability, shortest paths on free ground, and no-go masks.
 
 Which lines it should drive is decided in `planners.swaths`.
 """

@@ -1,4 +1,4 @@
-"""Shortest ways among obstacles: who sees whom, and A* over the corners that a taut string can bend at.
+"""Shortest paths among obstacles: a visibility graph over reflex corners, searched by A*.
 
 A shortest way inside a polygon with holes is straight except at reflex corners (Lozano-Pérez
 and Wesley 1979), so the network's nodes are those corners and its links the pairs that see one
@@ -129,7 +129,7 @@ def walls(edges: FloatArray) -> Walls:
 
 @njit(cache=True)
 def sees(p: PointXY, q: PointXY, walls: Walls) -> bool:
-    """Tell whether no edge lies between two points that are strictly inside the ground.
+    """Return whether no edge lies between two points that are strictly inside the ground.
 
     A corner on the line counts as left of it, so a line through a corner crosses exactly
     one of the two edges that meet there when they lie on opposite sides.
@@ -156,7 +156,7 @@ def sees(p: PointXY, q: PointXY, walls: Walls) -> bool:
 
 @njit(cache=True)
 def _is_tangent(p: PointXY, corner: int, bends: Bends) -> bool:
-    """Tell whether a line from `p` grazes a corner instead of running into it.
+    """Return whether a line from `p` grazes a corner instead of running into it.
 
     Points within a tenth of a millimetre of an edge's line count as on it: those that were
     moved onto an edge lie off it by the rounding of large coordinates.

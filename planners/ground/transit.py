@@ -1,4 +1,4 @@
-"""Transits: the shortest ways through the free ground, around everything a rover may not touch."""
+"""Transits: shortest paths through the free ground, around no-go zones and impassable ground."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -133,7 +133,7 @@ class FreeGround:
         return Network(sights(points, self.bends, self.walls), self.bends, self.links, self.walls)
 
     def covers(self, lines: Any) -> Any:
-        """Tell which lines have no metre outside the ground, exactly."""
+        """Return which lines have no metre outside the ground, exactly."""
         return shapely.covers(self.polygon, lines)
 
     def way(self, a: Any, b: Any) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Ground that a rover can drive on: not too steep, not too rough, of known height, wide enough."""
+"""Traversability: ground within a rover's limits of slope, roughness and width, reachable from its starts."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -24,7 +24,7 @@ Reason = Literal["too steep", "too rough", "height unknown", "too narrow", "cut 
 
 
 class RoverLimits(Section):
-    """What a rover can stand.
+    """Limits of the ground that a rover can drive on.
 
     Examples
     --------
@@ -53,13 +53,23 @@ class RoverLimits(Section):
 
     @property
     def needs_heights(self) -> bool:
-        """Whether the ground has to be known to tell where the rover can drive."""
+        """Whether heights of the ground are needed to find where the rover can drive."""
         return self.max_slope_deg is not None or self.max_roughness_m is not None
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A piece of the area where the rover cannot be, and why."""
+    """Piece of the area where the rover cannot be, and why.
+
+    Parameters
+    ----------
+    polygon : shapely.Polygon
+        Outline in the area's CRS [m].
+    reason : {"too steep", "too rough", "height unknown", "too narrow", "cut off"}
+        Why it is left out.
+    map_scale : float
+        Grid metres for each metre on the ground, where this differs from 1 by more than 1 %.
+    """
 
     polygon: Polygon
     reason: Reason
@@ -71,27 +81,57 @@ class LeftOut:
         return float(self.polygon.area) / self.map_scale**2
 
     def __str__(self) -> str:
-        """Return what, where and why in half a sentence."""
+        """Return area, place and reason in half a sentence."""
         x, y = self.polygon.representative_point().coords[0]
         return f"{self.area_m2:.0f} m² around ({x:.1f}, {y:.1f}) ({self.reason})"
 
 
 @dataclass(frozen=True)
 class Drivable:
-    """The ground that can be surveyed and the pieces of the area that cannot."""
+    """Ground that can be surveyed, and the pieces of the area that cannot.
+
+    Parameters
+    ----------
+    ground : FreeGround
+        Where rovers may be.
+    left_out : tuple of LeftOut
+        The rest of the area, by reason.
+    """
 
     ground: FreeGround
     left_out: tuple[LeftOut, ...]
 
     def within(self, area: SurveyArea) -> SurveyArea:
-        """Return the area cut to the ground; starts on its border move a millimetre inwards."""
+        """Return the area cut to the ground.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            The area that the ground was found in.
+
+        Returns
+        -------
+        SurveyArea
+            Starts on the border move a millimetre inwards.
+        """
         if self.ground.polygon.equals(area.free):
             return area
         starts = self.ground.inside(area.starts) if len(area.starts) else area.starts
         return SurveyArea(self.ground.polygon, area.crs, (), starts, area.reference)
 
     def left_out_share(self, area: SurveyArea) -> float:
-        """Return the share of the area's free ground that is left out."""
+        """Return the share of the area's free ground that is left out.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            The area that the ground was found in.
+
+        Returns
+        -------
+        float
+            Between 0 and 1.
+        """
         return float(sum(piece.polygon.area for piece in self.left_out)) / float(area.free.area)
 
     def __str__(self) -> str:
@@ -106,7 +146,7 @@ def drivable(
 
     A cell of the DEM is closed when its slope exceeds ``min(max pitch, max roll)``,
     when it is too rough or when its height or a neighbour's is unknown. Closed cells
-    count whole, with half a cell around them, and their outlines are simplified outwards
+    are closed as squares with half a cell around them, and their outlines are simplified outwards
     only: nowhere on the ground does the slope between cell centres exceed the limit.
 
     Parameters
@@ -115,11 +155,16 @@ def drivable(
         Its no-go zones are left out; its starts say which parts can be reached. Without
         a start the largest part counts as the one that can.
     limits : RoverLimits, optional
-        What the rover can stand.
+        Limits of slope, roughness and width.
     dem : Dem, optional
         Needed where slope or roughness are limited, in the area's CRS.
     reach_all : bool
         Refuse ground that is cut off instead of leaving it out.
+
+    Returns
+    -------
+    Drivable
+        The ground, and the pieces that are left out with their reasons.
 
     Raises
     ------
@@ -130,7 +175,13 @@ def drivable(
     Notes
     -----
     Slopes are those of the DEM's cells: steps smaller than a cell, crevasses and boulders
-    are not seen.
+    are not seen. Limits are those on the ground, whatever the scale of the CRS.
+
+    Examples
+    --------
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 100.0, 50.0), "EPSG:32608")
+    >>> drivable(area, RoverLimits(clearance_m=2.0)).ground.polygon.area < area.free.area
+    True
     """
     factor = settings_factor(area)
     limits, dem = in_grid_metres(limits or RoverLimits(), factor), dem_in_grid_metres(dem, factor)
@@ -185,9 +236,11 @@ def _reached(
             )
     home = [part for part in parts if any(part.dwithin(shapely.Point(xy), 0.01) for xy in area.starts)]
     home = home or parts[:1]
-    whole = [part for part in shapely.get_parts(free) if any(part.intersects(h) for h in home)]
+    reached = [part for part in shapely.get_parts(free) if any(part.intersects(h) for h in home)]
     away = [LeftOut(part, "cut off") for part in parts if part not in home and part.area > 1.0]
-    return FreeGround(_polygonal(shapely.union_all(whole)) if len(home) == len(parts) else _union(home)), away
+    return FreeGround(
+        _polygonal(shapely.union_all(reached)) if len(home) == len(parts) else _union(home)
+    ), away
 
 
 def _union(parts: list[Polygon]) -> Polygon | MultiPolygon:

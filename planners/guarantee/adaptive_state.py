@@ -121,8 +121,8 @@ class AdaptiveState:
     def further(self, probability: float) -> list[tuple[float, float]] | None:
         """Return the fewest further lines that are predicted to be enough; None where none are.
 
-        A prior, or a swath or two, may make the terrain look rougher than it is: while there is hope, some swaths are
-        laid over the whole area before it is given up.
+        A prior, or one or two swaths, may make the terrain look rougher than it is: while the probability is not
+        negligible, some swaths are laid over the complete area before the survey is given up.
         """
         most = MOST_SWATHS - len(self.offsets)
         if most < 1:

@@ -1,4 +1,4 @@
-"""A correlation that is read from a table of distances: one covariance is asked for at millions of them."""
+"""Table of an isotropic correlation by distance, for millions of look-ups."""
 
 from dataclasses import dataclass
 from functools import cached_property

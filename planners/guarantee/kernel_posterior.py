@@ -25,7 +25,7 @@ _LEAST_WEIGHT = 0.01
 
 
 # A family is excluded where the cells are less likely under all of it, by this factor, than under the best. It takes
-# much: on real ground one valley decides the likelihood of coarse cells, and tells little of the relief between them.
+# much: on real ground one valley decides the likelihood of coarse cells, and says little about the relief between them.
 _EXCLUDED = 0.001
 
 
@@ -90,17 +90,18 @@ class KernelPosterior:
 
     @classmethod
     def of(cls, found: list[WeightedKernel]) -> "KernelPosterior":
-        """Keep the weightiest, and scale their weights."""
+        """Take the weightiest covariances, and scale their weights."""
         order = sorted(found, key=lambda one: -one.weight)
-        kept = [one for one in order[:_MOST_KERNELS] if one.weight > _LEAST_WEIGHT * order[0].weight]
-        total = sum(one.weight for one in kept)
-        return cls(tuple(one._replace(weight=one.weight / total) for one in kept))
+        chosen = [one for one in order[:_MOST_KERNELS] if one.weight > _LEAST_WEIGHT * order[0].weight]
+        total = sum(one.weight for one in chosen)
+        return cls(tuple(one._replace(weight=one.weight / total) for one in chosen))
 
     @classmethod
     def of_families(cls, found: list[WeightedKernel]) -> "KernelPosterior":
-        """Keep the weightiest of each family, with the weight of the whole family.
+        """Take the weightiest of each family, with the total weight of the family.
 
-        What cannot be told apart is so kept: cells of a prior seldom tell how rough the terrain is between them.
+        Families that the data do not separate stay in: cells of a prior seldom show how rough the terrain is
+        between them.
         """
         best = {one.cell.family: one for one in sorted(found, key=lambda one: one.weight) if one.weight > 0.0}
         shares = {family: sum(one.weight for one in found if one.cell.family == family) for family in best}

@@ -113,7 +113,25 @@ class LimitPredictor:
         return float(np.hypot(xmax - xmin, ymax - ymin))
 
     def of(self, xy: FloatArray, posterior: KernelPosterior) -> MapPrediction:
-        """Return what samples at the places (N, 2) [m] promise."""
+        """Predict the map made from samples at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the samples [m].
+        posterior : KernelPosterior
+            Covariances that the terrain may have.
+
+        Returns
+        -------
+        MapPrediction
+            Weighted over the covariances.
+
+        Raises
+        ------
+        CapacityError
+            More samples than a matrix can be factorized for.
+        """
         if len(xy) > MOST_SAMPLES:
             length_m = len(xy) * self.step_m
             require_samples(length_m, self.step_m, MOST_SAMPLES)
@@ -141,7 +159,7 @@ class LimitPredictor:
         return _Seen(read.between(places, places), read.between(places, self.nodes), read.between(some, some))
 
     def _under(self, weighted: WeightedKernel, seen: _Seen, thin: int) -> MapPrediction:
-        """Return what is promised if the terrain has this covariance; each place stands for `thin` samples."""
+        """Predict the map for one covariance; each place stands for `thin` samples."""
         matrix = seen.among.copy()
         matrix[np.diag_indices(len(matrix))] += max(
             weighted.noise_m**2 / thin / weighted.variance_m2, _LEAST_RATIO

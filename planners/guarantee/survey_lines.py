@@ -17,7 +17,7 @@ _INSET_SHARE = 0.25
 
 
 class SurveyLines:
-    """Lines across an area that swaths may be laid on, told by their distance from its edge.
+    """Lines across an area that swaths may be laid on, addressed by their distance from its edge.
 
     Parameters
     ----------

@@ -18,8 +18,16 @@ from survey.data.route import Route
 class LayoutTask(NamedTuple):
     """Input of a layout.
 
-    ``area`` is the area cut to drivable ground, ``crew`` the rovers with the prior elevations,
-    ``model`` the error model where a covariance of the terrain is given.
+    Parameters
+    ----------
+    area : SurveyArea
+        The area cut to drivable ground.
+    crew : Crew
+        Rovers, fleet and prior elevations, with lengths in grid metres.
+    model : ErrorModel, optional
+        Where a covariance of the terrain is given.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
     """
 
     area: SurveyArea
@@ -35,6 +43,16 @@ class LayoutTask(NamedTuple):
     def required_model(self, pattern: str) -> ErrorModel:
         """Return the error model, or refuse when there is none.
 
+        Parameters
+        ----------
+        pattern : str
+            Name of the pattern, for the message.
+
+        Returns
+        -------
+        ErrorModel
+            Predicts the error of maps over the area.
+
         Raises
         ------
         InputError
@@ -47,13 +65,35 @@ class LayoutTask(NamedTuple):
         return self.model
 
 
-def never(_: Any) -> bool:
-    """Return False."""
+def never(config: Any) -> bool:  # noqa: ARG001
+    """Return False for every configuration.
+
+    Parameters
+    ----------
+    config : PatternConfig
+        Settings of a planner.
+
+    Returns
+    -------
+    bool
+        False.
+    """
     return False
 
 
-def always(_: Any) -> bool:
-    """Return True."""
+def always(config: Any) -> bool:  # noqa: ARG001
+    """Return True for every configuration.
+
+    Parameters
+    ----------
+    config : PatternConfig
+        Settings of a planner.
+
+    Returns
+    -------
+    bool
+        True.
+    """
     return True
 
 

@@ -12,7 +12,7 @@ def _layout(config: WavyConfig, task: LayoutTask) -> Route:
 
 
 def _needs_kernel(config: WavyConfig) -> bool:
-    """Tell whether the wavelength has to be taken from the covariance."""
+    """Return whether the wavelength has to be taken from the covariance."""
     return config.wavelength_m is None
 
 

@@ -1,4 +1,4 @@
-"""The choice among straight and wavy swaths, their heading, inset and spacing, by predicted error."""
+"""Comparison of straight and wavy swaths, their heading, inset and spacing, by predicted error."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -33,7 +33,17 @@ _ROUTES: dict[str, Callable[..., Route]] = {"lawnmower": straight_route, "wavy":
 
 @dataclass(frozen=True)
 class Choice:
-    """A route, what was asked of the planner to get it, and its predicted error [m]."""
+    """Route with its settings and its predicted error.
+
+    Parameters
+    ----------
+    config : LawnmowerConfig or WavyConfig
+        Settings that give the route.
+    route : Route
+        The route, without a prediction.
+    rmse_m : float
+        Predicted root mean square error of the map [m].
+    """
 
     config: Shape
     route: Route
@@ -60,10 +70,37 @@ def choose(
     the candidates, so the choice is never worse than either as the
     covariance of `model` has it.
 
+    Parameters
+    ----------
+    area : SurveyArea
+        The free ground.
+    config : BestConfig
+        Budget or wanted error, with lengths in grid metres.
+    model : ErrorModel
+        Predicts the error of a route.
+    crew : Crew, optional
+        Rovers and prior elevations; one rover that pivots by default.
+    progress : callable, optional
+        Called after every pattern.
+
+    Returns
+    -------
+    Choice
+        The pattern of least predicted error within the budget, or the shortest that reaches the
+        wanted error.
+
     Raises
     ------
     InputError
         A budget that no single swath fits, an error that 200 swaths do not reach.
+
+    Examples
+    --------
+    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), "EPSG:32608")
+    >>> model = ErrorModel.of(area, SquaredExponential(20.0, 90.0), noise_m=0.1, cell_m=30.0)
+    >>> choose(area, BestConfig(swaths=2), model).route.length_m <= 750.0
+    True
     """
     lay = partial(_laid, area, crew)
     sized = _counted(_sizer(lay, config, model), _n_shapes(area, config), progress)
@@ -131,16 +168,16 @@ def _n_shapes(area: SurveyArea, config: BestConfig) -> int:
 
 
 def _counted(sized: Sizer, n_shapes: int, progress: Progress | None) -> Sizer:
-    """Return the same function, which tells how often it was called."""
+    """Return the same function, which reports progress after each call."""
     n_done = count(1)
 
-    def told(shape: Shape) -> Choice | None:
+    def reporting(shape: Shape) -> Choice | None:
         choice = sized(shape)
         if progress is not None:
             progress("comparing patterns", next(n_done), n_shapes)
         return choice
 
-    return told
+    return reporting
 
 
 def _sizer(lay: Callable[[Shape], Route], config: BestConfig, model: ErrorModel) -> Sizer:

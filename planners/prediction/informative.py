@@ -1,4 +1,4 @@
-"""The variance-driven path: waypoints are inserted where they lower the predicted variance most per metre."""
+"""Variance-driven path: waypoints are inserted where they lower the predicted variance most per metre."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,9 +34,25 @@ def variance_driven(
     """Build a path by cost-benefit insertion.
 
     Candidates are the nodes of a square lattice on the free ground. At every turn the six
-    that promise most per added metre when inserted at their cheapest place are tried in
-    full, and the best of them is kept, until the budget is used or the wanted error is
-    predicted. Greedy: it looks one waypoint ahead.
+    with the greatest expected gain per added metre at their cheapest place are evaluated
+    fully, and the best of them is inserted, until the budget is used or the wanted error is
+    predicted. The search is greedy: it looks one waypoint ahead.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        The free ground.
+    config : VarianceDrivenConfig
+        Budget or wanted error, with lengths in grid metres.
+    model : ErrorModel
+        Predicts the error of a path.
+    progress : callable, optional
+        Called after every inserted waypoint.
+
+    Returns
+    -------
+    tuple of Leg
+        One swath through all waypoints.
 
     Raises
     ------
@@ -97,8 +113,8 @@ def _best(path: FloatArray, insertions: list[_Insertion], model: ErrorModel) -> 
     """Return the insertion that lowers the variance most per added metre."""
     before = _variance(path, model)
     cost = np.array([max(i.added_m, model.sample_step_m) for i in insertions])
-    promise = _gain_of_places(path, insertions, model) / cost
-    tried = np.argsort(-promise, kind="stable")[:_MOST_TRIED]
+    expected = _gain_of_places(path, insertions, model) / cost
+    tried = np.argsort(-expected, kind="stable")[:_MOST_TRIED]
     gain = [(before - _variance(insertions[i].path, model)) / cost[i] for i in tried]
     return insertions[int(tried[int(np.argmax(gain))])]
 

@@ -1,4 +1,4 @@
-"""How wrong the map of a route will be, before it is driven: no elevation is needed, a covariance is."""
+"""Predicted error of the map of a route, from the covariance of the terrain and the places of the samples."""
 
 from dataclasses import dataclass
 
@@ -26,11 +26,16 @@ _LEAST_NOISE = 1e-3
 
 @dataclass(frozen=True)
 class PredictedError:
-    """What a map will err, as far as the covariance assumed for the terrain is right.
+    """Predicted error of a map, given the covariance of the terrain.
 
-    ``std`` is the standard deviation at the nodes of a coarse grid [m], NaN off the free
-    ground; ``rmse_m`` its root mean square, the expected error over the area; ``p95_m``
-    its 95th percentile and ``worst_m`` its largest value.
+    Parameters
+    ----------
+    std : Dem
+        Standard deviation at the nodes of a coarse grid [m]; NaN off the free ground.
+    rmse_m : float
+        Its root mean square: the expected error over the area [m].
+    p95_m, worst_m : float
+        Its 95th percentile and its largest value [m].
     """
 
     std: Dem
@@ -41,13 +46,26 @@ class PredictedError:
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    r"""Predicts the error of maps over one area, for many routes.
+    r"""Predictor of the error of maps over one area, for many routes.
 
     .. math::  v(x) = k(x, x) - k(x, X) [K(X, X) + \sigma^2 I]^{-1} k(X, x) + \ldots
 
     at the nodes x for samples X along the route (glacier paper, Eq. 5); the dots stand
-    for the unknown constant mean, which is integrated out. ``nodes`` lie at the centres
-    of square cells of ``grid``; ``inside`` tells which are on the free ground.
+    for the unknown constant mean, which is integrated out. Nodes lie at the centres of
+    square cells.
+
+    Parameters
+    ----------
+    grid : Grid
+        The nodes.
+    inside : (N,) ndarray of bool
+        Which nodes are on the free ground.
+    kernel : Kernel
+        Covariance of the terrain [m²], with lengths in grid metres.
+    noise_m : float
+        Standard deviation of a sample [m].
+    sample_step_m : float
+        Distance between samples, in grid metres.
     """
 
     grid: Grid
@@ -66,7 +84,35 @@ class ErrorModel:
         sample_step_m: float = 10.0,
         cell_m: float | None = None,
     ) -> "ErrorModel":
-        """Lay nodes over the area, 30 along its longer side unless a cell size is given [m]."""
+        """Create the model with nodes over an area.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            Where the map is wanted.
+        kernel : Kernel
+            Covariance of the terrain [m²], with lengths in grid metres.
+        noise_m : float
+            Standard deviation of a sample [m].
+        sample_step_m : float
+            Distance between samples, in grid metres.
+        cell_m : float, optional
+            Distance between nodes; a thirtieth of the longer side by default.
+
+        Returns
+        -------
+        ErrorModel
+            For routes over this area.
+
+        Raises
+        ------
+        ConfigError
+            A negative noise, a sample spacing that is not greater than 0.
+        InputError
+            Cells too large for the area.
+        CapacityError
+            More nodes than can be computed.
+        """
         if not (np.isfinite(noise_m) and noise_m >= 0.0):
             raise ConfigError(f"the noise of a sample is {noise_m} m; it must be 0 or greater.")
         if not (np.isfinite(sample_step_m) and sample_step_m > 0.0):
@@ -89,7 +135,20 @@ class ErrorModel:
         return nodes
 
     def variance(self, xy: FloatArray, noise_m: float | None = None) -> FloatArray:
-        """Return the predicted variance (M,) [m²] at the nodes, given samples at the places (N, 2) [m]."""
+        """Return the predicted variance at the nodes, given samples at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing of the samples [m].
+        noise_m : float, optional
+            Standard deviation of a sample [m]; that of the model by default.
+
+        Returns
+        -------
+        (M,) ndarray
+            Variance at the nodes on the free ground [m²].
+        """
         least = _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
         sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, least))
         gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
@@ -106,11 +165,34 @@ class ErrorModel:
 
         Where the route has more than `most_samples` samples, fewer stand for all: their
         noise is that of the mean of those that each replaces.
+
+        Parameters
+        ----------
+        route : Route
+            Samples are taken along swaths and transits.
+        most_samples : int
+            Largest number of samples to compute with.
+
+        Returns
+        -------
+        float
+            Root of the mean variance over the nodes [m].
         """
         return float(np.sqrt(self._variance_of(route, most_samples).mean()))
 
     def error(self, route: Route) -> PredictedError:
-        """Return the predicted error of a route."""
+        """Return the predicted error of a route, node by node.
+
+        Parameters
+        ----------
+        route : Route
+            Samples are taken along swaths and transits.
+
+        Returns
+        -------
+        PredictedError
+            The map of the standard deviation with its summary.
+        """
         std = np.full(self.grid.shape, np.nan)
         std[self.inside.reshape(self.grid.shape)] = np.sqrt(self._variance_of(route, _MOST_SAMPLES))
         known = std[np.isfinite(std)]
@@ -158,7 +240,7 @@ def predict_error(
     Returns
     -------
     PredictedError
-        The map of the standard deviation, and what it sums up to.
+        The map of the standard deviation with its summary.
 
     Raises
     ------
@@ -169,8 +251,8 @@ def predict_error(
 
     Notes
     -----
-    A promise is as good as its covariance: relief that is rougher than the kernel says
-    is not foreseen, and errors of the rover's place are not in it.
+    The prediction is as good as the covariance: relief that is rougher than the kernel says
+    is not included, nor are errors of the rover's position. Heights of a prior do not enter.
 
     Examples
     --------
@@ -211,6 +293,14 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     -----
     Coarse cells show no relief finer than themselves, so errors predicted with this
     kernel are too small on rough ground; refit on the survey's first swaths.
+
+    Examples
+    --------
+    >>> area = SurveyArea.rectangle((0.0, 0.0, 90.0, 90.0), "EPSG:32608")
+    >>> heights = np.add.outer(np.sin(np.arange(7.0)), np.cos(np.arange(7.0)))
+    >>> kernel = terrain_kernel(Dem.on(Grid((0.0, 0.0, 90.0, 90.0), 15.0, "EPSG:32608"), heights), area)
+    >>> 5.0 < kernel.length_scales_m[0] < 100.0
+    True
     """
     area.require_crs(prior.crs, "the prior")
     xmin, ymin, xmax, ymax = area.bounds
@@ -220,7 +310,7 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     near = (xy >= [xmin, ymin]).all(axis=1) & (xy <= [xmax, ymax]).all(axis=1) & np.isfinite(height)
     if near.sum() < 9:
         raise InputError(
-            f"{int(near.sum())} known cells of the prior lie on the area; at least 9 are needed to tell the terrain's length scale."
+            f"{int(near.sum())} known cells of the prior lie on the area; at least 9 are needed to fit a length scale."
         )
     noise = np.full(int(near.sum()), 1e-4 * float(np.var(height[near])) + 1e-4)
     fitted = [

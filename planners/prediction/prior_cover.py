@@ -140,7 +140,7 @@ def _small_share(area: SurveyArea, prior: Dem) -> float:
 
 
 def _has_height(dem: Dem, places: FloatArray) -> BoolArray:
-    """Tell which places (N, 2) lie on cells with a height."""
+    """Return which places (N, 2) lie on cells with a height."""
     rows, columns = dem.shape
     column = np.floor((places[:, 0] - dem.transform.c) / dem.transform.a).astype(np.int64)
     row = np.floor((places[:, 1] - dem.transform.f) / dem.transform.e).astype(np.int64)

@@ -1,4 +1,4 @@
-"""The piecewise-continuous pattern of the glacier paper (Eq. 10)."""
+"""Steering of the piecewise-continuous pattern of the glacier paper (Eq. 10)."""
 
 from dataclasses import dataclass
 
@@ -10,21 +10,26 @@ from survey.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class PiecewiseContinuousSteering(ConfiguredSteering):
-    r"""Steepest ascent or descent among a few headings, switched at random.
+    r"""Steering by steepest ascent or descent among a few headings, switched at random.
 
     .. math::  h = \arg\max_{c} \; g \cdot e_{c} \;\; (\mathrm{flag} = 1), \qquad
                h = \arg\min_{c} \; g \cdot e_{c} \;\; (\mathrm{flag} = 0)
 
     over the candidate headings c, with the gradient g of the plane that the rover stands
     on and the unit vector e_c. The flag is drawn at every swath and flips with
-    `toggle_probability` at every step. On level ground the rover keeps to the swath.
+    `toggle_probability` at every step. On level ground the rover follows the swath.
+
+    Parameters
+    ----------
+    config : SteeredConfig
+        Step, candidates, switching and band.
 
     Notes
     -----
     The paper prints the minimum and maximum of a vector and leaves step, candidates,
     switching and bounds open; this is one reading. Steered by
-    the slopes of another terrain it serves as well, within 6 % of the distance
-    (``benchmarks.planning_patterns``): what helps is leaving the line, not the slope sensed.
+    the slopes of another terrain it needs the same distance within 6 %
+    (``benchmarks.planning_patterns``): the gain comes from leaving the line, not from the slope.
 
     Examples
     --------
@@ -36,11 +41,37 @@ class PiecewiseContinuousSteering(ConfiguredSteering):
     """
 
     def begin(self, swath_heading_rad: float, draws: FloatArray) -> SteeringState:
-        """Return the state at the start of a swath: either rule with equal chance."""
+        """Return the state at the start of a swath: either rule with equal probability.
+
+        Parameters
+        ----------
+        swath_heading_rad : float
+            Heading of the swath, counter-clockwise from east.
+        draws : (N,) ndarray
+            Uniform on [0, 1), one per rover.
+
+        Returns
+        -------
+        SteeringState
+            For N rovers.
+        """
         return SteeringState(swath_heading_rad, (draws < 0.5).astype(np.int64))
 
     def steer(self, attitude: Attitude, state: SteeringState) -> FloatArray:
-        """Return the next heading (N,) [rad]."""
+        """Return the next headings.
+
+        Parameters
+        ----------
+        attitude : Attitude
+            Sensed attitude of N rovers.
+        state : SteeringState
+            As `begin` or `after_step` returned it.
+
+        Returns
+        -------
+        (N,) ndarray
+            Headings, counter-clockwise from east [rad].
+        """
         # The least turn first, so that it wins on level ground.
         candidates = np.radians(sorted(self.config.candidates_deg, key=abs))
         headings = state.swath_heading_rad + candidates
@@ -50,6 +81,19 @@ class PiecewiseContinuousSteering(ConfiguredSteering):
         return chosen
 
     def after_step(self, state: SteeringState, draws: FloatArray) -> SteeringState:
-        """Return the state for the next step: the flag flips with the probability of the configuration."""
+        """Return the state for the next step: the flag flips with the probability of the configuration.
+
+        Parameters
+        ----------
+        state : SteeringState
+            The state during the step.
+        draws : (N,) ndarray
+            Uniform on [0, 1), one per rover; 1 changes nothing.
+
+        Returns
+        -------
+        SteeringState
+            The state for the next step.
+        """
         flips = draws < self.config.toggle_probability
         return state._replace(mode=np.where(flips, 1 - state.mode, state.mode))

@@ -1,4 +1,4 @@
-"""What a steered pattern drives on given terrain, for one rover or for many trials at once."""
+"""Paths of a steered pattern on given terrain, for one rover or for many trials at once."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,7 +33,7 @@ def rollout(
     route : Route
         The reference swaths, as `plan` returns them.
     steering : Steering
-        How the rover chooses its headings.
+        Chooses the headings.
     sense : callable
         The attitude of the N rovers at places (N, 2) [m] and headings (N,) [rad], e.g.
         from `attitude_sensor`.
@@ -45,7 +45,7 @@ def rollout(
     Returns
     -------
     list of Route
-        What each rover drives; `Leg.axis` holds the swath that was deviated from.
+        The driven path of each rover; `Leg.axis` holds the swath that was deviated from.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Steering while driving: what a rover senses, what it remembers, and the band that it stays in."""
+"""Steering while driving: sensed attitude, state, and the band about a swath."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,10 +15,24 @@ from survey.data.dem import Dem
 
 
 class Attitude(NamedTuple):
-    """What a rover knows of the ground: its own attitude, as arrays (N,) of one value per rover [rad].
+    """Attitude of N rovers, the only information on the ground that steering gets.
 
-    Yaw, pitch, roll are turns about up, left and forward: the heading counts
-    counter-clockwise from east, pitch is positive nose down, roll is positive left side up.
+    Yaw, pitch, roll are rotations about up, left and forward.
+
+    Parameters
+    ----------
+    roll_rad : (N,) ndarray
+        Positive with the left side up.
+    pitch_rad : (N,) ndarray
+        Positive with the nose down.
+    heading_rad : (N,) ndarray
+        Counter-clockwise from east.
+
+    Examples
+    --------
+    >>> uphill = Attitude(np.zeros(1), np.array([-0.1]), np.zeros(1))
+    >>> uphill.slope_along(np.array([0.0, np.pi])).round(2)
+    array([ 0.1, -0.1])
     """
 
     roll_rad: FloatArray
@@ -26,7 +40,18 @@ class Attitude(NamedTuple):
     heading_rad: FloatArray
 
     def slope_along(self, heading_rad: FloatArray) -> FloatArray:
-        """Return the rise per metre of the plane that the rover stands on, along other headings (..., N)."""
+        """Return the slope of the plane that the rover stands on, along other headings.
+
+        Parameters
+        ----------
+        heading_rad : (..., N) ndarray
+            Counter-clockwise from east.
+
+        Returns
+        -------
+        (..., N) ndarray
+            Rise per metre.
+        """
         ahead = -np.tan(self.pitch_rad)
         left = np.tan(self.roll_rad) / np.cos(self.pitch_rad)
         turn = heading_rad - self.heading_rad
@@ -39,14 +64,22 @@ AttitudeSensor = Callable[[FloatArray, FloatArray], Attitude]
 
 
 class SteeringState(NamedTuple):
-    """What steering remembers: the swath's heading [rad] and the rule ``mode`` (N,) in force."""
+    """State of steering between two steps.
+
+    Parameters
+    ----------
+    swath_heading_rad : float
+        Heading of the swath, counter-clockwise from east.
+    mode : (N,) ndarray of int
+        Rule or candidate in force for each rover.
+    """
 
     swath_heading_rad: float
     mode: IntArray
 
 
 class Steering(Protocol):
-    """Chooses the next heading from the sensed attitude alone; it never sees a map or a place.
+    """Protocol of steering: the next heading from the sensed attitude alone, without map or position.
 
     All arrays hold one value per rover, so that a thousand trials are steered together.
     The rover calls `begin` at each swath, and at every step `steer`, then `after_step`;
@@ -62,13 +95,52 @@ class Steering(Protocol):
         """Greatest distance from the swath, in spacings."""
 
     def begin(self, swath_heading_rad: float, draws: FloatArray) -> SteeringState:
-        """Return the state at the start of a swath."""
+        """Return the state at the start of a swath.
+
+        Parameters
+        ----------
+        swath_heading_rad : float
+            Heading of the swath, counter-clockwise from east.
+        draws : (N,) ndarray
+            Uniform on [0, 1), one per rover.
+
+        Returns
+        -------
+        SteeringState
+            For N rovers.
+        """
 
     def steer(self, attitude: Attitude, state: SteeringState) -> FloatArray:
-        """Return the next heading (N,) [rad]."""
+        """Return the next headings.
+
+        Parameters
+        ----------
+        attitude : Attitude
+            Sensed attitude of N rovers.
+        state : SteeringState
+            As `begin` or `after_step` returned it.
+
+        Returns
+        -------
+        (N,) ndarray
+            Headings, counter-clockwise from east [rad].
+        """
 
     def after_step(self, state: SteeringState, draws: FloatArray) -> SteeringState:
-        """Return the state for the next step; a draw of 1 changes nothing."""
+        """Return the state for the next step.
+
+        Parameters
+        ----------
+        state : SteeringState
+            The state during the step.
+        draws : (N,) ndarray
+            Uniform on [0, 1), one per rover; 1 changes nothing.
+
+        Returns
+        -------
+        SteeringState
+            The state for the next step.
+        """
 
 
 @dataclass(frozen=True)
@@ -90,10 +162,23 @@ class ConfiguredSteering:
 
 @dataclass(frozen=True)
 class Band:
-    """The strip about a swath that a rover may use.
+    """Strip about a swath that a rover may use.
 
-    ``axis`` (2, 2) is the swath's line [m]; ``left_m`` and ``right_m`` (K,) bound the
-    deviation at the distances ``knots_m`` (K,) along it.
+    Parameters
+    ----------
+    axis : (2, 2) ndarray
+        Both ends of the swath's line [m].
+    knots_m : (K,) ndarray
+        Distances along it [m].
+    left_m, right_m : (K,) ndarray
+        Largest deviation to both sides there [m].
+
+    Examples
+    --------
+    >>> axis = np.array([[0.0, 5.0], [100.0, 5.0]])
+    >>> band = Band.about(axis, 20.0, shapely.box(0.0, 0.0, 100.0, 30.0), step_m=10.0)
+    >>> float(band.left_m.max()), float(band.right_m.max())
+    (20.0, 5.0)
     """
 
     axis: FloatArray
@@ -103,10 +188,26 @@ class Band:
 
     @classmethod
     def about(cls, axis: FloatArray, half_m: float, ground: Any, step_m: float) -> "Band":
-        """Measure how far the free ground reaches on both sides of a swath, at most `half_m`.
+        """Measure how far the free ground reaches on both sides of a swath.
 
         Every bound is the least one within a step before and behind, so that no step
         between two allowed places leaves the ground.
+
+        Parameters
+        ----------
+        axis : (2, 2) ndarray
+            Both ends of the swath's line [m].
+        half_m : float
+            Largest deviation [m].
+        ground : shapely.Geometry
+            The free ground.
+        step_m : float
+            Distance driven between two decisions [m].
+
+        Returns
+        -------
+        Band
+            With a knot at every metre or so.
         """
         length = float(np.hypot(*(axis[1] - axis[0])))
         along, left = _frame(axis)
@@ -135,7 +236,22 @@ class Band:
         return _frame(self.axis)
 
     def next_waypoint(self, xy: FloatArray, heading_rad: FloatArray, step_m: float) -> FloatArray:
-        """Return where a step from the places (N, 2) ends [m]: kept in the band, and at the swath's end at most."""
+        """Return where a step ends: within the band, and at the swath's end at most.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Where the rovers are [m].
+        heading_rad : (N,) ndarray
+            Their headings, counter-clockwise from east.
+        step_m : float
+            Length of the step [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            Easting and northing [m].
+        """
         along, left = self._frame
         u, v = (xy - self.axis[0]) @ along, (xy - self.axis[0]) @ left
         turn = heading_rad - self.heading_rad
@@ -147,7 +263,18 @@ class Band:
         return waypoint
 
     def is_at_end(self, xy: FloatArray) -> Any:
-        """Tell which places (N, 2) are at the swath's end, to a micrometre."""
+        """Return which places are at the swath's end, to a micrometre.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Where the rovers are [m].
+
+        Returns
+        -------
+        (N,) ndarray of bool
+            Whether each rover has arrived.
+        """
         return (xy - self.axis[0]) @ self._frame[0] >= self.length_m - 1e-6
 
 
@@ -164,9 +291,9 @@ def _reach(feet: FloatArray, aside: FloatArray, ground: Any) -> FloatArray:
     inside = shapely.intersection(ground, rays[cut])
     # Of several pieces the one that begins at the foot counts.
     first = shapely.get_geometry(shapely.line_merge(inside), 0)
-    whole = np.where(shapely.is_missing(first), inside, first)
-    at_foot = shapely.distance(whole, shapely.points(feet[cut])) < 1e-6
-    reach[cut] = np.where(at_foot, shapely.length(whole), 0.0)
+    pieces = np.where(shapely.is_missing(first), inside, first)
+    at_foot = shapely.distance(pieces, shapely.points(feet[cut])) < 1e-6
+    reach[cut] = np.where(at_foot, shapely.length(pieces), 0.0)
     return reach
 
 
@@ -195,6 +322,14 @@ def attitude_sensor(dems: Dem | Sequence[Dem], base_m: float = 1.0) -> AttitudeS
     ------
     InputError
         DEMs on different grids.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 10.0)
+    >>> sense = attitude_sensor(Dem.on(grid, np.tile(0.1 * grid.x, (5, 1))))
+    >>> float(sense(np.array([[20.0, 20.0]]), np.zeros(1)).pitch_rad[0].round(3))
+    -0.1
     """
     several = [dems] if isinstance(dems, Dem) else list(dems)
     first = several[0]

@@ -1,4 +1,4 @@
-"""Parallel swaths over any polygon: clipped to the free ground, cut into cells, at the best angle."""
+"""Boustrophedon decomposition: parallel swaths clipped to free ground of any shape and grouped into cells."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -38,7 +38,7 @@ def swaths_on(
     equal strips; a swath runs along the middle of each, from border to border, so a
     rectangle gets the lines at ``(i + 1/2) L / n``. Ground that no such swath sweeps and
     that is longer than a spacing along the heading (a passage beside a hole, a flat tip)
-    gets a swath of its own; `unswept` tells what still is left.
+    gets a swath of its own; `unswept` returns what is still left.
 
     Parameters
     ----------
@@ -206,8 +206,8 @@ def clipped(ground: FreeGround, lines: list[FloatArray], *, headland_m: float = 
 
 def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
     """Return the parts of a polyline that lie in a shape, in its order and direction."""
-    whole = shapely.linestrings(line)
-    cut = shapely.get_parts(shapely.intersection(shape, whole))
+    full = shapely.linestrings(line)
+    cut = shapely.get_parts(shapely.intersection(shape, full))
     parts = [part for part in cut if part.geom_type == "LineString" and part.length > _SHORTEST_M]
     if len(parts) > 1:
         # A line that touches a corner or runs along a border comes back in pieces.
@@ -216,7 +216,7 @@ def _pieces(shape: Any, line: FloatArray) -> list[FloatArray]:
     for part in parts:
         xy = shapely.get_coordinates(part)
         xy = xy[[0, -1]] if len(line) == 2 else xy
-        ends = shapely.line_locate_point(whole, shapely.points(xy[[0, -1]]))
+        ends = shapely.line_locate_point(full, shapely.points(xy[[0, -1]]))
         arrays.append((float(min(ends)), xy if ends[0] <= ends[1] else xy[::-1]))
     return [xy for _, xy in sorted(arrays, key=lambda item: item[0])]
 

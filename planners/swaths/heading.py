@@ -1,4 +1,4 @@
-"""Which way swaths should run: across the narrow side, up the slope, or across the terrain's grain."""
+"""Heading of swaths: across the narrow side, up the slope, or across the grain of the terrain."""
 
 import numpy as np
 import shapely
@@ -64,8 +64,8 @@ def heading_by(
 def across_marked_grain(ground: FreeGround, dem: Dem) -> float:
     """Return the heading across the narrowest width, or square to it where a marked grain runs along it [deg].
 
-    Samples along a swath tell nothing of ridges that run beside it: both the error of a map and what a survey
-    says of that error are the worse for it.
+    Samples along a swath do not show ridges that run beside it: the map and its predicted error are both worse
+    where swaths run along the grain.
 
     Parameters
     ----------

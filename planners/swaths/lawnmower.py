@@ -1,4 +1,4 @@
-"""The lawnmower: straight parallel swaths, driven back and forth."""
+"""Lawnmower: straight parallel swaths, driven back and forth."""
 
 from planners.swaths.swaths import Swath
 from survey.core.arrays import FloatArray

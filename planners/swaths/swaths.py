@@ -1,4 +1,4 @@
-"""Reference lines of a survey: parallel, evenly spaced, cut to the ground that may be driven on."""
+"""Reference lines of a survey: parallel, evenly spaced, cut to the free ground."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -26,7 +26,7 @@ _TOWARDS: dict[Corner, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Swath:
-    """What is driven, ``xy`` (N, 2) [m], and the straight line it deviates from, ``axis`` (2, 2) [m]."""
+    """Driven line ``xy`` (N, 2) [m], and the straight line it deviates from, ``axis`` (2, 2) [m]."""
 
     xy: FloatArray
     axis: FloatArray
@@ -91,7 +91,7 @@ def n_lines(width_m: float, config: SwathConfig) -> int:
     if config.spacing_m is None:
         return config.swaths or 1
     require_lines(int(min(width_m / config.spacing_m, 1e15)), width_m)
-    # A width that is a whole number of spacings must not gain a line by rounding.
+    # A width that is an integer number of spacings must not gain a line by rounding.
     return max(int(np.ceil(width_m / config.spacing_m + 1.0 - 2.0 * config.outer_share - 1e-9)), 1)
 
 

@@ -1,4 +1,4 @@
-"""Tie lines: a few lines across the swaths, where errors that drift along swaths show."""
+"""Tie lines: a few lines across the swaths, which show errors that drift along swaths."""
 
 import numpy as np
 
