@@ -23,7 +23,17 @@ from survey.data.grid import Grid
 
 @dataclass(frozen=True, eq=False, repr=False)
 class World(DataObject):
-    """``terrain`` is what the rover drives on, ``prior`` the satellite's coarse cells, ``area`` the task."""
+    """World of a mission.
+
+    Parameters
+    ----------
+    terrain : Dem
+        Real terrain, at the resolution of the simulation.
+    prior : Dem
+        Coarse satellite elevations, available to planner and reconstruction.
+    area : SurveyArea
+        Area to survey, in the terrain's CRS.
+    """
 
     terrain: Dem
     prior: Dem
@@ -32,7 +42,17 @@ class World(DataObject):
 
 @lru_cache(maxsize=1)  # checked once, then used by two stages
 def build_world(mission: MissionConfig) -> World:
-    """Build the world that a mission describes.
+    """Build the world of a mission: terrain, satellite prior, and survey area.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        Its sections ``terrain``, ``satellite`` and ``area``, and its seed.
+
+    Returns
+    -------
+    World
+        Terrain, prior and area in one projected CRS.
 
     Raises
     ------
