@@ -16,7 +16,8 @@ from benchmarks.report import Row, cpu_seconds, main
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.instruments.camera import rover_camera
 from sim.rendering import Renderer, RoverBox
-from sim.studies.glacier.images import clahe_yields, compare_with_photographs, gains, mountain_trap
+from sim.studies.glacier.images import clahe_yields, gains, mountain_trap
+from sim.studies.glacier.photographs import compare_with_photographs
 from sim.studies.glacier.snow_scenes import SKIES, SnowScene, at_contrast
 from sim.world.appearance import grain_tile, surface_tile
 from sim.world.scenery import FineTerrain, fine_terrain

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.config.scene import AppearanceConfig
 from sim.rendering.compiled import Doubles, Floats, Ints, entry, i32, row_loop, scalar, u32
-from sim.world.scenery import wavy
+from sim.world.band_limited import band_limited_field
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 
@@ -56,10 +56,10 @@ def _crest(azimuth: Doubles, mean_deg: float, rng: np.random.Generator) -> Float
 def _mountainside(azimuth: Doubles, elevation: Floats, crest: Floats, rng: np.random.Generator) -> Floats:
     """Return the radiance of sunlit rock and snow, with more snow higher up."""
     texel_deg = 0.1
-    relief = wavy((512, 3600), texel_deg, (0.3, 25.0), 2.0, rng, stretch=0.6, periodic=True)
+    relief = band_limited_field((512, 3600), texel_deg, (0.3, 25.0), 2.0, rng, stretch=0.6, periodic=True)
     shade = np.roll(relief, 2, axis=1) - relief + 0.5 * (np.roll(relief, 2, axis=0) - relief)
     shade /= shade.std()
-    snow = wavy((512, 3600), texel_deg, (0.5, 25.0), 1.7, rng, periodic=True)
+    snow = band_limited_field((512, 3600), texel_deg, (0.5, 25.0), 1.7, rng, periodic=True)
     x = np.broadcast_to(np.degrees(azimuth) % 360.0 / texel_deg, (len(elevation), len(azimuth))).astype(
         np.float32
     )

@@ -7,15 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.config.scene import AppearanceConfig, ImagingConfig
-from sim.rendering.backdrop import backdrop
 from sim.rendering.compiled import Doubles, Floats, share_out
-from sim.rendering.ground_map import ground_map
 from sim.rendering.light import Light
-from sim.rendering.rows import Lens, RenderScene, Texture, render_rows
+from sim.rendering.rows import render_rows
+from sim.rendering.scene import edge_rays, lens_of, scene_of
 from sim.rendering.sensor import ImageSensor
-from sim.rendering.surface import surface_of
 from sim.rendering.sweep import row_slopes, sample_ranges, sweep, view_of
-from sim.world.appearance import Tile, grain_tile, snow_patches, sun_direction, surface_tile
+from sim.world.appearance import sun_direction
 from sim.world.scenery import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -99,9 +97,9 @@ class Renderer:
         self.terrain, self.camera = terrain, camera
         self._appearance = appearance
         self._datum = float(terrain.height.mean(dtype=np.float64))
-        self._lens = _lens(camera)
-        self._edges = _edge_rays(self._lens)
-        self.scene = _scene(terrain, self._datum, appearance, wind_from_deg, seed)
+        self._lens = lens_of(camera)
+        self._edges = edge_rays(self._lens)
+        self.scene = scene_of(terrain, self._datum, appearance, wind_from_deg, seed)
         self._sensor = ImageSensor(imaging or ImagingConfig(), camera, seed)
         self._table = np.zeros((max(256, camera.width), max(256, int(2.4 * camera.height))), np.float32)
         self._radiance, self._depth = (np.zeros(self._lens.x.shape, np.float32) for _ in range(2))
@@ -251,39 +249,6 @@ class Renderer:
         look = self._appearance
         in_shade = 0.3 + 0.7 * look.stones
         return Light(sun_direction(look), look.sky_share, in_shade, look.haze_m, half, rotation, centre)
-
-
-def _lens(camera: Camera) -> Lens:
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
-    rays = camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(camera.height, camera.width, 3)
-    if not np.isfinite(rays).all():
-        raise InputError("some pixels of the camera have no ray (90° or more off the axis); narrow the lens.")
-    x, y, z = (np.ascontiguousarray(rays[..., k], dtype=np.float32) for k in range(3))
-    return Lens(x, y, z, 1.0 / float(camera.matrix[0, 0]))
-
-
-def _scene(
-    terrain: FineTerrain, datum: float, look: AppearanceConfig, wind_from_deg: float, seed: int
-) -> RenderScene:
-    rows, columns = terrain.height.shape
-    centre = 0.5 * terrain.step_m * np.array([columns - 1, rows - 1])
-    # What needs much memory while it is made comes first.
-    scenery = backdrop(look, centre, seed)
-    snow, grain = _texture(surface_tile(look, wind_from_deg, seed)), _texture(grain_tile(look, seed))
-    surface = surface_of(terrain, datum)
-    patches = snow_patches((rows, columns), terrain.step_m, look, seed)
-    return RenderScene(surface, ground_map(terrain, surface.height, patches, look), snow, grain, scenery)
-
-
-def _texture(tile: Tile) -> Texture:
-    return Texture(tile.words, tile.starts, tile.texels - 1, tile.texels_per_m, tile.amplitude)
-
-
-def _edge_rays(lens: Lens) -> Doubles:
-    """Return the rays along the image's edges, which bound all others."""
-    rays = np.stack([lens.x, lens.y, lens.z], axis=-1)
-    around = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
-    return around.astype(np.float64)
 
 
 def _row_poses(poses: list[Doubles], n_rows: int) -> tuple[Doubles, Doubles]:

@@ -5,22 +5,15 @@ over come out of Coulomb friction at the wheels' contacts with snow that gives a
 Bullet holds the ground as one patch of heights, which follows the rover in whole cells.
 """
 
-import ctypes
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from planners import Rover
 from sim.config.drive import PhysicsConfig
+from sim.vehicle.bullet import BulletClient
 from sim.vehicle.physics import GRAVITY_M_S2, HeightField, RoverState, origin_of
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
 
 _N_WHEELS = 3
 _WHEEL_MASS_SHARE = 0.02
@@ -67,7 +60,7 @@ class ContactRover:
     def __init__(
         self, ground: HeightField, config: PhysicsConfig, rover: Rover, start: FloatArray, heading_rad: float
     ) -> None:
-        self.bullet = _Engine()
+        self.bullet = BulletClient()
         self.dt_s = 1.0 / config.rate_hz
         self.friction_share = 1.0
         self.drive_share = (1.0, 1.0)
@@ -286,49 +279,3 @@ def _up(x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
 
 def _cross(a: Any, b: Any) -> tuple[float, float, float]:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-class _Engine:
-    """Bullet client with a world of its own, closed with the object."""
-
-    def __init__(self) -> None:
-        with _silence():
-            try:
-                import pybullet
-            except ImportError as error:
-                raise ConfigError(
-                    "physics.engine is 'contact', but pybullet is not installed (it has wheels up to Python 3.11); "
-                    'set physics.engine = "kinematic".'
-                ) from error
-            self._client = pybullet.connect(pybullet.DIRECT)
-        self._module = pybullet
-
-    def __getattr__(self, name: str) -> Any:
-        """Return Bullet's function of that name for this world, or its constant."""
-        found = getattr(self._module, name)
-        if callable(found):
-            found = partial(found, physicsClientId=self._client)
-        setattr(self, name, found)
-        return found
-
-    def __del__(self) -> None:
-        if hasattr(self, "_client"):
-            self._module.disconnect(self._client)
-
-
-@contextmanager
-def _silence() -> Iterator[None]:
-    """Suppress Bullet's messages on standard output and standard error."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    copies = [os.dup(stream) for stream in (1, 2)]
-    with Path(os.devnull).open("wb") as nowhere:
-        for stream in (1, 2):
-            os.dup2(nowhere.fileno(), stream)
-    try:
-        yield
-    finally:
-        ctypes.CDLL(None).fflush(None)
-        for stream, copy in zip((1, 2), copies, strict=True):
-            os.dup2(copy, stream)
-            os.close(copy)

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.config.scene import AppearanceConfig
+from sim.world.band_limited import band_limited_field
 from sim.world.hazards import FloatGrid
-from sim.world.scenery import wavy
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 
@@ -60,7 +60,7 @@ def snow_patches(shape: tuple[int, int], step_m: float, config: AppearanceConfig
     """Return the reflectance of a site as a share of clean snow's: old snow and dust lie in patches."""
     rng = stream(seed, "appearance", "patches")
     coarse = [int(np.ceil((n - 1) * step_m)) + 1 for n in shape]  # nodes a metre apart hold the patches
-    grey = np.clip(wavy((coarse[0], coarse[1]), 1.0, (4.0, 120.0), 1.0, rng), 0.0, 2.0)
+    grey = np.clip(band_limited_field((coarse[0], coarse[1]), 1.0, (4.0, 120.0), 1.0, rng), 0.0, 2.0)
     share = np.clip(1.0 - 0.05 * config.patches * grey, 0.3, 1.0) * (1.0 - 0.55 * config.stones)
     fine = cv2.resize(share.astype(np.float32), shape[::-1], interpolation=cv2.INTER_LINEAR)
     return np.asarray(fine, dtype=np.float32)
@@ -72,8 +72,10 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
     shape = SURFACE_TEXELS, SURFACE_TEXELS
     rng = stream(seed, "appearance", "surface")
     snow = _sunlit_relief(rng, wind_from_deg, config)
-    snow += np.float32(0.02) * wavy(shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.6, rng, periodic=True)
-    snow += np.float32(0.02) * wavy(shape, SURFACE_TEXEL_M, (0.2, 5.0), 1.2, rng, periodic=True)
+    snow += np.float32(0.02) * band_limited_field(
+        shape, SURFACE_TEXEL_M, (0.02, 0.12), 0.6, rng, periodic=True
+    )
+    snow += np.float32(0.02) * band_limited_field(shape, SURFACE_TEXEL_M, (0.2, 5.0), 1.2, rng, periodic=True)
     snow -= np.float32(0.35) * _specks(rng, config.debris)
     texture = np.float32(1.0 - config.stones) * snow
     if config.stones > 0.0:
@@ -85,7 +87,9 @@ def surface_tile(config: AppearanceConfig, wind_from_deg: float, seed: int) -> T
 def grain_tile(config: AppearanceConfig, seed: int) -> Tile:
     """Return the 2.5 m tile of snow grains at 2.5 mm."""
     rng = stream(seed, "appearance", "grain")
-    grain = wavy((GRAIN_TEXELS, GRAIN_TEXELS), GRAIN_TEXEL_M, (0.006, 0.06), 0.6, rng, periodic=True)
+    grain = band_limited_field(
+        (GRAIN_TEXELS, GRAIN_TEXELS), GRAIN_TEXEL_M, (0.006, 0.06), 0.6, rng, periodic=True
+    )
     strength = config.contrast * (0.05 + 0.10 * config.stones)  # gravel is rougher than snow
     return packed(np.float32(strength) * grain, 1.0 / GRAIN_TEXEL_M)
 
@@ -119,7 +123,9 @@ def _sunlit_relief(rng: np.random.Generator, wind_from_deg: float, config: Appea
 
     def form(shortest_m: float, longest_m: float, stretch: float) -> FloatGrid:
         lengths_m = shortest_m, longest_m
-        return wavy(shape, SURFACE_TEXEL_M, lengths_m, 2.0, rng, stretch=stretch, angle=wind, periodic=True)
+        return band_limited_field(
+            shape, SURFACE_TEXEL_M, lengths_m, 2.0, rng, stretch=stretch, angle=wind, periodic=True
+        )
 
     shading = np.float32(0.055) * _shading(form(0.15, 3.0, 3.0), config)  # drifts
     shading += np.float32(0.035) * _shading(-np.abs(form(0.25, 4.0, 4.0)), config)  # creased edges
@@ -153,8 +159,10 @@ def _specks(rng: np.random.Generator, per_area: float) -> FloatGrid:
 def _stones(rng: np.random.Generator, config: AppearanceConfig) -> FloatGrid:
     """Return debris: stones of 2 to 40 cm in all tones, bright towards the sun, dark on their far side."""
     n = SURFACE_TEXELS
-    gravel = wavy((n, n), SURFACE_TEXEL_M, (0.02, 2.0), 0.7, rng, periodic=True)
-    coarseness = np.exp(0.6 * wavy((n, n), SURFACE_TEXEL_M, (0.3, 5.0), 1.5, rng, periodic=True))
+    gravel = band_limited_field((n, n), SURFACE_TEXEL_M, (0.02, 2.0), 0.7, rng, periodic=True)
+    coarseness = np.exp(
+        0.6 * band_limited_field((n, n), SURFACE_TEXEL_M, (0.3, 5.0), 1.5, rng, periodic=True)
+    )
     tone = np.float32(0.20) * gravel * coarseness  # sand here, cobbles there
     sun = sun_direction(config)
     aside = sun[:2] / max(float(np.hypot(sun[0], sun[1])), 1e-6)

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from affine import Affine
 from pyproj import CRS
-from scipy import fft
 from scipy.interpolate import make_interp_spline
 
 from sim.config.scene import SceneryConfig
 from sim.world import hazards
+from sim.world.band_limited import band_limited_field
 from sim.world.hazards import FloatGrid, Ground, Hazard
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -227,56 +227,9 @@ def _add_relief(height: FloatGrid, step_m: float, config: SceneryConfig, seed: i
         if sd_m > 0.0:
             rng = stream(seed, "scenery", name)
             # The first row lies in the north, so that the angle from east turns the other way round.
-            height += np.float32(sd_m) * wavy(
+            height += np.float32(sd_m) * band_limited_field(
                 height.shape, step_m, wavelengths_m, decay, rng, stretch=stretch, angle=-wind
             )
-
-
-def wavy(
-    shape: tuple[int, int],
-    step_m: float,
-    wavelengths_m: tuple[float, float],
-    decay: float,
-    rng: np.random.Generator,
-    *,
-    stretch: float = 1.0,
-    angle: float = 0.0,
-    periodic: bool = False,
-) -> FloatGrid:
-    """Draw a Gaussian field of unit variance whose waves have lengths within bounds.
-
-    Parameters
-    ----------
-    shape : (2,) tuple of int
-        Rows and columns wanted.
-    step_m : float
-        Distance between nodes [m].
-    wavelengths_m : (2,) tuple of float
-        Shortest and longest wave across the forms [m].
-    decay : float
-        The amplitude of waves falls with frequency to this power.
-    rng : numpy.random.Generator
-        Source of the draws.
-    stretch, angle : float
-        Forms are `stretch` times longer in the direction `angle` (from the columns' axis
-        towards the rows') [rad].
-    periodic : bool
-        Whether opposite edges meet, for tiles.
-    """
-    pad = 0 if periodic else int(np.ceil(min(wavelengths_m[1], 40.0) / step_m))
-    rows, columns = (n if periodic else fft.next_fast_len(n + pad, real=True) for n in shape)
-    x = fft.rfftfreq(columns, step_m).astype(np.float32)[None, :]
-    y = fft.fftfreq(rows, step_m).astype(np.float32)[:, None]
-    cos, sin = np.float32(np.cos(angle)), np.float32(np.sin(angle))
-    squared = (np.float32(stretch) * (cos * x + sin * y)) ** 2 + (cos * y - sin * x) ** 2
-    band = (squared > wavelengths_m[1] ** -2) & (squared < wavelengths_m[0] ** -2)
-    amplitude = np.zeros_like(squared)
-    amplitude[band] = squared[band] ** np.float32(-0.5 * decay)
-    spectrum = np.zeros(squared.shape, np.complex64)
-    draws = rng.standard_normal((2, int(band.sum())), np.float32)
-    spectrum[band] = amplitude[band] * (draws[0] + 1j * draws[1])
-    field = fft.irfft2(spectrum, s=(rows, columns), overwrite_x=True)[: shape[0], : shape[1]]
-    return np.ascontiguousarray(field / field.std(), dtype=np.float32)
 
 
 def _add_hazards(ground: Ground, config: SceneryConfig, seed: int) -> list[Hazard]:

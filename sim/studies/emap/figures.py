@@ -6,9 +6,17 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from sim.studies.emap.drawing import (
+    draw_curves,
+    draw_histogram,
+    draw_hits,
+    draw_range,
+    draw_surfaces,
+    draw_table,
+    draw_times,
+    mean_and_std,
+)
 from sim.studies.emap.runs import (
     EMAP,
     FIELD,
@@ -26,7 +34,6 @@ from sim.studies.emap.runs import (
 from sim.studies.emap.world import N_RUNS, N_SCANS, RANGE_M, SCAN_STEP_M, EmapRun, sine_hills, utilities
 from sim.studies.outputs import write_csv, write_figure
 from survey.core.arrays import FloatArray, Progress
-from survey.figures.style import DENSITY, ELEVATION, ERROR, FULL_IN, INK, ROVERS, styled
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.spring_lattice import SpringLattice
@@ -39,7 +46,6 @@ PAPER = {
     "CDF": (0.93, 0.59),
 }
 """Table 1 of the paper: OctoMap and EMap, whose unit it gives as cm."""
-COLOURS = dict(zip(METHODS, (INK, "#8a8f94", ROVERS[0], ROVERS[1]), strict=True))
 
 
 def figure_1(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -55,7 +61,7 @@ def figure_1(folder: Path, *, quick: bool, progress: Progress) -> None:
     surfaces = {"Surface": sine_hills(window.xy)}
     surfaces |= {name: model.heights(window.xy) for name, model in models.items()}
     write_csv(folder / "rms_error.csv", ("method", "rms_error_m"), _rms_rows(surfaces))
-    write_figure(folder / "surface.png", _draw_surfaces(surfaces, window))
+    write_figure(folder / "surface.png", draw_surfaces(surfaces, window))
 
 
 def figure_2(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -69,7 +75,7 @@ def figure_2(folder: Path, *, quick: bool, progress: Progress) -> None:
     density = counts / (np.pi * np.diff(edges**2))
     rows = zip(edges[:-1], edges[1:], counts, density, strict=True)
     write_csv(folder / "hits.csv", ("from_m", "to_m", "hits_per_scan", "hits_per_m2"), rows)
-    write_figure(folder / "hits.png", _draw_hits(edges, counts, density))
+    write_figure(folder / "hits.png", draw_hits(edges, counts, density))
 
 
 def table_1(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -77,12 +83,12 @@ def table_1(folder: Path, *, quick: bool, progress: Progress) -> None:
     runs = list(_runs(METHODS, quick, progress))
     write_csv(folder / "table.csv", _TABLE, _table_rows(runs))
     parts = [
-        (method, part, *_mean_and_std([float(np.nanmean(scores[method].parts[part])) for scores in runs]))
+        (method, part, *mean_and_std([float(np.nanmean(scores[method].parts[part])) for scores in runs]))
         for method in METHODS
         for part in ("seen", "gap", "outside")
     ]
     write_csv(folder / "parts.csv", ("method", "part", "mse_cm2", "std_cm2"), parts)
-    write_figure(folder / "table.png", _draw_table(runs))
+    write_figure(folder / "table.png", draw_table(runs))
 
 
 def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -96,7 +102,7 @@ def figure_4(folder: Path, *, quick: bool, progress: Progress) -> None:
         ("from_cm2", "to_cm2", *mse),
         zip(edges[:-1], edges[1:], *counts, strict=True),
     )
-    write_figure(folder / "histogram.png", _draw_histogram(edges, mse))
+    write_figure(folder / "histogram.png", draw_histogram(edges, mse))
 
 
 def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -109,7 +115,7 @@ def figure_5(folder: Path, *, quick: bool, progress: Progress) -> None:
         ("distance_m", *curves),
         zip(distance, *curves.values(), strict=True),
     )
-    write_figure(folder / "along_the_drive.png", _draw_curves(distance, curves))
+    write_figure(folder / "along_the_drive.png", draw_curves(distance, curves))
 
 
 def figure_6(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -125,7 +131,7 @@ def figure_6(folder: Path, *, quick: bool, progress: Progress) -> None:
         rows.append((n * n, *(1e3 * s for s in seconds)))
         progress("sizes", k, len(sides))
     write_csv(folder / "time_per_scan.csv", ("nodes", "springs_cpu_ms", "field_cpu_ms"), rows)
-    write_figure(folder / "time_per_scan.png", _draw_times(np.array(rows)))
+    write_figure(folder / "time_per_scan.png", draw_times(np.array(rows)))
 
 
 def range_extension(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -150,7 +156,7 @@ def range_extension(folder: Path, *, quick: bool, progress: Progress) -> None:
         zip(thresholds, *curves.values(), strict=True),
     )
     write_csv(folder / "range.csv", ("method", "r_m_m"), reach.items())
-    write_figure(folder / "range.png", _draw_range(thresholds, curves, allowed))
+    write_figure(folder / "range.png", draw_range(thresholds, curves, allowed))
 
 
 def _n_scans(quick: bool) -> int:
@@ -208,7 +214,7 @@ _TABLE = (
 
 def _table_rows(runs: Sequence[dict[str, RunScore]]) -> Iterator[tuple[object, ...]]:
     for scenario in SCENARIOS:
-        means = {m: _mean_and_std([s[m].mean(scenario) for s in runs]) for m in METHODS}
+        means = {m: mean_and_std([s[m].mean(scenario) for s in runs]) for m in METHODS}
         for method in METHODS:
             printed = float(np.mean([np.mean(s[method].printed[scenario]) for s in runs]))
             paper = {OCTOMAP: PAPER[scenario][0], EMAP: PAPER[scenario][1]}.get(method, "")
@@ -216,125 +222,6 @@ def _table_rows(runs: Sequence[dict[str, RunScore]]) -> Iterator[tuple[object, .
             yield scenario, method, *means[method], printed, *gains, paper
 
 
-def _mean_and_std(values: Sequence[float]) -> tuple[float, float]:
-    return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-
-
 def _rms_rows(surfaces: Mapping[str, FloatArray]) -> Iterator[tuple[str, float]]:
     for name, heights in list(surfaces.items())[1:]:
         yield name, float(np.sqrt(np.mean((heights - surfaces["Surface"]) ** 2)))
-
-
-@styled
-def _draw_surfaces(surfaces: Mapping[str, FloatArray], window: NodeWindow) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 5.4), layout="constrained")
-    axes = figure.subplots(2, len(surfaces), sharex=True, sharey=True)
-    west, south, east, north = window.bounds
-    extent = (west, east, south, north)
-    reference = surfaces["Surface"].reshape(window.shape)
-    axes[1, 0].axis("off")
-    for k, (name, heights) in enumerate(surfaces.items()):
-        z = heights.reshape(window.shape)
-        height = axes[0, k].imshow(z, origin="lower", extent=extent, cmap=ELEVATION, vmin=-1, vmax=1)
-        axes[0, k].set_title(name)
-        if k:
-            error = axes[1, k].imshow(
-                z - reference, origin="lower", extent=extent, cmap=ERROR, vmin=-0.5, vmax=0.5
-            )
-            axes[1, k].set_xlabel("easting [m]")
-    axes[0, 0].set_ylabel("northing [m]")
-    figure.colorbar(height, ax=axes[0], label="height [m]", shrink=0.8)
-    figure.colorbar(error, ax=axes[1], label="error [m]", shrink=0.8)
-    return figure
-
-
-@styled
-def _draw_hits(edges: FloatArray, counts: FloatArray, density: FloatArray) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 3.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    left.stairs(counts, edges, fill=True, color=ROVERS[1])
-    left.set(xlabel="distance from the sensor [m]", ylabel="hits per scan and 0.25 m", title="Hits")
-    right.stairs(density, edges, color=ROVERS[0], linewidth=1.5)
-    right.set(xlabel="distance from the sensor [m]", ylabel="hits per m²", title="Density", yscale="log")
-    return figure
-
-
-@styled
-def _draw_table(runs: Sequence[dict[str, RunScore]]) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 3.4), layout="constrained")
-    axes: Axes = figure.subplots()
-    width = 0.8 / len(METHODS)
-    for k, method in enumerate(METHODS):
-        values = np.array([_mean_and_std([s[method].mean(name) for s in runs]) for name in SCENARIOS])
-        x = np.arange(len(SCENARIOS)) + (k - 1.5) * width
-        axes.bar(x, values[:, 0], width, yerr=values[:, 1], color=COLOURS[method], label=method, capsize=2)
-    axes.set_xticks(np.arange(len(SCENARIOS)), SCENARIOS)
-    axes.set(yscale="log", ylabel="weighted mean square error [cm²]", title="Mean and spread of the runs")
-    axes.legend(ncols=2)
-    return figure
-
-
-@styled
-def _draw_histogram(edges: FloatArray, mse: Mapping[str, FloatArray]) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 3.0), layout="constrained")
-    axes = figure.subplots(1, 1 + len(mse), width_ratios=[2.2] + [1.0] * len(mse))
-    for method, values in mse.items():
-        axes[0].hist(
-            np.maximum(values, edges[0]), edges, histtype="step", color=COLOURS[method], label=method
-        )
-    axes[0].set(xscale="log", xlabel="mean square error of a node [cm²]", ylabel="nodes", title="Raw")
-    axes[0].legend(loc="upper left")
-    n = round(np.sqrt(len(next(iter(mse.values())))))
-    half = 0.5 * SIDE_M
-    for place, (method, values) in zip(axes[1:], mse.items(), strict=True):
-        image = place.imshow(
-            np.sqrt(values.reshape(n, n)),
-            origin="lower",
-            extent=(-half, half, -half, half),
-            cmap=DENSITY,
-            vmin=0,
-            vmax=40,
-        )
-        place.set_title(method, fontsize=8)
-        place.set_xlabel("x [m]")
-    figure.colorbar(image, ax=axes[1:], label="RMS error [cm]", shrink=0.7)
-    return figure
-
-
-@styled
-def _draw_curves(distance: FloatArray, curves: Mapping[str, FloatArray]) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 3.0), layout="constrained")
-    axes: Axes = figure.subplots()
-    for method, values in curves.items():
-        axes.plot(distance, values, color=COLOURS[method], label=method)
-    axes.set(xlabel="distance driven [m]", ylabel="error, Gaussian [cm²]", yscale="log")
-    axes.set_title("Error along the drive")
-    axes.legend()
-    return figure
-
-
-@styled
-def _draw_times(rows: FloatArray) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 3.2), layout="constrained")
-    axes: Axes = figure.subplots()
-    for column, method in ((1, EMAP), (2, FIELD)):
-        axes.loglog(rows[:, 0], rows[:, column], "o-", color=COLOURS[method], label=method)
-    axes.plot(rows[:, 0], rows[0, 1] * rows[:, 0] / rows[0, 0], ":", color="#8a8f94", label="as the nodes")
-    axes.axhline(50.0, color=INK, linewidth=0.8)
-    axes.annotate("the paper, 1,600 nodes: 50 ms", (rows[0, 0], 55.0), fontsize=8)
-    axes.set(xlabel="nodes", ylabel="CPU time of a scan [ms]", title="Time of a scan")
-    axes.legend()
-    return figure
-
-
-@styled
-def _draw_range(thresholds: FloatArray, curves: Mapping[str, FloatArray], allowed: float) -> Figure:
-    figure = Figure(figsize=(FULL_IN, 3.0), layout="constrained")
-    axes: Axes = figure.subplots()
-    for method, values in curves.items():
-        axes.plot(thresholds, values, color=COLOURS[method], label=method)
-    axes.axhline(allowed, color="#8a8f94", linestyle=":", label="OctoMap at 4 m")
-    axes.set(xlabel="threshold r_s of the CDF scenario [m]", ylabel="error, CDF [cm²]", yscale="log")
-    axes.set_title("How far the map is as good as OctoMap's at 4 m")
-    axes.legend()
-    return figure

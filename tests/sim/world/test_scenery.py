@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from sim.config.scene import SceneryConfig
-from sim.world.scenery import FineTerrain, fine_terrain, wavy
+from sim.world.band_limited import band_limited_field
+from sim.world.scenery import FineTerrain, fine_terrain
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -106,7 +107,7 @@ def test_the_same_seed_gives_the_same_ground_and_another_one_not() -> None:
 
 
 def test_tiles_meet_at_their_edges(rng: np.random.Generator) -> None:
-    tile = wavy((64, 64), 0.1, (0.8, 3.0), 1.0, rng, periodic=True)
+    tile = band_limited_field((64, 64), 0.1, (0.8, 3.0), 1.0, rng, periodic=True)
     inner = np.abs(np.diff(tile, axis=0)).max()
     assert np.abs(tile[0] - tile[-1]).max() < 1.5 * inner
 
