@@ -1,4 +1,4 @@
-"""How far an estimated trajectory is from a reference."""
+"""Trajectory evaluation: absolute and relative errors, alignment, consistency."""
 
 from dataclasses import asdict, dataclass
 from typing import Literal
@@ -19,7 +19,7 @@ class TrajectoryError:
 
     ``horizontal_rms_m`` and ``vertical_rms_m`` over all poses, ``end_m`` at the last
     one, ``end_per_cent`` of the distance travelled, ``worst_m`` anywhere;
-    ``normalised_squared`` is the mean of eᵀ P⁻¹ e, 3 when covariances are honest.
+    ``normalised_squared`` is the mean of eᵀ P⁻¹ e, 3 when covariances are consistent.
     """
 
     horizontal_rms_m: float
@@ -77,14 +77,14 @@ def trajectory_error(estimate: Trajectory, reference: Trajectory) -> TrajectoryE
 
 @dataclass(frozen=True)
 class Alignment:
-    """The similarity x → s R x + t that best lays one trajectory on another."""
+    """Similarity transform x → s R x + t from one trajectory to another."""
 
     rotation: FloatArray
     translation: FloatArray
     scale: float
 
     def applied(self, position: FloatArray) -> FloatArray:
-        """Return positions (N, 3) moved by it."""
+        """Apply the transform to positions (N, 3)."""
         moved: FloatArray = self.scale * position @ self.rotation.T + self.translation
         return moved
 
@@ -215,7 +215,7 @@ def match_times(
 
 @dataclass(frozen=True)
 class Consistency:
-    """Mean normalised squared error, and the band that honest covariances leave it in.
+    """Mean normalised squared error and the band of consistent covariances.
 
     For errors of D dimensions from N independent runs, N times the mean is χ²(N D) when
     the covariances are right; the band holds `probability` of that (Bar-Shalom et al.
@@ -233,7 +233,7 @@ class Consistency:
 
 
 def consistency(errors: FloatArray, covariances: FloatArray, probability: float = 0.95) -> Consistency:
-    """Judge errors (N, D) by the covariances (N, D, D) that were claimed for them.
+    """Test errors (N, D) against their claimed covariances (N, D, D).
 
     The errors must be of independent runs: poses of one drive share their drift, and the
     band would be far too narrow for them.

@@ -1,4 +1,4 @@
-"""Pictures of what the camera saw: corners that were followed, before and after the contrast was raised."""
+"""Figures of tracked corners on images, before and after contrast enhancement."""
 
 import numpy as np
 from matplotlib.axes import Axes

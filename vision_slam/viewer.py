@@ -1,4 +1,4 @@
-"""A localization for rerun's viewer: images, path, landmarks and health along one time line."""
+"""Export of a localization to the viewer rerun."""
 
 from pathlib import Path
 from typing import Any

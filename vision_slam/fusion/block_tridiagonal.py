@@ -1,4 +1,4 @@
-"""Normal equations of a chain: each node meets its neighbours and a few globals, and no other."""
+"""Block-tridiagonal normal equations with a border of global unknowns."""
 
 from dataclasses import dataclass
 from typing import Any, Self

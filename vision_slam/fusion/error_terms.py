@@ -1,4 +1,4 @@
-"""What each sensor says of the unknowns: the rows of the smoother's equations, sensor by sensor."""
+"""Measurement equations of the smoother, one function per sensor."""
 
 import numpy as np
 
@@ -38,7 +38,7 @@ _DATUM_SIGMA_M = 1e4  # a barometer's datum is unknown by kilometres before the 
 # What counts as known exactly: a larger number would swamp the others in rounding.
 _EXACT_RAD = 1e-6
 _EXACT_SCALE = 1e-5
-# Worse than this nobody calls a heading known, and that of the odometry may have been laid on the fixes afterwards.
+# A heading worse than this counts as unknown; that of the odometry may have been aligned with the fixes.
 _KNOWN_DEG, _ANY_DEG = 1.0, 180.0
 # Wheels and odometry that differ by more standard deviations than this are both doubted there.
 _DOUBTED = 3.0
@@ -49,11 +49,11 @@ _BESIDE_S = 1.0
 def add_terms(
     system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
-    """Add everything but stakes and closures, which may be wrong and are judged afterwards."""
+    """Add the terms of all sensors except stakes and loop closures, which are gated afterwards."""
     _add_start(system, recording, config)
     _add_heading(system, recording, along, config)
-    doubt_m = _add_wheels(system, recording, along, config)
-    _add_odometry(system, along, config, doubt_m)
+    contradiction_m = _add_wheels(system, recording, along, config)
+    _add_odometry(system, along, config, contradiction_m)
     _add_gps(system, recording, along, config)
     _add_barometer(system, recording, along, config)
     _add_gravity(system, recording, along, config)
@@ -87,7 +87,7 @@ def _add_start(system: NormalEquations, recording: OdometryRecording, config: Lo
 def compass_offset(
     recording: OdometryRecording, config: LocalizationConfig
 ) -> tuple[float, LocalizationConfig]:
-    """Return the turn that takes the odometry back to the compass [rad], and how sure that is of its heading."""
+    """Return the rotation from the heading of the odometry to that of the compass [rad], and the configuration to use."""
     if config.heading_sigma_deg <= _KNOWN_DEG:
         return 0.0, config
     if recording.compass is None:
@@ -100,7 +100,7 @@ def compass_offset(
 def _add_heading(
     system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
-    """Let the heading of the odometry walk, and hold it by the gyro, whose bias walks far more slowly."""
+    """Add the random walk of the heading, and the gyro, whose bias walks far more slowly."""
     gyro, seconds = GyroErrors.of(config), np.diff(along.time_s)
     walk = gyro.heading_walk * along.travel + along.beyond_usual(along.odometry.turn_sigma_rad) ** 2
     system.add_walk(HEADING, np.maximum(np.sqrt(walk), _EXACT_RAD))
@@ -119,11 +119,10 @@ def _add_heading(
 def _add_wheels(
     system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> FloatArray:
-    """Compare the odometry's lengths with the wheels'; return by how much they contradict each other (K - 1,) [m].
+    """Add the travel by wheels; return its contradiction with the odometry (K - 1,) [m].
 
-    Images tell shapes, and lengths by what their scale happens to be; wheels count too much by a
-    share that stays, and skid in turns. Where the two differ by more than that, wheels spin or
-    the images were followed wrongly, and nothing says which.
+    Wheels have a constant scale error and skid in turns. Where they differ from the odometry by
+    more, either the wheels spin or the images were tracked wrongly: both are given less weight.
     """
     contradiction = np.zeros(len(along.index) - 1)
     wheels, times = recording.wheels, along.time_s
@@ -151,23 +150,23 @@ def _add_wheels(
 
 
 def _add_odometry(
-    system: NormalEquations, along: Nodes, config: LocalizationConfig, doubt_m: FloatArray
+    system: NormalEquations, along: Nodes, config: LocalizationConfig, contradiction_m: FloatArray
 ) -> None:
     before = np.arange(len(along.index) - 1)
     length, (steps, heading) = along.travel, along.guessed
-    told, step = np.diff(along.reckoned[along.index], axis=0), along.summed(steps)
+    reckoned_step, step = np.diff(along.dead_reckoned[along.index], axis=0), along.summed(steps)
     by_yaw, by_pitch = (along.summed(answer) for answer in turned(steps, heading))
     one = np.ones(len(before))
-    doubt_m = np.hypot(doubt_m, along.beyond_usual(along.odometry.step_sigma_m))
-    doubt_m = np.hypot(doubt_m, config.turn_sigma_m * np.sqrt(along.turned_rad))
+    contradiction_m = np.hypot(contradiction_m, along.beyond_usual(along.odometry.step_sigma_m))
+    contradiction_m = np.hypot(contradiction_m, config.turn_sigma_m * np.sqrt(along.turned_rad))
     for axis in range(3):
         terms: list[Term] = [(unknown(before + 1, E + axis), one), (unknown(before, E + axis), -one)]
-        value = (told - step)[:, axis]
+        value = (reckoned_step - step)[:, axis]
         for which, answer in ((YAW, by_yaw), (PITCH, by_pitch), (SCALE, step)):
             half = 0.5 * answer[:, axis]
             terms += [(unknown(before, which), -half), (unknown(before + 1, which), -half)]
             value = value - half * (along.guess[:-1, which] + along.guess[1:, which])
-        system.add(terms, value, np.hypot(config.step_sigma_m * np.sqrt(length), doubt_m))
+        system.add(terms, value, np.hypot(config.step_sigma_m * np.sqrt(length), contradiction_m))
     memory = np.exp(-length / config.scale_wander_m)
     system.add_gauss_markov(SCALE, memory, max(config.scale_wander_sigma, _EXACT_SCALE), MEAN_SCALE)
     memory = np.exp(-length / config.attitude_correlation_m)
@@ -186,7 +185,7 @@ def _add_gps(
     time_s = recording.gps.time_s
     mast = rotations(along.odometry.attitude_rad)[:, :, 2] * recording.antenna_height_m
     at_fix = np.column_stack(
-        [np.interp(time_s, along.odometry.time_s, column) for column in (along.reckoned + mast).T]
+        [np.interp(time_s, along.odometry.time_s, column) for column in (along.dead_reckoned + mast).T]
     )
     node, mean, count = along.averaged(time_s, at_fix - position)
     memory = np.exp(-np.diff(along.time_s) / config.gps_correlation_time_s)
@@ -207,7 +206,7 @@ def _add_barometer(
     if readings is None or recording.barometer is None:
         return
     time_s = recording.barometer.time_s
-    height = np.interp(time_s, along.odometry.time_s, along.reckoned[:, 2])
+    height = np.interp(time_s, along.odometry.time_s, along.dead_reckoned[:, 2])
     node, mean, count = along.averaged(time_s, (height - readings)[:, None])
     many = np.ones(len(node))
     terms: list[Term] = [
@@ -223,14 +222,14 @@ def _add_gravity(
 ) -> None:
     """Add roll and pitch from gravity, with the scatter that the readings themselves show.
 
-    The scatter is taken about each node's mean and from node to node, whichever is
-    larger: jolts that last would otherwise be accepted. An odometry that the same readings
-    levelled has them in it already, and better averaged than here: it shares their bias, and
-    what standing still tells of that is all there is to add.
+    The scatter is taken about the mean of each node and from node to node, whichever is
+    larger, so that lasting jolts do not count as precise. Odometry that was levelled by the
+    same readings contains them already: it shares their bias, and only the bias measured while
+    standing is added.
     """
     if recording.inertial is None:
         return
-    # The bias of what gravity tells is that of the reading: θ(g) = θ + a.
+    # The tilt by gravity has the bias of the reading: θ(g) = θ + a.
     biases, doubt_deg = ((ROLL, FORCE_ROLL), (PITCH, FORCE_PITCH)), 0.0
     if config.levelling_sigma_deg is not None:
         biases, doubt_deg = ((ROLL, ROLL_BIAS), (PITCH, PITCH_BIAS)), config.levelling_sigma_deg

@@ -1,4 +1,4 @@
-"""Headings that the odometry's frame may have, each with the mean of a Kalman filter for all that is linear given it."""
+"""Heading hypotheses, each with the mean of a Kalman filter for the linear states."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -16,7 +16,7 @@ _N_STATES = 17
 _TURNS = [_YAW, _HEADING]
 _UNKNOWN_M = 1e3
 _DATUM_SIGMA_M = 1e4
-# Beyond this the means are laid out anew about the heading that they have found.
+# Beyond this the states are linearized about the estimated heading again.
 _BENT_RAD = np.radians(0.3)
 # Wheels that differ from the odometry by more standard deviations than this spin.
 _SPINS = 4.0
@@ -28,7 +28,7 @@ _ANY_RAD = np.radians(30.0)
 
 @dataclass(frozen=True)
 class GyroTurn:
-    """What a gyro says of a step: by how much it turned beyond the odometry, and by how much this turned [rad]."""
+    """Turn of the gyro during a step, relative to the odometry, and the turn of the odometry [rad]."""
 
     beyond_rad: float
     turned_rad: float
@@ -57,7 +57,7 @@ class Hypotheses:
 
     @classmethod
     def at(cls, start: FloatArray, n: int, config: LocalizationConfig, rng: np.random.Generator) -> Self:
-        """Start and heading as exactly as the configuration says: one hypothesis, or every heading."""
+        """Return the hypotheses of a start: one for a known heading, else all headings."""
         place_m, heading_rad = config.start_errors
         if heading_rad < _ANY_RAD:
             return cls(start, np.zeros(1), heading_rad, place_m, config)
@@ -65,7 +65,7 @@ class Hypotheses:
 
     @classmethod
     def anywhere(cls, fix: FloatArray, n: int, config: LocalizationConfig, rng: np.random.Generator) -> Self:
-        """Every heading, a place that the fix alone tells: what of it is bias and what is place, nobody knows yet."""
+        """Return hypotheses of all headings at a fix, whose bias and position are not separable yet."""
         drawn = cls(fix, *_all_around(n, rng), _UNKNOWN_M, config)
         drawn.correct(fix, np.inf, rng)
         return drawn
@@ -77,21 +77,21 @@ class Hypotheses:
         transition, noise = self._model.motion(step, seconds)
         # The heading walks, and is off for good after a turn that nothing saw.
         walked = unseen_rad**2 + self._model.gyro.heading_walk * float(np.linalg.norm(step))
-        told_rad = 0.0
+        gyro_rad = 0.0
         if turn is not None and walked > 0.0:
             share = self._hold(turn, seconds, walked)
             transition[_TURNS, _GYRO] = share * seconds
-            told_rad, walked = -share * turn.beyond_rad, (1.0 - share) * walked
+            gyro_rad, walked = -share * turn.beyond_rad, (1.0 - share) * walked
         self._mean = self._mean @ transition.T
         self._mean[:, _PLACE] += step
-        self._mean[:, _TURNS] += told_rad
+        self._mean[:, _TURNS] += gyro_rad
         self._covariance = transition @ self._covariance @ transition.T
         noise[_PLACE] += unseen_m**2
         self._covariance[np.diag_indices(_N_STATES)] += noise
         self._covariance[np.ix_(_TURNS, _TURNS)] += walked
 
     def _hold(self, turn: GyroTurn, seconds: float, walked: float) -> float:
-        """Learn the gyro's bias β from a step; return by what share the gyro then tells of the heading's walk n.
+        """Update the gyro bias β by a step; return the share of the heading walk n that the gyro measures.
 
         Beyond the odometry it turns by g = β Δt − n + ν: of the bias g says β Δt = g, with the
         variances of n and ν; given the bias n is q/(q + r) (β Δt − g), with q and r these variances.
@@ -103,10 +103,10 @@ class Hypotheses:
         return walked / (walked + noise)
 
     def correct(self, fix: FloatArray, gate: float, rng: np.random.Generator) -> bool:
-        """Weigh by a fix (3,) [m] and take it into the means.
+        """Update by a fix (3,) [m]; return whether it passed the gate.
 
-        One that is farther from all that count than the gate, as a squared number of standard
-        deviations, changes nothing; tell whether it was taken.
+        A fix whose squared Mahalanobis distance from all likely hypotheses exceeds the gate
+        changes nothing.
         """
         innovation = self._innovation(fix)
         seen = self._covariance @ _SEES_FIX.T
@@ -121,12 +121,12 @@ class Hypotheses:
         return True
 
     def correct_height(self, height_m: float) -> None:
-        """Weigh by a height of the barometer [m] and take it into the means."""
+        """Update by a height of the barometer [m]."""
         innovation = height_m - self._origin[2] - self._mean @ _SEES_HEIGHT
         self._update(_SEES_HEIGHT, innovation, self._model.height_variance)
 
     def roll(self, rolled_m: float, step_m: float, turned_rad: float) -> None:
-        """Compare the wheels' travel with the odometry's, both negative in reverse, unless they spin."""
+        """Update the scale by the travel of the wheels, negative in reverse, unless they spin."""
         sees = np.zeros(_N_STATES)
         sees[[_WHEEL_SCALE, _SCALE, _SKID]] = step_m, -step_m, turned_rad
         variance = self._model.roll_variance(abs(step_m), turned_rad)
@@ -194,7 +194,7 @@ class Hypotheses:
         self._log_weight = np.zeros(n)
 
     def _straighten(self) -> None:
-        """Take the constant heading error that was found into the heading, so that what is left stays small."""
+        """Move the estimated constant heading error into the heading, so that the remaining error stays small."""
         found = self._mean[:, _HEADING].copy()
         middle = float(self._weight() @ found)
         if abs(middle) < _BENT_RAD:
@@ -205,13 +205,13 @@ class Hypotheses:
             self._mean[:, part] = np.einsum("nij,nj->ni", turn, self._mean[:, part])
         self._mean[:, _YAW] -= found
         self._mean[:, _HEADING] = 0.0
-        whole = np.eye(_N_STATES)
-        whole[_PLACE, _PLACE] = whole[_BIAS, _BIAS] = _turns(np.array([middle]))[0]
-        self._covariance = whole @ self._covariance @ whole.T
+        rotation = np.eye(_N_STATES)
+        rotation[_PLACE, _PLACE] = rotation[_BIAS, _BIAS] = _turns(np.array([middle]))[0]
+        self._covariance = rotation @ self._covariance @ rotation.T
 
 
 class _Model:
-    """Noise and memory of all that is linear, as the configuration says."""
+    """Process and measurement noise of the linear states."""
 
     def __init__(self, config: LocalizationConfig) -> None:
         level = np.array([1.0, 1.0, config.gps_vertical_factor])
@@ -223,7 +223,7 @@ class _Model:
         self.height_variance = config.barometer_white_sigma_m**2
 
     def prior(self, place_sigma_m: float, heading_sigma_rad: float) -> FloatArray:
-        """Covariance (17, 17) before anything was seen."""
+        """Return the prior covariance (17, 17)."""
         config = self._config
         variance = np.zeros(_N_STATES)
         variance[_PLACE], variance[_BIAS] = place_sigma_m**2, self._bias
@@ -277,7 +277,7 @@ class _Model:
 
 
 def _all_around(n: int, rng: np.random.Generator) -> tuple[FloatArray, float]:
-    """Draw headings (N,) evenly around the circle, and how far each speaks for its neighbourhood [rad]."""
+    """Draw headings (N,) evenly around the circle; return also their spacing [rad]."""
     spacing = 2.0 * np.pi / n
     return (np.arange(n) + rng.random(n)) * spacing - np.pi, spacing
 

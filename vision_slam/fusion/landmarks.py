@@ -1,4 +1,4 @@
-"""Landmarks: from sightings in the body frame to surface points in the world."""
+"""Landmarks: sightings in the body frame to surface points in the world."""
 
 import numpy as np
 
@@ -16,15 +16,15 @@ from vision_slam.rotation import rotations
 def place_landmarks(
     recording: OdometryRecording, path: SmoothedPath, config: LocalizationConfig
 ) -> SurfacePoints:
-    """Place the landmarks that pass the gates, with the covariance of sighting and path together.
+    """Place the landmarks that pass the gates, with the covariance of sighting and path.
 
     With R the attitude and o the offset in the body frame, the landmark is p + R o and
     its covariance R C Rᵀ + J P Jᵀ, J = [I, ∂(R o)/∂ψ, ∂(R o)/∂θ, ∂(R o)/∂φ]. The first
-    part is the landmark's own; the second it shares with its neighbours, which the
-    keyframe tells that each point carries.
+    part is independent; the second is shared with its neighbours through the keyframe of
+    each point.
 
     The gates are those of the glacier paper; thinned by information, landmarks of any range
-    pass, of which those are kept that lower the variance of a map about the path the most.
+    pass, and those are selected that lower the variance of a map about the path the most.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def place_landmarks(
 
 
 def _most_informative(points: SurfacePoints, path: SmoothedPath, config: LocalizationConfig) -> SurfacePoints:
-    """Keep so many landmarks per metre of travel, those that tell a map about the path the most, in their old order."""
+    """Select the landmarks that lower the variance of a map the most, in their order."""
     length_m = float(np.linalg.norm(np.diff(path.position, axis=0), axis=1).sum())
     east, north = path.position[:, 0], path.position[:, 1]
     bounds = (float(east.min()), float(north.min()), float(east.max()), float(north.max()))
@@ -75,9 +75,9 @@ def _most_informative(points: SurfacePoints, path: SmoothedPath, config: Localiz
         variance_m2=config.terrain_variance_m2,
         length_scale_m=config.terrain_length_scale_m,
     )
-    kept = np.zeros(len(points), dtype=np.bool_)
-    kept[chosen] = True
-    return points.select(kept)
+    is_chosen = np.zeros(len(points), dtype=np.bool_)
+    is_chosen[chosen] = True
+    return points.select(is_chosen)
 
 
 def _symmetric(matrices: FloatArray) -> FloatArray:

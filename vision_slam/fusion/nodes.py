@@ -15,13 +15,13 @@ _BESIDE_S = 1.0
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes among the poses of the odometry, its reckoned path, and a guess (K, PER_NODE) of their unknowns.
+    """The nodes among the poses of the odometry, its dead_reckoned path, and a guess (K, PER_NODE) of their unknowns.
 
     How steps answer to attitude and scale is taken about that guess.
     """
 
     odometry: Odometry
-    reckoned: FloatArray
+    dead_reckoned: FloatArray
     index: IntArray
     guess: FloatArray
 
@@ -33,7 +33,7 @@ class Nodes:
     @property
     def travel(self) -> FloatArray:
         """Travel from node to node (K - 1,) [m]."""
-        return self.summed(np.linalg.norm(np.diff(self.reckoned, axis=0), axis=1))
+        return self.summed(np.linalg.norm(np.diff(self.dead_reckoned, axis=0), axis=1))
 
     @property
     def rolled(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Rows of a whitened linear least-squares system over a path's nodes, gathered term by term."""
+"""Whitened sparse least-squares rows over the nodes of a path."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -48,12 +48,12 @@ class NormalEquations:
         self.n_rows += n
 
     def add_prior(self, which: IntArray | int, sigma: float) -> None:
-        """Say of one unknown that it is 0 ± sigma."""
+        """Add the prior 0 ± sigma of one unknown."""
         one = np.ones(1)
         self.add([(np.atleast_1d(np.asarray(which)), one)], 0.0 * one, sigma * one)
 
     def add_gauss_markov(self, which: int, memory: FloatArray, sigma: float, mean: int | None = None) -> None:
-        """Tie an unknown to its neighbour: x' − μ' = memory · (x − μ) + noise that keeps the variance.
+        """Add a Gauss-Markov process: x' − μ' = memory · (x − μ) + noise that keeps the variance.
 
         The mean μ is another unknown, a global or of the node.
         """
@@ -64,8 +64,8 @@ class NormalEquations:
         if mean is not None:
             steps += [(unknown(before + 1, mean), -ones), (unknown(before, mean), memory)]
             start.append((unknown(first, mean), -one))
-        kept = sigma * np.sqrt(np.maximum(1.0 - memory**2, 1e-12))
-        self.add(steps, np.zeros(len(memory)), kept)
+        noise = sigma * np.sqrt(np.maximum(1.0 - memory**2, 1e-12))
+        self.add(steps, np.zeros(len(memory)), noise)
         self.add(start, 0.0 * one, sigma * one)
 
     def add_walk(self, which: int, sigma: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""A whole recording through the particle filter: at every moment what was known by then."""
+"""Causal filtering of a recording: the particle filter over all records in the order of time."""
 
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,7 @@ _SET_OFF_M = 5.0
 
 @dataclass(frozen=True)
 class OnlinePath:
-    """Poses as they were known when they were reached.
+    """Causal poses: each uses only records up to its own time.
 
     ``time_s`` (N,), ``position`` (N, 3) [m], ``covariance`` (N, 3, 3) [m²], ``turn_rad`` (N,)
     of the odometry's frame in the world, ``is_lost`` (N,); ``accepted`` (M,) whether each fix of
@@ -43,7 +43,7 @@ class OnlinePath:
         return self.n_fixes - int(self.accepted.sum())
 
     def trajectory(self, recording: OdometryRecording) -> Trajectory:
-        """Return it as a trajectory; its health is 0 where the filter says lost."""
+        """Return the poses as a trajectory, with health 0 where the filter is lost."""
         attitude = recording.odometry.attitude_rad + self.turn_rad[:, None] * [0.0, 0.0, 1.0]
         return Trajectory(
             self.time_s,
@@ -55,12 +55,14 @@ class OnlinePath:
         )
 
 
-def filter_path(recording: OdometryRecording, reckoned: FloatArray, config: LocalizationConfig) -> OnlinePath:
-    """Filter a dead-reckoned path (N, 3) [m] with fixes, barometer and wheels, each in its turn.
+def filter_path(
+    recording: OdometryRecording, dead_reckoned: FloatArray, config: LocalizationConfig
+) -> OnlinePath:
+    """Filter a dead-reckoned path (N, 3) [m] with fixes, barometer, gyro and wheels in the order of time.
 
-    Where the heading at the start is not known to 1°, the odometry is turned back to the
-    compass; without a compass every heading is tried. Its roll and pitch are taken as they
-    are: those of images are levelled by gravity over half a minute to either side.
+    Where the heading at the start is not known to 1°, the odometry is rotated back to the
+    compass; without a compass all headings are tried. Roll and pitch are not causal for
+    images: they are levelled by gravity over half a minute to either side.
     """
     poses_s = recording.odometry.time_s
     fixes, settings = differenced_fixes(recording, config)
@@ -69,7 +71,7 @@ def filter_path(recording: OdometryRecording, reckoned: FloatArray, config: Loca
     back, settings = compass_offset(recording, settings)
     cosine, sine = np.cos(back), np.sin(back)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    path = (reckoned - recording.start) @ turn.T + recording.start
+    path = (dead_reckoned - recording.start) @ turn.T + recording.start
     up = rotations(recording.odometry.attitude_rad)[:, :, 2] @ turn.T
     antenna = fixes - _at(recording.gps.time_s, poses_s, up) * recording.antenna_height_m
     filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
@@ -101,15 +103,17 @@ def gate_fixes(recording: OdometryRecording, online: OnlinePath) -> OdometryReco
     if online.accepted.all() or online.accepted.sum() < 2:
         return recording
     fixes = recording.gps
-    kept = replace(fixes, time_s=fixes.time_s[online.accepted], position=fixes.position[online.accepted])
-    return replace(recording, gps=kept)
+    accepted_fixes = replace(
+        fixes, time_s=fixes.time_s[online.accepted], position=fixes.position[online.accepted]
+    )
+    return replace(recording, gps=accepted_fixes)
 
 
 _FIX, _HEIGHT, _POSE = range(3)
 
 
 def _events(recording: OdometryRecording, with_heights: bool) -> list[tuple[float, int, int]]:
-    """Moments at which something is to be done: fixes and heights before the pose of the same time."""
+    """Return time, kind and index of all records, fixes and heights before the pose of the same time."""
     poses_s = recording.odometry.time_s
     times = {_POSE: poses_s, _FIX: recording.gps.time_s}
     if with_heights and recording.barometer is not None:
@@ -124,7 +128,7 @@ def _events(recording: OdometryRecording, with_heights: bool) -> list[tuple[floa
 
 
 class _Walk:
-    """Moves a filter along the reckoned path, from one moment to the next."""
+    """Prediction steps of a filter along the dead-reckoned path."""
 
     def __init__(
         self,
@@ -157,19 +161,19 @@ class _Walk:
             self._rolled = np.where(is_told, rolled, np.nan)
 
     def on(self, k: int, filtered: ParticleFilter) -> None:
-        """Move on to the moment of that number."""
+        """Predict the filter to the k-th record."""
         if self._seconds[k] <= 0.0:
             return
         beyond_rad = float(self._beyond_rad[k])
         turn = GyroTurn(beyond_rad, float(self._turned_rad[k])) if np.isfinite(beyond_rad) else None
         filtered.move(self._step[k], self._seconds[k], self._unseen[k, 0], self._unseen[k, 1], turn)
         if self._rolled is not None and np.isfinite(self._rolled[k]):
-            told = self._rolled[k], self._travel_m[k], self._turned_rad[k]
-            filtered.roll(*(float(value) for value in told))
+            rolled = self._rolled[k], self._travel_m[k], self._turned_rad[k]
+            filtered.roll(*(float(value) for value in rolled))
 
 
 def _beyond(recording: OdometryRecording, moments_s: FloatArray, config: LocalizationConfig) -> FloatArray:
-    """By how much the gyro turns beyond the odometry before each moment [rad]; NaN where it does not tell, or need not."""
+    """Return the turn of the gyro relative to the odometry before each record [rad]; NaN where it is not used."""
     if recording.inertial is None or not GyroErrors.of(config).is_used:
         return np.full(len(moments_s), np.nan)
     beyond = gyro_residual_rad(recording.inertial, recording.odometry)

@@ -31,10 +31,10 @@ from vision_slam.fusion.hypotheses import GyroTurn, Hypotheses
 
 _CONSISTENT = float(2.0 * gammaincinv(1.5, 0.9999))
 _N_JUMPS = 5
-# Seconds of contradiction after which a place that differs from ours by no turn is believed all the same.
+# Seconds of contradiction after which an alternative position with the same heading is accepted.
 _PATIENCE_S = 120.0
 _TURNED_RAD = np.radians(20.0)
-# A heading found around fixes that jumped is as unsure as it says: it must differ by more than chance.
+# The heading of the alternative must differ by more than its own uncertainty.
 _TURNED_SIGMAS = 5.0
 
 
@@ -55,14 +55,14 @@ class FilterEstimate:
 
 
 class ParticleFilter:
-    """Position of a rover from odometry steps and fixes, one after the other.
+    """Rao-Blackwellised particle filter: position of a rover from odometry steps and fixes.
 
-    A fix that contradicts all particles is left out. When several in a row do, either the
-    receiver has jumped or the rover was carried off. New particles are then drawn around the
-    fixes, with every heading, and both stories are followed, while `estimate` says lost. If
-    the new ones agree on another heading, the rover was turned: they are accepted. If the
-    heading is the same, the fixes are off by a constant, as a jump makes them: they are
-    believed only after two minutes. Fixes that agree with the old story end the new one.
+    A fix that contradicts all particles is refused. After several in a row, either the
+    receiver has jumped or the rover was moved. Alternative particles are then drawn around the
+    fixes, with all headings, and both sets are updated, while `estimate` reports lost. If the
+    alternative converges to another heading, it is accepted. If the heading is the same, the
+    fixes have a constant offset, as after a jump: the alternative is accepted after two
+    minutes. Fixes that agree with the first set end the alternative.
 
     Parameters
     ----------
@@ -99,10 +99,10 @@ class ParticleFilter:
         lost_m: float = 5.0,
     ) -> None:
         if n_particles < 10:
-            raise InputError(f"{n_particles} particles are too few to tell anything; give at least 10.")
+            raise InputError(f"{n_particles} particles are too few for a heading; give at least 10.")
         self._config, self._rng, self._n, self._lost_m = config, rng, n_particles, lost_m
-        self._here = None if start is None else Hypotheses.at(start, n_particles, config, rng)
-        self._elsewhere: Hypotheses | None = None
+        self._current = None if start is None else Hypotheses.at(start, n_particles, config, rng)
+        self._alternative: Hypotheses | None = None
         self._n_jumps, self._contradicted_s = 0, 0.0
 
     def move(
@@ -113,75 +113,110 @@ class ParticleFilter:
         unseen_rad: float = 0.0,
         turn: GyroTurn | None = None,
     ) -> None:
-        """Move by a step (3,) [m] of the odometry, in its own frame, which took so long.
+        """Predict by a step of the odometry.
 
-        Where nothing saw the motion, step and heading err by `unseen_m` and `unseen_rad` beyond
-        what such odometry usually does.
+        Parameters
+        ----------
+        step : (3,) ndarray
+            Motion in the frame of the odometry [m].
+        seconds : float
+            Its duration [s].
+        unseen_m, unseen_rad : float
+            Additional errors of step and heading where no image measured the motion.
+        turn : GyroTurn, optional
+            Turn of the gyro relative to the odometry.
         """
-        for story in (self._here, self._elsewhere):
-            if story is not None:
-                story.move(step, seconds, unseen_m, unseen_rad, turn)
+        for hypotheses in (self._current, self._alternative):
+            if hypotheses is not None:
+                hypotheses.move(step, seconds, unseen_m, unseen_rad, turn)
         if self._n_jumps:
             self._contradicted_s += seconds
 
     def roll(self, rolled_m: float, travel_m: float, turned_rad: float) -> None:
-        """Let the wheels, which rolled so far during the last step, in a turn by so much, tell of its scale.
+        """Update the scale of the odometry by the travel of the wheels during the last step.
 
-        Both are negative where the rover reverses.
+        Parameters
+        ----------
+        rolled_m, travel_m : float
+            Travel by wheels and by odometry [m], negative in reverse.
+        turned_rad : float
+            Turn of the heading during the step.
         """
-        for story in (self._here, self._elsewhere):
-            if story is not None:
-                story.roll(rolled_m, travel_m, abs(turned_rad))
+        for hypotheses in (self._current, self._alternative):
+            if hypotheses is not None:
+                hypotheses.roll(rolled_m, travel_m, abs(turned_rad))
 
     def correct(self, fix: FloatArray) -> bool:
-        """Weigh the particles by a fix (3,) [m]; tell whether it was accepted."""
-        if self._here is None:
-            self._here = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
+        """Update the particles by a fix.
+
+        Parameters
+        ----------
+        fix : (3,) ndarray
+            Position of the body [m].
+
+        Returns
+        -------
+        bool
+            Whether the fix passed the gate.
+        """
+        if self._current is None:
+            self._current = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
             return True
-        if self._here.correct(fix, _CONSISTENT, self._rng):
-            self._elsewhere, self._n_jumps, self._contradicted_s = None, 0, 0.0
+        if self._current.correct(fix, _CONSISTENT, self._rng):
+            self._alternative, self._n_jumps, self._contradicted_s = None, 0, 0.0
             return True
         self._n_jumps += 1
         if self._n_jumps >= _N_JUMPS:
-            self._test_alternative(self._here, fix)
+            self._test_alternative(self._current, fix)
         return False
 
     def correct_height(self, height_m: float) -> None:
-        """Weigh the particles by a reading of the barometer [m], whose datum is unknown."""
-        for story in (self._here, self._elsewhere):
-            if story is not None:
-                story.correct_height(height_m)
+        """Update the particles by a height of the barometer, whose datum is unknown.
+
+        Parameters
+        ----------
+        height_m : float
+            Pressure altitude [m].
+        """
+        for hypotheses in (self._current, self._alternative):
+            if hypotheses is not None:
+                hypotheses.correct_height(height_m)
 
     def estimate(self) -> FilterEstimate:
-        """Return the mean, and how far the particles spread.
+        """Return mean and covariance of the particles.
+
+        Returns
+        -------
+        FilterEstimate
+            Position, heading, scale and whether the filter is lost.
 
         Raises
         ------
         InputError
             No fix has come yet and no start was given.
         """
-        if self._here is None:
+        if self._current is None:
             raise InputError(
                 "the filter has neither a start nor a fix; give it one before asking where it is."
             )
-        position, covariance = self._here.place()
-        heading, sureness = self._here.heading()
+        position, covariance = self._current.place()
+        heading, sureness = self._current.heading()
         unsure = covariance[0, 0] + covariance[1, 1] > self._lost_m**2 or sureness < 0.9
         return FilterEstimate(
-            position, heading, self._here.scale(), covariance, bool(unsure or self._n_jumps > 1)
+            position, heading, self._current.scale(), covariance, bool(unsure or self._n_jumps > 1)
         )
 
     def _test_alternative(self, here: Hypotheses, fix: FloatArray) -> None:
-        """Follow the story that the rover is where the fixes are; believe it when it has proved itself."""
-        if self._elsewhere is None or not self._elsewhere.correct(fix, _CONSISTENT, self._rng):
-            self._elsewhere = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
+        """Update the alternative hypotheses by a refused fix; accept them once they are consistent."""
+        if self._alternative is None or not self._alternative.correct(fix, _CONSISTENT, self._rng):
+            self._alternative = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
             return
-        heading, sureness = self._elsewhere.heading()
-        _, covariance = self._elsewhere.place()
+        heading, sureness = self._alternative.heading()
+        _, covariance = self._alternative.place()
         if sureness < 0.98 or covariance[0, 0] + covariance[1, 1] > self._lost_m**2:
             return
         turned = abs(np.angle(np.exp(1j * (heading - here.heading()[0]))))
         spread = np.sqrt(-2.0 * np.log(sureness))
         if turned > max(_TURNED_RAD, _TURNED_SIGMAS * spread) or self._contradicted_s > _PATIENCE_S:
-            self._here, self._elsewhere = self._elsewhere, None
+            self._current, self._alternative = self._alternative, None
             self._n_jumps, self._contradicted_s = 0, 0.0

@@ -1,4 +1,4 @@
-"""PoseConstraints: places that the path is known to meet again, stakes in passing and closures upon itself, each judged by the others."""
+"""Pose constraints from stakes and loop closures, with a leave-one-out gate."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -33,14 +33,14 @@ class PoseConstraints:
 
 
 def pose_constraints(
-    recording: OdometryRecording, reckoned: FloatArray, node_time_s: FloatArray, n_unknowns: int
+    recording: OdometryRecording, dead_reckoned: FloatArray, node_time_s: FloatArray, n_unknowns: int
 ) -> PoseConstraints:
-    r"""Return what stakes and closures say of the path's error.
+    r"""Return the equations of stakes and loop closures for the errors of the path.
 
     A stake at p, seen at the offset o from the pose: p̃ + R̃ o − p = e + ∂(R o) · (ψ, θ, φ).
     A closure that finds pose j at o from pose i: p̃_j − p̃_i − R̃_i o = e_j − e_i − ∂(R o) · (ψ, θ, φ)_i.
     """
-    place = _Place(recording, reckoned, node_time_s, n_unknowns)
+    place = _Place(recording, dead_reckoned, node_time_s, n_unknowns)
     rows, value, noise = [sparse.csr_array((0, n_unknowns))], [np.zeros(0)], [np.zeros((0, 3, 3))]
     seen, stakes, closures = recording.stake_sightings, recording.stakes, recording.loop_closures
     if seen is not None and stakes is not None:
@@ -66,7 +66,7 @@ def pose_constraints(
 def gate_constraints(
     constraints: PoseConstraints, chain: BlockTridiagonal, estimate: FloatArray, gate: float
 ) -> PoseConstraints:
-    r"""Leave out, worst first, every tie that all the other constraints and sensors contradict.
+    r"""Remove, worst first, every constraint that contradicts all other constraints and sensors.
 
     Each is predicted without itself: with S = H Σ Hᵀ + R over all constraints, y their
     innovations and i the rows of one, its leave-one-out innovation is
@@ -88,16 +88,16 @@ def gate_constraints(
 
 @dataclass(frozen=True)
 class _Place:
-    """Reads the reckoned path between its poses, and the unknowns between the nodes."""
+    """Interpolation of the dead-reckoned path between poses, and of the unknowns between nodes."""
 
     recording: OdometryRecording
-    reckoned: FloatArray
+    dead_reckoned: FloatArray
     node_time_s: FloatArray
     n_unknowns: int
 
     def position(self, time_s: FloatArray) -> FloatArray:
         times = self._times
-        return np.column_stack([np.interp(time_s, times, column) for column in self.reckoned.T])
+        return np.column_stack([np.interp(time_s, times, column) for column in self.dead_reckoned.T])
 
     def arm(
         self, time_s: FloatArray, offset: FloatArray, covariance: FloatArray

@@ -1,4 +1,4 @@
-"""What a recording states and its own sensors refute: a start that is elsewhere, fixes that come late or froze."""
+"""Sanity checks of start and fixes: wrong surveyed start, delayed or repeated fixes."""
 
 import logging
 from dataclasses import replace
@@ -26,11 +26,11 @@ _SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
 def check_start_by_fixes(
     recording: OdometryRecording, path: FloatArray, time_s: FloatArray, config: LocalizationConfig
 ) -> tuple[OdometryRecording, LocalizationConfig]:
-    """Take a surveyed start for unknown where the fixes of the first 300 m put it elsewhere.
+    """Check a surveyed start against the fixes of the first 300 m.
 
-    The path's shape is laid on the fixes by turn and shift, and fixes that jump count
-    little. Its start then must lie within five standard deviations of a fix from the one
-    that was surveyed; if not, the drive begins where the fixes say, and a warning tells.
+    The path is aligned with the fixes by rotation and shift, robust to outliers. If its start
+    is more than five standard deviations of a fix from the surveyed one, the start is taken
+    from the fixes, counts as unknown, and a warning is logged.
 
     Parameters
     ----------
@@ -41,7 +41,14 @@ def check_start_by_fixes(
     time_s : (N,) array_like
         Times of its poses.
     config : LocalizationConfig
-        What is assumed of receiver and start.
+        Errors assumed of receiver and start.
+
+    Returns
+    -------
+    recording : OdometryRecording
+        With the start to use.
+    config : LocalizationConfig
+        With ``start="unknown"`` where the start was replaced.
     """
     if config.start != "surveyed":
         return recording, config
@@ -61,16 +68,15 @@ def check_start_by_fixes(
 
 
 def fix_delay_s(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:
-    r"""Return by how much the fixes come late [s]; 0 unless that makes everything that was sensed much likelier.
+    r"""Estimate the delay of the fixes [s] by the likelihood of the smoother; 0 unless it is significant.
 
-    A receiver that filters or a slow link tells where the rover was: on a straight line
-    nobody can know, but in turns the path and its fixes part. Delays of half a second to
-    four are tried on the smoother's own likelihood; one is believed if it gains a log
-    likelihood of 10, or 0.02 a fix on long drives, and if a longer one gains less. Fixes that jump have to be gone before.
-    Errors that forget faster than was assumed may look like a delay; so the gain is also asked
-    for with the assumed memory or its half, quarter or eighth, whichever fits best with each.
-    Over kilometres fixes whose errors last a minute do not tell whether they are 2 s late: those of
-    development missions that were in time gained up to 18. They are taken as they are.
+    A receiver that filters or a slow link reports an earlier position. On a straight line the
+    delay is unobservable; in turns path and fixes separate. Delays of 0.5 to 4 s are tried. One
+    is accepted if it gains a log likelihood of 10, or 0.02 per fix on long drives, and if a
+    longer one gains less. Outliers must be removed before. Errors with a shorter correlation
+    time than assumed may look like a delay, so the gain must also hold with the correlation
+    time, or its half, quarter or eighth, that fits best. Over kilometres, fixes without delay of
+    development missions gained up to 18 by chance.
     """
     least = log_evidence(recording, path, config)
     gains = [log_evidence(_earlier(recording, lag), path, config) - least for lag in _LAGS_S]
@@ -90,7 +96,7 @@ def fix_delay_s(recording: OdometryRecording, path: FloatArray, config: Localiza
 
 
 def remove_repeated_fixes(gps: GpsFixes) -> GpsFixes:
-    """Leave out fixes that repeat the one before to the last digit: the receiver froze, or was asked too often.
+    """Remove fixes that repeat the one before to the last digit: the receiver froze or was polled too often.
 
     Examples
     --------
@@ -119,7 +125,7 @@ def _earlier(recording: OdometryRecording, lag_s: float) -> OdometryRecording:
 
 
 def _laid_start(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> FloatArray | None:
-    """Return where the path starts when its beginning is laid on the fixes; None where it is too short to have a heading."""
+    """Return the start of the path aligned with the fixes; None where it is too short for a heading."""
     travel = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
     path, time_s = path[travel <= _HOLDS_SHAPE_M], time_s[travel <= _HOLDS_SHAPE_M]
     inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])

@@ -1,4 +1,4 @@
-r"""Batch smoother: the slowly growing error of the odometry, told from everything else that was sensed.
+r"""Batch smoother: sparse least squares for the slowly varying errors of the odometry.
 
 At nodes k along the path the unknowns are the errors (estimated minus real) of position
 e, yaw ψ, of its slow part η, pitch θ, roll φ and scale s, the GPS bias b, the barometer's
@@ -9,7 +9,7 @@ pitch:
 
     e_{k+1} − e_k  = ψ̄ u + θ̄ v + s̄ d + w,           w ~ N(0, q² L + q_t² |Δψ|)
     θ_{k+1} − κ    = a (θ_k − κ) + n,  a = exp(−L/Λ)  n ~ N(0, σ_θ² (1 − a²));  φ, s, ψ about η alike
-    η_{k+1} − η_k  = n                                (walk of the heading, where images tell it)
+    η_{k+1} − η_k  = n                                (walk of the heading of visual odometry)
     g_k            = β̄ Δt − (ψ_{k+1} − ψ_k) + ν       (turn of the gyro beyond the odometry's)
     W_k − D_k      = D_k (ω − s̄) + χ |Δψ| + ν          (travel of the wheels, D that of the odometry,
                                                         both back again where the rover reverses)
@@ -17,12 +17,12 @@ pitch:
     p̃_{z,k} − h_k  = e_{z,k} − c_k − c₀ + ν            (barometer)
     θ̃_k − θ(g)_k   = θ_k − a_θ + ν                     (gravity; roll alike)
 
-Gravity bounds the errors of roll and pitch; nothing bounds that of a heading from images. An
-odometry that was levelled by the same accelerometer has gravity in it already: its rows are
-left out, so that no reading counts twice. All
-noise is Gaussian, and all is linear but for the turn of the steps, which are turned anew
-until the heading stays: a sparse least-squares solve gives the posterior under the model.
-Its whole information is handed on: whatever is made of the path knows what its parts share.
+Gravity bounds the errors of roll and pitch; the heading of images is unbounded. Odometry that
+was levelled by the same accelerometer contains its readings: these rows are left out, so that no
+reading counts twice. All noise is Gaussian, and all equations are linear but for the rotation of
+the steps, which is linearized again until the heading converges: a sparse least-squares solve
+gives the posterior. The full information matrix is returned with the path, so that maps can use
+its correlations.
 """
 
 import logging
@@ -55,13 +55,13 @@ _MOST_PASSES = 5
 
 @dataclass(frozen=True)
 class SmoothedPath:
-    """Corrected poses and what is still unknown of them.
+    """Smoothed poses with their joint posterior.
 
     ``position`` (N, 3) [m], ``attitude_rad`` (N, 3) roll, pitch, yaw, ``covariance``
-    (N, 6, 6) of position, yaw, pitch and roll [m, rad], ``error`` the whole posterior of
-    the keyframes, ``n_constraints`` and ``n_refused`` how many stakes and closures were taken
-    and refused, ``gps_evidence`` the gain in log likelihood if the receiver's errors are
-    taken to last four times as long as assumed.
+    (N, 6, 6) of position, yaw, pitch and roll [m, rad], ``error`` the joint posterior of
+    the keyframes, ``n_constraints`` and ``n_refused`` the numbers of stakes and loop closures
+    used and refused, ``gps_evidence`` the gain in log likelihood of a GPS correlation time
+    four times as long as assumed.
     """
 
     position: FloatArray
@@ -73,36 +73,40 @@ class SmoothedPath:
     gps_evidence: float = 0.0
 
 
-def smooth(recording: OdometryRecording, reckoned: FloatArray, config: LocalizationConfig) -> SmoothedPath:
-    """Correct a dead-reckoned path (N, 3) [m] by what else the recording holds."""
-    nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
+def smooth(
+    recording: OdometryRecording, dead_reckoned: FloatArray, config: LocalizationConfig
+) -> SmoothedPath:
+    """Smooth a dead-reckoned path (N, 3) [m] with all other sensors of the recording."""
+    nodes = _nodes(dead_reckoned, recording.odometry, config.node_spacing_m)
     time_s = recording.odometry.time_s[nodes]
-    posterior = _Posterior.of(recording, reckoned, nodes, config)
-    gain = _gain_if_longer(recording, reckoned, nodes, config, posterior.log_evidence)
-    constraints = pose_constraints(recording, reckoned, time_s, posterior.chain.n_unknowns)
+    posterior = _Posterior.of(recording, dead_reckoned, nodes, config)
+    gain = _gain_if_longer(recording, dead_reckoned, nodes, config, posterior.log_evidence)
+    constraints = pose_constraints(recording, dead_reckoned, time_s, posterior.chain.n_unknowns)
     accepted = gate_constraints(constraints, posterior.chain, posterior.estimate, config.tie_gate)
     posterior = posterior.with_constraints(accepted)
     if len(constraints) > len(accepted):
         logger.warning(
-            "%d of %d closures and stakes disagree with all else and are left out",
+            "%d of %d loop closures and stakes disagree with all other sensors and are left out",
             len(constraints) - len(accepted),
             len(constraints),
         )
-    path = _corrected(recording, reckoned, nodes, posterior)
+    path = _corrected(recording, dead_reckoned, nodes, posterior)
     return replace(
         path, n_constraints=len(accepted), n_refused=len(constraints) - len(accepted), gps_evidence=gain
     )
 
 
-def log_evidence(recording: OdometryRecording, reckoned: FloatArray, config: LocalizationConfig) -> float:
-    """Return how likely everything was that was sensed but stakes and closures: for comparing what may be assumed."""
-    nodes = _nodes(reckoned, recording.odometry, config.node_spacing_m)
-    return _Posterior.of(recording, reckoned, nodes, config).log_evidence
+def log_evidence(
+    recording: OdometryRecording, dead_reckoned: FloatArray, config: LocalizationConfig
+) -> float:
+    """Return the log evidence of all sensors except stakes and loop closures, to compare configurations."""
+    nodes = _nodes(dead_reckoned, recording.odometry, config.node_spacing_m)
+    return _Posterior.of(recording, dead_reckoned, nodes, config).log_evidence
 
 
 @dataclass(frozen=True)
 class _Posterior:
-    """Estimate (n,), sparse information, the factorization of the chain, and what constraints gained on it."""
+    """Estimate (n,), sparse information, its factorization, and the gain of the constraints."""
 
     chain: BlockTridiagonal
     information: sparse.csr_array
@@ -112,11 +116,15 @@ class _Posterior:
 
     @classmethod
     def of(
-        cls, recording: OdometryRecording, reckoned: FloatArray, nodes: IntArray, config: LocalizationConfig
+        cls,
+        recording: OdometryRecording,
+        dead_reckoned: FloatArray,
+        nodes: IntArray,
+        config: LocalizationConfig,
     ) -> "_Posterior":
         guess = np.zeros((len(nodes), PER_NODE))
         for _ in range(_MOST_PASSES):
-            along = Nodes(recording.odometry, reckoned, nodes, guess)
+            along = Nodes(recording.odometry, dead_reckoned, nodes, guess)
             found = cls._about(recording, along, config)
             estimate = found.estimate[: guess.size].reshape(guess.shape)
             if np.abs(estimate - guess)[:, YAW].max() < _BENT_RAD:
@@ -150,7 +158,7 @@ class _Posterior:
         return 0.5 * (left + left.transpose(0, 2, 1))
 
     def with_constraints(self, constraints: PoseConstraints) -> "_Posterior":
-        """Return the posterior that also knows some stakes and closures (Woodbury over the chain)."""
+        """Return the posterior with stakes and loop closures (Woodbury over the factorization)."""
         if not len(constraints):
             return self
         seen = self.chain.solve(constraints.rows.T.toarray())
@@ -162,33 +170,33 @@ class _Posterior:
 
 
 def _nodes(path: FloatArray, odometry: Odometry, spacing_m: float) -> IntArray:
-    """Return indices of poses about `spacing_m` apart, first and last and both ends of torn steps included."""
+    """Return indices of poses about `spacing_m` apart, with first, last and both ends of unmeasured steps."""
     travel = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
     n = max(2, round(travel[-1] / spacing_m) + 1)
     even = np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1)
-    torn = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)
-    return np.unique(np.concatenate([even, torn, torn + 1]))
+    unmeasured = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)
+    return np.unique(np.concatenate([even, unmeasured, unmeasured + 1]))
 
 
 def _gain_if_longer(
     recording: OdometryRecording,
-    reckoned: FloatArray,
+    dead_reckoned: FloatArray,
     nodes: IntArray,
     config: LocalizationConfig,
     log_evidence: float,
 ) -> float:
-    """Log likelihood gained by receiver errors that last longer: the innovations' test of the assumed time constant.
+    """Return the log likelihood gained by a GPS correlation time four times as long.
 
-    Errors assumed to be shorter than they are make every covariance a lie, and the
-    innovations, which then follow one another, tell. The other way round costs little.
+    A correlation time assumed too short makes all covariances too small, which shows in
+    correlated innovations. One assumed too long costs little.
     """
     longer = config.gps_correlation_time_s * _LONGER
     changed = config.model_copy(update={"gps_correlation_time_s": longer})
-    gain = _Posterior.of(recording, reckoned, nodes, changed).log_evidence - log_evidence
+    gain = _Posterior.of(recording, dead_reckoned, nodes, changed).log_evidence - log_evidence
     if gain > _CONVINCING:
         logger.warning(
-            "the errors of the GPS last longer than the %g s assumed (a log likelihood of %.0f more at %g s); "
-            "raise localization.gps_correlation_time_s, or the path and the map claim more than they know",
+            "the errors of the GPS have a longer correlation time than the %g s assumed (a log likelihood of %.0f more at %g s); "
+            "raise localization.gps_correlation_time_s, or the claimed errors of path and map are too small",
             config.gps_correlation_time_s,
             gain,
             longer,
@@ -197,7 +205,7 @@ def _gain_if_longer(
 
 
 def _corrected(
-    recording: OdometryRecording, reckoned: FloatArray, nodes: IntArray, posterior: _Posterior
+    recording: OdometryRecording, dead_reckoned: FloatArray, nodes: IntArray, posterior: _Posterior
 ) -> SmoothedPath:
     time_s = recording.odometry.time_s
     error = posterior.estimate[: len(nodes) * PER_NODE].reshape(len(nodes), PER_NODE)[:, :POSE]
@@ -207,7 +215,7 @@ def _corrected(
         [np.interp(time_s, time_s[nodes], entry) for entry in posterior.covariance.reshape(-1, POSE**2).T]
     )
     return SmoothedPath(
-        reckoned - spread[:, E : E + 3],
+        dead_reckoned - spread[:, E : E + 3],
         attitude,
         between.reshape(-1, POSE, POSE),
         PathError(time_s[nodes], posterior.information, PER_NODE),

@@ -1,4 +1,4 @@
-"""Attitude in the world: roll and pitch tied to gravity, heading to compass or to the GPS track."""
+"""World attitude: roll and pitch from gravity, heading from compass or GPS track."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,12 +14,12 @@ _OUTLYING_M = 2.0
 
 
 def world_attitudes(rotations: FloatArray, time_s: FloatArray, recording: VisionRecords) -> FloatArray:
-    """Return roll, pitch, yaw (N, 3) [rad] of a body whose turns (N, 3, 3) images have told.
+    """Return roll, pitch, yaw (N, 3) [rad] of a body from its rotations (N, 3, 3) by images.
 
     The specific force, turned into the frame of the first image and averaged over 30 s to
-    either side, points up: driving forces cancel over that time, a constant bias of the
-    accelerometer does not. Where the records have a hole, each side is averaged by itself:
-    nobody knows how the body turned in between. Heading starts with the compass, or at 0 without one.
+    either side, points up: accelerations of the rover cancel over that time, a constant bias of
+    the accelerometer does not. Where the records have a gap, each side is averaged by itself.
+    The heading starts with the compass, or at 0 without one.
     """
     upright = _upright(rotations, time_s, recording) @ rotations
     attitude: FloatArray = Rotation.from_matrix(upright).as_euler("xyz")
@@ -30,12 +30,12 @@ def world_attitudes(rotations: FloatArray, time_s: FloatArray, recording: Vision
 
 
 def heading_correction(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> float:
-    """Return the turn about the start [rad] that lays a reckoned path (N, 3) on the fixes.
+    """Return the rotation about the start [rad] that aligns a dead-reckoned path (N, 3) with the fixes.
 
-    The best turn in the plane, arg of Σ w (g − s)·conj(p − s) in complex numbers, with
+    The least-squares rotation in the plane, arg of Σ w (g − s)·conj(p − s) in complex numbers, with
     weights w = 1 / (1 + r²/4) of the distances r [m] that are left (Cauchy's), so that fixes
-    that jump do not turn the path; 0 for paths that never leave the start by 20 m, of which
-    fixes cannot tell a heading.
+    that jump have little weight; 0 for paths that stay within 20 m of the start, for which
+    fixes give no heading.
     """
     inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
     reckoned = [np.interp(gps.time_s[inside], time_s, path[:, axis] - path[0, axis]) for axis in (0, 1)]
@@ -43,22 +43,22 @@ def heading_correction(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> f
     moved = reckoned[0] + 1j * reckoned[1]
     if len(moved) < 3 or np.abs(moved).max() < _LONG_ENOUGH_M:
         return 0.0
-    told, turn, weight = fixed[:, 0] + 1j * fixed[:, 1], 0.0, np.ones(len(moved))
+    target, turn, weight = fixed[:, 0] + 1j * fixed[:, 1], 0.0, np.ones(len(moved))
     for _ in range(20):
-        turn = float(np.angle((weight * told * moved.conj()).sum()))
-        weight = 1.0 / (1.0 + (np.abs(told - np.exp(1j * turn) * moved) / _OUTLYING_M) ** 2)
+        turn = float(np.angle((weight * target * moved.conj()).sum()))
+        weight = 1.0 / (1.0 + (np.abs(target - np.exp(1j * turn) * moved) / _OUTLYING_M) ** 2)
     return turn
 
 
 def _upright(rotations: FloatArray, time_s: FloatArray, recording: VisionRecords) -> FloatArray:
-    """Return turns (N, 3, 3) from the frame of the first image to one whose z points up."""
+    """Return rotations (N, 3, 3) from the frame of the first image to one whose z points up."""
     inertial = recording.inertial
     if inertial is None:
         return np.tile(np.eye(3), (len(time_s), 1, 1))
     frame = _nearest(time_s, inertial.time_s)
     force = np.einsum("nij,nj->ni", rotations[frame], inertial.specific_force_m_s2)
     up = np.column_stack([_averaged(inertial.time_s, axis, time_s) for axis in force.T])
-    return _raised(up)
+    return _to_vertical(up)
 
 
 def initial_pose(recording: VisionRecords, time_s: float) -> FloatArray:
@@ -67,12 +67,12 @@ def initial_pose(recording: VisionRecords, time_s: float) -> FloatArray:
     if recording.inertial is not None:
         near = np.abs(recording.inertial.time_s - time_s) <= 1.0
         force = recording.inertial.specific_force_m_s2
-        pose[:3, :3] = _raised(force[near if near.any() else slice(1)].mean(axis=0)[None])[0]
+        pose[:3, :3] = _to_vertical(force[near if near.any() else slice(1)].mean(axis=0)[None])[0]
     return pose
 
 
-def _raised(up: FloatArray) -> FloatArray:
-    """Least turns (N, 3, 3) that take vectors (N, 3) to the vertical."""
+def _to_vertical(up: FloatArray) -> FloatArray:
+    """Return the smallest rotations (N, 3, 3) that take vectors (N, 3) to the vertical."""
     axis = np.column_stack([up[:, 1], -up[:, 0], np.zeros(len(up))])  # up × z
     sine = np.linalg.norm(axis, axis=1)
     angle = np.arctan2(sine, up[:, 2])
@@ -101,7 +101,7 @@ def _nearest(time_s: FloatArray, at_s: FloatArray) -> IntArray:
 
 
 def initial_heading(compass: Compass, time_s: float) -> float:
-    """Mean of what a compass says within 2 s of a moment [rad]."""
+    """Return the mean heading of a compass within 2 s of a time [rad]."""
     near = np.abs(compass.time_s - time_s) <= 2.0
     heading = compass.heading_rad[near] if near.any() else compass.heading_rad[:1]
     return float(np.arctan2(np.sin(heading).mean(), np.cos(heading).mean()))

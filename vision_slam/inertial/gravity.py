@@ -1,14 +1,14 @@
-r"""Roll and pitch from gravity: what an accelerometer says of the attitude when the rover's own motion is taken out.
+r"""Roll and pitch from the accelerometer, corrected for the acceleration of the rover.
 
 A body at rest feels R^T (0, 0, g): forward −g sin θ, left g sin φ cos θ. In motion its
 acceleration a adds to that. With the velocity v in the body, known from the odometry, and
 the rate ω of the gyro, a = dv/dt + ω × v. Readings in sharp turns and jolts, where that is
 poorly known, are left out.
 
-For odometry that was levelled elsewhere. That of images is levelled in `vision_slam.inertial.attitude`, which
-averages all readings over a minute, where driving forces cancel, and is the better for it: its
-roll and pitch change by 0.05 to 0.08 degrees over a survey, while a tenth of the readings is quiet
-enough here, and 10 m of them scatter by 0.15 to 0.5 degrees.
+Used for odometry that was levelled by other means. Visual odometry is levelled in
+`vision_slam.inertial.attitude` by averages over a minute, over which accelerations cancel: its
+roll and pitch vary by 0.05 to 0.08 degrees over a survey. Here a tenth of the readings is quiet
+enough, and averages over 10 m scatter by 0.15 to 0.5 degrees.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ _LEAST_SIGMA_RAD = np.radians(0.02)
 
 @dataclass(frozen=True)
 class GravityTilt:
-    """Roll and pitch that gravity tells: ``time_s`` (N,), ``roll_rad`` and ``pitch_rad`` (N,), with the sensor's bias."""
+    """Roll and pitch from gravity: ``time_s`` (N,), ``roll_rad`` and ``pitch_rad`` (N,), with the sensor's bias."""
 
     time_s: FloatArray
     roll_rad: FloatArray
@@ -39,7 +39,7 @@ class GravityTilt:
 
 @dataclass(frozen=True)
 class StandingBias:
-    """Tilt that the accelerometer pretends: ``roll_rad``, ``pitch_rad``, each ± ``sigma_rad``."""
+    """Apparent tilt by the bias of the accelerometer: ``roll_rad``, ``pitch_rad``, each ± ``sigma_rad``."""
 
     roll_rad: float
     pitch_rad: float
@@ -47,7 +47,7 @@ class StandingBias:
 
 
 def standing_bias(inertial: Inertial, before_s: float) -> StandingBias | None:
-    r"""Tell the accelerometer's bias from standing on one spot under several headings, before a drive begins.
+    r"""Estimate the accelerometer's bias from standing on one spot under several headings, before a drive begins.
 
     The ground keeps its slope when the rover turns on it, and the bias turns with the
     rover. With ψ the heading, by the gyro, n the level part of the ground's normal and b

@@ -1,7 +1,6 @@
-r"""Heading by gyro: for long it remembers better than images do, once its bias is known.
+r"""Heading change by gyro relative to the odometry, with bias estimation.
 
-Over minutes images that pass lose the heading by a random walk; a gyro loses it by its bias,
-which hardly changes. With ψ the odometry's error of heading, β the bias and g what the gyro
+The heading of images has a random walk; that of a gyro drifts by its bias, which hardly changes. With ψ the odometry's error of heading, β the bias and g what the gyro
 turned about the vertical beyond what the odometry says,
 
     g = β Δt − Δψ + ν,    ν ~ N(0, N² Δt + s² turn²)
@@ -20,7 +19,7 @@ from survey.data.sensors import Inertial, Odometry
 from vision_slam.config import LocalizationConfig
 
 ANY_RATE_RAD_S = 1.0
-"""Bias that no gyro has: at the start nothing is assumed of it."""
+"""Prior standard deviation of the gyro bias, larger than any real one."""
 _HOUR_S = 3600.0
 # Readings farther apart than so many usual gaps have a hole between them.
 _HOLE = 2.5
@@ -37,7 +36,7 @@ class GyroErrors:
 
     @classmethod
     def of(cls, config: LocalizationConfig) -> "GyroErrors":
-        """Return what a configuration says of them."""
+        """Return the variances of a configuration."""
         heading, noise, walk = np.radians(
             [
                 config.heading_walk_deg_sqrt_m,
@@ -49,19 +48,19 @@ class GyroErrors:
 
     @property
     def is_used(self) -> bool:
-        """Whether the heading walks: where it does not, the odometry has made use of the gyro already."""
+        """Whether the gyro is used: without a heading walk the odometry contains the gyro already."""
         return self.heading_walk > 0.0
 
     def variance(self, seconds: Any, turned_rad: Any) -> Any:
-        """Return the variance of what the gyro says of turns that took so long."""
+        """Return the variance of a turn by gyro that took `seconds`."""
         return self.noise * seconds + self.scale * turned_rad**2
 
 
 def gyro_residual_rad(inertial: Inertial, odometry: Odometry) -> FloatArray:
-    """Return by how much the gyro turned about the vertical beyond the odometry, from pose to pose (N - 1,) [rad].
+    """Return the turn of the gyro about the vertical minus that of the odometry, from pose to pose (N - 1,) [rad].
 
     Each reading is the mean rate over the time before it. NaN where readings lack. The
-    odometry's roll and pitch, which gravity holds, tell where the vertical is.
+    odometry's roll and pitch, bounded by gravity, give the vertical.
 
     Examples
     --------
@@ -72,22 +71,22 @@ def gyro_residual_rad(inertial: Inertial, odometry: Odometry) -> FloatArray:
     [0.01 0.01 0.01]
     """
     pose = Rotation.from_euler("xyz", odometry.attitude_rad)
-    told = pose[:-1].inv() * pose[1:]
-    turn, is_told = _turns(inertial, odometry.time_s)
-    beyond: FloatArray = pose[:-1].apply((turn * told.inv()).as_rotvec())[:, 2]
-    return np.where(is_told, beyond, np.nan)
+    odometry_turn = pose[:-1].inv() * pose[1:]
+    turn, is_covered = _turns(inertial, odometry.time_s)
+    beyond: FloatArray = pose[:-1].apply((turn * odometry_turn.inv()).as_rotvec())[:, 2]
+    return np.where(is_covered, beyond, np.nan)
 
 
 def _turns(inertial: Inertial, times: FloatArray) -> tuple[Rotation, BoolArray]:
-    """Return the turns of the body between moments (N,), by gyro, and of which of them readings tell (N - 1,)."""
+    """Return the rotations of the body between times (N,) by gyro, and which of them are covered by readings (N - 1,)."""
     usual = float(np.median(np.diff(inertial.time_s)))
     began = np.r_[inertial.time_s[0] - usual, inertial.time_s[:-1]]
     inside = inertial.time_s[(inertial.time_s > times[0]) & (inertial.time_s < times[-1])]
     edges = np.union1d(inside, times)
     middle = 0.5 * (edges[1:] + edges[:-1])
     reading = np.searchsorted(inertial.time_s, middle).clip(max=len(began) - 1)
-    is_told = (began[reading] <= middle) & (middle <= inertial.time_s[reading])
-    is_told &= inertial.time_s[reading] - began[reading] <= _HOLE * usual
+    is_covered = (began[reading] <= middle) & (middle <= inertial.time_s[reading])
+    is_covered &= inertial.time_s[reading] - began[reading] <= _HOLE * usual
     interval = np.searchsorted(times, middle) - 1
     part = inertial.gyro_rad_s[reading] * np.diff(edges)[:, None]
     first = np.searchsorted(interval, np.arange(len(times) - 1))
@@ -96,5 +95,5 @@ def _turns(inertial: Inertial, times: FloatArray) -> tuple[Rotation, BoolArray]:
     for k in range(int(count.max())):
         here = np.flatnonzero(count > k)
         turn[here] = (Rotation.from_quat(turn[here]) * Rotation.from_rotvec(part[first[here] + k])).as_quat()
-    lacking = np.bincount(interval, ~is_told, minlength=len(times) - 1)
+    lacking = np.bincount(interval, ~is_covered, minlength=len(times) - 1)
     return Rotation.from_quat(turn), lacking == 0

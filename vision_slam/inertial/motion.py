@@ -1,4 +1,4 @@
-"""Motion between two moments as wheels and gyro tell it, without any image."""
+"""Relative motion between two times from wheels and gyro."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ _GAP_S, _COAST_S = 1.5, 0.25
 
 @dataclass(frozen=True)
 class RelativeMotion:
-    """Turn (3, 3), R_before_after of the body, and travel [m]; None where no sensor tells it."""
+    """Turn (3, 3), R_before_after of the body, and travel [m]; None where no sensor measures it."""
 
     seconds: float
     rotation: FloatArray | None
@@ -26,20 +26,20 @@ class RelativeMotion:
 
     @property
     def is_standing(self) -> bool:
-        """Whether the wheels say that the rover did not move, and no gyro objects."""
+        """Whether neither wheels nor gyro moved."""
         turned = 0.0 if self.rotation is None else Rotation.from_matrix(self.rotation).magnitude()
         return self.travel_m is not None and abs(self.travel_m) < _STANDING_M and bool(turned < 5e-3)
 
 
 class MotionSensors:
-    """Wheels and gyro of a recording; the gyro's bias is learnt while standing, then from images."""
+    """Wheels and gyro of a recording; the gyro bias is estimated while standing, then from images."""
 
     def __init__(self, recording: VisionRecords) -> None:
         self.continue_with(recording)
         self._bias = self._standing_bias()
 
     def continue_with(self, recording: VisionRecords) -> None:
-        """Turn to other records of the same drive, such as later ones; what was learnt of the bias stays."""
+        """Continue with other records of the same drive; the estimated bias is unchanged."""
         self._wheels, self._inertial = recording.wheels, recording.inertial
         self._wheel_s, self._inertial_s = _usual_s(self._wheels), _usual_s(self._inertial)
 
@@ -65,7 +65,7 @@ class MotionSensors:
         return True
 
     def learn(self, motion: RelativeMotion, rotation: FloatArray) -> None:
-        """Take from a turn that images have seen what of the gyro's was bias."""
+        """Update the gyro bias by a rotation measured by images."""
         if motion.rotation is None or motion.seconds <= 0.0:
             return
         too_much = Rotation.from_matrix(rotation.T @ motion.rotation).as_rotvec() / motion.seconds

@@ -1,4 +1,4 @@
-"""Satellite fixes from receivers' own files: NMEA sentences, GPX tracks, CSV tables."""
+"""GPS files: NMEA sentences, GPX tracks, CSV tables."""
 
 import csv
 from dataclasses import dataclass

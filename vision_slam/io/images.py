@@ -1,4 +1,4 @@
-"""Images of other people's cameras: grey or colour, of 8 or 16 bits, made 8-bit when they are asked for."""
+"""Image files of 8 or 16 bits, grey or colour, converted to 8 bits when read."""
 
 import struct
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Readers of other people's recordings: KITTI, TUM and EuRoC layouts, and folders of images with times."""
+"""Readers of KITTI, TUM and EuRoC layouts, and of folders of images with times."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A drive recorded by someone else's robot: images and whatever else came with them."""
+"""Image sequences with calibration, and georeferencing by fixes."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""Contrast that snow does not have of itself."""
+"""CLAHE contrast enhancement and exposure compensation."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Heading held by far ridges: corners that were followed for tens of metres, and the little that they moved meanwhile."""
+"""Heading correction by far features: bearings of ridges over many keyframes."""
 
 from dataclasses import dataclass
 from typing import Any

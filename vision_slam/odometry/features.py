@@ -1,4 +1,4 @@
-"""Corners: where in an image there is something to follow."""
+"""Corner detection with an absolute threshold and an even spread over the image."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Whether an image, and what was followed into it, can be accepted."""
+"""Frame health: image quality, tracking quality and loss of vision."""
 
 from dataclasses import dataclass
 

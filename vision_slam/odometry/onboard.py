@@ -1,4 +1,4 @@
-"""Visual odometry while the drive goes on: the same numbers as of the whole recording afterwards."""
+"""Incremental visual odometry of records that arrive during the drive."""
 
 from collections import deque
 from collections.abc import Sequence

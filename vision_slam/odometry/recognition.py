@@ -1,4 +1,4 @@
-"""The last view before sight was lost, recognised while driving: SIFT descriptors and a perspective-n-point pose."""
+"""View recognition after a loss of vision: SIFT matching and perspective-n-point pose."""
 
 from dataclasses import dataclass
 from typing import Any

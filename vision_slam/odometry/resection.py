@@ -1,4 +1,4 @@
-"""The pose of one image from points that are known already."""
+"""Camera resection: pose of one image from known points."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Lengths, once the whole drive has told them: images hand their scale on, and it creeps."""
+"""Scale drift correction over the complete drive, from wheels and camera height."""
 
 from typing import Any
 

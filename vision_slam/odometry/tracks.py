@@ -1,4 +1,4 @@
-"""Corners followed from image to image."""
+"""Tracking of corners from image to image by pyramidal Lucas-Kanade."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,4 +1,4 @@
-"""Landmarks: tracks that have ended become places beside the pose that saw them last."""
+"""Triangulation of landmarks from finished tracks."""
 
 import numpy as np
 

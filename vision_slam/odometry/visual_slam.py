@@ -1,4 +1,4 @@
-"""Monocular visual SLAM: images, wheels and gyro in, poses and landmarks out."""
+"""Monocular visual SLAM: tracking, resection and keyframe window, image by image."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""How far a body went while its wheels rolled: their scale by the camera's height, and whether they spin."""
+"""Wheel slip detection and wheel scale from the height of the camera."""
 
 import numpy as np
 

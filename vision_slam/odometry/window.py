@@ -1,4 +1,4 @@
-"""Fixed-lag window of keyframes: the newest poses, solved together from what they all saw."""
+"""Fixed-lag bundle adjustment of the newest keyframes."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""The ground around a pose, seen from above: the same picture from every heading."""
+"""Top-down ground mosaics and their features."""
 
 from dataclasses import dataclass
 from typing import Any

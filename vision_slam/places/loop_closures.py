@@ -1,4 +1,4 @@
-"""Places recognised again: where the way comes near its earlier self, the ground is laid over the ground of then."""
+"""Loop closures from top-down ground mosaics."""
 
 from collections.abc import Iterator
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""Two views of the ground laid over one another: how one stood in the other's frame."""
+"""Alignment of two top-down ground views by rotation and shift."""
 
 from dataclasses import dataclass
 

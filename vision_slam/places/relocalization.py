@@ -1,14 +1,12 @@
-"""A rover that was lost finds itself again: by fixes, or by ground that it has seen before.
+"""Relocalization of odometry segments after a gap that no sensor bridges.
 
-Wheels and gyro bridge what images do not see. Where they have a hole too, because the rover
-was carried or switched off, the path is torn: what follows keeps its shape, and its place is
-anybody's guess. Each piece is then laid where its fixes say, or onto the ground that it shares
-with what came before; a piece that neither can place is lost, and says so.
+Wheels and gyro bridge a loss of vision. Where they have a gap too, because the rover was
+carried or switched off, the odometry is interrupted: the segment after the gap has the right
+shape, and its position and heading are unobservable. Each segment is aligned with its fixes, or with
+ground that it shares with earlier segments. A segment that neither can place is marked lost.
 
-All this is done after the drive. On board, `recognition` finds the last view again where the rover is still in
-front of it. The ground of the whole way could be recognised too, from the images of the last 5 m; but every metre
-of it is then compared with each of the 40 m after the tear, which takes the longer the longer the way was. What the
-filter on board has to go by is fixes.
+This needs the complete drive. On board, `vision_slam.odometry.recognition` finds the last view
+where the rover still stands in front of it; otherwise the filter depends on fixes.
 """
 
 from dataclasses import dataclass, replace
@@ -38,58 +36,58 @@ _SEARCHED_M = 40.0
 _OVERLAY_RAD = np.radians(3.0)
 
 
-def segment_starts(recording: VisionRecords, found: VisualOdometry) -> IntArray:
-    """Return the frames that no sensor constraints to the one before.
+def segment_starts(recording: VisionRecords, visual: VisualOdometry) -> IntArray:
+    """Return the indices of the frames after a gap that no sensor bridges.
 
-    Neither wheels nor images know what happened in between: the wheels have a hole of more
-    than 1.5 s, and the images found nothing that they had seen before, or cannot have.
+    The wheels have a gap of more than 1.5 s, and the images recognized no earlier view, or
+    cannot have.
     """
-    times = found.odometry.time_s
+    times = visual.odometry.time_s
     gap = np.diff(times)
     counted = np.zeros(0) if recording.wheels is None else recording.wheels.time_s
-    torn = []
+    starts = []
     for k in (np.flatnonzero(gap > _HOLE_S) + 1).tolist():
         inside = counted[(counted > times[k - 1]) & (counted < times[k])]
         hole = float(np.diff(np.concatenate([times[k - 1 : k], inside, times[k : k + 1]])).max())
-        health = found.health[k]
-        is_forgotten = gap[k - 1] > _FORGOTTEN_S and not health.is_recognised
-        if hole > _HOLE_S and (is_forgotten or not health.is_visual):
-            torn.append(k)
-    return np.array(torn, dtype=np.int64)
+        health = visual.health[k]
+        is_too_long = gap[k - 1] > _FORGOTTEN_S and not health.is_recognised
+        if hole > _HOLE_S and (is_too_long or not health.is_visual):
+            starts.append(k)
+    return np.array(starts, dtype=np.int64)
 
 
-def relocalize_segments(recording: Recording, found: VisualOdometry) -> VisualOdometry:
-    """Return the odometry in one piece: what came after each tear is laid where it belongs.
+def relocalize_segments(recording: Recording, visual: VisualOdometry) -> VisualOdometry:
+    """Align every segment with its fixes or with ground seen before; return one odometry.
 
-    The step over a tear keeps an error of 300 m, so that fixes and closures are not counted
-    twice; what could not be laid has any heading, too, and counts as lost.
+    The step over a gap has a standard deviation of 300 m, so that fixes and loop closures are
+    not used twice. A segment that could not be placed has an unknown heading and is lost.
     """
-    tears = segment_starts(recording, found)
-    odometry, is_lost = found.odometry, found.is_lost.copy()
-    if len(tears) == 0:
-        return found
+    starts = segment_starts(recording, visual)
+    odometry, is_lost = visual.odometry, visual.is_lost.copy()
+    if len(starts) == 0:
+        return visual
     n = len(odometry.time_s)
-    told = odometry.step_sigma_m
-    step_sigma, turn_sigma = np.zeros(n - 1) if told is None else told.copy(), np.zeros(n - 1)
-    ends = [*tears[1:].tolist(), n]
-    odometry = _turned(odometry, 0, _first_turn(recording, odometry, int(tears[0])))
-    for first, end in zip(tears.tolist(), ends, strict=True):
-        laid = _by_fixes(recording, odometry, first, end)
-        if laid is None:
-            laid = _by_ground(recording, odometry, found, first, end)
-        if laid is None:
+    step_sigma_m = odometry.step_sigma_m
+    step_sigma, turn_sigma = np.zeros(n - 1) if step_sigma_m is None else step_sigma_m.copy(), np.zeros(n - 1)
+    ends = [*starts[1:].tolist(), n]
+    odometry = _rotated(odometry, 0, _first_turn(recording, odometry, int(starts[0])))
+    for first, end in zip(starts.tolist(), ends, strict=True):
+        alignment = _align_with_fixes(recording, odometry, first, end)
+        if alignment is None:
+            alignment = _align_with_ground(recording, odometry, visual, first, end)
+        if alignment is None:
             is_lost[first:end] = True
             step_sigma[first - 1], turn_sigma[first - 1] = _FREE_M, _FREE_RAD
             continue
-        odometry = _laid(odometry, recording.start, first, laid)
-        step_sigma[first - 1], turn_sigma[first - 1] = _FREE_M, laid.sigma_rad
+        odometry = _moved(odometry, recording.start, first, alignment)
+        step_sigma[first - 1], turn_sigma[first - 1] = _FREE_M, alignment.sigma_rad
     odometry = replace(odometry, step_sigma_m=step_sigma, turn_sigma_rad=turn_sigma)
-    return replace(found, odometry=odometry, is_lost=is_lost)
+    return replace(visual, odometry=odometry, is_lost=is_lost)
 
 
 @dataclass(frozen=True)
-class _Laid:
-    """Where a piece begins, (3,) [m] in the world, by how much it is to be turned, and that turn's error."""
+class _Alignment:
+    """Position of the start of a segment (3,) [m] in the world, its rotation, and the error of that."""
 
     place: FloatArray
     turn_rad: float
@@ -101,8 +99,8 @@ def _first_turn(recording: Recording, odometry: Odometry, end: int) -> float:
     return heading_correction(dead_reckoning(first, recording.start), first.time_s, recording.gps)
 
 
-def _by_fixes(recording: Recording, odometry: Odometry, first: int, end: int) -> _Laid | None:
-    """Lay a piece on its fixes by turn and shift; None where they are too few or too near one another."""
+def _align_with_fixes(recording: Recording, odometry: Odometry, first: int, end: int) -> _Alignment | None:
+    """Align a segment with its fixes by rotation and shift; None for too few fixes or too short a segment."""
     times, gps = odometry.time_s[first:end], recording.gps
     inside = (gps.time_s >= times[0]) & (gps.time_s <= times[-1])
     if inside.sum() < _LEAST_FIXES:
@@ -118,17 +116,17 @@ def _by_fixes(recording: Recording, odometry: Odometry, first: int, end: int) ->
     turn = float(np.angle(((g - g.mean()) * (z - z.mean()).conj()).sum()))
     corner = g.mean() - np.exp(1j * turn) * z.mean()
     place = np.array([corner.real, corner.imag, float(np.mean(fixed[:, 2] - moved[:, 2]))])
-    return _Laid(place, turn, min(_FIX_M / reach, 1.0))
+    return _Alignment(place, turn, min(_FIX_M / reach, 1.0))
 
 
-def _by_ground(
-    recording: Recording, odometry: Odometry, found: VisualOdometry, first: int, end: int
-) -> _Laid | None:
-    """Lay a piece on the ground that it shares with what came before it; None where nothing is recognised."""
+def _align_with_ground(
+    recording: Recording, odometry: Odometry, visual: VisualOdometry, first: int, end: int
+) -> _Alignment | None:
+    """Align a segment with ground seen before it; None where nothing is recognized."""
     if recording.frames is None or recording.camera is None:
         return None
     path = dead_reckoning(odometry, recording.start)
-    mosaics = GroundMosaics(recording.frames, recording.camera, path, odometry, found.sightings)
+    mosaics = GroundMosaics(recording.frames, recording.camera, path, odometry, visual.sightings)
     met = match_ground(mosaics, np.arange(first), np.arange(first, end))
     if met is None:
         return None
@@ -137,18 +135,17 @@ def _by_ground(
     heading = np.arctan2(level[1, 0], level[0, 0]) + overlay.turn_rad
     turn = float(heading - odometry.attitude_rad[later, 2])
     arm = _about_up(turn) @ (path[first] - path[later])
-    return _Laid(path[earlier] + level @ overlay.shift + arm, turn, _OVERLAY_RAD)
+    return _Alignment(path[earlier] + level @ overlay.shift + arm, turn, _OVERLAY_RAD)
 
 
 def match_ground(
     mosaics: GroundMosaics, known: IntArray, unknown: IntArray
 ) -> tuple[int, int, Overlay] | None:
-    """Find which of the known poses stood on ground that one of the unknown poses sees; None rather than a guess.
+    """Match the ground seen from the unknown poses with that of the known poses.
 
-    Nothing is assumed of where the unknown ones are: each of the first 40 m is compared with
-    all known ones, a metre apart, of whose views one at a time is held. At least 40 features
-    have to agree with one turn and shift of known scale on level ground, which chance
-    never reached on ground that is known.
+    The position of the unknown poses is not used: each of the first 40 m is compared with all
+    known ones, a metre apart. At least 40 features must agree with one rotation and shift on
+    level ground, a number that chance never reached on development drives. None where fewer do.
     """
     unknown = unknown[mosaics.travel_m[unknown] - mosaics.travel_m[unknown[0]] < _SEARCHED_M]
     views = [mosaics.around(pose) for pose in _spaced(mosaics, unknown)]
@@ -169,17 +166,17 @@ def _spaced(mosaics: GroundMosaics, poses: IntArray) -> list[int]:
     return spaced
 
 
-def _laid(odometry: Odometry, start: FloatArray, first: int, laid: _Laid) -> Odometry:
-    """Begin a piece at its place, turned."""
-    odometry = _turned(odometry, first, laid.turn_rad)
+def _moved(odometry: Odometry, start: FloatArray, first: int, alignment: _Alignment) -> Odometry:
+    """Move and rotate a segment to its aligned start."""
+    odometry = _rotated(odometry, first, alignment.turn_rad)
     before = dead_reckoning(odometry, start)[first - 1]
     step = odometry.step.copy()
-    step[first - 1] = rotations(odometry.attitude_rad[first - 1 : first])[0].T @ (laid.place - before)
+    step[first - 1] = rotations(odometry.attitude_rad[first - 1 : first])[0].T @ (alignment.place - before)
     return replace(odometry, step=step)
 
 
-def _turned(odometry: Odometry, first: int, turn_rad: float) -> Odometry:
-    """Turn everything from a frame on about the vertical."""
+def _rotated(odometry: Odometry, first: int, turn_rad: float) -> Odometry:
+    """Rotate everything from a frame on about the vertical."""
     attitude = odometry.attitude_rad.copy()
     attitude[first:, 2] += turn_rad
     return replace(odometry, attitude_rad=attitude)

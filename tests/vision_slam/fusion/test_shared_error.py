@@ -160,11 +160,11 @@ def test_an_unknown_start_is_told():
     assert (error < 3.0 * claimed).all()
 
 
-def test_errors_that_last_longer_than_assumed_are_caught_and_the_reverse_is_let_be(caplog):
+def test_a_gps_correlation_time_assumed_too_short_is_reported_and_one_too_long_is_not(caplog):
     recording, _, _ = drifting()
     short = smoothed(recording, LASTING.model_copy(update={"gps_correlation_time_s": 10.0}))
     assert short.gps_evidence > 10.0
-    assert "last longer" in caplog.text
+    assert "longer correlation time" in caplog.text
     caplog.clear()
     assert smoothed(recording).gps_evidence < 5.4
     assert (
