@@ -1,14 +1,14 @@
-"""``firnline init``: a mission file to start from, every setting explained."""
+"""``firnline init``: write a mission file with every setting explained."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def init(
     path: Annotated[Path, typer.Argument(help="The mission file to write.")] = Path("mission.toml"),
     dem: Annotated[
@@ -25,15 +25,14 @@ def init(
 
       firnline init my-survey.toml --dem lidar.tif
     """
+    from sim.cli.outputs import refuse_existing
     from sim.mission.template import mission_template
-    from survey.core.errors import InputError
     from survey.core.files import replacing
     from survey.data.dem import Dem
 
-    if path.exists() and not force:
-        raise InputError(f"{path} exists; choose another name or add --force to replace it.")
+    refuse_existing([path], force=force, inputs=[dem])
     if dem is not None:
         Dem.read(dem)
     with replacing(path.resolve()) as draft:
         draft.write_text(mission_template(path.stem, dem), encoding="utf-8")
-    typer.echo(f"{path} written; look it through, then: firnline run {path}")
+    typer.echo(f"{path} written; edit it, then run: firnline run {path}")

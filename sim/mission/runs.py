@@ -8,6 +8,7 @@ from pathlib import Path
 import tomlkit
 
 from sim.config.mission import MissionConfig
+from sim.mission.capacity import require_survey, require_terrain
 from sim.mission.versions import current_versions
 from sim.world.site import build_world
 from survey.core.arguments import check_types
@@ -71,6 +72,8 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
     ------
     InputError
         An input file is missing, or the folder cannot be written to or is damaged.
+    CapacityError
+        The mission would not fit into memory; names the setting and a value that would pass.
     """
     inputs = input_checksums(mission.input_files)
     facts = {
@@ -83,7 +86,8 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
     place = RunFolder.place(runs, mission.name, text, inputs)
     refuse_unwritable(place, is_folder=True)
     if not place.exists():
-        build_world(mission)
+        require_terrain(mission)
+        require_survey(mission, build_world(mission).area.bounds)
     run = RunFolder.open(runs, mission.name, text, inputs, facts, fresh=first == "plan")
     if first not in (None, "plan"):
         run.redo_from(first, facts)

@@ -16,6 +16,7 @@ from typing import IO, Any
 from sim.executors import Engine, done
 from sim.mission.runs import input_checksums
 from sim.mission.versions import current_versions, refuse_other_versions
+from sim.montecarlo.capacity import require_study
 from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.report import write_study_report
 from sim.montecarlo.summary import minimum_swaths, summary, write_rows
@@ -78,7 +79,10 @@ def run_study(
     InputError
         The disk is full, a stored block is damaged, no scheduler answers, another run is at it, or other
         versions of the computing packages have done a part of the trials.
+    CapacityError
+        The study would not fit; names the setting and a value that would pass.
     """
+    require_study(study)
     with _opened(study, folder, fresh=fresh):
         blocks = blocks_of(study)
         left = [block for block in blocks if not block_file(folder, block).exists()]

@@ -57,9 +57,14 @@ class TrialBlock(NamedTuple):
         return f"{self.terrain:03d}-{self.first:07d}"
 
 
+def trials_together(study: StudyConfig) -> int:
+    """Return the number of trials in a block."""
+    return _TOGETHER[study.fidelity]
+
+
 def blocks_of(study: StudyConfig) -> list[TrialBlock]:
     """Return the blocks of a study in the order of its table."""
-    size = _TOGETHER[study.fidelity]
+    size = trials_together(study)
     return [
         TrialBlock(terrain, first, min(size, study.trials - first))
         for terrain in range(len(study.terrains))

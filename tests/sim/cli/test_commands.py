@@ -128,3 +128,13 @@ def test_plan_export_and_reconstruct_outside_data(tmp_path, monkeypatch):
     assert content["elevation"]["rmse_m"] < 0.05
     out = firnline("score", "truth.tif", "--truth", "truth.tif")
     assert "met" in out
+
+
+def test_init_never_replaces_its_input_and_other_files_with_force_only(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text("mine")
+    firnline("init", "mine.toml", code=3)
+    firnline("init", "mine.toml", "--dem", "mine.toml", "--force", code=3)
+    firnline("init", "missing/mine.toml", code=3)
+    assert Path("mine.toml").read_text() == "mine"
+    firnline("init", "mine.toml", "--force")

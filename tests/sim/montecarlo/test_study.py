@@ -16,7 +16,7 @@ from sim.montecarlo.summary import statistics
 from sim.montecarlo.tables import read_trials
 from sim.montecarlo.trials import TrialTerrains, _localized, blocks_of, routes, survey_block
 from survey import Dem, Grid, reconstruct
-from survey.core.errors import ConfigError, InputError
+from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.core.manifest import read_record
 
 STUDY = """
@@ -199,6 +199,20 @@ def test_a_changed_beginning_of_a_study_is_refused(study, tmp_path):
     with pytest.raises(InputError, match=r"study\.json was changed"):
         run_study(study, tmp_path / "out", engine="serial")
     run_study(study, tmp_path / "out", engine="serial", fresh=True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("trials = 3", "trials = 1000000000000", "set trials to at most 25000000"),
+        ("map_step_m = 25.0", "map_step_m = 0.001", "set it to 0.201 or more"),
+        ("size_m = 200.0", "size_m = 200.0\nstep_m = 0.001", "step_m = 0.0245 or more"),
+    ],
+)
+def test_a_study_that_does_not_fit_is_refused_before_the_first_trial(tmp_path, old, new, words):
+    with pytest.raises(CapacityError, match=words):
+        run_study(small(tmp_path, STUDY.replace(old, new)), tmp_path / "out", engine="serial")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_damaged_block_is_named(study, tmp_path):

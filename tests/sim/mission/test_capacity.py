@@ -1,0 +1,56 @@
+import re
+
+import pytest
+
+from sim.config.mission import MissionConfig
+from sim.mission.capacity import require_survey, require_terrain
+from survey.core.config import validated, with_overrides
+from survey.core.errors import CapacityError
+
+MISSION = {
+    "schema_version": 1,
+    "name": "small",
+    "fidelity": "statistical",
+    "terrain": {"source": "random", "size_m": 600.0},
+    "planner": {"pattern": "lawnmower", "swaths": 4},
+}
+
+
+def check(*settings: str) -> None:
+    mission = validated(MissionConfig, with_overrides(MISSION, settings), "the test")
+    require_terrain(mission)
+    require_survey(mission, (0.0, 0.0, 600.0, 600.0))
+
+
+def test_ordinary_missions_pass():
+    for fidelity in ("ideal", "statistical", "vision"):
+        check(f"fidelity={fidelity}")
+    check("planner.pattern=best", "planner.swaths=4")
+
+
+LARGE = {
+    "terrain.step_m": ("0.001", ()),
+    "reconstruction.grid_step_m": ("0.001", ()),
+    "score.sample_step_m": ("0.001", ()),
+    "sensors.sample_step_m": ("1e-9", ("fidelity=ideal",)),
+    "sensors.landmarks_per_m": ("1e9", ()),
+    "instruments.frame_rate_hz": ("1e6", ("fidelity=vision",)),
+    "imaging.width": ("1000000", ("fidelity=vision",)),
+    "satellite.cell_m": ("1e-6", ()),
+}
+
+
+@pytest.mark.parametrize("setting", LARGE)
+def test_a_size_that_does_not_fit_is_refused_with_one_that_does(setting):
+    value, others = LARGE[setting]
+    with pytest.raises(CapacityError) as caught:
+        check(f"{setting}={value}", *others)
+    assert "\n" not in str(caught.value)
+    if setting == "satellite.cell_m":  # names how many times wider
+        return
+    (bound,) = re.findall(
+        r"(?:at most|at least|step_m =|a step of) ([0-9.e+-]*[0-9])(?: or more| m or more|\.$)",
+        str(caught.value),
+    )
+    bound = str(int(float(bound))) if setting == "imaging.width" else bound
+    check(f"{setting}={bound}", *others)
