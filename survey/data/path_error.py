@@ -1,4 +1,4 @@
-"""What is still wrong with an estimated path, and how its keyframes share it."""
+"""Gaussian posterior of the error of an estimated path, shared by its keyframes."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""The route of a survey: for each rover, swaths to measure along and transits between them."""
+"""Route of a survey: for each rover, swaths to measure along and transits between them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

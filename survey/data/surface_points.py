@@ -1,4 +1,4 @@
-"""Measured points of the terrain surface, each with its uncertainty: what maps are made of."""
+"""Measured points of the terrain surface with their covariances."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Which of many surface points to keep: those that tell a map the most."""
+"""Thin surface points by lazy greedy selection of the most informative ones."""
 
 import heapq
 from typing import NamedTuple
@@ -25,7 +25,7 @@ def most_informative(
     r"""Return the indices of the `n` points that lower a map's variance the most, the best first.
 
     The terrain about its prior is a Gaussian process of squared-exponential covariance,
-    told on nodes half a length scale apart and linear between them; P is the covariance of
+    represented on nodes half a length scale apart and linear between them; P is the covariance of
     the nodes given the points that are taken already. A point whose height is w·z of the
     nodes' heights z, with the variance r (its own, and that of the terrain between nodes),
     lowers the variance summed over the nodes inside the bounds by
@@ -33,28 +33,29 @@ def most_informative(
     .. math:: Δ = Σ_u (P w)_u² / (r + w^T P w), \quad P ← P − P w w^T P / (r + w^T P w)
 
     (Krause et al. 2008, section 8.2, have the criterion as A-optimality; the update is the
-    Kalman filter's.) The point of the largest Δ is taken next. What a point tells about
-    unseen ground beside it counts, therefore far points at the rim of what is seen come
-    early, and of crowds beside the track one or two.
+    Kalman filter's.) The point of the largest Δ is taken next. Information about unseen ground
+    counts, so points at the rim of the seen ground are selected early, and few of those that
+    crowd beside the track. The gains are submodular, so the selection is lazy.
 
-    Of `covariance` the points' own part counts where it is known: what neighbours share by
-    the path cannot be lessened by choosing among them. Sites of more than 2500 nodes are told on
-    coarser ones.
+    Of `covariance` the own part of each point counts where it is given: the error that
+    neighbours share by the path is not reduced by the selection. Sites of more than 2500 nodes
+    are represented on coarser ones.
 
     Parameters
     ----------
     points : SurfacePoints
-        To choose from.
+        Candidates.
     n : int
-        How many to keep.
+        Number of points to select.
     bounds : (west, south, east, north)
-        Where the map is wanted [m], in the CRS of the points.
+        Bounds of the wanted map [m], in the CRS of the points.
     variance_m2, length_scale_m : float
         Variance [m²] and length scale [m] of the terrain about its prior.
 
     Returns
     -------
     (min(n, N),) ndarray of int
+        Indices into `points`, the most informative first.
 
     Raises
     ------
@@ -63,8 +64,8 @@ def most_informative(
 
     Examples
     --------
-    Of two good points side by side and a bad one far away, the bad one tells more than the
-    second good one:
+    Of two good points side by side and a bad one far away, the bad one is more informative
+    than the second good one:
 
     >>> place = np.array([[10.0, 10.0, 5.0], [10.1, 10.0, 5.0], [80.0, 10.0, 6.0]])
     >>> points = SurfacePoints(place, sigma_m=np.array([0.1, 0.2, 0.9]), crs="EPSG:32608")
@@ -78,11 +79,11 @@ def most_informative(
     return _chosen(_on_nodes(points, bounds, variance_m2, length_scale_m), n)
 
 
-class _Told(NamedTuple):
-    """The terrain on M nodes, and how N points tell it."""
+class _NodeModel(NamedTuple):
+    """The terrain on M nodes, and its observation by N points."""
 
     covariance: FloatArray
-    """P (M, M) [m²], changed as points are taken."""
+    """P (M, M) [m²], updated as points are selected."""
     wanted: FloatArray
     """(M,) 1 where the map is wanted, else 0."""
     node: IntArray
@@ -93,20 +94,20 @@ class _Told(NamedTuple):
     """r (N,) [m²]."""
 
 
-def _chosen(told: _Told, n: int) -> IntArray:
-    """Take the point of the largest gain `n` times; a gain is told anew only when it comes first, for it never grows."""
-    gains = np.concatenate([_gains(told, block) for block in _blocks(len(told.node))])
+def _chosen(model: _NodeModel, n: int) -> IntArray:
+    """Select the point of the largest gain `n` times; a gain is recomputed only at the top of the heap, since it never grows."""
+    gains = np.concatenate([_gains(model, block) for block in _blocks(len(model.node))])
     heap = [(-gain, index) for index, gain in enumerate(gains.tolist())]
     heapq.heapify(heap)
     chosen: list[int] = []
     while heap and len(chosen) < n:
         _, index = heapq.heappop(heap)
-        now = float(_gains(told, np.array([index]))[0])
-        if heap and now < -heap[0][0]:  # others have told it meanwhile: it must wait
+        now = float(_gains(model, np.array([index]))[0])
+        if heap and now < -heap[0][0]:  # points selected since have lowered its gain
             heapq.heappush(heap, (-now, index))
             continue
         chosen.append(index)
-        _take(told, index)
+        _take(model, index)
     return np.array(chosen, dtype=np.int64)
 
 
@@ -115,8 +116,8 @@ def _on_nodes(
     bounds: tuple[float, float, float, float],
     variance_m2: float,
     length_scale_m: float,
-) -> _Told:
-    """Lay nodes over points and bounds, and each point between four of them."""
+) -> _NodeModel:
+    """Build the model on nodes over points and bounds, with the four nodes around each point."""
     west, south, east, north = bounds
     low = np.minimum(points.xy.min(axis=0), [west, south])
     span = np.maximum(points.xy.max(axis=0), [east, north]) - low
@@ -143,7 +144,7 @@ def _on_nodes(
     inside = ((nodes >= [west, south]) & (nodes <= [east, north])).all(axis=1)
     wanted: FloatArray = np.asarray(inside, dtype=np.float64) if inside.any() else np.ones(len(nodes))
     variance: FloatArray = _own_variance(points) + np.maximum(between, 0.0)
-    return _Told(at_nodes, wanted, node, weight, variance)
+    return _NodeModel(at_nodes, wanted, node, weight, variance)
 
 
 def _own_variance(points: SurfacePoints) -> FloatArray:
@@ -159,22 +160,22 @@ def _blocks(n: int) -> list[IntArray]:
     return np.split(np.arange(n), np.arange(_BLOCK, n, _BLOCK))
 
 
-def _reach(told: _Told, index: IntArray) -> tuple[FloatArray, FloatArray]:
+def _reach(model: _NodeModel, index: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return P w of some points (M, K), and r + wᵀ P w (K,)."""
-    node, weight = told.node[index], told.weight[index]
-    reach = np.einsum("mki,ki->mk", told.covariance[:, node], weight)
-    own = np.einsum("kij,ki,kj->k", told.covariance[node[:, :, None], node[:, None, :]], weight, weight)
-    return reach, told.variance[index] + own
+    node, weight = model.node[index], model.weight[index]
+    reach = np.einsum("mki,ki->mk", model.covariance[:, node], weight)
+    own = np.einsum("kij,ki,kj->k", model.covariance[node[:, :, None], node[:, None, :]], weight, weight)
+    return reach, model.variance[index] + own
 
 
-def _gains(told: _Told, index: IntArray) -> FloatArray:
+def _gains(model: _NodeModel, index: IntArray) -> FloatArray:
     """Return Δ of some points [m²]."""
-    reach, total = _reach(told, index)
-    gains: FloatArray = told.wanted @ reach**2 / total
+    reach, total = _reach(model, index)
+    gains: FloatArray = model.wanted @ reach**2 / total
     return gains
 
 
-def _take(told: _Told, index: int) -> None:
-    """Let a point be measured."""
-    reach, total = _reach(told, np.array([index]))
-    told.covariance[...] -= reach @ reach.T / total
+def _take(model: _NodeModel, index: int) -> None:
+    """Update P by the observation of a point."""
+    reach, total = _reach(model, np.array([index]))
+    model.covariance[...] -= reach @ reach.T / total

@@ -1,4 +1,4 @@
-"""Where a rover was, when, and how surely."""
+"""Trajectory of a rover: times, poses and their covariances."""
 
 from dataclasses import dataclass
 from pathlib import Path

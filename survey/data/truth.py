@@ -1,4 +1,4 @@
-"""What really was, known in simulation alone: opened by scoring and by tests, never by an estimator."""
+"""True states of a simulated survey: read by scoring and by tests, never by an estimator."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""From one file format to another: rasters, points, tracks and areas, values and CRS kept."""
+"""Convert rasters, points, tracks and areas from one file format to another, values and CRS unchanged."""
 
 from pathlib import Path
 from typing import Any, Literal

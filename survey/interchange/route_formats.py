@@ -1,4 +1,4 @@
-"""Plans that leave for other tools and come back: GIS layers, hand-held GPS routes, missions for autopilots.
+"""Write and read routes in the formats of other tools: GIS layers, hand-held GPS routes, autopilot missions.
 
 | ending | what is written | coordinates |
 |---|---|---|
@@ -44,7 +44,7 @@ def write_plan(route: Route, path: str | Path, *, rover: int | None = None) -> N
     Parameters
     ----------
     route : Route
-        What was planned.
+        The route.
     path : str or pathlib.Path
         Ends in ``.geojson``, ``.json``, ``.gpkg``, ``.gpx``, ``.kml``, ``.csv``, ``.wkt``,
         ``.plan`` or ``.waypoints``.
@@ -86,7 +86,7 @@ def read_plan(path: str | Path, crs: Any) -> Route:
     Returns
     -------
     Route
-        Legs with their kind and rover where the file tells them, else one swath per line.
+        Legs with their kind and rover where the file states them, else one swath per line.
         Other tools' survey patterns (``.plan`` complex items) are read as the waypoints
         stored with them.
 

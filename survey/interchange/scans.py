@@ -146,7 +146,7 @@ def _read_table(file: Path, crs: Any, sigma_m: float | None, track: SensorPath |
     time = next((columns[name] for name in _TIMES if name in columns), None)
     if time is None:
         raise InputError(
-            f"the scan {file} has no time per point ({', '.join(_TIMES)}); without it a trajectory does not tell where the sensor stood."
+            f"the scan {file} has no time per point ({', '.join(_TIMES)}); a trajectory needs it to place the sensor."
         )
     xyz = np.column_stack([columns[name] for name in PLACE])
     origins = track.place(time, f"the scan {file}")

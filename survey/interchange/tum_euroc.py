@@ -1,4 +1,4 @@
-"""Recordings as other people's programs read them: the TUM list of images, and the EuRoC layout."""
+"""Write recordings in the TUM and EuRoC layouts."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""How good a survey was: coverage, spread, errors, honesty of the uncertainty, class of the map, change."""
+"""Scores of a survey: coverage, spread, errors, calibration of the uncertainty, map class, and change."""
 
 from survey.scoring.accuracy import Calibration, ErrorStatistics
 from survey.scoring.change.change import change

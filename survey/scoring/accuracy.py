@@ -1,4 +1,4 @@
-"""How far a map is from the reference, and whether its stated uncertainty is honest."""
+"""Error statistics of a map, and the calibration of its stated uncertainty."""
 
 from dataclasses import dataclass
 from typing import Any, Self

@@ -1,4 +1,4 @@
-"""Scoring rasters that are too large for the memory: block by block, in one pass."""
+"""Score rasters that are too large for the memory, block by block, in one pass."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""How much of an area a route sampled: science-centric and robot-centric coverage (Eq. 11)."""
+"""Coverage of an area by a route: science-centric and robot-centric (Eq. 11)."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""The judgement of a survey against a reference terrain."""
+"""Score a survey against a reference terrain."""
 
 import math
 from collections.abc import Mapping

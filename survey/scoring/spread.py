@@ -1,4 +1,4 @@
-"""Where the samples of a survey lie: centeredness α and distributedness β (Eqs. 12 to 16)."""
+"""Spread of the samples of a survey: centeredness α and distributedness β (Eqs. 12 to 16)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -60,7 +60,7 @@ def distribution(route: Route, tracks: Sequence[RouteSamples]) -> float | None:
                \beta = \beta_a / \beta_b
 
     with y the distance of a sample from the axis of its own swath and K the number of
-    steps kept. The paper divides by M − 1 whatever was kept; steps from one swath to the
+    those steps. The paper divides by M − 1 in any case; steps from one swath to the
     next and samples on transits are left out here.
 
     Parameters

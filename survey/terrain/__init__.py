@@ -1,4 +1,4 @@
-"""Terrain to survey in simulation: random and real, with the relief of ice and the satellite's view of it."""
+"""Simulated and real terrain: random fields, landforms, ice micro-relief, and the satellite prior of it."""
 
 from survey.terrain.interpolation import smooth_interpolation
 from survey.terrain.landforms import (

@@ -1,4 +1,4 @@
-"""Terrain that could be there: random surfaces that agree with the coarse cells known of it."""
+"""Conditional simulation of terrain: random surfaces that agree with the cells of a coarse prior."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -43,7 +43,7 @@ class CoarseCells:
         n = int(np.isfinite(self.prior.elevation).sum())
         if not 9 <= n <= _MOST_CELLS:
             raise InputError(
-                f"the prior has {n} known cells on the area; 9 to {_MOST_CELLS} are needed to tell how the terrain varies, "
+                f"the prior has {n} known cells on the area; 9 to {_MOST_CELLS} are needed to estimate how the terrain varies, "
                 "take a coarser or a finer prior."
             )
 

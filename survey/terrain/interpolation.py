@@ -1,4 +1,4 @@
-"""From coarse cells to a smooth surface with the same cell means."""
+"""Interpolate coarse cells to a smooth surface with the same cell means."""
 
 import numpy as np
 from scipy.interpolate import make_interp_spline

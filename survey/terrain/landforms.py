@@ -1,4 +1,4 @@
-"""Terrain put together from shapes: hills, cosines, waves on a slope, midpoint displacement."""
+"""Synthetic terrain from shapes: hills, cosines, waves on a slope, midpoint displacement."""
 
 from collections.abc import Callable
 from functools import partial

@@ -1,4 +1,4 @@
-"""Gaussian random terrain, drawn wave by wave from its spectrum."""
+"""Gaussian random fields, drawn wave by wave from their spectrum."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Real elevations that come with matplotlib: the Jacksboro fault, Tennessee, from the Shuttle's radar."""
+"""Real elevations that matplotlib ships: the Jacksboro fault, Tennessee, from the Shuttle radar mission."""
 
 from typing import NamedTuple
 

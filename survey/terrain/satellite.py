@@ -1,4 +1,4 @@
-"""What a satellite makes of the terrain: means over coarse cells, with noise."""
+"""Satellite prior of a terrain: means over coarse cells, with noise."""
 
 from dataclasses import dataclass, replace
 from typing import Self

@@ -1,4 +1,4 @@
-"""What a change leaves on the disk: rasters, a table for spreadsheets, and the same as JSON."""
+"""Write a change as rasters, as a table for spreadsheets, and as JSON."""
 
 import csv
 import io

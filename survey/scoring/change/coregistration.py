@@ -1,4 +1,4 @@
-"""Shift one elevation model onto another, on ground that did not change (Nuth and Kääb 2011)."""
+"""Co-register two elevation models on unchanged ground (Nuth and Kääb 2011)."""
 
 from dataclasses import dataclass
 
@@ -15,20 +15,20 @@ _N_LEAST = 50
 # Differences farther than this from the median, in robust deviations, take no part.
 _TRIMMED = 3.0
 _NMAD = 1.4826
-# Too flat ground tells nothing of a horizontal shift [m/m]: this much relief in the slopes is needed.
+# Least spread of the slopes [m/m]: a horizontal shift of flat ground is unobservable.
 _LEAST_SLOPE_SPREAD = 1e-3
 
 
 @dataclass(frozen=True)
 class Shift:
-    """What is added to a surface's coordinates to lay it on another one.
+    """Translation that aligns a surface with another one.
 
     Parameters
     ----------
     east_m, north_m, up_m : float
-        The shift [m].
+        Added to the coordinates, in the CRS of the surfaces [m].
     n : int
-        Cells of unchanged ground that decided it.
+        Cells of unchanged ground in the fit.
     nmad_before_m, nmad_after_m : float
         Spread of the difference there [m].
     """
@@ -46,14 +46,14 @@ class Shift:
 
 
 def coregister(moving: Dem, reference: Dem, stable: BoolArray | None = None) -> Shift:
-    r"""Find the shift that lays a surface on a reference.
+    r"""Estimate the shift that aligns a surface with a reference.
 
     .. math::  z_{ref}(x) - z(x - s) - s_z \approx s \cdot \nabla z(x), \qquad
                \text{or}\quad dh / \tan\beta = a \cos(b - \psi) + c
 
     Nuth and Kääb (2011, The Cryosphere 5, 271–290) write it with slope β and aspect ψ; here
     the same plane in the slopes is fitted by least squares, differences beyond three robust
-    deviations trimmed, again and again until the shift stays.
+    deviations trimmed, and repeated until the shift converges.
 
     Parameters
     ----------
@@ -62,10 +62,15 @@ def coregister(moving: Dem, reference: Dem, stable: BoolArray | None = None) -> 
     stable : (H, W) ndarray of bool, optional
         The reference's cells that did not change; all by default.
 
+    Returns
+    -------
+    Shift
+        To be added to the coordinates of `moving`.
+
     Raises
     ------
     InputError
-        Mixed systems, fewer than 50 common cells, or ground too flat to feel a shift.
+        Mixed systems, fewer than 50 common cells, or ground too flat to determine a shift.
 
     Notes
     -----
@@ -108,13 +113,13 @@ def _step(
     used = np.isfinite(rest) & np.isfinite(columns).all(axis=1)
     if used.sum() < _N_LEAST:
         raise InputError(
-            f"{int(used.sum())} cells of unchanged ground are common to both elevation models; {_N_LEAST} are needed to lay one on the other."
+            f"{int(used.sum())} cells of unchanged ground are common to both elevation models; {_N_LEAST} are needed to align them."
         )
     far = np.abs(rest - np.median(rest[used]))
     used &= far <= _TRIMMED * max(_nmad(rest[used]), 1e-9)
     if columns[used, :2].std(axis=0).min() < _LEAST_SLOPE_SPREAD:
         raise InputError(
-            "the unchanged ground is too even to feel a horizontal shift; leave co-registration out."
+            "the unchanged ground is too flat to determine a horizontal shift; leave co-registration out."
         )
     solution: FloatArray = np.linalg.lstsq(columns[used], rest[used], rcond=None)[0]
     return solution, int(used.sum())

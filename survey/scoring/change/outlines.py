@@ -1,4 +1,4 @@
-"""Outlines of glaciers, by name."""
+"""Read named outlines of glaciers."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""How the errors of an elevation difference go together with distance, learnt where nothing changed."""
+"""Variogram of the errors of an elevation difference, estimated on unchanged ground."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -71,8 +71,8 @@ class Variogram:
 
         Notes
         -----
-        Errors that go together over more than half the known ground cannot be told from a
-        common offset and are not in it. Blunders belong removed before.
+        Errors that are correlated over more than half the known ground cannot be separated from a
+        common offset and are not included. Remove blunders first.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""What checkpoints say of a map under a named standard; withheld where the standard's conditions are not met."""
+"""Assess checkpoints under a named accuracy standard; no verdict where its conditions are not met."""
 
 import math
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Where to measure checkpoints: spread over the area, on gentle ground, within reach of the route."""
+"""Design of checkpoints: spread over the area, on gentle ground, within reach of the route."""
 
 from typing import Any
 
@@ -42,7 +42,7 @@ def design_checkpoints(
     area : SurveyArea
         Places lie on its free ground.
     n : int
-        How many.
+        Number of places.
     rng : numpy.random.Generator
         For the draw.
     terrain : Dem, optional
@@ -60,7 +60,7 @@ def design_checkpoints(
     Raises
     ------
     InputError
-        When so many places do not fit; the message tells which bound leaves how many.
+        That many places do not fit; the message states how many candidates each bound leaves.
 
     Notes
     -----

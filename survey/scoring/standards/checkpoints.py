@@ -1,4 +1,4 @@
-"""Independent check points: reading them, keeping them apart from control, and what a map errs there."""
+"""Independent checkpoints and the errors of a map at them."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

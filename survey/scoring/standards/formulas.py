@@ -1,4 +1,4 @@
-"""The arithmetic of the accuracy standards: from RMSEs to what each edition states, and back to limits.
+"""Formulas of the accuracy standards: from RMSE to the values that each edition states, and back to limits.
 
 NSSDA is the National Standard for Spatial Data Accuracy (FGDC-STD-007.3-1998), NMAS the National Map Accuracy
 Standards of 1947. Where a number could not be checked against a copy of the standard, the docstring says so.

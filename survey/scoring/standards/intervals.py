@@ -1,4 +1,4 @@
-"""Between which values the true RMSE lies, when a number of checkpoints has shown one."""
+"""Confidence intervals of an RMSE."""
 
 from dataclasses import dataclass
 from typing import Any, Self

@@ -1,4 +1,4 @@
-"""Standards of map accuracy as data: editions, conditions and limits; and the glacier paper's reading of 1990.
+"""Map accuracy standards as data: editions, conditions and limits, and the glacier paper's reading of 1990.
 
 What could not be checked against a copy of a standard's text is named in `Standard.unverified`, and is shown
 to users as unverified wherever it decides something.
