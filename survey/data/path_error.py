@@ -99,7 +99,18 @@ class PathError(DataObject):
         return int(self.information.shape[0])
 
     def keyframe_at(self, time_s: FloatArray) -> FloatArray:
-        """Return the place of times (N,) among the keyframes: 2.25 is a quarter of the way from the third to the fourth."""
+        """Return the place of times (N,) among the keyframes: 2.25 is a quarter of the way from the third to the fourth.
+
+        Parameters
+        ----------
+        time_s : (N,) ndarray
+            Times [s].
+
+        Returns
+        -------
+        (N,) ndarray
+            Places among the keyframes, 0 to K - 1.
+        """
         return np.interp(time_s, self.time_s, np.arange(len(self), dtype=np.float64))
 
     def rows(self, keyframe: FloatArray, by_pose: FloatArray) -> Any:
@@ -111,6 +122,11 @@ class PathError(DataObject):
             Where among the keyframes, as `keyframe_at` gives it.
         by_pose : (N, 6) ndarray
             Derivatives by the six errors of the pose there.
+
+        Returns
+        -------
+        scipy.sparse.csr_array
+            W, with twelve entries in each row.
         """
         before, share = self._split(keyframe)
         columns = (before[:, None] + np.array([0, 1]))[:, :, None] * self.n_states + np.arange(POSE)
@@ -135,12 +151,34 @@ class PathError(DataObject):
         return factorized(self.information)
 
     def solve(self, sides: FloatArray) -> FloatArray:
-        """Return Λ⁻¹ times right-hand sides (unknowns,) or (unknowns, R)."""
+        """Return Λ⁻¹ times right-hand sides (unknowns,) or (unknowns, R).
+
+        Parameters
+        ----------
+        sides : (unknowns,) or (unknowns, R) ndarray
+            Right-hand sides.
+
+        Returns
+        -------
+        ndarray
+            Of the shape of `sides`.
+        """
         solved: FloatArray = self._factor.solve(sides)
         return solved
 
     def covariance(self, rows: Any) -> FloatArray:
-        """Return the covariance (N, N) of linear functions of the error, given by sparse rows (N, unknowns)."""
+        """Return the covariance (N, N) of linear functions of the error, given by sparse rows (N, unknowns).
+
+        Parameters
+        ----------
+        rows : (N, unknowns) scipy.sparse array
+            Derivatives of the functions, as `rows` returns them.
+
+        Returns
+        -------
+        (N, N) ndarray
+            In the product of the units of the functions.
+        """
         dense: FloatArray = rows.toarray()
         covariance: FloatArray = rows @ self.solve(np.ascontiguousarray(dense.T))
         return 0.5 * (covariance + covariance.T)
@@ -163,7 +201,18 @@ class PathError(DataObject):
         return 0.5 * (own + own.transpose(0, 2, 1)), with_next
 
     def pose_covariance(self, keyframe: FloatArray) -> FloatArray:
-        """Return the marginal covariance (N, 6, 6) of the pose's error at places among the keyframes."""
+        """Return the marginal covariance (N, 6, 6) of the pose's error at places among the keyframes.
+
+        Parameters
+        ----------
+        keyframe : (N,) ndarray
+            Places among the keyframes, as `keyframe_at` returns them.
+
+        Returns
+        -------
+        (N, 6, 6) ndarray
+            Of easting, northing, elevation [m], yaw, pitch and roll [rad].
+        """
         before, share = self._split(keyframe)
         own, with_next = self.pose_covariances
         a, b = (1.0 - share)[:, None, None], share[:, None, None]
@@ -172,7 +221,13 @@ class PathError(DataObject):
         return result
 
     def write(self, path: str | Path) -> None:
-        """Write one compressed ``.npz`` file; equal errors give equal bytes."""
+        """Write one compressed ``.npz`` file; equal errors give equal bytes.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            Ends in ``.npz``.
+        """
         upper = sparse.coo_array(sparse.triu(self.information))
         arrays = {
             "time_s": self.time_s,
@@ -187,6 +242,16 @@ class PathError(DataObject):
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Read what `write` wrote.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            A file of `write`.
+
+        Returns
+        -------
+        PathError
+            Equal to the one written.
 
         Raises
         ------

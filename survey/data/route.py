@@ -74,8 +74,16 @@ class Leg(DataObject):
 class RouteSamples(NamedTuple):
     """Places at equal distances along one rover's path.
 
-    ``xy`` (N, 2) [m], ``distance_m`` (N,) from the start, ``leg`` (N,) index into
-    `Route.legs`, ``heading_rad`` (N,) counter-clockwise from east.
+    Parameters
+    ----------
+    xy : (N, 2) ndarray
+        Easting and northing [m].
+    distance_m : (N,) ndarray
+        Distance from the start along the path, in the CRS [m].
+    leg : (N,) ndarray of int
+        Index into `Route.legs`.
+    heading_rad : (N,) ndarray
+        Counter-clockwise from east [rad].
     """
 
     xy: FloatArray
@@ -171,13 +179,37 @@ class Route(DataObject):
         return tuple(leg for leg in self.legs if leg.kind == "swath")
 
     def path(self, rover: int = 0) -> FloatArray:
-        """Return one rover's waypoints (N, 2) [m], without repeated ones."""
+        """Return one rover's waypoints (N, 2) [m], without repeated ones.
+
+        Parameters
+        ----------
+        rover : int
+            Counted from 0.
+
+        Returns
+        -------
+        (N, 2) ndarray
+            Easting and northing [m].
+        """
         points = np.vstack([leg.xy for leg in self.legs if leg.rover == rover])
         keep = np.r_[True, np.hypot(*np.diff(points, axis=0).T) > 0.0]
         return points[keep]
 
     def sample(self, step_m: float, rover: int = 0) -> RouteSamples:
-        """Return places every `step_m` along one rover's path, its start included."""
+        """Return places every `step_m` along one rover's path, its start included.
+
+        Parameters
+        ----------
+        step_m : float
+            Distance between samples along the path, in the CRS [m].
+        rover : int
+            Counted from 0.
+
+        Returns
+        -------
+        RouteSamples
+            Places, distances, legs and headings.
+        """
         if not step_m > 0:
             raise InputError(f"the sample spacing is {step_m} m; it must be greater than 0.")
         xy, owner = self._vertices(rover)
@@ -302,6 +334,16 @@ class Route(DataObject):
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Read a route that `write` wrote.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            A GeoJSON or GeoPackage.
+
+        Returns
+        -------
+        Route
+            In the CRS of the file.
 
         Raises
         ------

@@ -254,6 +254,11 @@ class SurfacePoints(DataObject):
         Equal points give equal bytes. CSV carries neither CRS nor vertical datum; LAS and
         LAZ round coordinates to 0.1 mm.
 
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file; its ending names the format.
+
         Raises
         ------
         InputError
@@ -336,7 +341,18 @@ class SurfacePoints(DataObject):
         return sigma
 
     def select(self, mask: BoolArray) -> Self:
-        """Return the points for which `mask` (N,) holds, or those at the given indices."""
+        """Return the points for which `mask` (N,) holds, or those at the given indices.
+
+        Parameters
+        ----------
+        mask : (N,) ndarray of bool, or of int
+            Points to take.
+
+        Returns
+        -------
+        SurfacePoints
+            With every column of the points taken.
+        """
 
         def pick(array: FloatArray | None) -> Any:
             return None if array is None else frozen(array[mask])

@@ -135,6 +135,11 @@ class Trajectory(DataObject):
         """Write ``.tum`` text (poses alone) or a ``.csv`` table (with covariance and health).
 
         Beside the table stands ``.error.npz``, where the poses' shared error is known.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            Ends in ``.tum`` or ``.csv``.
         """
         poses = np.column_stack([self.time_s, self.position, self.quaternion])
         if Path(path).suffix == ".tum":
@@ -150,6 +155,18 @@ class Trajectory(DataObject):
     @classmethod
     def read(cls, path: str | Path, crs: CRS | str) -> Self:
         """Read what `write` wrote; a ``.tum`` file has no covariance, it becomes zero.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            Ends in ``.tum`` or ``.csv``.
+        crs : str or pyproj.CRS
+            Projected CRS of the positions, which the file does not name.
+
+        Returns
+        -------
+        Trajectory
+            With the shared error where its file stands beside the table.
 
         Raises
         ------

@@ -25,7 +25,13 @@ class Truth(DataObject):
     trajectory: Trajectory
 
     def write(self, folder: str | Path) -> None:
-        """Write ``dem.tif`` and ``trajectory.tum`` into a folder."""
+        """Write ``dem.tif`` and ``trajectory.tum`` into a folder.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            Existing folder.
+        """
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
         self.dem.write(place / "dem.tif")
@@ -33,6 +39,17 @@ class Truth(DataObject):
 
     @classmethod
     def read(cls, folder: str | Path) -> Self:
-        """Read what `write` wrote."""
+        """Read what `write` wrote.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            Folder that `write` wrote to.
+
+        Returns
+        -------
+        Truth
+            True states.
+        """
         dem = Dem.read(Path(folder) / "dem.tif")
         return cls(dem, Trajectory.read(Path(folder) / "trajectory.tum", dem.crs))

@@ -58,6 +58,16 @@ class ErrorStatistics:
     def of(cls, errors: Any) -> Self:
         """Summarise errors (N,) [m]; NaN is refused, for the caller must say what it leaves out.
 
+        Parameters
+        ----------
+        errors : (N,) array_like
+            Map minus reference [m].
+
+        Returns
+        -------
+        ErrorStatistics
+            Of all errors with equal weight.
+
         Notes
         -----
         Neighbouring nodes of a map err alike, so n is no number of independent checks.
@@ -116,6 +126,20 @@ class Calibration:
     @classmethod
     def of(cls, errors: Any, std: Any, levels: tuple[float, ...] = LEVELS) -> Self:
         """Compare errors (N,) [m] with stated standard deviations (N,) [m]; NaN deviations do not count.
+
+        Parameters
+        ----------
+        errors : (N,) array_like
+            Map minus reference [m].
+        std : (N,) array_like
+            Stated standard deviations [m]; NaN where none is stated.
+        levels : tuple of float
+            Nominal two-sided levels, 0 to 1.
+
+        Returns
+        -------
+        Calibration
+            NaN throughout where no deviation is stated.
 
         Notes
         -----

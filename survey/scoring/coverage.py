@@ -81,6 +81,16 @@ class SampleCells:
         """Return the centres (M, 2) of the area's cells that hold one or more of the places (N, 2).
 
         Places on the area's northern and eastern bounds count for the cell that ends there.
+
+        Parameters
+        ----------
+        xy : (N, 2) array_like
+            Easting and northing [m].
+
+        Returns
+        -------
+        (M, 2) ndarray
+            Each cell once [m].
         """
         points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
         xmin, ymin, xmax, ymax = self.area.bounds

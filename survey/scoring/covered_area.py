@@ -11,7 +11,17 @@ from survey.data.dem import Dem
 
 
 class NodeCounts(NamedTuple):
-    """Numbers of nodes that were left out: outside the area, without a reference, without a height in the map."""
+    """Numbers of nodes that a score leaves out.
+
+    Parameters
+    ----------
+    outside : int
+        Outside the area.
+    unknown : int
+        In the area, with a height in the map and none in the reference.
+    silent : int
+        In the area, without a height in the map.
+    """
 
     outside: int
     unknown: int

@@ -66,7 +66,24 @@ class Score(DataObject):
     def judged(
         cls, coverage: Coverage, elevation: ErrorStatistics, calibration: Calibration, nodes: NodeCounts
     ) -> Self:
-        """Return the score with the verdicts that follow from the RMSE and the covered share."""
+        """Return the score with the verdicts that follow from the RMSE and the covered share.
+
+        Parameters
+        ----------
+        coverage : Coverage
+            Of the route.
+        elevation : ErrorStatistics
+            Errors at the nodes that were scored.
+        calibration : Calibration
+            Of the stated deviations there.
+        nodes : NodeCounts
+            Nodes that were left out.
+
+        Returns
+        -------
+        Score
+            With one verdict for each row of the standard.
+        """
         score = cls(coverage, elevation, calibration, (), nodes.outside, nodes.unknown, nodes.silent)
         return replace(score, verdicts=judge(elevation.rmse_m, covered_share=score.covered_share))
 
@@ -88,13 +105,29 @@ class Score(DataObject):
         return html_table("Score", self._facts())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, units in the keys; ``None`` where a value does not exist."""
+        """Return plain values for JSON, units in the keys; ``None`` where a value does not exist.
+
+        Returns
+        -------
+        dict
+            Nested dictionaries and lists of str, int, float, bool and None.
+        """
         plain: dict[str, Any] = _without_nan({**asdict(self), "covered_share": self.covered_share})
         return plain
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Rebuild a score from what `to_dict` gave.
+
+        Parameters
+        ----------
+        values : mapping
+            As `to_dict` returns them.
+
+        Returns
+        -------
+        Score
+            Equal to the one that was converted.
 
         Raises
         ------

@@ -42,6 +42,11 @@ def gaussian_hills(
     radius_m : (2,) tuple of float
         Least and largest standard deviation of a hill [m].
 
+    Returns
+    -------
+    Dem
+        On the grid, above an unstated datum.
+
     Raises
     ------
     InputError
@@ -75,8 +80,19 @@ def cosine_surface(grid: Grid, rng: np.random.Generator, *, relief_m: float = 25
 
     Parameters
     ----------
+    grid : Grid
+        Nodes of the terrain.
+    rng : numpy.random.Generator
+        For the draw.
+    relief_m : float
+        Difference between the highest and the lowest node [m].
     order : int
         Highest number of half waves across the site, at least 1.
+
+    Returns
+    -------
+    Dem
+        On the grid, above an unstated datum.
 
     Examples
     --------
@@ -109,10 +125,21 @@ def slope_and_waves(
 
     Parameters
     ----------
+    grid : Grid
+        Nodes of the terrain.
+    rng : numpy.random.Generator
+        For the draw.
+    relief_m : float
+        Difference between the highest and the lowest node [m].
     n_waves : int
         Number of waves, at least 1; together they are as high as the plane falls across the site.
     wavelength_m : (2,) tuple of float
         Shortest and longest wave [m].
+
+    Returns
+    -------
+    Dem
+        On the grid, above an unstated datum.
 
     Examples
     --------
@@ -143,9 +170,20 @@ def diamond_square(
 
     Parameters
     ----------
+    grid : Grid
+        Nodes of the terrain.
+    rng : numpy.random.Generator
+        For the draw.
+    relief_m : float
+        Difference between the highest and the lowest node [m].
     roughness : float
         Size of the displacements at one level divided by that at the level before,
         between 0 (smooth) and 1 (rough), both excluded.
+
+    Returns
+    -------
+    Dem
+        On the grid, above an unstated datum.
 
     Notes
     -----
@@ -225,6 +263,11 @@ def random_dem(
         Highest minus lowest node [m].
     **parameters
         Of that family's function, e.g. ``length_scale_m=220.0``.
+
+    Returns
+    -------
+    Dem
+        On the grid, above an unstated datum.
 
     Raises
     ------

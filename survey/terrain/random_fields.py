@@ -22,7 +22,7 @@ _LEAST_SHARE_OF_VARIANCE = 0.95
 def squared_exponential_field(
     grid: Grid, rng: np.random.Generator, *, relief_m: float = 25.0, length_scale_m: float = 220.0
 ) -> Dem:
-    r"""Draw endlessly smooth terrain, the kind on which the glacier paper's swath counts come out.
+    r"""Draw terrain of squared-exponential covariance, on which the glacier paper's swath counts hold.
 
     The covariance is :math:`\exp(-h^2 / 2 l^2)` before the heights are scaled to the relief.
 
@@ -74,12 +74,23 @@ def matern_field(
 ) -> Dem:
     """Draw terrain with one (ν = 3/2) or two (ν = 5/2) derivatives, rougher than the squared exponential.
 
-    Parameters are those of `squared_exponential_field`, and
-
     Parameters
     ----------
+    grid : Grid
+        Nodes of the terrain.
+    rng : numpy.random.Generator
+        For the draw.
+    relief_m : float
+        Difference between the highest and the lowest node [m].
     nu : {1.5, 2.5}
         Smoothness of the Matérn covariance.
+    length_scale_m : float
+        Length scale of the covariance [m].
+
+    Returns
+    -------
+    Dem
+        On the grid.
 
     Examples
     --------
@@ -102,8 +113,19 @@ def fractional_brownian(
 
     Parameters
     ----------
+    grid : Grid
+        Nodes of the terrain.
+    rng : numpy.random.Generator
+        For the draw.
+    relief_m : float
+        Difference between the highest and the lowest node [m].
     hurst : float
         The exponent H, between 0 (rough) and 1 (smooth), both excluded.
+
+    Returns
+    -------
+    Dem
+        On the grid.
 
     Notes
     -----

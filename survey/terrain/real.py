@@ -18,7 +18,15 @@ _VERTICAL_DATUM = "EGM96 height"
 
 
 class SampleSite(NamedTuple):
-    """A real site: the coarse cells on and around it, and its ``(xmin, ymin, xmax, ymax)`` [m]."""
+    """A real site with its coarse prior.
+
+    Parameters
+    ----------
+    prior : Dem
+        Coarse cells on and around the site.
+    bounds : (4,) tuple of float
+        West, south, east and north of the site [m].
+    """
 
     prior: Dem
     bounds: tuple[float, float, float, float]

@@ -13,12 +13,18 @@ from survey.data.dem import Dem
 
 @dataclass(frozen=True)
 class SatelliteDem(Dem):
-    """A coarse DEM that remembers the noise of its cells.
-
-    Parameters are those of `Dem`, and
+    """A coarse DEM with the standard deviation of its cells.
 
     Parameters
     ----------
+    elevation : (H, W) array_like
+        Heights [m], row 0 in the north; NaN for nodata.
+    transform : affine.Affine
+        Maps (column, row) of a cell's corner to easting and northing.
+    crs : str or pyproj.CRS
+        Projected, in metres.
+    vertical_datum : str
+        Datum of the heights; ``""`` when unstated.
     sigma_m : float
         Standard deviation of each cell's independent error [m]; NaN for what is derived
         from the heights, such as a slope.
@@ -27,7 +33,18 @@ class SatelliteDem(Dem):
     sigma_m: float = float("nan")
 
     def window(self, bounds: tuple[float, float, float, float]) -> Self:
-        """Return the cells whose centres lie within the bounds, with the same noise."""
+        """Return the cells whose centres lie within the bounds, with the same noise.
+
+        Parameters
+        ----------
+        bounds : (4,) tuple of float
+            West, south, east and north [m].
+
+        Returns
+        -------
+        SatelliteDem
+            The cells whose centres lie within the bounds.
+        """
         return replace(super().window(bounds), sigma_m=self.sigma_m)
 
 

@@ -41,7 +41,20 @@ class Shift:
     nmad_after_m: float
 
     def applied(self, xy: FloatArray, dem: Dem) -> FloatArray:
-        """Return the heights (N,) of the shifted surface at places (N, 2) [m]."""
+        """Return the heights (N,) of the shifted surface at places (N, 2) [m].
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+        dem : Dem
+            The surface before the shift.
+
+        Returns
+        -------
+        (N,) ndarray
+            Heights [m]; NaN where the shifted surface has none.
+        """
         return dem.at(xy - (self.east_m, self.north_m)) + self.up_m
 
 

@@ -47,14 +47,36 @@ class Variogram:
         return self.nugget_m2 + sum(self.sills_m2)
 
     def at(self, lag_m: FloatArray) -> FloatArray:
-        """Half the mean square difference of two cells at the distances [m], as [m²]."""
+        """Half the mean square difference of two cells at the distances [m], as [m²].
+
+        Parameters
+        ----------
+        lag_m : ndarray
+            Distances [m].
+
+        Returns
+        -------
+        ndarray
+            Of the shape of `lag_m` [m²].
+        """
         gamma: FloatArray = np.where(lag_m > 0.0, self.nugget_m2, 0.0)
         for sill, reach in zip(self.sills_m2, self.ranges_m, strict=True):
             gamma = gamma + sill * _spherical(lag_m / reach)
         return gamma
 
     def covariance(self, lag_m: FloatArray) -> FloatArray:
-        """Covariance of the errors of two cells at the distances [m], as [m²]."""
+        """Covariance of the errors of two cells at the distances [m], as [m²].
+
+        Parameters
+        ----------
+        lag_m : ndarray
+            Distances [m].
+
+        Returns
+        -------
+        ndarray
+            Of the shape of `lag_m` [m²].
+        """
         return self.variance_m2 - self.at(lag_m)
 
     @classmethod
@@ -63,6 +85,20 @@ class Variogram:
 
         Every pair of cells counts, by their Fourier transforms; bins of distance are as wide
         as they are far, and all weigh alike relative to their value.
+
+        Parameters
+        ----------
+        difference : (H, W) ndarray
+            Errors [m]; any value where not known.
+        known : (H, W) ndarray of bool
+            Cells to use.
+        step_m : float
+            Width of a cell, the unit of the distances [m].
+
+        Returns
+        -------
+        Variogram
+            With one structure for each range that the fit uses.
 
         Raises
         ------

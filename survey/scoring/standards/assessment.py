@@ -125,7 +125,13 @@ class CheckpointScore:
     n_outside: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, with each finding's sentence."""
+        """Return plain values for JSON, with each finding's sentence.
+
+        Returns
+        -------
+        dict
+            Nested dictionaries and lists of plain values, ``None`` for NaN.
+        """
         plain = asdict(self)
         for row, finding in zip(plain["assessments"], self.assessments, strict=True):
             row["sentence"] = finding.sentence
@@ -153,6 +159,11 @@ def score_at(
         reported and nothing is met or missed.
     interval_m : float, optional
         Contour interval of ASPRS 1990 and NMAS [m]; 1, 2 and 3 ft by default.
+
+    Returns
+    -------
+    CheckpointScore
+        Error statistics, interval of the RMSE, and the assessments.
 
     Raises
     ------

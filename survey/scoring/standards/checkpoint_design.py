@@ -50,7 +50,9 @@ def design_checkpoints(
     max_slope_deg : float
         Steepest ground [deg].
     route : Route, optional
-        Places farther than `reach_m` [m] from it are left out.
+        Places too far from it are left out.
+    reach_m : float
+        Largest distance from the route [m].
 
     Returns
     -------

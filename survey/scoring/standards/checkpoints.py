@@ -161,6 +161,13 @@ class Checkpoints:
     def refuse_control(self, control_xy: Any, tolerance_m: float = CONTROL_M) -> None:
         """Refuse when a checkpoint is one of the points (M, 2) that the map was made from [m].
 
+        Parameters
+        ----------
+        control_xy : (M, 2) array_like
+            Easting and northing of the control points [m].
+        tolerance_m : float
+            Distance below which two points are the same mark [m].
+
         Raises
         ------
         InputError
@@ -207,6 +214,18 @@ class Spread:
     @classmethod
     def of(cls, xy: Any, area: SurveyArea) -> Self:
         """Measure places (N, 2) [m] against the rectangle around an area.
+
+        Parameters
+        ----------
+        xy : (N, 2) array_like
+            Easting and northing of the checkpoints [m].
+        area : SurveyArea
+            In the same CRS.
+
+        Returns
+        -------
+        Spread
+            Shares, spacing and area.
 
         Examples
         --------
@@ -265,7 +284,18 @@ class CheckpointErrors:
         return float(np.sqrt(np.mean(self.sigma_z_m**2)))
 
     def on(self, *, vegetated: bool) -> "CheckpointErrors | None":
-        """Return those on vegetated or on open ground; ``None`` where there are none."""
+        """Return those on vegetated or on open ground; ``None`` where there are none.
+
+        Parameters
+        ----------
+        vegetated : bool
+            True for vegetated, False for open ground.
+
+        Returns
+        -------
+        CheckpointErrors or None
+            The errors there.
+        """
         mask = self.vegetated if vegetated else ~self.vegetated
         if not mask.any():
             return None
@@ -279,7 +309,18 @@ class CheckpointErrors:
         )
 
     def beyond(self, limit_m: float) -> tuple[str, ...]:
-        """Return the names of those whose error is larger than a limit [m]; none is ever removed."""
+        """Return the names of those whose error is larger than a limit [m]; none is ever removed.
+
+        Parameters
+        ----------
+        limit_m : float
+            Largest error that is not named [m].
+
+        Returns
+        -------
+        tuple of str
+            Names of the checkpoints.
+        """
         return tuple(n for n, e in zip(self.names, self.errors_m, strict=True) if abs(e) > limit_m)
 
 

@@ -56,6 +56,16 @@ class RmseInterval:
     def of(cls, errors: Any) -> Self:
         """Return the interval of independent errors (N,) [m].
 
+        Parameters
+        ----------
+        errors : (N,) array_like
+            Independent errors [m].
+
+        Returns
+        -------
+        RmseInterval
+            Its ends and the method.
+
         Notes
         -----
         Nodes of one map are no independent errors: use this for checkpoints that lie apart.

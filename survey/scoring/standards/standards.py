@@ -211,6 +211,11 @@ def map_classes(standard: str = PAPER) -> tuple[MapClass, ...]:
         ``asprs-1990-as-in-paper`` (Tables I to III of the glacier paper),
         ``asprs-1990-spot-heights`` or ``asprs-1990-contours`` (intervals of 1, 2 and 3 ft).
 
+    Returns
+    -------
+    tuple of MapClass
+        The loosest limit first.
+
     Raises
     ------
     ConfigError
