@@ -16,6 +16,7 @@ from survey.core.geodesy import (
     UNSTATED,
     agreed_crs,
     is_local,
+    known_crs,
     projected_crs,
     same_crs,
     same_vertical_datum,
@@ -389,7 +390,7 @@ def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
     InputError
         A table in degrees with the sensor's places in metres of an unknown CRS, or places beyond the CRS.
     """
-    stated = None if table.crs is None else CRS.from_user_input(table.crs)
+    stated = None if table.crs is None else known_crs(table.crs, where)
     if stated is None or not stated.is_geographic:
         return table
     if any(name in table.columns for name in _ORIGIN):

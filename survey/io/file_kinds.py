@@ -5,17 +5,16 @@ what the suffix says; nothing that a data file names is opened but plain files b
 """
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 from xml.parsers import expat
 
-from pyproj import CRS
-from pyproj.exceptions import CRSError
-
 from survey.core.errors import CapacityError, InputError
 from survey.core.files import first_line
+from survey.core.geodesy import known_crs
 from survey.io.ascii_grid import check_ascii_grid
 from survey.io.companions import files_beside
 from survey.io.vrt import raster_sources
@@ -82,6 +81,9 @@ _FOREIGN = (
     b"<gdaltileindexdataset",
 )
 _ROOTS = {".kml": "kml", ".gpx": "gpx"}
+_PLAIN_CRS = re.compile(
+    rb'"crs"\s*:\s*\{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*\{\s*"name"\s*:\s*"([^"\\]*)"\s*\}\s*\}'
+)
 _CRS_MEMBERS = frozenset({"type", "properties", "name", "href", "url", "link"})
 
 
@@ -194,6 +196,11 @@ def _check_json(file: Path, what: str) -> None:
     if b'"crs"' not in content and b"\\u" not in content:  # other spellings of the key need an escape
         return
     where = f"{what} {file}"
+    plain = _PLAIN_CRS.findall(content)
+    if len(plain) == content.count(b'"crs"') and b"\\u" not in content:
+        for name in set(plain):
+            _check_crs_name(name.decode("utf-8", "replace"), where)
+        return
     try:
         inner, outer = _crs_members(content)
     except (ValueError, RecursionError) as error:
@@ -221,17 +228,16 @@ def _check_named_crs(crs: Any, where: str) -> None:
     """Refuse a GeoJSON ``crs`` member that is not the name of a CRS that PROJ knows."""
     match crs:
         case {"type": "name", "properties": {"name": str(name)}}:
-            pass
+            _check_crs_name(name, where)
         case _:
             raise InputError(
                 f"{where} has a linked or malformed 'crs' member, and links are not followed; name an EPSG code in it, or save the file as GeoPackage."
             )
-    try:
-        CRS.from_user_input(name)
-    except CRSError as error:
-        raise InputError(
-            f"{where} names the CRS {name[:80]!r}, which PROJ does not know; name an EPSG code instead."
-        ) from error
+
+
+def _check_crs_name(name: str, where: str) -> None:
+    """Refuse the name of a CRS that PROJ does not know: GDAL would take the places for degrees."""
+    known_crs(name, where)
 
 
 def _check_xml(file: Path, root: str, what: str) -> None:
