@@ -1,0 +1,94 @@
+import numpy as np
+
+from planners.ground.transit import FreeGround
+from planners.guarantee.adaptive import first_swaths, survey_adaptively
+from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.kernel_posterior import (
+    KernelPosterior,
+    WeightedKernel,
+    posterior_from_prior,
+)
+from planners.swaths.heading import across_marked_grain
+from survey import Dem, Grid, SurveyArea
+from survey.core.streams import stream
+from survey.reconstruction.gp.selection.kernel_search import Cell, FoundKernel, mapped
+from survey.terrain import random_dem, satellite_copy
+from survey.terrain.conditional import CoarseCells
+
+CRS = "EPSG:32608"
+SIDE_M = 300.0
+AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
+SMOOTH = WeightedKernel(Cell.of("squared-exponential", 80.0, -12.0), 25.0, 0.1, 1.0)
+
+
+def smooth_terrain(seed: int = 3) -> Dem:
+    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
+    return random_dem("squared_exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
+
+
+def coarse(terrain: Dem) -> Dem:
+    return satellite_copy(terrain, rng=stream(4), cell_m=50.0, sigma_m=0.5)
+
+
+def test_an_adaptive_survey_stops_when_its_guarantee_holds():
+    terrain = smooth_terrain()
+    rng = stream(9)
+    posterior = posterior_from_prior(CoarseCells(coarse(terrain), 0.5), noise_m=0.1)
+    config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1)
+    heights = []
+
+    def measure(xy):
+        heights.append(terrain.at(xy) + 0.1 * rng.standard_normal(len(xy)))
+        return heights[-1]
+
+    survey = survey_adaptively(AREA, posterior, config, measure)
+    assert survey.holds
+    assert survey.route is not None
+    assert survey.predicted.probability >= 0.9
+    assert 2 <= len(survey.route.swaths) <= 8
+    nodes = Grid((10.0, 10.0, 290.0, 290.0), 20.0, CRS).xy
+    best = survey.posterior.likeliest
+    mean, _ = mapped(
+        survey.samples, np.concatenate(heights)[:, None], [FoundKernel(best.cell, best.variance_m2)], nodes
+    )
+    assert np.sqrt(np.mean((mean[:, 0] - terrain.at(nodes)) ** 2)) <= config.limit_m
+
+
+def test_swaths_of_a_survey_run_across_a_marked_grain():
+    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 50.0, CRS)
+    ridges = Dem.on(grid, np.outer(5.0 * np.sin(np.arange(7.0)), np.ones(7)))
+    ground = FreeGround(AREA.free)
+    assert across_marked_grain(ground, ridges) == 90.0
+    assert across_marked_grain(ground, coarse(smooth_terrain())) == 0.0
+    config = AdaptiveConfig(limit_m=0.3, heading_deg=90.0)
+    for swath in first_swaths(AREA, KernelPosterior((SMOOTH,)), config).swaths:
+        (east, north) = np.abs(swath.axis[1] - swath.axis[0])
+        assert east < 1e-9
+        assert north > 200.0
+
+
+def test_a_survey_is_not_given_up_while_the_prior_leaves_some_probability():
+    terrain, rng = smooth_terrain(), stream(9)
+    # As likely as not the terrain is so rough that no thirty swaths would do.
+    fear = WeightedKernel(Cell.of("whittle", 80.0, -12.0), 400.0, 0.1, 0.5)
+    posterior = KernelPosterior((SMOOTH._replace(weight=0.5), fear))
+    survey = survey_adaptively(
+        AREA,
+        posterior,
+        AdaptiveConfig(limit_m=0.3048, noise_m=0.1),
+        lambda xy: terrain.at(xy) + 0.1 * rng.standard_normal(len(xy)),
+    )
+    assert survey.holds
+    assert survey.route is not None
+    assert len(survey.route.swaths) <= 8
+
+
+def test_an_adaptive_survey_says_when_no_survey_is_enough():
+    terrain, rng = smooth_terrain(), stream(9)
+    posterior = posterior_from_prior(CoarseCells(coarse(terrain), 0.5), noise_m=2.0)
+    config = AdaptiveConfig(limit_m=0.02, noise_m=2.0)
+    survey = survey_adaptively(
+        AREA, posterior, config, lambda xy: terrain.at(xy) + 2.0 * rng.standard_normal(len(xy))
+    )
+    assert not survey.holds
+    assert survey.route is None

@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from planners.guarantee.kernel_posterior import (
+    KernelPosterior,
+    WeightedKernel,
+    posterior_from_survey,
+)
+from planners.guarantee.prediction import LimitPredictor
+from survey import Dem, Grid, SurveyArea
+from survey.core.streams import stream
+from survey.reconstruction.gp.selection.kernel_search import Cell
+from survey.terrain import random_dem
+
+CRS = "EPSG:32608"
+SIDE_M = 300.0
+AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
+SMOOTH = WeightedKernel(Cell.of("squared-exponential", 80.0, -12.0), 25.0, 0.1, 1.0)
+
+
+def smooth_terrain(seed: int = 3) -> Dem:
+    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
+    return random_dem("squared_exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
+
+
+def lines(n: int) -> np.ndarray:
+    along = np.arange(0.0, SIDE_M + 1.0, 10.0)
+    offsets = (np.arange(n) + 0.5) * SIDE_M / n
+    return np.array([(x, y) for y in offsets for x in along])
+
+
+def test_the_chance_of_a_limit_is_that_of_drawn_errors(rng):
+    # Errors drawn from the posterior covariance itself, which the moments stand for.
+    predictor = LimitPredictor(AREA, limit_m=0.5, step_m=10.0)
+    xy, nodes, kernel = lines(3), predictor.nodes, SMOOTH.kernel
+    among = kernel.covariance(xy, xy) + SMOOTH.noise_m**2 * np.eye(len(xy))
+    joint = np.vstack([xy, nodes])
+    root = np.linalg.cholesky(kernel.covariance(joint, joint) + 1e-8 * np.eye(len(joint)))
+    field = root @ rng.standard_normal((len(joint), 400))
+    heights = field[: len(xy)] + SMOOTH.noise_m * rng.standard_normal((len(xy), 400))
+    weights = np.linalg.solve(among, kernel.covariance(xy, nodes)).T
+    rmse = np.sqrt(np.mean((weights @ heights - field[len(xy) :]) ** 2, axis=0))
+    predicted = predictor.of(xy, KernelPosterior((SMOOTH,)))
+    # 400 draws know a share to 0.025; the unknown constant and thinned samples add a little.
+    assert predicted.probability == pytest.approx(np.mean(rmse <= 0.5), abs=0.1)
+    assert predicted.rmse_m == pytest.approx(rmse.mean(), rel=0.1)
+
+
+def test_more_swaths_make_the_limit_more_probable():
+    predictor = LimitPredictor(AREA, limit_m=0.4572, step_m=10.0)
+    chances = [predictor.of(lines(n), KernelPosterior((SMOOTH,))).probability for n in (1, 2, 4, 8)]
+    assert chances == sorted(chances)
+    assert chances[0] < 0.01
+    assert chances[-1] > 0.99
+
+
+def test_relief_finer_than_the_samples_is_an_error_of_the_map(rng):
+    terrain, xy = smooth_terrain(), lines(6)
+    sensor = terrain.at(xy) + 0.1 * rng.standard_normal(len(xy))
+    bumps = 0.3 * rng.standard_normal(len(xy))
+    predictor = LimitPredictor(AREA, limit_m=0.5, step_m=10.0)
+    even, bumpy = (posterior_from_survey(xy, heights, noise_m=0.1) for heights in (sensor, sensor + bumps))
+    assert predictor.of(xy, even).rmse_m < 0.15
+    # The bumps themselves, known to some 20 %, and as much again for what they hide of the rest.
+    assert 0.24 < predictor.of(xy, bumpy).rmse_m < 0.3 * np.sqrt(2.0)

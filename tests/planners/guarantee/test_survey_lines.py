@@ -1,0 +1,28 @@
+import numpy as np
+import shapely
+
+from planners.guarantee.survey_lines import SurveyLines
+from survey import SurveyArea
+
+SITE = SurveyArea.rectangle((0.0, 0.0, 300.0, 200.0), "EPSG:32608")
+
+
+def test_a_line_is_addressed_by_its_distance_from_the_edge():
+    lines = SurveyLines(SITE, heading_deg=0.0)
+    (piece,) = lines.swath(50.0, 40.0, 90.0)
+    assert lines.width_m == 200.0
+    assert piece[[0, -1], 1].tolist() == [50.0, 50.0]
+    # It ends a quarter of a spacing before the border and winds by a quarter of one at most.
+    assert piece[0, 0] == 10.0
+    assert np.abs(piece[:, 1] - 50.0).max() <= 10.0
+
+
+def test_no_go_ground_cuts_a_line():
+    area = SurveyArea(SITE.polygon, SITE.crs, (shapely.box(100.0, 0.0, 150.0, 200.0),))
+    pieces = SurveyLines(area, heading_deg=0.0).swath(50.0, 40.0, 90.0)
+    assert len(pieces) == 2
+    assert all(area.free.covers(shapely.linestrings(piece)) for piece in pieces)
+
+
+def test_a_line_beside_the_area_is_empty():
+    assert SurveyLines(SITE, heading_deg=0.0).swath(500.0, 40.0, 90.0) == []
