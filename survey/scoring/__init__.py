@@ -10,7 +10,8 @@ from survey.scoring.score import Score, score
 from survey.scoring.spread import centeredness, distribution
 from survey.scoring.standards.assessment import Assessment, CheckpointScore, score_at
 from survey.scoring.standards.checkpoint_design import design_checkpoints
-from survey.scoring.standards.checkpoints import CheckpointErrors, Checkpoints, Spread, compare
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread, compare
+from survey.scoring.standards.checkpoints import Checkpoints
 from survey.scoring.standards.intervals import RmseInterval
 from survey.scoring.standards.standards import MapClass, Standard, Verdict, judge, map_classes
 

@@ -9,22 +9,27 @@ import numpy as np
 
 from survey.core.errors import InputError
 from survey.scoring.accuracy import ErrorStatistics
-from survey.scoring.standards.checkpoints import CheckpointErrors, Spread
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread
+from survey.scoring.standards.conditions import (
+    cautions_of,
+    datum_cautions,
+    least_numbers,
+    missing_accuracy,
+    missing_cover,
+    missing_in_general,
+    missing_number,
+)
 from survey.scoring.standards.formulas import (
     accuracy_z,
-    checkpoints_2014,
-    checkpoints_edition_2,
     nva_limit_m,
     rmse_v,
     vva_limit_m,
 )
 from survey.scoring.standards.intervals import RmseInterval
 from survey.scoring.standards.standards import (
-    ASPRS_2014,
     CONTOURS,
     EDITION_2,
     FOOT_M,
-    LEAST_COVERED,
     SPOT_HEIGHTS,
     Standard,
     standard_named,
@@ -32,15 +37,11 @@ from survey.scoring.standards.standards import (
 
 Outcome = Literal["met", "not met", "reported", "not assessed to the standard"]
 NOT_ASSESSED: Outcome = "not assessed to the standard"
-BLUNDER_FACTOR = 3.0
-"""Errors beyond this many times the limit of the RMSE are to be investigated."""
 _SHARE_BEYOND = 0.10
 _DIVISORS = {SPOT_HEIGHTS: 6.0, CONTOURS: 3.0}
 _INTERVALS_M = (FOOT_M, 2 * FOOT_M, 3 * FOOT_M)
 # The check survey of 1990 may err by a twentieth of the contour interval.
 _CHECK_SURVEY_1990 = 20.0
-# Shares and spacings are compared with a hair of slack, so that 20 % of 30 points may be 6 of 30.
-_SLACK = 1e-9
 
 
 @dataclass(frozen=True)
@@ -219,12 +220,12 @@ def _assessed(
 
 def _asprs_1990(standard: Standard, errors: CheckpointErrors, interval_m: float, k: int) -> Assessment:
     rmse, limit = _rmse(errors), k * interval_m / _DIVISORS[standard.name]
-    missing = _general(standard, errors)
+    missing = missing_in_general(standard, errors)
     if errors.checkpoint_rmse_m > interval_m / _CHECK_SURVEY_1990:
         missing.append(
             f"checkpoints accurate to {interval_m / _CHECK_SURVEY_1990:.3g} m (a twentieth of the interval), not {errors.checkpoint_rmse_m:.3g} m"
         )
-    cautions = _cautions(standard, errors, limit)
+    cautions = cautions_of(standard, errors, limit)
     if k > 1:
         cautions.append(f"the limit of class {k}, {k} times that of class 1, is unverified")
     label = f"Class {k}, interval {interval_m:.4g} m"
@@ -235,20 +236,24 @@ def _nmas(standard: Standard, errors: CheckpointErrors, interval_m: float) -> As
     """Count the points beyond half an interval; no horizontal shift is granted."""
     share = float(np.mean(np.abs(errors.errors_m) > 0.5 * interval_m))
     cautions = [
-        *_datum(errors),
+        *datum_cautions(errors),
         "the allowance for a horizontal shift within the map's tolerance is not used",
     ]
     label = f"contour interval {interval_m:.4g} m"
     measure = "share of points off by more than half the interval:"
-    missing = _general(standard, errors)
+    missing = missing_in_general(standard, errors)
     return _finding(standard, errors, (label, measure, share, _SHARE_BEYOND), missing, cautions)
 
 
 def _nssda(standard: Standard, errors: CheckpointErrors) -> Assessment:
     value = accuracy_z(_rmse(errors))
-    cautions = [*_datum(errors), "the standard sets no limit: the accuracy is stated, not passed"]
+    cautions = [*datum_cautions(errors), "the standard sets no limit: the accuracy is stated, not passed"]
     return _finding(
-        standard, errors, ("", "tested accuracy at 95 %", value, None), _general(standard, errors), cautions
+        standard,
+        errors,
+        ("", "tested accuracy at 95 %", value, None),
+        missing_in_general(standard, errors),
+        cautions,
     )
 
 
@@ -256,7 +261,7 @@ def _asprs_classes(
     standard: Standard, errors: CheckpointErrors, class_m: float | None
 ) -> Iterator[Assessment]:
     """Judge open ground by the class, vegetated ground as the edition has it."""
-    n_open, n_vegetated = _counts(standard, errors.spread.area_m2 / 1e6)
+    n_open, n_vegetated = least_numbers(standard, errors.spread.area_m2 / 1e6)
     open_, vegetated = errors.on(vegetated=False), errors.on(vegetated=True)
     label = "" if class_m is None else f"{class_m * 100.0:g} cm class"
     if open_ is None:
@@ -267,14 +272,14 @@ def _asprs_classes(
     value = rmse_v(_rmse(open_), open_.checkpoint_rmse_m) if edition_2 else accuracy_z(_rmse(open_))
     limit = None if class_m is None else class_m if edition_2 else nva_limit_m(class_m)
     measure = "non-vegetated RMSE_V" if edition_2 else "non-vegetated accuracy at 95 %"
-    missing = [*_number(standard, open_, n_open, "open"), *_accuracy(standard, open_, class_m)]
-    cautions = _cautions(standard, open_, class_m)
+    missing = [*missing_number(standard, open_, n_open, "open"), *missing_accuracy(standard, open_, class_m)]
+    cautions = cautions_of(standard, open_, class_m)
     yield _finding(standard, open_, (label, measure, value, limit), missing, cautions)
     if vegetated is None:
         return
     missing = [
-        *_number(standard, vegetated, n_vegetated, "vegetated"),
-        *_accuracy(standard, vegetated, class_m),
+        *missing_number(standard, vegetated, n_vegetated, "vegetated"),
+        *missing_accuracy(standard, vegetated, class_m),
     ]
     if edition_2:
         value, limit, measure = (
@@ -286,7 +291,7 @@ def _asprs_classes(
         value = float(np.percentile(np.abs(vegetated.errors_m), 95.0))
         limit = None if class_m is None else vva_limit_m(class_m)
         measure = "vegetated 95th percentile"
-    yield _finding(standard, vegetated, (label, measure, value, limit), missing, _datum(vegetated))
+    yield _finding(standard, vegetated, (label, measure, value, limit), missing, datum_cautions(vegetated))
 
 
 def _finding(
@@ -298,7 +303,7 @@ def _finding(
 ) -> Assessment:
     """Compare the value with the limit of what was asked (class, measure, value, limit), unless conditions are missing."""
     label, measure, value, limit = asked
-    missing = [*missing, *_coverage(errors)]
+    missing = [*missing, *missing_cover(errors)]
     outcome: Outcome = NOT_ASSESSED
     if not missing:
         outcome = "reported" if limit is None else "met" if value <= limit else "not met"
@@ -316,84 +321,6 @@ def _finding(
         tuple(missing),
         tuple(cautions),
     )
-
-
-def _coverage(errors: CheckpointErrors) -> list[str]:
-    """Return what the map misses of the area."""
-    if errors.covered_share >= LEAST_COVERED:
-        return []
-    return [f"heights on {LEAST_COVERED:.1%} of the area (the map covers {errors.covered_share:.1%})"]
-
-
-def _counts(standard: Standard, area_km2: float) -> tuple[int, int]:
-    if standard.name == ASPRS_2014:
-        return checkpoints_2014(area_km2)
-    n = checkpoints_edition_2(area_km2)
-    return n, n
-
-
-def _number(standard: Standard, errors: CheckpointErrors, n_least: int, ground: str) -> list[str]:
-    n = len(errors.errors_m)
-    if n >= n_least:
-        return []
-    return [f"{n_least} checkpoints on {ground} ground (there are {n}){_mark(standard, 'n_least')}"]
-
-
-def _accuracy(standard: Standard, errors: CheckpointErrors, class_m: float | None) -> list[str]:
-    """Compare the checkpoints' accuracy with what the class asks of them."""
-    if class_m is None or standard.sharper is None:
-        return []
-    needed = class_m / standard.sharper
-    if errors.checkpoint_rmse_m <= needed * (1.0 + _SLACK):
-        return []
-    return [
-        f"checkpoints accurate to {needed:.3g} m ({standard.sharper:g} times better than the class), not {errors.checkpoint_rmse_m:.3g} m"
-    ]
-
-
-def _general(standard: Standard, errors: CheckpointErrors) -> list[str]:
-    """Return what the standard misses in number and spread of the checkpoints."""
-    missing = [] if standard.n_least is None else _number(standard, errors, standard.n_least, "any")
-    share, spacing = standard.quadrant_share, standard.spacing_share
-    found = min(errors.spread.quadrant_shares)
-    if share is not None and found < share - _SLACK:
-        missing.append(
-            f"{share:.0%} of the checkpoints in every quarter of the area (one has {found:.0%}){_mark(standard, 'quadrant_share')}"
-        )
-    apart = errors.spread.spacing_share
-    if spacing is not None and apart < spacing - _SLACK:
-        missing.append(
-            f"{spacing:.0%} of the diagonal between any two checkpoints (two are {apart:.1%} apart){_mark(standard, 'spacing_share')}"
-        )
-    return missing
-
-
-def _cautions(standard: Standard, errors: CheckpointErrors, limit_m: float | None) -> list[str]:
-    """Return what is to be investigated: a bias, blunders, a datum that is not stated."""
-    found = _datum(errors)
-    if limit_m is None:
-        return found
-    bias = abs(float(np.mean(errors.errors_m)))
-    if standard.bias_share is not None and bias > standard.bias_share * limit_m:
-        found.append(
-            f"the mean error {bias:.3g} m exceeds {standard.bias_share:.0%} of the class: investigate{_mark(standard, 'bias_share')}"
-        )
-    blunders = errors.beyond(BLUNDER_FACTOR * limit_m)
-    if blunders:
-        found.append(
-            f"errors beyond {BLUNDER_FACTOR:g} times the limit at {', '.join(blunders)}: investigate, they are in the figures{_mark(standard, 'blunders')}"
-        )
-    return found
-
-
-def _datum(errors: CheckpointErrors) -> list[str]:
-    if errors.has_datums:
-        return []
-    return ["the map or the checkpoints do not state their vertical datum; tens of metres can hide there"]
-
-
-def _mark(standard: Standard, what: str) -> str:
-    return " (unverified)" if what in standard.unverified else ""
 
 
 def _rmse(errors: CheckpointErrors) -> float:

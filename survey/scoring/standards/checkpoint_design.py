@@ -72,7 +72,7 @@ def design_checkpoints(
     --------
     >>> area = SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     >>> places = design_checkpoints(area, 30, np.random.default_rng(1))
-    >>> from survey.scoring.standards.checkpoints import Spread
+    >>> from survey.scoring.standards.checkpoint_errors import Spread
     >>> spread = Spread.of(places, area)
     >>> min(spread.quadrant_shares) >= 0.2, spread.spacing_share >= 0.1
     (True, True)

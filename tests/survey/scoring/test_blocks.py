@@ -11,6 +11,7 @@ import survey
 from survey import Dem, Grid, InputError, Reconstruction, SurveyArea
 from survey.io.raster import write_raster
 from survey.scoring import blocks
+from survey.scoring.error_sketch import ErrorSketch
 
 UTM = "EPSG:32608"
 
@@ -83,7 +84,7 @@ def test_what_memory_refuses_blocks_refuse_too(rasters: tuple[Path, Path], tmp_p
 
 def test_errors_far_from_the_first_blocks_keep_their_quantiles() -> None:
     rng = np.random.default_rng(6)
-    sketch = blocks.ErrorSketch()
+    sketch = ErrorSketch()
     parts = [rng.normal(100.0, 0.05, 4000), rng.normal(100.2, 0.05, 12_000), rng.normal(-3.0, 5.0, 500)]
     for part in parts:
         sketch.add(part)

@@ -1,0 +1,102 @@
+"""Conditions that the accuracy standards set on checkpoints, and what they ask to investigate."""
+
+import numpy as np
+
+from survey.scoring.standards.checkpoint_errors import CheckpointErrors
+from survey.scoring.standards.formulas import (
+    checkpoints_2014,
+    checkpoints_edition_2,
+)
+from survey.scoring.standards.standards import (
+    ASPRS_2014,
+    LEAST_COVERED,
+    Standard,
+)
+
+BLUNDER_FACTOR = 3.0
+"""Errors beyond this many times the limit of the RMSE are to be investigated."""
+
+
+# Shares and spacings are compared with a hair of slack, so that 20 % of 30 points may be 6 of 30.
+_SLACK = 1e-9
+
+
+def missing_cover(errors: CheckpointErrors) -> list[str]:
+    """Return what the map misses of the area."""
+    if errors.covered_share >= LEAST_COVERED:
+        return []
+    return [f"heights on {LEAST_COVERED:.1%} of the area (the map covers {errors.covered_share:.1%})"]
+
+
+def least_numbers(standard: Standard, area_km2: float) -> tuple[int, int]:
+    """Return the least numbers of checkpoints on open and on vegetated ground."""
+    if standard.name == ASPRS_2014:
+        return checkpoints_2014(area_km2)
+    n = checkpoints_edition_2(area_km2)
+    return n, n
+
+
+def missing_number(standard: Standard, errors: CheckpointErrors, n_least: int, ground: str) -> list[str]:
+    """Return a condition where there are too few checkpoints."""
+    n = len(errors.errors_m)
+    if n >= n_least:
+        return []
+    return [f"{n_least} checkpoints on {ground} ground (there are {n}){_mark(standard, 'n_least')}"]
+
+
+def missing_accuracy(standard: Standard, errors: CheckpointErrors, class_m: float | None) -> list[str]:
+    """Compare the checkpoints' accuracy with what the class asks of them."""
+    if class_m is None or standard.sharper is None:
+        return []
+    needed = class_m / standard.sharper
+    if errors.checkpoint_rmse_m <= needed * (1.0 + _SLACK):
+        return []
+    return [
+        f"checkpoints accurate to {needed:.3g} m ({standard.sharper:g} times better than the class), not {errors.checkpoint_rmse_m:.3g} m"
+    ]
+
+
+def missing_in_general(standard: Standard, errors: CheckpointErrors) -> list[str]:
+    """Return what the standard misses in number and spread of the checkpoints."""
+    missing = [] if standard.n_least is None else missing_number(standard, errors, standard.n_least, "any")
+    share, spacing = standard.quadrant_share, standard.spacing_share
+    found = min(errors.spread.quadrant_shares)
+    if share is not None and found < share - _SLACK:
+        missing.append(
+            f"{share:.0%} of the checkpoints in every quarter of the area (one has {found:.0%}){_mark(standard, 'quadrant_share')}"
+        )
+    apart = errors.spread.spacing_share
+    if spacing is not None and apart < spacing - _SLACK:
+        missing.append(
+            f"{spacing:.0%} of the diagonal between any two checkpoints (two are {apart:.1%} apart){_mark(standard, 'spacing_share')}"
+        )
+    return missing
+
+
+def cautions_of(standard: Standard, errors: CheckpointErrors, limit_m: float | None) -> list[str]:
+    """Return what is to be investigated: a bias, blunders, a datum that is not stated."""
+    found = datum_cautions(errors)
+    if limit_m is None:
+        return found
+    bias = abs(float(np.mean(errors.errors_m)))
+    if standard.bias_share is not None and bias > standard.bias_share * limit_m:
+        found.append(
+            f"the mean error {bias:.3g} m exceeds {standard.bias_share:.0%} of the class: investigate{_mark(standard, 'bias_share')}"
+        )
+    blunders = errors.beyond(BLUNDER_FACTOR * limit_m)
+    if blunders:
+        found.append(
+            f"errors beyond {BLUNDER_FACTOR:g} times the limit at {', '.join(blunders)}: investigate, they are in the figures{_mark(standard, 'blunders')}"
+        )
+    return found
+
+
+def datum_cautions(errors: CheckpointErrors) -> list[str]:
+    """Return a caution where a vertical datum is not stated."""
+    if errors.has_datums:
+        return []
+    return ["the map or the checkpoints do not state their vertical datum; tens of metres can hide there"]
+
+
+def _mark(standard: Standard, what: str) -> str:
+    return " (unverified)" if what in standard.unverified else ""
