@@ -25,12 +25,12 @@ _YOUNG = "#f0e442"
 def tracks_on_frames(
     drive: VisionRecords, config: VisualOdometryConfig | None = None, n_places: int = 2
 ) -> Figure:
-    """Draw the corners that visual odometry follows over ten images, at a few places of a drive.
+    """Draw the corners that visual odometry tracks over ten images, at a few places of a drive.
 
-    Visual odometry begins anew at each place, once with the images as they came (left) and
-    once after CLAHE (right); all else is the same. A line is the latest way of a corner that
-    agrees with the motion, the dot its last place. Near are corners whose distance the motion
-    has told; the others, on the horizon, tell turns alone.
+    Visual odometry starts at each place, once with the original images (left) and once after
+    CLAHE (right), with the same settings otherwise. A line is the latest track of an inlier, the
+    dot its last pixel. Near corners have a triangulated distance; the others, on the horizon,
+    give rotation only.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ def write_rrd(path: Path, estimate: DriveEstimate, drive: VisionRecords) -> None
 
 
 def _log_path(rr: Any, stream: Any, estimate: DriveEstimate) -> None:
-    """Log the whole path and the landmarks, and the body's pose over time."""
+    """Log the path and the landmarks, and the body's pose over time."""
     origin = estimate.position[0]
     stream.log("world/path", rr.LineStrips3D([estimate.position - origin]), static=True)
     if len(estimate.landmarks):

@@ -1,4 +1,4 @@
-"""A calibrated camera on a rover, and the images that it took."""
+"""Calibrated camera of a rover, and its images."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ Image = npt.NDArray[np.uint8]
 
 
 class CameraFile(Section):
-    """What stands in ``camera.toml``."""
+    """Keys of ``camera.toml``."""
 
     model: Literal["pinhole", "fisheye"]
     """OpenCV's lens model: rational pinhole (k1, k2, p1, p2, k3) or fisheye (k1, k2, k3, k4)."""
@@ -98,10 +98,20 @@ class Camera(DataObject):
             )
 
     def project(self, xyz_camera: FloatArray) -> FloatArray:
-        """Project points in the camera frame to pixels (N, 2); NaN for what lies behind.
+        """Project points in the camera frame to pixels.
 
-        The fisheye sees up to 90° off its axis, the pinhole what OpenCV's polynomial
-        still maps one to one.
+        The fisheye model holds up to 90° off its axis, the pinhole model where the polynomial of
+        OpenCV is one to one.
+
+        Parameters
+        ----------
+        xyz_camera : (N, 3) array_like
+            Points [m], camera frame.
+
+        Returns
+        -------
+        (N, 2) ndarray
+            Column and row [pixels]; NaN for points behind the camera.
         """
         import cv2
 
@@ -119,7 +129,18 @@ class Camera(DataObject):
         return pixels
 
     def rays(self, uv: FloatArray) -> FloatArray:
-        """Return the unit directions (N, 3), in the camera frame, of pixels (N, 2)."""
+        """Return the viewing directions of pixels.
+
+        Parameters
+        ----------
+        uv : (N, 2) array_like
+            Column and row [pixels].
+
+        Returns
+        -------
+        (N, 3) ndarray
+            Unit vectors, camera frame.
+        """
         import cv2
 
         pixels = np.ascontiguousarray(np.asarray(uv, dtype=np.float64).reshape(-1, 1, 2))
@@ -134,7 +155,18 @@ class Camera(DataObject):
         return directions
 
     def scaled(self, factor: float) -> "Camera":
-        """Return the same lens with `factor` times as many pixels a side."""
+        """Return the same lens with another resolution.
+
+        Parameters
+        ----------
+        factor : float
+            New over old number of pixels per side.
+
+        Returns
+        -------
+        Camera
+            With the matrix of the new resolution.
+        """
         matrix = self.matrix.copy()
         matrix[:2] *= factor
         matrix[:2, 2] += 0.5 * (factor - 1.0)  # pixel centres are whole numbers, edges lie at halves
@@ -144,7 +176,13 @@ class Camera(DataObject):
         )
 
     def write(self, path: str | Path) -> None:
-        """Write ``camera.toml``."""
+        """Write ``camera.toml``.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        """
         content = {
             "model": self.model,
             "width": self.width,
@@ -160,6 +198,16 @@ class Camera(DataObject):
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Read ``camera.toml``.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+
+        Returns
+        -------
+        Camera
+            The calibration.
 
         Raises
         ------
@@ -190,14 +238,14 @@ class Camera(DataObject):
 
 
 class ImageSource(Protocol):
-    """Gives images by their number."""
+    """Sequence of images, read by index."""
 
     def __getitem__(self, index: int) -> Image: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Frames(DataObject):
-    """Images in the order of their times; each is read when it is asked for.
+    """Images in the order of their times; each is read when it is used.
 
     Parameters
     ----------
@@ -230,6 +278,16 @@ class Frames(DataObject):
     def read(cls, folder: str | Path) -> Self:
         """Read what a `FrameWriter` wrote: ``frames.csv`` (time_s,file) and the images beside it.
 
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            The folder.
+
+        Returns
+        -------
+        Frames
+            Images that are read when used.
+
         Raises
         ------
         InputError
@@ -255,14 +313,14 @@ class Frames(DataObject):
         missing = next((file for file in files if not file.is_file()), None)
         if missing is not None:
             raise InputError(
-                f"{list_file} names {missing.name}, which is not there; get the whole recording."
+                f"{list_file} names {missing.name}, which is not there; get the complete recording."
             )
         return cls(np.array(times), ImageFiles(files))
 
 
 @dataclass(frozen=True)
 class ImageFiles:
-    """Images in files, read when asked for."""
+    """Image files, read when used."""
 
     files: Sequence[Path]
 
@@ -271,7 +329,17 @@ class ImageFiles:
 
 
 def read_image(path: str | Path) -> Image:
-    """Read an 8-bit image as it is, grey or blue-green-red.
+    """Read an 8-bit image, grey or blue-green-red.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        PNG, JPEG or another format of OpenCV.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) ndarray of uint8
+        The pixels.
 
     Raises
     ------
@@ -282,11 +350,11 @@ def read_image(path: str | Path) -> Image:
 
     file = existing_file(path, "the image")
     content = file.read_bytes()
-    # OpenCV fills what lacks with zeros; the end mark of PNG and JPEG tells whether all is there.
+    # OpenCV fills missing data with zeros; PNG and JPEG have an end mark.
     cut = any(content.startswith(head) and tail not in content[-32:] for head, tail in _END_MARKS.items())
     image: Any = None if cut else cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise InputError(f"{file} is no whole image; it may be cut off, get it again.")
+        raise InputError(f"{file} cannot be decoded as an image; it may be cut off, get it again.")
     if image.dtype != np.uint8:
         raise InputError(f"{file} has {image.dtype} pixels; 8-bit images were expected, convert it.")
     return np.asarray(image, dtype=np.uint8)
@@ -300,11 +368,16 @@ _MOST_WAITING = 4
 
 
 class FrameWriter:
-    """Writes images one by one into a folder as lossless PNG, and their list when all are there.
+    """Writer of images as lossless PNG, one by one, and of their list at the end.
 
     A folder without ``frames.csv`` is half-written. A thread compresses while the next image is
-    made, so that an image must not be changed once it is added; what cannot be written is told
+    made, so that an image must not be changed once it is added. A failed write raises an error
     a few images later, or at the end.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        Created if missing.
 
     Examples
     --------
@@ -324,7 +397,15 @@ class FrameWriter:
         self._waiting: deque[Future[None]] = deque()
 
     def add(self, time_s: float, image: Image) -> None:
-        """Write one more image, soon."""
+        """Queue one more image for writing.
+
+        Parameters
+        ----------
+        time_s : float
+            Its time [s].
+        image : (H, W) or (H, W, 3) ndarray of uint8
+            Grey, or blue, green, red.
+        """
         name = f"{len(self._rows):06d}.png"
         self._rows.append(f"{float(time_s)!r},{name}")
         if len(self._waiting) == _MOST_WAITING:
@@ -335,8 +416,8 @@ class FrameWriter:
         import cv2
 
         # Level 1 is half as fast to read and nearly as small: noise does not compress.
-        whole, content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-        if not whole:
+        is_encoded, content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        if not is_encoded:
             raise InputError(f"the frame at {time_s} s could not be written as PNG; it must be 8-bit.")
         (self._folder / name).write_bytes(content.tobytes())
 

@@ -1,4 +1,4 @@
-"""What a rover senses and nothing else: the only thing that localization is given."""
+"""Recording: the sensor records of one drive, the only input of localization."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -17,7 +17,7 @@ from survey.data.sensors import GpsFixes, Odometry, SensorTables, Sightings, tab
 
 
 class RecordingHeader(Section):
-    """What stands in ``recording.json``."""
+    """Keys of ``recording.json``."""
 
     format: str = "firnline-recording-1"
     crs: str
@@ -110,7 +110,20 @@ class Recording(SensorTables):
         return f"{', '.join(sensed)}, {self.crs.name}"
 
     def with_odometry(self, odometry: Odometry, sightings: Sightings) -> "OdometryRecording":
-        """Return the recording with another odometry and the landmarks sighted from its poses."""
+        """Return the recording with another odometry and the landmarks sighted from its poses.
+
+        Parameters
+        ----------
+        odometry : Odometry
+            Steps and attitudes.
+        sightings : Sightings
+            Landmarks relative to the poses of `odometry`.
+
+        Returns
+        -------
+        OdometryRecording
+            All other records are unchanged.
+        """
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         return OdometryRecording(**(values | {"odometry": odometry, "sightings": sightings}))
 
@@ -126,10 +139,15 @@ class Recording(SensorTables):
             )
 
     def write(self, folder: str | Path) -> None:
-        """Write ``recording.json``, one CSV table a sensor, ``camera.toml`` and ``frames/``.
+        """Write ``recording.json``, one CSV table per sensor, ``camera.toml`` and ``frames/``.
 
-        Frames that a `FrameWriter` has put into ``frames/`` of this very folder before stay
-        as they are: a long drive is written while it is driven.
+        Frames that a `FrameWriter` has written into ``frames/`` of this folder before are not
+        written again.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            Missing, or empty except for ``frames/``.
 
         Raises
         ------
@@ -164,7 +182,17 @@ class Recording(SensorTables):
 
     @classmethod
     def read(cls, folder: str | Path) -> Self:
-        """Read a recording that `write` wrote; images are read when they are asked for.
+        """Read the files of `write`; images are read when they are used.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            The folder of the recording.
+
+        Returns
+        -------
+        Recording
+            All tables that the folder has.
 
         Raises
         ------

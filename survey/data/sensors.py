@@ -1,4 +1,4 @@
-"""The records of one sensor each: times and what was read, in the order of time.
+"""Sensor records: tables of times and readings, one class per sensor.
 
 Body frame: x forward, y left, z up, origin on the ground between the tracks. World frame:
 easting, northing, elevation. Attitudes are roll, pitch (nose down positive) and yaw
@@ -21,7 +21,18 @@ _UPPER = np.triu_indices(3)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SensorRecords(DataObject):
-    """What all sensors share: increasing times, one row a reading, a CSV table with units."""
+    """Base class of sensor records: increasing times, one row per reading, a CSV table with units.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times of the readings [s], increasing.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, NaN, too few readings, or times that do not increase.
+    """
 
     COLUMNS: ClassVar[dict[str, tuple[str, ...]]] = {}
     """Columns of the fields that take several: 3 for a vector, 6 for a symmetric matrix."""
@@ -53,7 +64,13 @@ class SensorRecords(DataObject):
         return len(self.time_s)
 
     def write(self, path: str | Path) -> None:
-        """Write a CSV table whose header names the units."""
+        """Write a CSV table whose header names the units.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        """
         columns: dict[str, FloatArray] = {}
         for field in fields(self):
             values = np.asarray(getattr(self, field.name), dtype=np.float64)
@@ -64,7 +81,12 @@ class SensorRecords(DataObject):
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read what `write` wrote.
+        """Read the CSV table of `write`.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
 
         Raises
         ------
@@ -163,7 +185,7 @@ class Weather(SensorRecords):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StakeSightings(SensorRecords):
-    """Stakes recognised in passing.
+    """Sightings of surveyed stakes.
 
     ``stake`` (N,) is the index into the recording's stakes, ``offset`` (N, 3) the stake's
     foot relative to the body [m] in the body frame, ``covariance`` (N, 3, 3) its error [m²].
@@ -180,23 +202,29 @@ class StakeSightings(SensorRecords):
     covariance: FloatArray
 
     def _check_order(self, times: FloatArray) -> None:
-        """Several stakes may be seen at once."""
+        """Check that times do not decrease; several stakes may be seen at once."""
         if (np.diff(times) < 0).any():
             raise InputError(f"the times of the {self.WHAT} run backwards; sort them.")
 
     @property
     def index(self) -> IntArray:
-        """Index of the stake, whole numbers."""
+        """Index of the stake (N,), integer."""
         return self.stake.astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopClosures(SensorRecords):
-    """Places recognised again.
+    """Loop closures: relative positions of two poses of the drive.
 
-    At ``time_s`` (N,) the body was found to be where ``offset`` (N, 3) points from the body
-    as it stood at ``earlier_s`` (N,), in the body frame of then [m]; ``covariance``
-    (N, 3, 3) is the offset's error [m²].
+    Parameters
+    ----------
+    time_s, earlier_s : (N,) array_like
+        Times of the later and of the earlier pose [s].
+    offset : (N, 3) array_like
+        Position of the body at `time_s` relative to that at `earlier_s` [m], in the body frame
+        at `earlier_s`.
+    covariance : (N, 3, 3) array_like
+        Of `offset` [m²].
     """
 
     COLUMNS: ClassVar = StakeSightings.COLUMNS
@@ -207,7 +235,7 @@ class LoopClosures(SensorRecords):
     covariance: FloatArray
 
     def _check_order(self, times: FloatArray) -> None:
-        """Several places may be recognised at once."""
+        """Check that times do not decrease; several places may be recognized at once."""
         if (np.diff(times) < 0).any():
             raise InputError(f"the times of the {self.WHAT} run backwards; sort them.")
 
@@ -230,7 +258,13 @@ class Stakes(DataObject):
         return len(self.position)
 
     def write(self, path: str | Path) -> None:
-        """Write a CSV table."""
+        """Write a CSV table.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        """
         east, north, up = self.position.T
         write_table(
             path, {"easting_m": east, "northing_m": north, "elevation_m": up, "sigma_m": self.sigma_m}
@@ -238,7 +272,18 @@ class Stakes(DataObject):
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read what `write` wrote."""
+        """Read the CSV table of `write`.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            Missing, cut off, a missing column, or a value that is no number.
+        """
         names = ("easting_m", "northing_m", "elevation_m", "sigma_m")
         table = read_table(path, names, what="the table of stakes")
         return cls(np.column_stack([table[name] for name in names[:3]]), table["sigma_m"])
@@ -284,7 +329,13 @@ class Odometry(DataObject):
                 )
 
     def write(self, path: str | Path) -> None:
-        """Write a CSV table; the first pose is reached by no step, a row of zeros keeps one row a pose."""
+        """Write a CSV table with one row per pose; the step of the first row is zero.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        """
         steps = np.vstack([np.zeros((1, 3)), self.step])
         body = np.hstack([self.time_s[:, None], steps, self.attitude_rad])
         columns = dict(zip(_ODOMETRY, body.T, strict=True))
@@ -294,7 +345,18 @@ class Odometry(DataObject):
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read what `write` wrote."""
+        """Read the CSV table of `write`.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            Missing, cut off, a missing column, or a value that is no number.
+        """
         table = read_table(path, _ODOMETRY, what="the odometry table")
         body = np.column_stack([table[name] for name in _ODOMETRY[1:]])
         torn = {name: table[name][1:] for name in _TORN if name in table}
@@ -333,14 +395,31 @@ class Sightings(DataObject):
         object.__setattr__(self, "range_m", checked(self.range_m, (m,), "the landmark ranges"))
 
     def write(self, path: str | Path) -> None:
-        """Write a CSV table; of the covariance the upper triangle."""
+        """Write a CSV table with the upper triangle of the covariances.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        """
         covariance = self.covariance[:, _UPPER[0], _UPPER[1]]
         body = np.column_stack([self.pose.astype(np.float64), self.offset, self.range_m, covariance])
         write_table(path, dict(zip(_SIGHTINGS, body.T, strict=True)))
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read what `write` wrote."""
+        """Read the CSV table of `write`.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            Missing, cut off, a missing column, or a value that is no number.
+        """
         table = read_table(path, _SIGHTINGS, what="the table of sightings")
         body = np.column_stack([table[name] for name in _SIGHTINGS])
         return cls(body[:, 0].astype(np.int64), body[:, 1:4], _joined(list(body[:, 5:].T)), body[:, 4])

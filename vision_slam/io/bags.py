@@ -40,9 +40,9 @@ _KINDS = {
     "odometry": ("nav_msgs/msg/Odometry",),
 }
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
-_SAMPLED_EVERY = 10  # images that tell size and depth before any is used
+_SAMPLED_EVERY = 10  # images that are checked for size and depth before any is used
 _BASES = ("base_footprint", "base_link")
-# A camera that looks forward, level: where nothing tells how it is mounted.
+# A level camera that looks forward, where no transform gives its mounting.
 _FORWARD = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
@@ -62,14 +62,14 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None = None) -> ImageSequence:
-    """Read a bag; what each topic is, its type tells.
+    """Read a bag; topics are recognized by their type.
 
-    Images are raw or compressed (`sensor_msgs`), and read again when they are asked for;
-    calibration, fixes, inertial readings and odometry come whole. Poses of an odometry count
-    as wheels: only the distance between them is used. Where ``/tf_static`` tells how camera
-    and inertial unit sit on ``base_link``, both are turned into the body's frame; else the
-    camera is supposed to look forward, level, and the inertial unit to have the body's axes,
-    which a note says.
+    Images are raw or compressed (`sensor_msgs`) and are decoded when they are used;
+    calibration, fixes, inertial readings and odometry are read at once. Poses of an odometry
+    count as wheels: only the distance between them is used. Where ``/tf_static`` has the
+    mounting of camera and inertial unit on ``base_link``, both are rotated into the body frame;
+    else the camera is assumed level and forward, and the inertial unit aligned with the body,
+    and a note is added.
 
     Parameters
     ----------
@@ -78,7 +78,12 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     topics : sequence of str
         Which topics to take, for those kinds of which the bag has several.
     camera : Camera, optional
-        Calibration and mounting to use instead of the bag's.
+        Calibration and mounting to use instead of those of the bag.
+
+    Returns
+    -------
+    ImageSequence
+        Images, fixes and what else the bag has.
 
     Raises
     ------
@@ -100,7 +105,7 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
 
 @dataclass
 class _Found:
-    """What one pass over the bag gave."""
+    """Records of one pass over the bag."""
 
     stamps: list[float]
     image_frame: str
@@ -136,7 +141,7 @@ def _opened(place: Path) -> Iterator["AnyReader"]:
             yield reader
     except damage as error:
         raise InputError(
-            f"{place} is no whole bag ({first_line(error)}); record or copy it again."
+            f"{place} is damaged or no bag ({first_line(error)}); record or copy it again."
         ) from error
 
 
@@ -217,7 +222,7 @@ def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera 
             raise InputError(f"{place} holds no camera_info; name a calibration with --camera.")
         mounted = _on_body(found, found.image_frame)
         if mounted is None:
-            notes.append("nothing tells how the camera is mounted: supposed to look forward, level")
+            notes.append("the bag has no mounting of the camera: it is assumed to look forward, level")
         camera = decode_camera(found.calibration, _FORWARD if mounted is None else mounted, place)
     if found.size != (camera.width, camera.height):
         raise InputError(
@@ -233,7 +238,9 @@ def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera 
     if found.inertial:
         rows, turned = np.array(found.inertial), _on_body(found, found.inertial_frame)
         if turned is None:
-            notes.append("nothing tells how the inertial unit is mounted: supposed to have the body's axes")
+            notes.append(
+                "the bag has no mounting of the inertial unit: it is assumed to have the axes of the body"
+            )
         turn = np.eye(3) if turned is None else turned[:3, :3]
         inertial = Inertial(rows[:, 0], rows[:, 1:4] @ turn.T, rows[:, 4:7] @ turn.T)
     return ImageSequence(

@@ -25,7 +25,7 @@ _METRES = ("time_s", "easting_m", "northing_m", "height_m")
 
 @dataclass(frozen=True)
 class GpsLog:
-    """What a receiver wrote.
+    """Fixes of a receiver as its file has them.
 
     Parameters
     ----------
@@ -33,13 +33,13 @@ class GpsLog:
         Times of the fixes [s]: Unix time when `is_dated`, else as the file counts.
     place : (N, 3) ndarray
         Longitude, latitude [deg] and height [m] where `is_geodetic`, else easting, northing
-        and height [m] in a CRS that the file does not tell.
+        and height [m] in a CRS that the file does not name.
     is_geodetic, is_dated : bool
         See above.
     n_without_fix : int
         Records that the receiver itself marked as no fix; they are left out.
     vertical_datum : str
-        What heights count from; ``""`` when the file does not tell.
+        What heights count from; ``""`` when the file does not state it.
     """
 
     time_s: FloatArray
@@ -61,6 +61,18 @@ class GpsLog:
     def fixes(self, crs: CRS | str | None = None) -> tuple[GpsFixes, CRS]:
         """Return the fixes in a projected CRS, and which one that is: the UTM zone of the first fix unless named.
 
+        Parameters
+        ----------
+        crs : str or pyproj.CRS, optional
+            Projected CRS; needed for files in metres.
+
+        Returns
+        -------
+        fixes : GpsFixes
+            Positions in the CRS [m].
+        crs : pyproj.CRS
+            The working CRS.
+
         Raises
         ------
         ConfigError
@@ -75,7 +87,7 @@ class GpsLog:
         32608
         """
         if crs is None and self.utm is None:
-            raise ConfigError("the fixes are in metres, and nothing tells where they count from; name --crs.")
+            raise ConfigError("the fixes are in metres, and the file names no CRS; name one with --crs.")
         target = projected_crs(self.utm if crs is None else crs, "the fixes")
         if not self.is_geodetic:
             return GpsFixes(self.time_s, self.place), target
@@ -84,12 +96,22 @@ class GpsLog:
 
 
 def read_gps(path: str | Path) -> GpsLog:
-    """Read what a receiver wrote; records without a fix are left out and counted.
+    """Read a GPS file; records without a fix are left out and counted.
 
     ``.gpx``; ``.csv`` with the columns time_s, easting_m, northing_m, height_m or time_s,
     latitude_deg, longitude_deg, height_m; anything else is read as NMEA 0183, bare or as
-    phones log it, of which the GGA sentences tell time of day, place and height above the
+    phones log it, of which the GGA sentences give time of day, position and height above the
     geoid, and RMC sentences the date.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    GpsLog
+        Fixes in degrees or in metres.
 
     Raises
     ------
@@ -117,7 +139,7 @@ def _from_table(file: Path) -> GpsLog:
 
 
 def _from_nmea(file: Path) -> GpsLog:
-    """Time since the first midnight, or Unix time where a sentence tells the date, and place of the GGA sentences."""
+    """Time since the first midnight, or Unix time where a sentence has the date, and place of the GGA sentences."""
     rows: list[tuple[float, float, float, float]] = []
     n_without_fix, midnight_s = 0, None
     for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
@@ -172,12 +194,12 @@ def _midnight_s(words: list[str], last_s: float) -> float | None:
 
 
 def _checked_words(line: str, where: str) -> list[str]:
-    body, star, told = line[1:].partition("*")
-    told = told.split(",")[0]  # phones add their own time of arrival
+    body, star, checksum = line[1:].partition("*")
+    checksum = checksum.split(",")[0]  # phones add their own time of arrival
     sum_of = 0
     for letter in body:
         sum_of ^= ord(letter)
-    if not star or told.strip().upper() != f"{sum_of & 0xFF:02X}":
+    if not star or checksum.strip().upper() != f"{sum_of & 0xFF:02X}":
         raise InputError(
             f"{where}: the checksum of the sentence is wrong; it was cut off or damaged, remove it."
         )

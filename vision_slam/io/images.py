@@ -24,8 +24,8 @@ _N_SAMPLED = 9
 class AnyImages:
     """Image files read when asked for; values of more than 8 bits are divided by 2 to the power `shift`.
 
-    One division for the whole sequence: scaling each image by itself would change with
-    whatever is brightest in it.
+    One divisor for all images of the sequence: scaling each image by itself would depend on
+    its brightest pixel.
     """
 
     files: Sequence[Path]
@@ -43,7 +43,7 @@ class AnyImages:
 def images_of(files: Sequence[Path]) -> AnyImages:
     """Return the images of a sequence, refused where one is cut off.
 
-    How many bits are in use is told by the brightest pixel of nine images spread over the
+    The bit depth is taken from the brightest pixel of nine images spread over the
     sequence: cameras of 10, 12 or 14 bits write them into the lower ones of 16.
 
     Raises
@@ -108,7 +108,7 @@ def decoded(content: bytes, where: str) -> npt.NDArray[Any]:
     """Return the pixels of an image file's content, whatever their depth; colours in the order blue, green, red."""
     pixels: Any = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
     if pixels is None:
-        raise InputError(f"{where} is no whole image; it may be cut off, get it again.")
+        raise InputError(f"{where} cannot be decoded as an image; it may be cut off, get it again.")
     return np.asarray(pixels)
 
 
@@ -119,7 +119,7 @@ def refuse_cut_off(path: Path) -> None:
         stream.seek(-min(32, path.stat().st_size), 2)
         tail = stream.read()
     if any(head.startswith(mark) and end not in tail for mark, end in _END_MARKS.items()):
-        raise InputError(f"{path} is no whole image; it is cut off, get it again.")
+        raise InputError(f"{path} is cut off: the end of the image is missing; get it again.")
 
 
 def refuse_other_sizes(files: Sequence[Path], camera: Camera) -> None:

@@ -26,7 +26,7 @@ _UNIX_NS = 1e15  # a file name that counts more than this counts nanoseconds
 
 
 def read_sequence(folder: str | Path, camera: Camera | None = None) -> ImageSequence:
-    """Read a folder in the layout that it turns out to have.
+    """Read a folder of images in one of the supported layouts.
 
     KITTI odometry: ``calib.txt`` beside ``image_0`` or ``image_l``. TUM: ``rgb.txt``.
     EuRoC: ``mav0/cam0`` or ``cam0``. Otherwise images with times: a table ``frames.csv``
@@ -36,14 +36,19 @@ def read_sequence(folder: str | Path, camera: Camera | None = None) -> ImageSequ
     nanoseconds). TUM and folders of images are calibrated by ``camera.toml``;
     beside plain images, ``wheels.csv`` and ``inertial.csv`` as in a recording are read too.
 
-    All images are opened, and looked at for their ends and sizes, before any is used.
+    All images are checked for completeness and size before any is used.
 
     Parameters
     ----------
     folder : str or pathlib.Path
         The recording.
     camera : Camera, optional
-        Calibration to use instead of the layout's.
+        Calibration to use instead of that of the layout.
+
+    Returns
+    -------
+    ImageSequence
+        Images with calibration, and reference poses where the layout has them.
 
     Raises
     ------
@@ -86,7 +91,7 @@ def _sequence(
     inertial: Inertial | None = None,
     reference: tuple[FloatArray, FloatArray] | None = None,
 ) -> ImageSequence:
-    """Put together what a layout gave, with images that are whole and of the calibration's size."""
+    """Assemble a sequence after checking all images for completeness and size."""
     images = images_of(files)
     refuse_other_sizes(files, camera)
     time_s, poses = reference or (None, None)
@@ -135,16 +140,16 @@ def _times(place: Path, inner: Path, files: list[Path]) -> FloatArray:
             _as_many(times, files, listed)
             return times
     try:
-        told = np.array([float(file.stem) for file in files])
+        times = np.array([float(file.stem) for file in files])
     except ValueError as error:
         raise InputError(
             f"{inner} has images and no times ({error}); add frames.csv with the columns time_s,file."
         ) from error
-    if len(told) > 1 and np.array_equal(told, np.arange(told[0], told[0] + len(told))):
+    if len(times) > 1 and np.array_equal(times, np.arange(times[0], times[0] + len(times))):
         raise InputError(
             f"the images in {inner} are numbered and have no times; add times.txt with one time [s] a line."
         )
-    return told * 1e-9 if told[0] > _UNIX_NS else told
+    return times * 1e-9 if times[0] > _UNIX_NS else times
 
 
 def _kitti(place: Path, camera: Camera | None) -> ImageSequence:
@@ -153,7 +158,7 @@ def _kitti(place: Path, camera: Camera | None) -> ImageSequence:
         raise InputError(f"{place} has calib.txt and no image_0, image_l or image_2; get the images.")
     files = _pictures(place / names)
     if not files:
-        raise InputError(f"{place / names} holds no images; get the whole sequence.")
+        raise InputError(f"{place / names} holds no images; get the complete sequence.")
     if (place / "times.txt").is_file():
         times = _numbers(place / "times.txt", 1)[:, 0]
     else:
@@ -201,7 +206,7 @@ def _tum(place: Path, camera: Camera | None) -> ImageSequence:
                 f"{place / 'rgb.txt'}, line {number}: {line!r} is no time and file; correct it."
             ) from error
     if not files:
-        raise InputError(f"{place / 'rgb.txt'} names no images; get the whole sequence.")
+        raise InputError(f"{place / 'rgb.txt'} names no images; get the complete sequence.")
     _all_there(files)
     camera = camera or _calibrated(place)
     reference = None
@@ -277,7 +282,9 @@ def _euroc_rows(path: Path) -> list[list[str]]:
     width = len(rows[0]) if rows else 0
     bad = next((number for number, row in enumerate(rows, start=1) if len(row) != width or width < 2), None)
     if bad is not None or not rows:
-        raise InputError(f"{path} is no whole EuRoC table (row {bad or 1}); it may be cut off, get it again.")
+        raise InputError(
+            f"{path} is no complete EuRoC table (row {bad or 1}); it may be cut off, get it again."
+        )
     return rows
 
 
@@ -321,4 +328,6 @@ def _as_many(rows: FloatArray, files: list[Path], where: Path) -> None:
 def _all_there(files: list[Path]) -> None:
     missing = next((file for file in files if not file.is_file()), None)
     if missing is not None:
-        raise InputError(f"the list of images names {missing}, which is not there; get the whole recording.")
+        raise InputError(
+            f"the list of images names {missing}, which is not there; get the complete recording."
+        )

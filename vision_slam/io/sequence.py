@@ -17,7 +17,7 @@ _DATED_S = 1e8  # times of images beyond this count from 1970
 
 
 class VisionRecords(Protocol):
-    """What visual odometry looks at, of a recording or of a sequence."""
+    """Records that visual odometry uses, of a recording or of an image sequence."""
 
     @property
     def camera(self) -> Camera | None:
@@ -42,12 +42,23 @@ class VisionRecords(Protocol):
 
 @dataclass(frozen=True)
 class ImageSequence:
-    """Images with their calibration, and what else was recorded with them.
+    """Images with their calibration and the other records of the drive.
 
-    ``gps`` are fixes that came in the same recording. ``notes`` say in words what its reader
-    did or supposed, for the user to judge. ``reference_time_s`` (R,) and ``reference`` (R, 4, 4), body to the reference's own frame,
-    are poses to judge by; localization does not look at them, except where `scale_by_reference`
-    is asked to.
+    Parameters
+    ----------
+    camera : Camera
+        Calibration and mounting.
+    frames : Frames
+        Images with times.
+    wheels, inertial, compass : optional
+        Other sensors.
+    reference_time_s, reference : (R,) and (R, 4, 4) ndarray, optional
+        Reference poses, body to the frame of the reference. Localization does not use them,
+        except in `scale_by_reference`.
+    gps : GpsLog, optional
+        Fixes of the same recording.
+    notes : tuple of str
+        What the reader did or assumed, one sentence each.
     """
 
     camera: Camera
@@ -72,10 +83,21 @@ class ImageSequence:
 
 
 def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSequence:
-    """Give a sequence without wheels the odometer of its first metres, read from the reference.
+    """Take the wheels of the first metres from the reference, to give a monocular sequence a scale.
 
-    After `distance_m` nothing of the reference is used: one camera knows no scale by itself,
-    and this hands it one.
+    After `distance_m` the reference is not used.
+
+    Parameters
+    ----------
+    sequence : ImageSequence
+        With reference poses.
+    distance_m : float
+        Travel over which the reference is used [m].
+
+    Returns
+    -------
+    ImageSequence
+        With wheels over the first metres.
 
     Raises
     ------
@@ -98,7 +120,9 @@ def scale_by_reference(sequence: ImageSequence, distance_m: float) -> ImageSeque
 def georeference(
     sequence: ImageSequence, log: GpsLog, crs: CRS | str | None = None, shift_s: float = 0.0
 ) -> Recording:
-    """Put a sequence into the world by the fixes that were recorded beside it.
+    """Combine an image sequence and fixes to a recording in a CRS.
+
+    The start is the first fix, and counts as not surveyed.
 
     Parameters
     ----------
@@ -109,7 +133,12 @@ def georeference(
     crs : str or pyproj.CRS, optional
         Projected CRS to work in; the UTM zone of the first fix unless given.
     shift_s : float
-        Added to the times of the fixes, so that they count as those of the images [s].
+        Added to the times of the fixes [s].
+
+    Returns
+    -------
+    Recording
+        With fixes, images and the other sensors.
 
     Raises
     ------
@@ -145,7 +174,7 @@ def _span(time_s: FloatArray) -> str:
 
 
 def _guess(log: GpsLog, times: FloatArray) -> str:
-    """Midnight before the first image, where the images are dated and the fixes tell the time of day."""
+    """Midnight before the first image, where the images are dated and the fixes have the time of day."""
     if log.is_dated or times[0] < _DATED_S:
         return ""
     return f", such as {times[0] - times[0] % 86400.0:.0f} for times of day"

@@ -19,7 +19,7 @@ _MOST = np.log(4.0)
 class ContrastEnhancer:
     """Contrast-limited adaptive histogram equalization (CLAHE, section I.A of the glacier paper).
 
-    Each tile's grey values are spread over the whole range, but no value gets more than
+    Each tile's grey values are spread over the full range, but no value gets more than
     `clip` times its share, so that noise in blank tiles is not raised without bound. Noise
     is raised all the same: what is found in an image must still be confirmed by motion.
 
@@ -41,7 +41,7 @@ class ContrastEnhancer:
 
 
 class ExposureCompensation:
-    """Takes steps of the camera's exposure out of a sequence of images.
+    """Compensation of exposure steps in a sequence of images.
 
     Corners are followed by their grey values, which must stay what they were. From image to
     image the quantiles of the grey values that are neither black nor white grow by some
@@ -73,8 +73,8 @@ class ExposureCompensation:
 
     def _step(self, now: FloatArray, before: FloatArray) -> None:
         lowest, highest = np.minimum(now, before), np.maximum(now, before)
-        told = (lowest > _CLIPPED[0]) & (highest < _CLIPPED[1])
-        growth = float(np.median(np.log(now[told] / before[told]))) if told.any() else 0.0
+        unclipped = (lowest > _CLIPPED[0]) & (highest < _CLIPPED[1])
+        growth = float(np.median(np.log(now[unclipped] / before[unclipped]))) if unclipped.any() else 0.0
         if abs(growth) > _STEP:
             self._log_gain -= growth
             self._log_gain = 0.0 if abs(self._log_gain) < _USUAL else self._log_gain

@@ -8,7 +8,7 @@ from survey.core.config import Section
 
 
 class VisualOdometryConfig(Section):
-    """How images are enhanced, followed and turned into motion.
+    """Settings of contrast enhancement, tracking, keyframes and landmark errors.
 
     Lengths are of the body's travel; pixel values belong to images of about 640 columns.
     """
@@ -22,11 +22,11 @@ class VisualOdometryConfig(Section):
     n_features: PositiveInt = 290
     """Corners that are followed at a time."""
     corner_threshold: PositiveFloat = 2e-4
-    """Least response of a corner, absolute: a mountain must not decide how many snow corners there are."""
+    """Least response of a corner, absolute, so that strong corners do not suppress those of snow."""
     corner_spacing_px: PositiveInt = 12
     """Least distance between corners [pixels]."""
     round_trip_px: PositiveFloat = 0.6
-    """Largest error of following a corner forth and back [pixels]."""
+    """Largest forward-backward tracking error [pixels]."""
     pixel_sigma: PositiveFloat = 0.5
     """Error of a followed corner [pixels]."""
     gate_px: PositiveFloat = 3.0
@@ -44,19 +44,19 @@ class VisualOdometryConfig(Section):
     n_anchors: PositiveInt = 3
     """Most anchors."""
     wheel_sigma: PositiveFloat = 0.01
-    """Relative error of the travel that the wheels tell, step by step, where they do not slip."""
+    """Relative error of the travel by wheels, step by step, without slip."""
     lateral_sigma: PositiveFloat = 0.04
     """Sideways and vertical motion of the body per forward motion."""
     gyro_sigma_deg: PositiveFloat = 0.01
-    """Error of a turn that the gyro tells over one second [deg]; it grows with the root of time."""
+    """Error of a turn by gyro over one second [deg]; it grows with the square root of time."""
     least_inliers: PositiveInt = 15
-    """With fewer corners that agree with one pose, the images count as blind."""
+    """Least number of inliers of a visual pose."""
     least_inlier_ratio: PositiveFloat = 0.4
-    """The same, as a share of the corners that were followed."""
+    """Least share of inliers among the tracked corners."""
     least_kept_ratio: PositiveFloat = 0.33
-    """The same, as a share of the corners that there were: what little is left may agree by chance."""
+    """Least share of inliers among the corners before tracking: a small remainder may agree by chance."""
     least_entropy_bits: PositiveFloat = 2.5
-    """Images with less are blank."""
+    """Least entropy of an image; images with less are blank."""
     accelerometer_time_s: PositiveFloat = 30.0
     """Time over which gravity corrects roll and pitch [s]."""
     landmark_attitude_deg: PositiveFloat = 0.5
@@ -66,4 +66,4 @@ class VisualOdometryConfig(Section):
     landmark_pixel_factor: PositiveFloat = 1.7
     """By how much correlated pixel errors exceed independent ones when a point is triangulated."""
     landmark_floor_m: PositiveFloat = 0.013
-    """What remains at the nearest points: corners creep while they are followed [m]."""
+    """Least error of the nearest points, by drift of the tracked corners [m]."""

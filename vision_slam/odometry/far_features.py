@@ -11,14 +11,14 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.data.camera import Camera
 from vision_slam.odometry.tracks import Track
 
-_EVERY = 5  # keyframes; corners creep slowly while they are followed, so that nearer ones tell the same
+_EVERY = 5  # keyframes; nearer ones are redundant, because tracked corners drift slowly
 _LEAST_SPAN = 60
 _LEAST_SIGHTS = 4
 _LEAST_ELEVATION_RAD = np.radians(0.3)  # below is the ground's own horizon, which is near
 _WALK_RAD_SQRT_M = np.radians(0.02)  # what the heading of images walks beside ridges
 _NEARNESS_PER_M, _ITS_SPREAD_PER_M = 1.0 / 2000.0, 1.0 / 25000.0
 _ODD = 2.0  # spreads; a hillside a kilometre away is no ridge
-_PIXEL_SIGMA, _WORTH = 0.3, 5.0  # a corner's own error as known beforehand, worth so many sights
+_PIXEL_SIGMA, _PRIOR_WEIGHT = 0.3, 5.0  # prior error of a corner, with the weight of so many observations
 _OUTLYING = 3.0
 _N_ITERATIONS = 8
 _HELD, _FREE = 1e4, 1e-3
@@ -39,11 +39,11 @@ class _Bearings:
 
 
 class FarFeatures:
-    r"""Bearings of far ridges over a whole drive, and what they say of the heading of images.
+    r"""Heading drift of visual odometry, estimated from the bearings of far features.
 
     A window of a few metres takes a ridge for infinitely far, and sees no parallax; but one
     at 8 km to the left moves by 0.007 degrees a metre, and where ridges stand on one side
-    the heading follows. Over hundreds of metres both can be told apart. A corner j at a
+    the heading drifts with it. Over hundreds of metres both are observable. A corner j at a
     keyframe k has, in the frame of images, the bearing
 
     .. math:: α_{kj} = θ_j + δ_k + ρ_j s_{kj} / (1 − ρ_j a_{kj}) + e_{kj}
@@ -51,8 +51,8 @@ class FarFeatures:
     with its bearing θ and nearness ρ [1/m] from where it was first seen, the way a along
     that bearing and s aside since then, and the drift δ of the heading, a random walk of
     0.02°/√m. A steady drift of all looks like ridges that are nearer to one side, even
-    behind the rover to the other: what tells them apart is that nearness spreads by 1/25 km
-    about its mean, which is not known; hillsides that lie nearer lose their say. All are
+    behind the rover to the other: they are separated by the prior that nearness spreads by 1/25 km
+    about its mean, which is not known; nearer hillsides get little weight. All are
     solved for by least squares at once; e has a scale of its own for each corner, since some
     creep along an edge while they are followed, and Cauchy's weights.
 
@@ -63,8 +63,8 @@ class FarFeatures:
 
     Notes
     -----
-    The drift is that since the first image. It needs the whole drive: what holds a heading is
-    mostly seen after it, and lengths in metres. Without mountains in sight for more than 12 m there is none. On
+    The drift is relative to the first image. The complete drive and lengths in metres are
+    needed. Without mountains in sight for more than 12 m there is none. On
     development surveys it takes a fifth to a half off what the heading changes by over 100 m
     and more, and nothing off shorter ones; where ridges hide behind the ground nearby, the
     heading drifts on. What it leaves is measured as the walk of the heading, and has no
@@ -85,17 +85,17 @@ class FarFeatures:
         self._sights: list[tuple[IntArray, FloatArray]] = []
 
     def add(self, tracks: list[Track]) -> None:
-        """Take from corners that ended the sights of those that were far, and followed long."""
+        """Add the observations of finished tracks that were far and long."""
         for track in tracks:
             if not track.is_far or track.keyframes[-1] - track.keyframes[0] < _LEAST_SPAN:
                 continue
             keyframes = np.array(track.keyframes)
-            kept = keyframes % _EVERY == 0
-            if kept.sum() >= _LEAST_SIGHTS:
-                self._sights.append((keyframes[kept], np.array(track.rays)[kept]))
+            is_used = keyframes % _EVERY == 0
+            if is_used.sum() >= _LEAST_SIGHTS:
+                self._sights.append((keyframes[is_used], np.array(track.rays)[is_used]))
 
     def drift_rad(self, turn: FloatArray, place: FloatArray, of_frame: IntArray) -> FloatArray:
-        """Return by how much the heading of images has drifted since the first [rad].
+        """Return the heading drift of visual odometry since the first image [rad].
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class FarFeatures:
         return spread
 
     def _bearings(self, turn: FloatArray, place: FloatArray) -> _Bearings | None:
-        """Lay out all sights of corners that stood above the horizon throughout; None where there are none."""
+        """Return the observations of features above the horizon; None where there are none."""
         parts = []
         for keyframes, rays in self._sights:
             seen = np.einsum("nij,jk,nk->ni", turn[keyframes], self._body_camera, rays)
@@ -154,7 +154,9 @@ def _solved(bearings: _Bearings, apart_m: FloatArray, pixel_rad: float) -> Float
         odd = (nearness - 1e-3 * found[-1]) / (_ODD * _ITS_SPREAD_PER_M)
         is_ridge = 1.0 / (1.0 + odd**2)
         error = bearings.bearing_rad - design @ found
-        scale = np.sqrt((np.bincount(bearings.corner, error**2) + _WORTH * before**2) / (counts + _WORTH))
+        scale = np.sqrt(
+            (np.bincount(bearings.corner, error**2) + _PRIOR_WEIGHT * before**2) / (counts + _PRIOR_WEIGHT)
+        )
         sigma = scale[bearings.corner]
         weight = 1.0 / sigma / np.sqrt(1.0 + (error / (_OUTLYING * sigma)) ** 2)
     drift: FloatArray = found[:n_nodes]

@@ -70,9 +70,9 @@ def _spread(peaks: Pixels, taken: Pixels, size: tuple[int, int], n_all: int) -> 
     count = np.zeros(_GRID, dtype=int)
     np.add.at(count, tuple((taken * cells).astype(int).T), 1)
     share = int(np.ceil(1.25 * n_all / count.size))
-    kept = np.zeros(len(peaks), dtype=bool)
+    is_used = np.zeros(len(peaks), dtype=bool)
     for index, (across, down) in enumerate((peaks * cells).astype(int).tolist()):
         if count[across, down] < share:
             count[across, down] += 1
-            kept[index] = True
-    return peaks[kept]
+            is_used[index] = True
+    return peaks[is_used]

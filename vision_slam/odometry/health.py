@@ -9,19 +9,19 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.data.camera import Image
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
-_BRIDGED = 0.05  # relative error of the travel that wheels alone tell, beyond their scale
+_BRIDGED = 0.05  # relative error of the travel by wheels alone, beyond their scale
 _FEW, _MANY = 0.25, 0.5  # of the corners that are wanted
 
 
 @dataclass(frozen=True)
 class FrameHealth:
-    """What is known about one frame.
+    """Image and tracking quality of one frame.
 
     ``entropy_bits`` of the grey values, ``saturated`` share of white or black pixels,
     ``sharpness`` standard deviation of the Laplacian [grey levels], ``n_followed``
     corners, ``n_inliers`` of them that agree with one pose, and whether the pose
     ``is_visual`` or was bridged by wheels and gyro. Where the last view before a hole was
-    recognised no corner was followed, and the inliers are features of that view.
+    recognized no corner was followed, and the inliers are features of that view.
     """
 
     entropy_bits: float
@@ -32,8 +32,8 @@ class FrameHealth:
     is_visual: bool = False
 
     @property
-    def is_recognised(self) -> bool:
-        """Whether the pose is from a view that was recognised after a hole."""
+    def is_recognized(self) -> bool:
+        """Whether the pose is from a view that was recognized after a hole."""
         return self.is_visual and self.n_followed == 0
 
     @property
@@ -64,12 +64,12 @@ def image_health(grey: Image) -> FrameHealth:
 
 
 class VisionHysteresis:
-    """Whether images are worse than none.
+    """Hysteresis for distrusting images that contradict the wheels with few corners.
 
-    Where images say that wheels spin, they are right if many corners say so. Few corners, such as
-    snow has without enhancement, let the map shrink little by little instead: from the first time that
-    fewer than a quarter of the corners that are wanted deny the wheels, nothing is believed that images
-    say, until half of those that are wanted agree again.
+    Images that show wheel spin are right if many corners agree. With few corners, as on snow
+    without enhancement, the map shrinks slowly instead. Images are distrusted from the first time
+    that fewer than a quarter of the wanted corners contradict the wheels, until half of the wanted
+    corners agree again.
 
     Parameters
     ----------
@@ -78,26 +78,26 @@ class VisionHysteresis:
 
     Examples
     --------
-    >>> doubt = VisionHysteresis(200)
-    >>> [doubt.remains(n, slips) for n, slips in ((40, False), (90, True), (40, True), (90, False), (120, False))]
+    >>> hysteresis = VisionHysteresis(200)
+    >>> [hysteresis.update(n, slips) for n, slips in ((40, False), (90, True), (40, True), (90, False), (120, False))]
     [False, False, True, True, False]
     """
 
     def __init__(self, n_wanted: int) -> None:
         self._n_wanted = n_wanted
-        self.is_on = False
+        self.is_distrusted = False
 
-    def remains(self, n_inliers: int, is_slipping: bool) -> bool:
-        """Take how many corners agree with one pose, and whether poses so far say that wheels spin."""
+    def update(self, n_inliers: int, is_slipping: bool) -> bool:
+        """Update by the number of inliers and the current slip state; return whether images are distrusted."""
         if is_slipping and n_inliers < _FEW * self._n_wanted:
-            self.is_on = True
+            self.is_distrusted = True
         elif n_inliers >= _MANY * self._n_wanted:
-            self.is_on = False
-        return self.is_on
+            self.is_distrusted = False
+        return self.is_distrusted
 
 
 def bridged_sigma_m(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:
-    """Return the error of steps (N - 1,) that wheels and gyro bridged [m]: a share of the way, the same for as long as it lasts."""
+    """Return the error of steps (N - 1,) bridged by wheels and gyro [m], fully correlated over each gap."""
     length = np.linalg.norm(steps, axis=1)
     is_blind = np.array([not frame.is_visual for frame in health[1:]], dtype=bool)
     edges = np.flatnonzero(np.diff(np.r_[False, is_blind, False]))
@@ -108,7 +108,7 @@ def bridged_sigma_m(steps: FloatArray, health: tuple[FrameHealth, ...]) -> Float
 
 
 def is_lost(poses: FloatArray, health: tuple[FrameHealth, ...]) -> BoolArray:
-    """Tell of poses (N, 4, 4) which rest on wheels and gyro since more than 20 m."""
+    """Return which poses (N, 4, 4) have rested on wheels and gyro for more than 20 m."""
     travel = np.r_[0.0, np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)]
     blind_m, lost = 0.0, []
     for index, (length, frame) in enumerate(zip(travel.tolist(), health, strict=True)):

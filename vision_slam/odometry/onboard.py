@@ -37,23 +37,23 @@ class _Records:
 
 
 class OnboardOdometry:
-    """Takes readings and images as they come, and tells the motion.
+    """Incremental visual odometry of readings and images in the order of their arrival.
 
-    An image is looked at as soon as wheels and gyro reach to its time. Those of the rest at
-    the start wait until the wheels turn: only then is it known what of the gyro was bias. In
-    memory stay, beside the window of keyframes, the corners that were followed and the
-    inertial records (20 MB an hour), which level the whole path in the end.
+    An image is processed as soon as wheels and gyro reach its time. Images before the first
+    motion wait until the wheels turn, because the gyro bias is estimated while standing. Memory
+    holds the window of keyframes, the finished tracks and the inertial records (20 MB per hour),
+    which level the path at the end. The result has the same bytes as `visual_odometry`.
 
     Parameters
     ----------
     camera : Camera
         Calibration and mounting.
     config : VisualOdometryConfig, optional
-        How images become motion.
+        Settings of visual odometry.
 
     Notes
     -----
-    A drive without wheels or without gyro is looked at with a delay of forty images.
+    Without wheels or without a gyro the delay is forty images.
     """
 
     def __init__(self, camera: Camera, config: VisualOdometryConfig | None = None) -> None:
@@ -65,13 +65,13 @@ class OnboardOdometry:
         self._at_s, self._n_told = 0.0, 0
 
     def sense(self, wheels: Wheels | None, inertial: Inertial | None, compass: Compass | None) -> None:
-        """Take readings that came since the last call."""
+        """Add the readings since the last call."""
         self._wheels += [] if wheels is None else [wheels]
         self._inertial += [] if inertial is None else [inertial]
         self._compass += [] if compass is None else [compass]
 
     def look(self, image: Image, time_s: float) -> None:
-        """Take the next image."""
+        """Add the next image."""
         self._waiting.append((time_s, image))
 
     def poses(self) -> list[tuple[FramePose, FloatArray]]:
@@ -89,16 +89,16 @@ class OnboardOdometry:
         return [(frame, slam.pose(frame)) for frame in fresh]
 
     def finished(self) -> VisualOdometry | None:
-        """Look at what still waits, and return what all images gave; None of fewer than two."""
+        """Process the waiting images and return the visual odometry; None for fewer than two images."""
         while self._waiting:
             self._look_at_next()
         if self._odometer is None or len(self._odometer.slam.frames) < 2:
             return None
-        whole = _Records(self._camera, joined(self._wheels), joined(self._inertial), joined(self._compass))
-        return self._odometer.finish(whole)
+        records = _Records(self._camera, joined(self._wheels), joined(self._inertial), joined(self._compass))
+        return self._odometer.finish(records)
 
     def _is_ready(self) -> bool:
-        """Whether the next image can be looked at: wheels and gyro reach to it, and the drive has begun."""
+        """Whether the next image can be processed: wheels and gyro reach its time, and the drive has begun."""
         if len(self._waiting) > _MOST_WAITING:
             return True
         if not self._wheels or not self._inertial:
@@ -129,7 +129,7 @@ class OnboardOdometry:
 
 
 def joined(parts: Sequence[Records]) -> Records | None:
-    """Return readings of one kind as one record."""
+    """Concatenate readings of one sensor."""
     if not parts:
         return None
     names = [field.name for field in fields(parts[0])]
@@ -137,7 +137,7 @@ def joined(parts: Sequence[Records]) -> Records | None:
 
 
 def write_visual_odometry(found: VisualOdometry, folder: Path) -> None:
-    """Write what images gave: ``odometry.csv``, ``sightings.csv`` and, one row a frame, ``health.csv``."""
+    """Write ``odometry.csv``, ``sightings.csv`` and ``health.csv`` (one row per frame)."""
     folder.mkdir(parents=True, exist_ok=True)
     found.odometry.write(folder / "odometry.csv")
     found.sightings.write(folder / "sightings.csv")
@@ -146,7 +146,7 @@ def write_visual_odometry(found: VisualOdometry, folder: Path) -> None:
 
 
 def read_visual_odometry(folder: Path) -> VisualOdometry:
-    """Read what `write_visual_odometry` wrote; the numbers are the same to the last bit.
+    """Read the files of `write_visual_odometry`, to the last bit.
 
     Raises
     ------

@@ -25,7 +25,7 @@ _LEAST_AGREE, _MOST_SIGMA_M = 15, 0.1
 # Over a metre or two, most in a turn, a map is as large as the wheels have it; what is level beyond is not quite straight.
 _MAP_SCALE, _MAP_TURN_RAD = 0.04, np.radians(0.02)
 _N_DRAWS, _SURE = 1000, 0.9999
-_ASLEEP_S = 1.5
+_GAP_S = 1.5
 _BRIDGED, _STILL_M = 0.05, 0.005
 _ASIDE_M = 0.5
 _MOST_TRIES = 20
@@ -37,7 +37,7 @@ Descriptors = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Recognition:
-    """A pose (4, 4) of the body that was found again.
+    """Pose (4, 4) of the body relative to a recognized view.
 
     ``covariance`` (6, 6) is of its turn [rad] and shift [m], in the axes of the body;
     ``n_agree`` features of near ground are where it puts them.
@@ -56,7 +56,7 @@ class _Features:
 
 @dataclass(frozen=True)
 class _Map:
-    """Points (N, 3), unit directions where `is_far`, and what they look like."""
+    """Points (N, 3), or unit directions where `is_far`, with descriptors."""
 
     points: FloatArray
     is_far: BoolArray
@@ -64,25 +64,23 @@ class _Map:
 
 
 class ViewRecognizer:
-    r"""Keeps the newest images that were followed well, and finds the camera in front of them again.
+    r"""Recognition of the newest views after a loss of vision.
 
-    After a white-out, behind a hand or where the rover was lifted no corner can be followed. The
-    next clear image is then compared with the last one before. Features of that one, which were
-    seen in earlier ones too, have a place: with r_i their unit rays from the camera places c_i,
-    the point nearest to all of them,
+    After a white-out, an occlusion or a lift no corner can be tracked. The next clear image is
+    matched with the last view before. Features of that view that earlier views also contain are
+    triangulated: with r_i their unit rays from the camera positions c_i, the point nearest to all
+    of them is
 
     .. math:: x = (Σ_i P_i)^{-1} Σ_i P_i c_i, \quad P_i = I − r_i r_iᵀ,
 
-    or a direction, if they lie near the horizon and show no parallax. Of the features that look
-    alike in both images, and like no other, RANSAC over triples of near ones finds the pose that
-    most agree with; it is then fitted to all, together with what wheels and gyro say, each by
-    its errors. Wheels that contradict it by more than three standard deviations have slipped, and
-    lose their say; a gyro that does so speaks for snow that looks alike, and nothing is recognised.
+    or a direction, if they lie near the horizon without parallax. RANSAC over triples of near
+    matches gives a pose, which is refined with all inliers and fused with wheels and gyro. Wheels
+    that contradict it by more than three standard deviations have slipped and are not used; if the
+    gyro contradicts it, the match is rejected.
 
-    Snow seen from 0.7 m looks like itself over 1.5 m of travel, at times 2 m. What moved
-    farther without sight is left to wheels and gyro, and to what `relocalization` finds
-    after the drive. Until sight is lost nothing is computed: the images of 8 keyframes are kept.
-    After it 20 clear images are tried.
+    Views of snow from 0.7 m match over 1.5 m of travel, at times 2 m. Longer gaps are bridged
+    by wheels and gyro, and by `vision_slam.places.relocalization` after the drive. The images of
+    8 keyframes are stored; after a loss of vision 20 clear images are tried.
 
     Parameters
     ----------
@@ -98,33 +96,33 @@ class ViewRecognizer:
         self._views: list[tuple[int, Image]] = []
         self._map: _Map | None = None
         self._way_m = self._seconds = 0.0
-        self._was_asleep = False
+        self._had_gap = False
         self._n_tries = 0
 
-    def keep(self, keyframe: int, image: Image, poses: list[FloatArray]) -> None:
-        """Take the enhanced image of a keyframe whose pose is well known; all begins anew from there."""
+    def add_view(self, keyframe: int, image: Image, poses: list[FloatArray]) -> None:
+        """Add the enhanced image of a keyframe with a good pose, and reset the search."""
         kept = [k for k, _ in self._views]
         if len(kept) > 1 and np.linalg.norm(poses[kept[-1]][:3, 3] - poses[kept[-2]][:3, 3]) < _SPACING_M:
             self._views.pop()  # turned on the spot, it triangulates nothing
         self._views = [*self._views, (keyframe, image)][-_N_VIEWS:]
         self._map = None
         self._way_m = self._seconds = 0.0
-        self._was_asleep = False
+        self._had_gap = False
         self._n_tries = 0
 
-    def moved(self, motion: RelativeMotion) -> None:
-        """Add a motion since the newest view; over a hole of the instruments it tells nothing."""
+    def add_motion(self, motion: RelativeMotion) -> None:
+        """Add a motion since the newest view; over a gap of the instruments it is unknown."""
         self._way_m += abs(motion.travel_m or 0.0)
         self._seconds += motion.seconds
-        self._was_asleep |= motion.seconds > _ASLEEP_S or motion.travel_m is None or motion.rotation is None
+        self._had_gap |= motion.seconds > _GAP_S or motion.travel_m is None or motion.rotation is None
 
-    def recognised(self, image: Image, predicted: FloatArray, poses: list[FloatArray]) -> Recognition | None:
-        """Find the body's pose at an enhanced image, near the newest view; None rather than a guess.
+    def recognize(self, image: Image, predicted: FloatArray, poses: list[FloatArray]) -> Recognition | None:
+        """Estimate the pose of the body at an enhanced image near the newest view; None if the match is weak.
 
         Parameters
         ----------
         image : (H, W) ndarray of uint8
-            Where it may be.
+            The image after the loss of vision.
         predicted : (4, 4) ndarray
             Pose of the body by wheels and gyro.
         poses : list of (4, 4) ndarray
@@ -135,7 +133,7 @@ class ViewRecognizer:
             return None
         self._map = self._map or self._mapped(poses)
         features = self._features(image)
-        one, other = _alike(self._map.descriptors, features.descriptors)
+        one, other = _match(self._map.descriptors, features.descriptors)
         points, is_far, rays = self._map.points[one], self._map.is_far[one], features.rays[other]
         newest = poses[self._views[-1][0]]
         first = self._drawn(points[~is_far], rays[~is_far], newest)
@@ -191,7 +189,7 @@ class ViewRecognizer:
         self, other: FloatArray, there: _Features, here: _Features, rays: FloatArray, place: FloatArray
     ) -> tuple[IntArray, FloatArray]:
         """Return which features an earlier camera saw too, where the epipolar line has them, and its rays."""
-        one, two = _alike(here.descriptors, there.descriptors)
+        one, two = _match(here.descriptors, there.descriptors)
         seen = there.rays[two] @ other[:3, :3].T
         plane = np.cross(rays[one], other[:3, 3] - place)
         off = np.abs((seen * plane).sum(axis=1)) / np.maximum(np.linalg.norm(plane, axis=1), 1e-9)
@@ -231,8 +229,8 @@ class ViewRecognizer:
             return camera, np.eye(6), n_agree
         spread = float(np.sqrt(0.5 * np.mean(errors[agree] ** 2)))
         angle_sigma = self._config.landmark_pixel_factor * max(self._config.pixel_sigma * pixel, spread)
-        told = resection_information(camera, points[agree], is_far[agree], angle_sigma)
-        covariance = np.asarray(np.linalg.inv(told), dtype=np.float64)
+        information = resection_information(camera, points[agree], is_far[agree], angle_sigma)
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         moved_m = float(np.linalg.norm(camera[:3, 3] - (newest @ self._camera.T_body_camera)[:3, 3]))
         covariance += np.diag(np.repeat([_MAP_TURN_RAD, _MAP_SCALE * moved_m], 3) ** 2)
         return camera, covariance, n_agree
@@ -248,7 +246,7 @@ class ViewRecognizer:
         off = np.linalg.inv(camera) @ predicted @ self._camera.T_body_camera
         moved_m = np.linalg.norm((camera - newest @ self._camera.T_body_camera)[:3, 3])
         away = np.r_[cv2.Rodrigues(off[:3, :3])[0].ravel(), off[:3, 3]]
-        if self._was_asleep:
+        if self._had_gap:
             turn_sigma, shift_sigma = _ANY_RAD, _ANY_M
         elif np.linalg.norm(away[:3]) > _TURN_RAD + 3.0 * turn_sigma or moved_m > _ASIDE_M + self._way_m:
             return None
@@ -263,8 +261,8 @@ class ViewRecognizer:
         return fused, (np.eye(6) - gain) @ covariance
 
 
-def _alike(one: Descriptors, other: Descriptors) -> tuple[IntArray, IntArray]:
-    """Return indices (M,) into both of features that are each other's likest, and clearly liker than the runner-up."""
+def _match(one: Descriptors, other: Descriptors) -> tuple[IntArray, IntArray]:
+    """Return indices (M,) into both of mutual nearest neighbours that pass the ratio test."""
     nothing = np.zeros(0, dtype=np.int64)
     if min(len(one), len(other)) < 2:
         return nothing, nothing

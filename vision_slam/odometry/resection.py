@@ -73,7 +73,7 @@ def resect(
 def resection_information(
     pose: FloatArray, points: FloatArray, is_far: BoolArray, angle_sigma: float
 ) -> FloatArray:
-    """Return what rays to known points tell of a camera's pose (6, 6): of its turn and shift in its own frame.
+    """Return the information (6, 6) of rays to known points about rotation and shift in the camera frame.
 
     Points, far points and errors are those of `resect`; its prediction is not in it.
     """

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.data.sensors import Sightings
 
-# Relative errors over one metre: of the scale that the map hands on, and of what wheels and the ground tell of it.
+# Relative errors over one metre: of scale drift, of the scale by wheels, and of that by the height of the camera.
 _CREEP, _ROLLED, _GROUND = 0.01, 0.015, 0.02
 # Relative errors that stay: of the wheels, and of the height that the ground makes the camera have.
 _WHEELS_SIGMA, _HEIGHT_SIGMA = 0.03, 0.005
@@ -21,14 +21,14 @@ _LEAST_ROLLED_M, _LEAST_TRAVEL_M, _LEAST_STOOD_M = 0.02, 1e-3, 10.0
 _BENEATH, _LEAST_POINTS, _JUST_SEEN = 0.5, 4, 40
 # Tracks rest on what stands out: on drives over ground that is known, a fifth of it lay higher than they.
 _RESTS_ON = 0.8
-# Over 2 m: a rover that turns skids, and its wheels count what nobody drove.
+# Over 2 m: a rover that turns skids, and its wheels count more than the travel.
 _TURNS_RAD_M, _TURN_WITHIN_M = 0.03, 1.0
 
 
 def scale_corrections(poses: FloatArray, rolled_m: FloatArray, ground: FloatArray) -> FloatArray:
-    r"""Return what lengths from each keyframe (K,) to the next are to be multiplied by.
+    r"""Return the factors (K,) that correct the scale drift of the lengths between keyframes.
 
-    With L_k the length of step k by images, R_k that by wheels, and g_k what `camera_height_ratio` tells
+    With L_k the length of step k by images, R_k that by wheels, and g_k the `camera_height_ratio`
     at its end, the logarithms m_k by which the map is too large, w by which wheels count too
     much, and b by which the camera is mounted lower than is said, follow
 
@@ -39,18 +39,18 @@ def scale_corrections(poses: FloatArray, rolled_m: FloatArray, ground: FloatArra
     for wheels and ground, are what a Kalman smoother finds, forward and then backward. The
     factor is exp(−m_k).
 
-    Wheels are asked on the straight; where they spin, the loss leaves them out. That they are
-    off by more than 6 % is not accepted: the camera is mounted otherwise than said then.
-    Without any wheels, or with less than 10 m of ground, the size stays what it is.
+    Wheels are used on straight stretches; where they spin, the loss removes them. A scale error
+    of the wheels above 6 % is attributed to the mounting of the camera. Without wheels, or with
+    less than 10 m of ground, the factors are 1.
 
     Parameters
     ----------
     poses : (K, 4, 4) ndarray
         Body poses of the keyframes.
     rolled_m : (K - 1,) ndarray
-        Travel by wheels from each to the next [m], NaN where they do not tell.
+        Travel by wheels from each to the next [m], NaN where they did not measure.
     ground : (K,) ndarray
-        What `camera_height_ratio` tells, NaN where it does not.
+        `camera_height_ratio`, NaN where unknown.
 
     Examples
     --------
@@ -61,10 +61,10 @@ def scale_corrections(poses: FloatArray, rolled_m: FloatArray, ground: FloatArra
     """
     seen = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).clip(min=_LEAST_TRAVEL_M)
     rolled, n = np.abs(rolled_m), len(seen)
-    tells, stands = rolled > _LEAST_ROLLED_M, np.flatnonzero(np.isfinite(ground[1:]))
-    if not tells.any() or seen[stands].sum() < _LEAST_STOOD_M:
+    is_measured, stands = rolled > _LEAST_ROLLED_M, np.flatnonzero(np.isfinite(ground[1:]))
+    if not is_measured.any() or seen[stands].sum() < _LEAST_STOOD_M:
         return np.ones(len(poses))
-    straight = np.flatnonzero(tells & ~_turns(poses, seen))
+    straight = np.flatnonzero(is_measured & ~_turns(poses, seen))
     step = sparse.eye_array(n, format="csr")
     design = sparse.vstack(
         [
@@ -104,22 +104,22 @@ def camera_height_ratio(
     sightings : Sightings
         Landmarks.
     seen_from : (N,) ndarray
-        The keyframe that each of them is told from.
+        The keyframe that each of them is relative to.
     height_m : float
         The height h at which the camera is mounted [m].
     """
     world = poses[seen_from, :3, 3] + np.einsum("nij,nj->ni", poses[seen_from, :3, :3], sightings.offset)
-    told, reach_m = np.full(len(poses), np.nan), _BENEATH * height_m
+    ratios, reach_m = np.full(len(poses), np.nan), _BENEATH * height_m
     if not len(world) or reach_m <= 0.0:
-        return told
+        return ratios
     for k, near in enumerate(cKDTree(world).query_ball_point(poses[:, :3, 3], np.sqrt(3.0) * reach_m)):
         index = np.array(near, dtype=np.int64)
         index = index[np.abs(seen_from[index] - k) <= _JUST_SEEN]
         body = (world[index] - poses[k, :3, 3]) @ poses[k, :3, :3]
         below = body[(np.abs(body) <= reach_m).all(axis=1), 2]
         if len(below) >= _LEAST_POINTS:
-            told[k] = np.log(height_m / (height_m - np.quantile(below, _RESTS_ON)))
-    return told
+            ratios[k] = np.log(height_m / (height_m - np.quantile(below, _RESTS_ON)))
+    return ratios
 
 
 def scale_sightings(sightings: Sightings, factor: FloatArray) -> Sightings:

@@ -27,8 +27,8 @@ class Track:
     point: FloatArray | None = None
     is_far: bool = False
 
-    def seen(self, keyframe: int, ray: FloatArray) -> None:
-        """Add a sight."""
+    def add_observation(self, keyframe: int, ray: FloatArray) -> None:
+        """Add an observation from a keyframe."""
         self.keyframes.append(keyframe)
         self.rays.append(ray)
 
@@ -36,9 +36,9 @@ class Track:
 def track_corners(
     before: Image, now: Image, pixels: Pixels, guess: Pixels, config: VisualOdometryConfig
 ) -> tuple[Pixels, BoolArray]:
-    """Follow corners (N, 2) by pyramidal Lucas-Kanade, forth from a guess and back again.
+    """Track corners (N, 2) by pyramidal Lucas-Kanade from a guess, with a forward-backward check.
 
-    Returns their new pixels and which came back to where they had started, inside the image.
+    Returns their new pixels and which passed the check inside the image.
     """
     if len(pixels) == 0:
         return pixels, np.zeros(0, dtype=bool)
@@ -61,7 +61,7 @@ def track_corners(
 
 
 def epipolar_inliers(before: FloatArray, now: FloatArray, angle: float) -> BoolArray:
-    """Tell which unit rays (N, 3) moved as some rigid motion of the camera would have it, to an angle [rad]."""
+    """Return which unit rays (N, 3) fit one rigid motion of the camera within an angle [rad] (RANSAC)."""
     first, second = (np.ascontiguousarray(rays[:, :2] / rays[:, 2:]) for rays in (before, now))
     cv2.setRNGSeed(0)  # RANSAC draws; the same images shall give the same bytes
     found: Any = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.999, angle)

@@ -14,7 +14,7 @@ _GREATEST_ERROR_PX = 1.5
 
 
 class LandmarkTriangulator:
-    """Triangulates every track that was seen often and near enough, relative to its last keyframe's body.
+    """Triangulation of tracks with enough near observations, relative to the body at the last keyframe.
 
     Its covariance is that of pixels and of poses together, since the poses within the
     window are themselves estimates: with Λ = Σ JᵀJ the information of the rays about the
@@ -36,19 +36,19 @@ class LandmarkTriangulator:
         self._range_m: list[float] = []
 
     def add(self, tracks: list[Track], poses: list[FloatArray], frame_of: dict[int, int]) -> None:
-        """Place tracks whose keyframes have these poses; `frame_of` tells the first frame of each keyframe."""
-        kept = [track for track in tracks if not track.is_far and len(track.rays) >= _LEAST_SIGHTS]
-        if not kept:
+        """Triangulate tracks; `frame_of` gives the first frame of each keyframe."""
+        near = [track for track in tracks if not track.is_far and len(track.rays) >= _LEAST_SIGHTS]
+        if not near:
             return
-        points, information, error, is_good = _intersected(*self._sights(kept, poses))
+        points, information, error, is_good = _intersected(*self._sights(near, poses))
         is_good &= error <= _GREATEST_ERROR_PX / self._focal_px
         for index in np.flatnonzero(is_good).tolist():
-            first, last = (poses[kept[index].keyframes[end]] for end in (0, -1))
+            first, last = (poses[near[index].keyframes[end]] for end in (0, -1))
             range_m = float(np.linalg.norm(points[index] - first[:3, 3]))
             if range_m > _GREATEST_RANGE_M:
                 continue
             arm = last[:3, :3].T @ (points[index] - last[:3, 3])
-            self._frame.append(frame_of[kept[index].keyframes[-1]])
+            self._frame.append(frame_of[near[index].keyframes[-1]])
             self._offset.append(arm)
             self._covariance.append(
                 self._own(information[index], last[:3, :3]) + _of_poses(arm, self._config)
@@ -109,8 +109,8 @@ def _intersected(
         normal = np.einsum("tn,tnij->tij", weight, across)
         is_good &= np.linalg.det(normal) >= 1e-12 * np.trace(normal, axis1=1, axis2=2) ** 3
         normal[~is_good] = np.eye(3)
-        told = np.einsum("tn,tni->ti", weight, np.einsum("tnij,tnj->tni", across, places))
-        point = np.linalg.solve(normal, told[..., None])[..., 0]
+        right = np.einsum("tn,tni->ti", weight, np.einsum("tnij,tnj->tni", across, places))
+        point = np.linalg.solve(normal, right[..., None])[..., 0]
         gap = point[:, None] - places
         distance = np.linalg.norm(gap, axis=2)
         is_good &= np.where(there, distance, np.inf).min(axis=1) >= 0.1

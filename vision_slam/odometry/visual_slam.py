@@ -26,7 +26,7 @@ _SAME_INTERVAL = 0.01  # intervals of images that differ by less count as equal:
 
 @dataclass(frozen=True)
 class FramePose:
-    """Pose of one frame, relative to the keyframe that it hangs on, and how it was found."""
+    """Pose of one frame relative to its keyframe, and its health."""
 
     time_s: float
     keyframe: int
@@ -35,19 +35,19 @@ class FramePose:
 
 
 class VisualSlam:
-    """Follows a rover by its camera, keyframe by keyframe.
+    """Monocular visual SLAM, keyframe by keyframe.
 
-    Poses count from `start`. Their scale is the wheels'; without
-    wheels it is that of the first step, taken as one unit.
+    Poses are relative to `start`. Their scale is that of the wheels; without wheels the first
+    step is one unit.
 
     Parameters
     ----------
     camera : Camera
         Calibration and mounting.
     config : VisualOdometryConfig, optional
-        How images become motion.
+        Settings of detection, tracking and the keyframe window.
     start : (4, 4) ndarray, optional
-        Pose at the first image; its z axis points up. Level unless said.
+        Pose at the first image, with z up; the identity by default.
     """
 
     def __init__(
@@ -68,55 +68,75 @@ class VisualSlam:
         self._step, self._step_s = np.eye(4), 0.0
         self._since: RelativeMotion | None = None
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
-        self._doubt = VisionHysteresis(self.config.n_features)
+        self._hysteresis = VisionHysteresis(self.config.n_features)
         self._views = ViewRecognizer(camera, self.config)
 
     def step(self, image: Image, time_s: float, motion: RelativeMotion | None) -> FramePose:
-        """Take the next image and the motion since the one before, which the first has not."""
+        """Process the next image.
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) ndarray of uint8
+            Grey, or blue, green, red.
+        time_s : float
+            Its time [s].
+        motion : RelativeMotion, optional
+            Motion by wheels and gyro since the image before; None for the first.
+
+        Returns
+        -------
+        FramePose
+            Pose relative to its keyframe, and health.
+
+        Raises
+        ------
+        InputError
+            The image does not fit the calibration.
+        """
         grey = grey_of(image, self.camera.width, self.camera.height)
         health = self._health(grey, motion)
         enhanced = self._enhance(grey)
         if self._image is None or motion is None:
             return self._begin(enhanced, time_s, health)
-        predicted = self._predicted(motion)
+        predicted = self._predict(motion)
         pixels, came = self._track(self._image, enhanced, predicted)
         standing = self._is_standing(motion, pixels, came)
-        pose, agree = self._located(self._pose if standing else predicted, pixels, came)
-        health = self._judged(health, came, agree)
+        pose, agree = self._estimate_pose(self._pose if standing else predicted, pixels, came)
+        health = self._judge(health, came, agree)
         pose = self._pose if standing else pose if health.is_visual else predicted
-        self._keep(pixels, agree if health.is_visual else np.zeros_like(agree))
-        since = self._since = _joined(self._since, motion)
+        self._retain(pixels, agree if health.is_visual else np.zeros_like(agree))
+        since = self._since = _concatenated(self._since, motion)
         self._step, self._step_s = np.linalg.inv(self._pose) @ pose, motion.seconds
-        self._views.moved(motion)
+        self._views.add_motion(motion)
         self._pose, self._image = pose, enhanced
-        met = (
-            self._views.recognised(enhanced, pose, self.window.poses) if self._may_recognise(health) else None
+        recognition = (
+            self._views.recognize(enhanced, pose, self.window.poses) if self._may_recognize(health) else None
         )
-        if met is not None:
-            self._pose = met.pose
+        if recognition is not None:
+            self._pose = recognition.pose
             since = RelativeMotion(since.seconds, None, None)  # the wheels shall not undo it
-            health = replace(health, n_followed=0, n_inliers=met.n_agree, is_visual=True)
-        if met is not None or self._deserves_keyframe(pose):
+            health = replace(health, n_followed=0, n_inliers=recognition.n_agree, is_visual=True)
+        if recognition is not None or self._needs_keyframe(pose):
             self._add_keyframe(enhanced, health, since)
-        return self._reported(time_s, health)
+        return self._report(time_s, health)
 
     @property
     def live_tracks(self) -> list[Track]:
-        """Corners that are being followed."""
+        """Tracks that are still followed."""
         return self._tracks
 
     @property
     def holds_heading(self) -> bool:
-        """Whether mountains are in sight: near ground alone lets the heading drift slowly."""
+        """Whether enough far features are in view to bound the heading drift."""
         return sum(track.is_far for track in self._tracks) >= _LEAST_FAR
 
     def pose(self, frame: FramePose) -> FloatArray:
-        """Return the body's pose (4, 4) at a frame, by what is known of its keyframe now."""
+        """Return the current estimate of the pose (4, 4) of the body at a frame."""
         placed: FloatArray = self.window.poses[frame.keyframe] @ frame.relative
         return placed
 
     def _health(self, grey: Image, motion: RelativeMotion | None) -> FrameHealth:
-        """Measure an image; one that repeats the last while the wheels roll has nothing to tell: the camera froze."""
+        """Measure image quality; an image that repeats the last while the wheels roll counts as blank."""
         health = image_health(grey)
         rolls = motion is not None and abs(motion.travel_m or 0.0) > _ROLLS_M
         is_frozen = rolls and self._grey is not None and np.array_equal(grey, self._grey)
@@ -127,9 +147,9 @@ class VisualSlam:
         self.window.begin(self._pose)
         self._image = enhanced
         self._replenish(enhanced, health)
-        return self._reported(time_s, health)
+        return self._report(time_s, health)
 
-    def _predicted(self, motion: RelativeMotion) -> FloatArray:
+    def _predict(self, motion: RelativeMotion) -> FloatArray:
         """Predict the pose by wheels and gyro; what they do not measure goes on at the rate of the last step."""
         step = _extrapolated(self._step, motion.seconds / self._step_s if self._step_s > 0.0 else 1.0)
         if motion.rotation is not None:
@@ -150,7 +170,7 @@ class VisualSlam:
         return track_corners(before, enhanced, pixels, guess, self.config)
 
     def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
-        """Points of the tracks; those still unknown lie on level ground, or far off above the horizon."""
+        """Return the points of the tracks; unknown ones are assumed on level ground or far above the horizon."""
         camera = self._pose @ self.camera.T_body_camera
         rays = self._rays(pixels) @ camera[:3, :3].T
         down = -rays @ self._pose[:3, 2]
@@ -181,10 +201,10 @@ class VisualSlam:
         before = np.array([track.pixel for track in self._tracks])
         return bool(np.median(np.linalg.norm(pixels - before, axis=1)[came]) < _STILL_PX)
 
-    def _located(
+    def _estimate_pose(
         self, predicted: FloatArray, pixels: Pixels, came: BoolArray
     ) -> tuple[FloatArray, BoolArray]:
-        """Find the pose from the corners whose points are known; tell which corners agree with it."""
+        """Estimate the pose by resection; return also which corners are inliers."""
         agree = came.copy()
         known = np.array([track.point is not None for track in self._tracks], dtype=bool) & came
         if known.sum() < self.config.least_inliers:
@@ -203,7 +223,7 @@ class VisualSlam:
         return camera @ np.linalg.inv(self.camera.T_body_camera), agree
 
     def _epipolar(self, pixels: Pixels, came: BoolArray) -> BoolArray:
-        """Before any point is known: which corners moved as some rigid motion would have it."""
+        """Return the epipolar inliers, before any point is known."""
         if came.sum() < self.config.least_inliers:
             return np.zeros_like(came)
         before = self.camera.rays(np.array([track.pixel for track in self._tracks])[came])
@@ -211,7 +231,7 @@ class VisualSlam:
         agree[came] = epipolar_inliers(before, self._rays(pixels[came]), 1.0 / self._focal_px)
         return agree
 
-    def _judged(self, health: FrameHealth, came: BoolArray, agree: BoolArray) -> FrameHealth:
+    def _judge(self, health: FrameHealth, came: BoolArray, agree: BoolArray) -> FrameHealth:
         config = self.config
         n_followed, n_inliers = int(came.sum()), int(agree.sum())
         is_visual = (
@@ -219,25 +239,25 @@ class VisualSlam:
             and n_inliers >= config.least_inliers
             and n_inliers >= config.least_inlier_ratio * n_followed
             and n_inliers >= config.least_kept_ratio * len(self._tracks)
-            and not self._doubt.remains(n_inliers, self._slip.is_slipping)
+            and not self._hysteresis.update(n_inliers, self._slip.is_slipping)
         )
         return replace(health, n_followed=n_followed, n_inliers=n_inliers, is_visual=is_visual)
 
-    def _may_recognise(self, health: FrameHealth) -> bool:
+    def _may_recognize(self, health: FrameHealth) -> bool:
         is_clear = health.entropy_bits >= self.config.least_entropy_bits
-        return is_clear and not health.is_visual and not self._doubt.is_on
+        return is_clear and not health.is_visual and not self._hysteresis.is_distrusted
 
-    def _keep(self, pixels: Pixels, agree: BoolArray) -> None:
-        kept = []
+    def _retain(self, pixels: Pixels, agree: BoolArray) -> None:
+        tracks = []
         for track, pixel, is_good in zip(self._tracks, pixels, agree, strict=True):
             if is_good:
                 track.pixel = pixel
-                kept.append(track)
+                tracks.append(track)
             else:
                 self.finished.append(track)
-        self._tracks = kept
+        self._tracks = tracks
 
-    def _deserves_keyframe(self, pose: FloatArray) -> bool:
+    def _needs_keyframe(self, pose: FloatArray) -> bool:
         relative = np.linalg.inv(self.window.poses[-1]) @ pose
         turned = np.arccos(np.clip(0.5 * (np.trace(relative[:3, :3]) - 1.0), -1.0, 1.0))
         return bool(
@@ -250,22 +270,22 @@ class VisualSlam:
         self.rolled_m.append(np.nan if rolled is None else rolled)
         if rolled is not None:
             seen = float(np.linalg.norm(self._pose[:3, 3] - self.window.poses[-1][:3, 3]))
-            told = self._slip.travel_m(rolled, seen if health.is_visual else None)
-            since = replace(since, travel_m=told)
+            travel_m = self._slip.travel_m(rolled, seen if health.is_visual else None)
+            since = replace(since, travel_m=travel_m)
         self.window.add(self._pose, since)
         self._since = None
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
         for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
-            track.seen(self.window.newest, ray)
+            track.add_observation(self.window.newest, ray)
         if self._tracks:
-            self._keep(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
+            self._retain(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
             self._pose = self.window.poses[-1]
-        self._watch_size()
+        self._observe_height()
         if health.is_visual:
-            self._views.keep(self.window.newest, enhanced, self.window.poses)
+            self._views.add_view(self.window.newest, enhanced, self.window.poses)
         self._replenish(enhanced, health)
 
-    def _watch_size(self) -> None:
+    def _observe_height(self) -> None:
         known = [track.point for track in self._tracks if track.point is not None and not track.is_far]
         points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
         travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
@@ -281,7 +301,7 @@ class VisualSlam:
             if ray[2] > 0.2:
                 self._tracks.append(Track(pixel, [self.window.newest], [ray]))
 
-    def _reported(self, time_s: float, health: FrameHealth) -> FramePose:
+    def _report(self, time_s: float, health: FrameHealth) -> FramePose:
         relative = np.linalg.inv(self.window.poses[-1]) @ self._pose
         self.frames.append(FramePose(time_s, self.window.newest, relative, health))
         return self.frames[-1]
@@ -296,7 +316,7 @@ def _extrapolated(step: FloatArray, ratio: float) -> FloatArray:
     return longer
 
 
-def _joined(first: RelativeMotion | None, second: RelativeMotion) -> RelativeMotion:
+def _concatenated(first: RelativeMotion | None, second: RelativeMotion) -> RelativeMotion:
     """One motion after the other."""
     if first is None:
         return second

@@ -17,13 +17,12 @@ _OUTLYING, _MOST = 0.1, 0.06
 
 
 class WheelSlipDetector:
-    r"""Compares the wheels' travel from keyframe to keyframe with what images make of it.
+    r"""Comparison of the travel by wheels with that by images, from keyframe to keyframe.
 
     One camera sees shapes, not sizes; but the ground just ahead must lie as far below the
     camera as it is mounted, h₀. If the map puts it h below, its lengths are too short by
-    c = log(h₀ / h). Rough ground makes that err by a tenth, 1.6 % over 25 m, so that it tells
-    slowly, as a Kalman filter weighs it, by how much wheels that are good to 3 % count too
-    little, s. Beyond 6 % the height is not accepted.
+    c = log(h₀ / h). Rough ground gives this an error of a tenth, 1.6 % over 25 m. A Kalman filter
+    estimates from it the scale error s of wheels with a standard deviation of 3 %. Beyond 6 % the height is not accepted.
 
     Where the wheels spin, or skid in a turn, the map keeps the size that it has for some
     metres: with L the travel by images and R that by wheels, that is while
@@ -45,18 +44,18 @@ class WheelSlipDetector:
 
     @property
     def share(self) -> float:
-        """What the wheels' travel is to be multiplied by before images tell: where they spin, they go on to."""
+        """Factor of the travel by wheels for prediction; includes the current slip."""
         return self.scale * (self._slid if self.is_slipping else 1.0)
 
     @property
     def scale(self) -> float:
-        """What the wheels' travel is to be multiplied by where they do not spin."""
+        """Factor of the travel by wheels without slip."""
         return float(np.exp(np.clip(self._log_scale, -_MOST, _MOST)))
 
     def travel_m(self, rolled_m: float, seen_m: float | None) -> float:
-        """Return how far the body went between two keyframes, by its wheels unless they spin.
+        """Return the travel of the body between two keyframes [m]: by wheels, or by images while they spin.
 
-        Without a travel by images, nobody knows whether they do.
+        Without a travel by images, spin is not detected.
         """
         told_m = self.scale * rolled_m
         if seen_m is None:

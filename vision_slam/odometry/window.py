@@ -17,21 +17,21 @@ _HELD_SIGMA = 1e-5
 _UNKNOWN_TURN_RAD, _UNKNOWN_TRAVEL_M = 0.2, 3.0
 _LEVEL = -0.04  # sine of elevation: from 0.7 m above level ground, what lies 17 m off
 _FREE = 1e3
-_SLIP_SIGMAS = 3.0  # wheels that disagree by more lose their say: they slip
+_SLIP_SIGMAS = 3.0  # wheels that disagree by more are down-weighted: they slip
 _LEAP_PX = 10.0
 _FAR_M = 400.0  # a point so far away moves by less than 0.1° within a window
 
 
 @dataclass(frozen=True)
 class _Between:
-    """What wheels and gyro say of the motion from one keyframe to the next."""
+    """Motion factors of wheels and gyro between two keyframes."""
 
     pose: Any
     noises: tuple[Any, ...]
 
 
 class Window:
-    r"""Body poses of all keyframes so far, of which the newest few are estimated anew each time.
+    r"""Poses of all keyframes, of which the newest are estimated again at each keyframe.
 
     With T the free poses, the sum
 
@@ -83,7 +83,7 @@ class Window:
         return len(self.poses) - 1
 
     def solve(self, tracks: list[Track]) -> list[bool]:
-        """Estimate the newest poses and the tracks' points; return which tracks agree with them."""
+        """Optimize the newest poses and the points of the tracks; return which tracks are inliers."""
         free, held = self._split()
         keys = {k: X(k) for k in (*held, *free)}
         graph, values = self._posed(free, held)
@@ -110,7 +110,7 @@ class Window:
             return values
 
     def _posed(self, free: list[int], held: list[int]) -> tuple[Any, Any]:
-        """Return the graph of what wheels and gyro say, and first guesses of the poses."""
+        """Return the graph of the motion factors, and initial values of the poses."""
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for k in (*held, *free):
             values.insert(X(k), gtsam.Pose3(self.poses[k]))
@@ -185,7 +185,7 @@ class Window:
         return pose[:3, :3], pose[:3, 3]
 
     def _constraint(self, guess: FloatArray, motion: RelativeMotion) -> _Between:
-        """Turn by the gyro, travel along the body by the wheels; what no sensor tells stays as good as free."""
+        """Return the factors of the turn by gyro and the travel by wheels; unmeasured parts are almost free."""
         config = self._config
         relative = np.linalg.inv(self.poses[-1]) @ guess
         turn_sigma = np.full(3, _UNKNOWN_TURN_RAD)

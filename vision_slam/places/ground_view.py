@@ -45,7 +45,7 @@ class GroundView:
 
 
 class GroundMosaics:
-    r"""Puts images together to a view from above, on the ground that the landmarks tell.
+    r"""Top-down mosaics of images on the ground surface of the landmarks.
 
     Seen from 0.7 m above it, snow looks different from every side: near ground is sharp
     across and blurred along the line of sight. Each cell of the view is therefore the mean
@@ -95,7 +95,7 @@ class GroundMosaics:
         self._sift: Any = cv2.SIFT.create(_N_FEATURES, contrastThreshold=0.01)
 
     def around(self, pose: int) -> GroundView:
-        """Return what was seen of the ground around a pose until the rover came there."""
+        """Return the ground view around a pose from the images up to it."""
         ground = np.column_stack([self._cells, self._surface(pose)])
         total, weight = np.zeros(len(ground)), np.zeros(len(ground))
         for frame in self._frames_before(pose):

@@ -28,7 +28,7 @@ _UP_SIGMA_M, _UP_SIGMA_PER_FEATURE_M = 0.02, 0.15
 
 
 def detect_loop_closures(recording: Recording, path: FloatArray, sigma_m: FloatArray) -> LoopClosures | None:
-    r"""Recognise places of a drive that images saw before, from whatever heading.
+    r"""Detect places of a drive that images saw before, under any heading.
 
     Poses a metre apart that a path, within three of its standard deviations, puts near an
     earlier part of itself are compared by what the ground around them looks like from
@@ -47,14 +47,14 @@ def detect_loop_closures(recording: Recording, path: FloatArray, sigma_m: FloatA
     recording : Recording
         With frames, camera, and the odometry and sightings that they gave.
     path : (N, 3) array_like
-        Place of each pose, by whatever is known of it [m].
+        Estimated position of each pose [m].
     sigma_m : (N,) array_like
-        Standard deviation of each place on the level [m].
+        Horizontal standard deviation of each position [m].
 
     Returns
     -------
     LoopClosures or None
-        None where no place was recognised.
+        None where no place was recognized.
 
     Raises
     ------
@@ -64,16 +64,16 @@ def detect_loop_closures(recording: Recording, path: FloatArray, sigma_m: FloatA
     odometry, sightings = recording.odometry, recording.sightings
     if recording.frames is None or recording.camera is None or odometry is None or sightings is None:
         raise InputError(
-            "places are recognised on images with their odometry and sightings; one of them lacks."
+            "places are recognized on images with their odometry and sightings; one of them lacks."
         )
     turn = rotations(odometry.attitude_rad)
     reckoned = dead_reckoning(odometry, np.zeros(3))
     mosaics = GroundMosaics(recording.frames, recording.camera, reckoned, odometry, sightings)
-    found = _best_of_meetings(list(_recognised(mosaics, path, sigma_m)), mosaics.travel_m)
-    if not found:
+    matches = _best_of_meetings(list(_recognized(mosaics, path, sigma_m)), mosaics.travel_m)
+    if not matches:
         return None
     rows = []
-    for earlier, later, overlay in found:
+    for earlier, later, overlay in matches:
         offset = turn[earlier].T @ mosaics.level(earlier) @ overlay.shift
         tilt = turn[earlier].T @ mosaics.level(earlier)
         covariance = tilt @ np.diag(_variance(overlay.n_agree)) @ tilt.T
@@ -83,7 +83,7 @@ def detect_loop_closures(recording: Recording, path: FloatArray, sigma_m: FloatA
     return LoopClosures(later_s, earlier_s, offsets, 0.5 * (covariances + covariances.transpose(0, 2, 1)))
 
 
-def _recognised(
+def _recognized(
     mosaics: GroundMosaics, path: FloatArray, sigma_m: FloatArray
 ) -> Iterator[tuple[int, int, Overlay]]:
     """Yield earlier pose, later pose and overlay of all pairs near one another that look alike."""
@@ -93,11 +93,11 @@ def _recognised(
         if overlay is None or overlay.n_agree < _LEAST_AGREE:
             continue
         expected = (path[later] - path[earlier])[:2]
-        told = (mosaics.level(earlier) @ overlay.shift)[:2]
+        shift_m = (mosaics.level(earlier) @ overlay.shift)[:2]
         allowed = (
             _SIGMAS * np.hypot(sigma_m[earlier], sigma_m[later]) + 2.0 * _variance(overlay.n_agree)[0] ** 0.5
         )
-        if np.linalg.norm(told - expected) < allowed:
+        if np.linalg.norm(shift_m - expected) < allowed:
             yield earlier, later, overlay
 
 
@@ -119,17 +119,17 @@ def _spaced(travel_m: FloatArray) -> IntArray:
 
 
 def _best_of_meetings(
-    found: list[tuple[int, int, Overlay]], travel_m: FloatArray
+    matches: list[tuple[int, int, Overlay]], travel_m: FloatArray
 ) -> list[tuple[int, int, Overlay]]:
-    """Keep of each meeting the overlay that most features agree on: its neighbours see the same ground again."""
-    kept: list[tuple[int, int, Overlay]] = []
-    for earlier, later, overlay in sorted(found, key=lambda pair: -pair[2].n_agree):
+    """Select the overlay with the most inliers of each meeting: its neighbours see the same ground."""
+    best: list[tuple[int, int, Overlay]] = []
+    for earlier, later, overlay in sorted(matches, key=lambda pair: -pair[2].n_agree):
         apart = [
-            max(abs(travel_m[earlier] - travel_m[a]), abs(travel_m[later] - travel_m[b])) for a, b, _ in kept
+            max(abs(travel_m[earlier] - travel_m[a]), abs(travel_m[later] - travel_m[b])) for a, b, _ in best
         ]
         if not apart or min(apart) > _MEETING_M:
-            kept.append((earlier, later, overlay))
-    return kept
+            best.append((earlier, later, overlay))
+    return best
 
 
 def _variance(n_agree: int) -> FloatArray:

@@ -16,7 +16,7 @@ _LEAST_MATCHES = 12
 
 @dataclass(frozen=True)
 class Overlay:
-    """Where the second view stood in the level frame of the first.
+    """Position and rotation of the second view in the level frame of the first.
 
     ``shift`` (3,) [m] and ``turn_rad`` counter-clockwise; ``n_agree`` of ``n_matches``
     features that fit, ``spread_m`` how far they reach (least standard deviation of their
@@ -32,11 +32,11 @@ class Overlay:
 
 
 def match_overlay(first: GroundView, second: GroundView) -> Overlay | None:
-    """Lay one view over the other by a turn and a shift; None where too few features look alike.
+    """Align two views by rotation and shift; None where too few features match.
 
     Lengths are known, so that two matches give a guess: of all pairs of matches those as
-    far apart in both views are tried, and the guess is kept that most matches agree with to
-    10 cm. It is then fitted to them by least squares, the height by their median. How many
+    far apart in both views are tried, and the guess with the most inliers within 10 cm
+    is taken. It is then fitted to them by least squares, the height by their median. How many
     agree is for the caller to judge: on ground that only seems the same up to a dozen do.
 
     Examples
@@ -44,8 +44,8 @@ def match_overlay(first: GroundView, second: GroundView) -> Overlay | None:
     >>> rng = np.random.default_rng(1)
     >>> xyz, looks = rng.uniform(-2.0, 2.0, (40, 3)), rng.random((40, 128), np.float32)
     >>> looks /= np.linalg.norm(looks, axis=1, keepdims=True)
-    >>> lain = match_overlay(GroundView(0, xyz, looks), GroundView(9, xyz - [0.5, 0.2, 0.1], looks))
-    >>> lain.shift.round(3).tolist(), lain.n_agree
+    >>> overlay = match_overlay(GroundView(0, xyz, looks), GroundView(9, xyz - [0.5, 0.2, 0.1], looks))
+    >>> overlay.shift.round(3).tolist(), overlay.n_agree
     ([0.5, 0.2, 0.1], 40)
     """
     one, other = _matched(first, second)
@@ -87,8 +87,8 @@ def _matched(first: GroundView, second: GroundView) -> tuple[FloatArray, FloatAr
     # Of several features that look like one, the likeliest.
     order = np.flatnonzero(clear)[np.argsort(-top[clear], kind="stable")]
     _, once = np.unique(best[order], return_index=True)
-    kept = order[np.sort(once)]
-    return first.xyz[kept], second.xyz[best[kept]]
+    chosen = order[np.sort(once)]
+    return first.xyz[chosen], second.xyz[best[chosen]]
 
 
 def _largest_agreement(one: FloatArray, other: FloatArray) -> BoolArray:

@@ -50,7 +50,7 @@ def segment_starts(recording: VisionRecords, visual: VisualOdometry) -> IntArray
         inside = counted[(counted > times[k - 1]) & (counted < times[k])]
         hole = float(np.diff(np.concatenate([times[k - 1 : k], inside, times[k : k + 1]])).max())
         health = visual.health[k]
-        is_too_long = gap[k - 1] > _FORGOTTEN_S and not health.is_recognised
+        is_too_long = gap[k - 1] > _FORGOTTEN_S and not health.is_recognized
         if hole > _HOLE_S and (is_too_long or not health.is_visual):
             starts.append(k)
     return np.array(starts, dtype=np.int64)

@@ -101,7 +101,7 @@ def test_a_truncated_image_is_named(tmp_path, kept):
     recording().write(tmp_path / "recording")
     file = tmp_path / "recording" / "frames" / "000000.png"
     file.write_bytes(file.read_bytes()[: int(kept * file.stat().st_size)])
-    with pytest.raises(InputError, match=r"000000\.png is no whole image"):
+    with pytest.raises(InputError, match=r"000000\.png cannot be decoded"):
         Recording.read(tmp_path / "recording").frames[0]
 
 

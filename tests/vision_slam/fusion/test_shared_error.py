@@ -95,7 +95,7 @@ def test_stakes_pin_the_path():
 
 
 def closures_at(position, attitude, shifts: dict[int, np.ndarray]) -> LoopClosures:
-    """Recognise the first quarter's places from the last quarter, each from where it is, but for shifts [m]."""
+    """Recognize the first quarter's places from the last quarter, each from where it is, but for shifts [m]."""
     earlier, later = np.arange(20, 140, 15), np.arange(460, 580, 15)
     moved = position[later] - position[earlier]
     offset = np.einsum("nji,nj->ni", rotations(attitude[earlier]), moved)

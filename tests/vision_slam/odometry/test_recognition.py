@@ -35,7 +35,7 @@ def _views(world: PlaneWorld, camera: Camera) -> tuple[ViewRecognizer, list[Floa
     views, poses = ViewRecognizer(camera, config), [_pose(STEP_M * k) for k in range(N_SEEN)]
     enhance = ContrastEnhancer(config.clahe_clip, config.clahe_tiles)
     for k, pose in enumerate(poses):
-        views.keep(k, enhance(world.image(pose)), poses)
+        views.add_view(k, enhance(world.image(pose)), poses)
     return views, poses
 
 
@@ -43,12 +43,12 @@ def test_a_rover_that_was_moved_asleep_is_found_with_the_error_that_it_claims(
     plane_world: PlaneWorld, camera: Camera
 ) -> None:
     views, poses = _views(plane_world, camera)
-    views.moved(RelativeMotion(60.0, None, None))
+    views.add_motion(RelativeMotion(60.0, None, None))
     enhance, rng = ContrastEnhancer(4.0, 8), np.random.default_rng(3)
     squared = []
     for _ in range(6):
         moved = poses[-1] @ _pose(rng.uniform(-0.3, 0.5), rng.uniform(-0.2, 0.2), rng.uniform(-8.0, 8.0))
-        met = views.recognised(enhance(plane_world.image(moved)), poses[-1], poses)
+        met = views.recognize(enhance(plane_world.image(moved)), poses[-1], poses)
         assert met is not None
         off = np.linalg.inv(met.pose) @ moved
         error = np.r_[Rotation.from_matrix(off[:3, :3]).as_rotvec(), off[:3, 3]]
@@ -59,25 +59,25 @@ def test_a_rover_that_was_moved_asleep_is_found_with_the_error_that_it_claims(
     assert np.mean(squared) < 6.0
 
 
-def test_other_ground_is_not_recognised(
+def test_other_ground_is_not_recognized(
     plane_world: PlaneWorld, elsewhere: PlaneWorld, camera: Camera
 ) -> None:
     views, poses = _views(plane_world, camera)
-    views.moved(RelativeMotion(60.0, None, None))
+    views.add_motion(RelativeMotion(60.0, None, None))
     enhance = ContrastEnhancer(4.0, 8)
     for yaw_deg in (0.0, 20.0):
         image = enhance(elsewhere.image(poses[-1] @ _pose(0.1, yaw_deg=yaw_deg)))
-        assert views.recognised(image, poses[-1], poses) is None
+        assert views.recognize(image, poses[-1], poses) is None
     blank = np.full((camera.height, camera.width), 90, np.uint8)
-    assert views.recognised(blank, poses[-1], poses) is None
+    assert views.recognize(blank, poses[-1], poses) is None
 
 
 def test_a_gyro_that_went_on_is_not_contradicted(plane_world: PlaneWorld, camera: Camera) -> None:
     views, poses = _views(plane_world, camera)
-    views.moved(RelativeMotion(1.0, np.eye(3), 0.1))
+    views.add_motion(RelativeMotion(1.0, np.eye(3), 0.1))
     image = ContrastEnhancer(4.0, 8)(plane_world.image(poses[-1] @ _pose(0.1, yaw_deg=6.0)))
-    assert views.recognised(image, poses[-1] @ _pose(0.1), poses) is None
-    assert views.recognised(image, poses[-1] @ _pose(0.1, yaw_deg=6.0), poses) is not None
+    assert views.recognize(image, poses[-1] @ _pose(0.1), poses) is None
+    assert views.recognize(image, poses[-1] @ _pose(0.1, yaw_deg=6.0), poses) is not None
 
 
 def test_wheels_that_spin_in_a_white_out_are_found_out_after_it(
@@ -94,9 +94,9 @@ def test_wheels_that_spin_in_a_white_out_are_found_out_after_it(
         slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), rolled) if k else None)
     health = [frame.health for frame in slam.frames]
     assert not any(frame.is_visual for frame in health[9:13])
-    assert health[13].is_recognised
-    assert all(frame.is_visual and not frame.is_recognised for frame in health[14:])
-    # The wheels alone would end 1.8 m too far; recognised is the last view to 4 % of 0.8 m.
+    assert health[13].is_recognized
+    assert all(frame.is_visual and not frame.is_recognized for frame in health[14:])
+    # The wheels alone would end 1.8 m too far; recognized is the last view to 4 % of 0.8 m.
     assert abs(slam.pose(slam.frames[-1])[0, 3] - places[-1]) < 0.06
 
 

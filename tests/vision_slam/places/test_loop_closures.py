@@ -1,4 +1,4 @@
-"""Places recognised from any heading, on drawn ground whose poses are known."""
+"""Places recognized from any heading, on drawn ground whose poses are known."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def drive(plane_world: object, camera: Camera) -> Recording:
     )
 
 
-def test_a_crossing_is_recognised_from_another_heading(drive: Recording) -> None:
+def test_a_crossing_is_recognized_from_another_heading(drive: Recording) -> None:
     places, headings = _loop()
     # A path that has drifted by half a metre since, and knows that it may have.
     drifted = places + np.linspace(0.0, 0.5, len(places))[:, None] * [1.0, 0.0, 0.0]
@@ -83,7 +83,7 @@ def test_a_crossing_is_recognised_from_another_heading(drive: Recording) -> None
     assert np.abs(found.offset - real).max() < 0.05
 
 
-def test_nothing_is_recognised_where_the_path_cannot_have_met_itself(drive: Recording) -> None:
+def test_nothing_is_recognized_where_the_path_cannot_have_met_itself(drive: Recording) -> None:
     places, _ = _loop()
     straight = np.column_stack([STEP_M * np.arange(len(places)), np.zeros((len(places), 2))])
     assert detect_loop_closures(drive, straight, np.full(len(places), 0.3)) is None
@@ -123,7 +123,7 @@ def test_a_rover_that_knows_nothing_of_its_place_finds_it_by_the_ground(drive: R
 
 def test_needs_images_that_were_processed(drive: Recording) -> None:
     bare = Recording(drive.crs, drive.start, drive.gps)
-    with pytest.raises(InputError, match="recognised on images"):
+    with pytest.raises(InputError, match="recognized on images"):
         detect_loop_closures(bare, np.zeros((2, 3)), np.ones(2))
 
 
