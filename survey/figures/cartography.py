@@ -16,10 +16,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 from matplotlib.ticker import FuncFormatter, MaxNLocator
+from pyproj import CRS
 from scipy.ndimage import distance_transform_edt
 from shapely import MultiPolygon, Polygon, get_coordinates, get_parts
 
 from survey.core.arrays import Bounds, FloatArray
+from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route
@@ -353,12 +355,17 @@ def _mark_ends(axes: Axes, path: FloatArray, colour: str) -> None:
         )
 
 
-def draw_scale_and_north(drawing: MapFigure, *, north: bool = True) -> None:
-    """Draw a scale bar and, where the map has one, a grid-north arrow above the map, where they cover nothing."""
+def draw_scale_and_north(drawing: MapFigure, *, north: bool = True, crs: CRS | None = None) -> None:
+    """Draw a scale bar and, where the map has one, a grid-north arrow above the map, where they cover nothing.
+
+    With `crs` the bar counts on the ground where the scale factor of the CRS differs from 1 by more than 1 %.
+    """
     axes = drawing.maps[0]
     xmin, xmax = axes.get_xlim()
     width = xmax - xmin
-    length = round_number(width / 4.0)
+    factor = 1.0 if crs is None else _scale_factor(axes, crs)
+    ground_m = round_number(width / factor / 4.0)
+    length = ground_m * factor
     end = xmax - 0.09 * width
     place = axes.get_xaxis_transform()
     inch = 1.0 / (axes.get_position().height * drawing.figure.get_figheight())
@@ -371,7 +378,7 @@ def draw_scale_and_north(drawing: MapFigure, *, north: bool = True) -> None:
             "transform": place,
         }
         axes.add_patch(Rectangle((start, 1.0 + 0.10 * inch), length / 2.0, 0.08 * inch, **bar))
-    text = f"{grouped(length / 1000.0)} km" if length >= 1000.0 else f"{length:g} m"
+    text = f"{grouped(ground_m / 1000.0)} km" if ground_m >= 1000.0 else f"{ground_m:g} m"
     middle = 1.0 + 0.14 * inch
     axes.text(
         end - length - 0.015 * width, middle, text, transform=place, ha="right", va="center", fontsize=8
@@ -388,6 +395,12 @@ def draw_scale_and_north(drawing: MapFigure, *, north: bool = True) -> None:
         arrowprops=arrow,
         annotation_clip=False,
     )
+
+
+def _scale_factor(axes: Axes, crs: CRS) -> float:
+    """Return the linear scale factor of a CRS over what a map shows; 1 within 1 %."""
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    return MapScale.over(crs, (west, south, east, north)).notable_factor
 
 
 def add_colour_bar(

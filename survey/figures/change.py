@@ -63,7 +63,7 @@ def change_map(change: Change, outlines: Mapping[str, Polygon | MultiPolygon]) -
     for shape in outlines.values():
         axes.add_patch(PathPatch(outline_path(shape), fill=False, edgecolor=INK, linewidth=1.3, zorder=4))
     add_colour_bar(image, drawing, "Change of height [m]", extend="both")
-    draw_scale_and_north(drawing)
+    draw_scale_and_north(drawing, crs=change.difference.crs)
     axes.set_title("Later \u2212 earlier")
     handles = [
         Line2D([], [], color=INK, linewidth=1.3, label="Outline"),

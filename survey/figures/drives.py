@@ -58,7 +58,7 @@ def executed_route(
     handles += axes.plot(*planned.T, color=MUTED, linewidth=4.0, alpha=0.45, label="Planned")
     handles += _draw_both(axes, driven[:, :2], None if believed is None else believed[:, :2])
     handles += axes.plot(*driven[0, :2], "o", color=INK, markersize=5, label="Start")
-    draw_scale_and_north(drawing)
+    draw_scale_and_north(drawing, crs=route.crs)
     axes.set_title("Driven against planned path")
     drawing.figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
     return drawing.figure

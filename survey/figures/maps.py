@@ -85,7 +85,7 @@ def survey_map(terrain: Dem, *, area: SurveyArea | None = None, route: Route | N
     if route is not None:
         handles += draw_route(axes, route)
     add_colour_bar(image, drawing, "Elevation [m]")
-    draw_scale_and_north(drawing)
+    draw_scale_and_north(drawing, crs=terrain.crs)
     axes.set_title("Survey map")
     columns = len(handles) if len(handles) <= 6 else math.ceil(len(handles) / 2)
     drawing.figure.legend(handles=handles, loc="lower center", ncols=columns, columnspacing=1.6)

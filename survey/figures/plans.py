@@ -100,7 +100,7 @@ def plan_map(
         add_colour_bar(image, drawing, "Elevation [m]")
     else:
         drawing.bar.set_axis_off()
-    draw_scale_and_north(drawing)
+    draw_scale_and_north(drawing, crs=area.crs)
     axes.set_title("Survey plan")
     columns = len(handles) if len(handles) <= 6 else math.ceil(len(handles) / 2)
     drawing.figure.legend(handles=handles, loc="lower center", ncols=columns, columnspacing=1.6)

@@ -8,6 +8,7 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import InputError
+from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.route import Route
 from survey.scoring.spread import centeredness, distribution
@@ -189,7 +190,8 @@ class Coverage:
         area : SurveyArea
             In the same CRS. Its reference point is the one of Eqs. 11 and 13.
         sample_step_m : float
-            Distance between samples, and width of the cells [m].
+            Distance between samples, and width of the cells [m]; on the ground where the scale factor of the
+            CRS differs from 1 by more than 1 %.
 
         Raises
         ------
@@ -206,14 +208,15 @@ class Coverage:
         (0.25, 0.0)
         """
         area.require_crs(route.crs, "the route")
-        cells = SampleCells(area, sample_step_m)
-        tracks = [route.sample(sample_step_m, rover) for rover in range(route.n_rovers)]
+        step_m = sample_step_m * MapScale.over(area.crs, area.bounds).notable_factor
+        cells = SampleCells(area, step_m)
+        tracks = [route.sample(step_m, rover) for rover in range(route.n_rovers)]
         samples = np.vstack([track.xy for track in tracks])
         visited, possible = cells.visited(samples), cells.centres
         return cls(
             scc=science_coverage(visited, possible, area.reference),
             cells_share=len(visited) / len(possible),
-            robot_centric=route.length_m / (len(possible) * sample_step_m),
+            robot_centric=route.length_m / (len(possible) * step_m),
             alpha=centeredness(samples, area.reference, area.farthest_m),
             beta=distribution(route, tracks),
         )

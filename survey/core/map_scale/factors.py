@@ -171,6 +171,11 @@ class MapScale:
         return cls.at(crs, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
 
     @property
+    def notable_factor(self) -> float:
+        """Mean linear factor; 1 where it is within 1 % of 1, as in UTM zones and most national grids."""
+        return 1.0 if abs(self.linear.mean - 1.0) <= NOTABLE else self.linear.mean
+
+    @property
     def warning(self) -> str:
         """One sentence where a length differs by more than 1 % from that on the ground, else ``""``."""
         farthest = max((self.linear.min, self.linear.max), key=lambda k: abs(k - 1.0))

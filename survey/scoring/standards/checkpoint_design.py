@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, FloatArray, frozen
 from survey.core.errors import InputError
+from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
@@ -48,7 +49,7 @@ def design_checkpoints(
     terrain : Dem, optional
         Coarse heights; steeper ground is left out, for there an error in place is one in height.
     max_slope_deg : float
-        Steepest ground [deg].
+        Steepest ground [deg]; the scale factor of the CRS is applied where it differs from 1 by more than 1 %.
     route : Route, optional
         Places too far from it are left out.
     reach_m : float
@@ -110,14 +111,22 @@ def _candidates(
     )
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     fit = area.contains(places)
+    factor = MapScale.over(area.crs, area.bounds).notable_factor
     if terrain is not None:
         area.require_crs(terrain.crs, "the terrain")
         # NaN, beyond the terrain, compares as false: unknown ground is not chosen.
-        fit &= terrain.slope().at(places) <= max_slope_deg
+        fit &= terrain.slope().at(places) <= _grid_slope_deg(max_slope_deg, factor)
     if route is not None:
         area.require_crs(route.crs, "the route")
-        fit &= within_reach(places, route.line, reach_m)
+        fit &= within_reach(places, route.line, reach_m * factor)
     return places[fit]
+
+
+def _grid_slope_deg(slope_deg: float, factor: float) -> float:
+    """Return the slope in the CRS of ground of a slope [deg], for a linear scale factor."""
+    return (
+        slope_deg if factor == 1.0 else float(np.degrees(np.arctan(np.tan(np.radians(slope_deg)) / factor)))
+    )
 
 
 def _quarter(places: FloatArray, area: SurveyArea) -> Any:

@@ -6,6 +6,7 @@ from pyproj import CRS
 from shapely import Polygon
 
 from survey.core.errors import InputError
+from survey.core.map_scale import scale_factors
 from survey.data.area import SurveyArea
 from survey.data.route import Leg, Route
 from survey.scoring import Coverage, SampleCells, centeredness, distribution, science_coverage
@@ -193,3 +194,17 @@ def test_refusals(square: SurveyArea) -> None:
     looped = Leg("swath", np.array([[5.0, 5.0], [9.0, 9.0], [5.0, 5.0]]))
     with pytest.raises(InputError, match="axis"):
         Coverage.of(route_of(looped), square)
+
+
+def test_the_sample_spacing_counts_on_the_ground():
+    utm = SurveyArea.rectangle((0.0, 0.0, 40.0, 40.0), "EPSG:32608")
+    line = np.array([[5.0, 5.0], [5.0, 36.0]])
+    expected = Coverage.of(Route((Leg("swath", line),), utm.crs, "line"), utm, 10.0)
+    factor = float(scale_factors("EPSG:3857", [[0.0, 8.5e6]]).linear[0])
+    origin = np.array([0.0, 8.5e6])
+    corner = tuple(origin) + tuple(origin + 40.0 * factor)
+    mercator = SurveyArea.rectangle(corner, "EPSG:3857")
+    scaled = Route((Leg("swath", origin + line * factor),), mercator.crs, "line")
+    found = Coverage.of(scaled, mercator, 10.0)
+    assert found.cells_share == expected.cells_share
+    assert found.robot_centric == pytest.approx(expected.robot_centric, rel=0.01)

@@ -127,3 +127,10 @@ def test_the_range_over_a_rectangle_includes_its_corners() -> None:
     corners = scale_factors("EPSG:3413", [[0.0, -2.2e6], [1e5, -2.2e6], [0.0, -2.0e6], [1e5, -2.0e6]]).linear
     assert (scale.linear.min, scale.linear.max) == pytest.approx((corners.min(), corners.max()), abs=1e-6)
     assert scale.linear.min < scale.linear.mean < scale.linear.max
+
+
+def test_a_factor_within_one_percent_is_not_notable() -> None:
+    assert MapScale.over("EPSG:32608", (0.0, 0.0, 600.0, 600.0)).notable_factor == 1.0
+    assert MapScale.over("EPSG:3857", (0.0, 8.5e6, 600.0, 8.5006e6)).notable_factor == pytest.approx(
+        2.01, abs=0.02
+    )
