@@ -128,8 +128,8 @@ def _of_a_map(folder: Path) -> Iterator[Reading]:
     result = survey.reconstruct(points, grid, method="tin")
     (folder / "map").mkdir()
     result.write(folder / "map")
-    dem = folder / "map" / "dem.tif"
-    yield Reading("map", dem, lambda: _map(folder / "map"))
+    for file in sorted((folder / "map").iterdir()):
+        yield Reading("map", file, lambda: _map(folder / "map"))
     result.mean.write(folder / "export.tif")
     yield Reading("export", folder / "export.tif", lambda: _dem(folder / "export.tif"))
     for suffix in (".las", ".laz", ".ply"):
@@ -149,7 +149,8 @@ def _dem(file: Path) -> Any:
 
 def _map(folder: Path) -> Any:
     found = survey.Reconstruction.read(folder)
-    return [found.mean.elevation.tolist(), found.std.elevation.tolist(), found.support.tolist()]
+    rasters = [found.mean.elevation.tolist(), found.std.elevation.tolist(), found.support.tolist()]
+    return [rasters, found.method, dict(found.hyperparameters), dict(found.diagnostics)]
 
 
 def _arrays(file: Path) -> Any:

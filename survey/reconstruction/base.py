@@ -15,6 +15,7 @@ from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files import existing_file, replacing
 from survey.core.geodesy import same_crs
+from survey.core.manifest import is_intact, with_checksum
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_dataset
 from survey.data.dem import Dem
@@ -35,6 +36,9 @@ Quantity = Literal["mean", "std", "lower", "upper", "support"]
 ELEVATION = "elevation_m"
 SIGMAS_95 = 1.959964
 """Standard deviations on either side of the mean that hold 95 %."""
+
+
+_FACTS_SHA256 = "facts_sha256"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -209,7 +213,8 @@ class Reconstruction(DataObject):
             "diagnostics": dict(self.diagnostics),
         }
         with replacing(place / "reconstruction.json") as draft:
-            draft.write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+            text = json.dumps(with_checksum(facts, _FACTS_SHA256), indent=2, sort_keys=True)
+            draft.write_text(text + "\n", encoding="utf-8")
 
     @classmethod
     def read(cls, folder: str | Path) -> Self:
@@ -391,4 +396,6 @@ def _facts(path: Path) -> dict[str, Any]:
         raise InputError(f"{file} is damaged ({error}); reconstruct again.") from error
     if missing:
         raise InputError(f"{file} lacks {', '.join(sorted(missing))}; reconstruct again.")
+    if not is_intact(facts, _FACTS_SHA256):
+        raise InputError(f"{file} was changed, or was written by an older version; reconstruct again.")
     return facts
