@@ -1,4 +1,4 @@
-"""Read-only float arrays of a stated shape: what every noun of the package holds."""
+"""Read-only arrays of a stated shape, and aliases of array types."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -20,7 +20,20 @@ Progress = Callable[[str, int, int], None]
 
 
 def frozen(values: Any, dtype: Any = np.float64) -> Any:
-    """Return a read-only copy in C order."""
+    """Return a read-only copy in C order.
+
+    Parameters
+    ----------
+    values : array_like
+        Numbers of any shape.
+    dtype : dtype
+        Type of the copy.
+
+    Returns
+    -------
+    ndarray
+        A copy that cannot be written to.
+    """
     array = np.array(values, dtype=dtype, order="C")
     array.flags.writeable = False
     return array
@@ -30,6 +43,20 @@ def checked(values: Any, shape: Sequence[int | None], what: str) -> FloatArray:
     """Return a read-only float array; refuse another shape, NaN and infinity.
 
     ``None`` in `shape` stands for any length.
+
+    Parameters
+    ----------
+    values : array_like
+        Numbers.
+    shape : sequence of int or None
+        Expected lengths; None stands for any.
+    what : str
+        What they are, for the message.
+
+    Returns
+    -------
+    ndarray
+        A read-only copy.
     """
     try:
         array: FloatArray = frozen(values)

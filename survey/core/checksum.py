@@ -1,4 +1,4 @@
-"""Checksums that files carry of their own values, so that a flipped bit is refused and not believed."""
+"""Checksums (CRC-32) that files carry of their own values, and their verification."""
 
 import zlib
 from collections.abc import Iterable
@@ -12,6 +12,16 @@ from survey.core.errors import InputError
 
 def checksum(parts: Iterable[Any]) -> str:
     """Return the CRC-32 of arrays and texts, one after the other, as eight hexadecimal digits.
+
+    Parameters
+    ----------
+    parts : iterable of array_like or str
+        What the checksum is taken of, in order.
+
+    Returns
+    -------
+    str
+        Eight hexadecimal digits.
 
     Examples
     --------
@@ -28,10 +38,21 @@ def checksum(parts: Iterable[Any]) -> str:
 def refuse_altered(path: Path, stated: str, parts: Iterable[Any], where: str) -> None:
     """Refuse values that are not those which the file's checksum was taken of.
 
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    stated : str
+        The checksum that it states.
+    parts : iterable of array_like or str
+        What was read from it.
+    where : str
+        Where the checksum stands in the file, for the message.
+
     Raises
     ------
     InputError
-        Tells where the checksum stands, for files that were changed on purpose.
+        The values have another checksum; the message names the place of the stated one.
     """
     found = checksum(parts)
     if stated != found:

@@ -1,4 +1,4 @@
-"""Settings that are checked before any work starts: strict, frozen, with units in their names."""
+"""Configuration: strict, frozen pydantic models, TOML files and overrides."""
 
 import difflib
 import json
@@ -53,6 +53,16 @@ AnySection = TypeVar("AnySection", bound=BaseModel)
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Read a TOML file into a dictionary.
 
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    dict
+        Tables and values by name.
+
     Raises
     ------
     InputError
@@ -71,6 +81,18 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 def with_overrides(values: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """Return a copy with ``section.key=value`` settings put in; values are read as TOML.
+
+    Parameters
+    ----------
+    values : mapping
+        Sections by name; not changed.
+    overrides : sequence of str
+        Settings as ``section.key=value``; what is no TOML value counts as text.
+
+    Returns
+    -------
+    dict
+        The sections with the settings.
 
     Examples
     --------
@@ -106,7 +128,22 @@ def _toml_value(text: str) -> Any:
 
 
 def validated(model: type[AnySection], values: Mapping[str, Any], where: str) -> AnySection:
-    """Build a configuration, or refuse with one sentence that names the key."""
+    """Build a configuration, or refuse with one sentence that names the key.
+
+    Parameters
+    ----------
+    model : type of pydantic.BaseModel
+        The configuration.
+    values : mapping
+        Settings by name.
+    where : str
+        Where they come from, for the message.
+
+    Returns
+    -------
+    pydantic.BaseModel
+        An instance of `model`.
+    """
     try:
         # TOML has lists only; in JSON mode they may stand for tuples, and nothing else is converted.
         return model.model_validate_json(json.dumps(values, default=str))

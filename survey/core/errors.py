@@ -1,4 +1,4 @@
-"""What firnline refuses, and with which exit code the command line then ends.
+"""Exceptions of firnline, and the exit codes with which the command line ends.
 
 Every message is one sentence: what was found, where, what was expected and what to do.
 """

@@ -28,7 +28,7 @@ def replacing(path: str | Path, *, stale: Iterable[Path] = ()) -> Iterator[Path]
 
     An interrupted writer leaves what stood at `path` before. A single file is put in place by one
     rename. A format of several files (Shapefile, ASCII grid) cannot be: its files are first
-    collected on the disk, whole, in a folder ``.<name>.exchange`` that appears by one rename, and then moved.
+    written to the disk in a folder ``.<name>.exchange`` that appears by one rename, and then moved.
     Whoever reads or writes `path` next through `existing_file` or this function completes the moves of a
     writer that was killed between them, so that only other programs could meet old and new files side by side.
 
@@ -97,7 +97,7 @@ def _put_in_place(folder: Path, target: Path, stale: Iterable[Path]) -> None:
 
 
 def finish_exchange(path: Path) -> None:
-    """Complete what a writer that was killed had begun: move its files, which are whole, to their place.
+    """Complete an exchange that a killed writer had begun: move its files to their place.
 
     Parameters
     ----------
@@ -180,7 +180,13 @@ def warnings_logged() -> Iterator[None]:
 
 
 def synced(path: Path) -> None:
-    """Write a file's content from the operating system's cache to the disk."""
+    """Write a file's content from the operating system's cache to the disk.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A file or folder.
+    """
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -263,13 +269,37 @@ def read_bytes(file: Path, what: str, largest_bytes: int | None = None) -> bytes
 
 
 def first_line(reason: object) -> str:
-    """Return the first line of a reason without its full stop, or the kind of fault where there are no words."""
+    """Return the first line of a reason without its full stop, or the kind of fault where there are no words.
+
+    Parameters
+    ----------
+    reason : object
+        An exception or a text.
+
+    Returns
+    -------
+    str
+        One line without its full stop.
+    """
     words = str(reason).strip()
     return words.splitlines()[0].rstrip(".") if words else type(reason).__name__
 
 
 def unwritable(path: Path, reason: object) -> InputError:
-    """Return the refusal of a file that a library could not write; it asks for space where hardly any is left."""
+    """Return the refusal of a file that a library could not write; it asks for space where hardly any is left.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    reason : object
+        What the library said.
+
+    Returns
+    -------
+    InputError
+        Names the file and the reason.
+    """
     words = first_line(reason)
     full = "space" in words.lower() or (
         path.parent.is_dir() and shutil.disk_usage(path.parent).free < _LITTLE_SPACE_BYTES

@@ -107,7 +107,18 @@ def crs_text(crs: CRS) -> str:
 
 
 def has_code(crs: CRS) -> bool:
-    """Return whether a CRS is exactly that of an EPSG code."""
+    """Return whether a CRS is exactly that of an EPSG code.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+        Of any kind.
+
+    Returns
+    -------
+    bool
+        True for ``EPSG:n``, False for a system of one's own.
+    """
     return crs_text(crs).startswith("EPSG:")
 
 
@@ -156,6 +167,16 @@ def _unit(crs: CRS) -> str:
 
 def vertical_datum_of(crs: Any) -> str:
     """Return the name of the vertical part of a CRS, or ``""`` when it has none.
+
+    Parameters
+    ----------
+    crs : str, int or pyproj.CRS
+        A horizontal, compound or three-dimensional CRS.
+
+    Returns
+    -------
+    str
+        Name of the vertical datum.
 
     Examples
     --------
@@ -235,7 +256,15 @@ def _has_unnamed_datum(crs: CRS) -> bool:
 
 
 def same_crs(a: CRS, b: CRS, what: str) -> None:
-    """Refuse two different horizontal systems; `what` names the two things that meet."""
+    """Refuse two different horizontal systems; `what` names the two things that meet.
+
+    Parameters
+    ----------
+    a, b : pyproj.CRS
+        Projected systems.
+    what : str
+        The two things that meet, for the message.
+    """
     _refuse_one_local(a, b, what)
     if not equal_crs(a, b):
         raise InputError(
@@ -302,7 +331,15 @@ def _refuse_one_local(a: CRS, b: CRS, what: str) -> None:
 
 
 def same_vertical_datum(a: str, b: str, what: str) -> None:
-    """Refuse heights above two different datums; an unstated datum agrees with any."""
+    """Refuse heights above two different datums; an unstated datum agrees with any.
+
+    Parameters
+    ----------
+    a, b : str
+        Names of datums, ``""`` for an unstated one.
+    what : str
+        The two things that meet, for the message.
+    """
     if a != b and UNSTATED not in (a, b):
         raise InputError(
             f"{what} have heights above different vertical datums, {a!r} and {b!r}; they differ by tens of metres, "
@@ -314,6 +351,22 @@ def transformed(xy: FloatArray, source: Any, target: CRS, where: str) -> FloatAr
     """Transform easting/northing or longitude/latitude (N, 2) into the target CRS.
 
     Refuses when PROJ has no path, or places a point outside what the target can show.
+
+    Parameters
+    ----------
+    xy : (N, 2) ndarray
+        Easting and northing [m], or longitude and latitude [deg].
+    source : str, int or pyproj.CRS
+        Of `xy`.
+    target : pyproj.CRS
+        Of the result.
+    where : str
+        What carries the places, for the message.
+
+    Returns
+    -------
+    (N, 2) ndarray
+        Easting and northing, or longitude and latitude, in the target CRS.
     """
     origin = known_crs(source, where)
     try:
@@ -376,7 +429,18 @@ def heights_transformed(
 
 
 def missing_grids(group: TransformerGroup) -> list[str]:
-    """Return the names of the grids without which the operations of a group cannot run."""
+    """Return the names of the grids without which the operations of a group cannot run.
+
+    Parameters
+    ----------
+    group : pyproj.transformer.TransformerGroup
+        Operations between two systems.
+
+    Returns
+    -------
+    list of str
+        File names.
+    """
     names = {
         grid.short_name for way in group.unavailable_operations for grid in way.grids if not grid.available
     }
@@ -385,6 +449,16 @@ def missing_grids(group: TransformerGroup) -> list[str]:
 
 def lacking_grids(crs: Any = "EPSG:32608") -> dict[str, list[str]]:
     """Return, for every known vertical datum, the grids that PROJ lacks to reach it from the ellipsoid.
+
+    Parameters
+    ----------
+    crs : str, int or pyproj.CRS
+        A projected CRS of the region in question.
+
+    Returns
+    -------
+    dict of str to list of str
+        Names of grids by vertical datum; empty lists where nothing lacks.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The area to survey: its outline, the places not to go, and where rovers start."""
+"""Survey areas: outline, no-go zones and start points of rovers."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -82,7 +82,20 @@ class SurveyArea(DataObject):
 
     @classmethod
     def rectangle(cls, bounds: tuple[float, float, float, float], crs: Any) -> Self:
-        """Return the rectangle ``(xmin, ymin, xmax, ymax)`` [m]."""
+        """Return the rectangle ``(xmin, ymin, xmax, ymax)`` [m].
+
+        Parameters
+        ----------
+        bounds : (4,) tuple of float
+            ``(xmin, ymin, xmax, ymax)`` [m].
+        crs : str or pyproj.CRS
+            Projected, in metres.
+
+        Returns
+        -------
+        SurveyArea
+            Without no-go ground and starts.
+        """
         xmin, ymin, xmax, ymax = checked(bounds, (4,), "the area's bounds").tolist()
         if xmax <= xmin or ymax <= ymin:
             raise InputError(
@@ -94,7 +107,7 @@ class SurveyArea(DataObject):
     def read(cls, path: str | Path, *, crs: Any = None, layer: str | int | None = None) -> Self:
         """Read an area from GeoJSON, GeoPackage, KML or Shapefile.
 
-        A text column ``role`` tells ``area``, ``no-go`` and ``start`` features apart;
+        Features have the role ``area``, ``no-go`` or ``start`` in a text column ``role``;
         without it every polygon is area and every point a start.
 
         Parameters
@@ -105,6 +118,11 @@ class SurveyArea(DataObject):
             The projected CRS to work in; needed for files in degrees (GeoJSON, KML).
         layer : str or int, optional
             The layer; the first one by default.
+
+        Returns
+        -------
+        SurveyArea
+            In `crs`, or in the file's own projected CRS.
 
         Raises
         ------
@@ -133,7 +151,13 @@ class SurveyArea(DataObject):
         return cls(outline, features.crs, no_go, np.array(starts, dtype=np.float64).reshape(-1, 2))
 
     def write(self, path: str | Path) -> None:
-        """Write outline, no-go zones and starts with a ``role`` column."""
+        """Write outline, no-go zones and starts with a ``role`` column.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file; ``.gpkg``, ``.geojson``, ``.kml`` or ``.shp``.
+        """
         shapes, roles = self._shapes_and_roles()
         write_features(path, shapes, {"role": np.array(roles, dtype=object)}, self.crs, layer="area")
 
@@ -192,14 +216,33 @@ class SurveyArea(DataObject):
         return float(np.hypot(*(corners - self.reference).T).max())
 
     def contains(self, xy: Any) -> BoolArray:
-        """Tell which points (N, 2) lie on ground to be mapped: the outline, edge included, less the no-go zones."""
+        """Return which points lie on ground to be mapped: the outline, edge included, less the no-go zones.
+
+        Parameters
+        ----------
+        xy : (N, 2) array_like
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray of bool
+            True on free ground, its edge included.
+        """
         points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
         shapely.prepare(self.free)
         inside: BoolArray = shapely.intersects_xy(self.free, points[:, 0], points[:, 1])
         return inside
 
     def require_crs(self, crs: CRS, what: str) -> None:
-        """Refuse when the area is in another CRS than `what`."""
+        """Refuse when the area is in another CRS than `what`.
+
+        Parameters
+        ----------
+        crs : pyproj.CRS
+            The CRS that the area is to have.
+        what : str
+            What has it, for the message.
+        """
         same_crs(self.crs, crs, f"the survey area and {what}")
 
 

@@ -1,4 +1,4 @@
-"""A digital elevation model: square cells of terrain height in a projected CRS."""
+"""Digital elevation models: square cells of terrain height in a projected CRS."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -78,7 +78,22 @@ class Dem(DataObject):
 
     @classmethod
     def on(cls, grid: Grid, elevation: Any, vertical_datum: str = UNSTATED) -> Self:
-        """Return the DEM whose cell centres are the grid's nodes."""
+        """Return the DEM whose cell centres are the grid's nodes.
+
+        Parameters
+        ----------
+        grid : Grid
+            Its nodes become the centres of the cells.
+        elevation : (H, W) array_like
+            Height [m] at the nodes, NaN where it is not known.
+        vertical_datum : str
+            Name of the surface that heights count from.
+
+        Returns
+        -------
+        Dem
+            In the grid's CRS.
+        """
         values = np.asarray(elevation, dtype=np.float64)
         if values.shape != grid.shape:
             raise InputError(
@@ -144,7 +159,15 @@ class Dem(DataObject):
             raise InputError(f"{path}: {error}") from error
 
     def write(self, path: str | Path, name: str = "elevation") -> None:
-        """Write a Cloud-Optimized GeoTIFF (float32, nodata -9999)."""
+        """Write a Cloud-Optimized GeoTIFF (float32, nodata -9999).
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file; ``.asc`` and ``.nc`` give an ASCII grid and NetCDF, anything else a GeoTIFF.
+        name : str
+            Name of the band.
+        """
         write_raster(path, {name: self.elevation}, self.transform, self.crs, self.vertical_datum)
 
     @property
@@ -189,7 +212,13 @@ class Dem(DataObject):
         return float(np.nanmax(self.elevation) - np.nanmin(self.elevation))
 
     def grid(self) -> Grid:
-        """Return the grid whose nodes are the cell centres."""
+        """Return the grid whose nodes are the cell centres.
+
+        Returns
+        -------
+        Grid
+            In the CRS of the DEM.
+        """
         xmin, xmax, ymin, ymax = float(self.x[0]), float(self.x[-1]), float(self.y[-1]), float(self.y[0])
         return Grid((xmin, ymin, xmax, ymax), self.step_m, self.crs)
 
@@ -224,18 +253,40 @@ class Dem(DataObject):
         return np.where(inside, _between(upper, lower, t), np.nan)
 
     def gradient(self) -> tuple[FloatArray, FloatArray]:
-        """Return dz/dx and dz/dy (east and north positive), each (H, W), by central differences."""
+        """Return dz/dx and dz/dy (east and north positive), each (H, W), by central differences.
+
+        Returns
+        -------
+        to_east, to_north : tuple of (H, W) ndarray
+            Rise per metre; NaN beside unknown cells.
+        """
         to_north: FloatArray = np.asarray(np.gradient(self.elevation, self.transform.e, axis=0))
         to_east: FloatArray = np.asarray(np.gradient(self.elevation, self.transform.a, axis=1))
         return to_east, to_north
 
     def slope(self) -> Self:
-        """Return the steepest slope [deg] as a raster on the same cells."""
+        """Return the steepest slope [deg] as a raster on the same cells.
+
+        Returns
+        -------
+        Dem
+            Slope [deg] in place of heights; NaN beside unknown cells.
+        """
         to_east, to_north = self.gradient()
         return self._with(np.degrees(np.arctan(np.hypot(to_east, to_north))))
 
     def window(self, bounds: tuple[float, float, float, float]) -> Self:
         """Return the cells whose centres lie within ``(xmin, ymin, xmax, ymax)``.
+
+        Parameters
+        ----------
+        bounds : (4,) tuple of float
+            ``(xmin, ymin, xmax, ymax)`` [m].
+
+        Returns
+        -------
+        Dem
+            The cells within, on the same lattice.
 
         Raises
         ------
@@ -256,10 +307,20 @@ class Dem(DataObject):
         return self._with(values, shifted)
 
     def block_mean(self, cell_m: float) -> Self:
-        """Average whole blocks of cells, as a coarser instrument would.
+        """Average square blocks of cells.
 
         A block is valid when at least half of its cells are; rows and columns left over at
         the south and east are dropped.
+
+        Parameters
+        ----------
+        cell_m : float
+            Side of the blocks [m].
+
+        Returns
+        -------
+        Dem
+            Means [m], NaN where more than half of a block is unknown.
 
         Raises
         ------

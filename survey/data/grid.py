@@ -1,4 +1,4 @@
-"""The regular grid of nodes on which terrain is reconstructed."""
+"""Regular grids of nodes on which terrain is reconstructed."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -68,6 +68,20 @@ class Grid(DataObject):
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], step_m: float, crs: Any) -> Self:
         """Return the smallest grid from the south-west corner on that covers the bounds.
+
+        Parameters
+        ----------
+        bounds : (4,) tuple of float
+            ``(xmin, ymin, xmax, ymax)`` to cover [m].
+        step_m : float
+            Distance between neighbouring nodes [m].
+        crs : str or pyproj.CRS
+            Projected, in metres.
+
+        Returns
+        -------
+        Grid
+            Beyond the bounds by less than a step to the east and north.
 
         Examples
         --------

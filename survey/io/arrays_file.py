@@ -147,6 +147,17 @@ def _claimed_bytes(stream: IO[bytes]) -> int:
 def write_arrays(path: str | Path, kind: str, facts: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
     """Write arrays with JSON facts; equal content gives equal bytes.
 
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    kind : str
+        Name and version of the format, such as ``tin 1``.
+    facts : mapping
+        What JSON can hold.
+    arrays : mapping of str to array_like
+        Arrays by name.
+
     Raises
     ------
     InputError
@@ -158,6 +169,18 @@ def write_arrays(path: str | Path, kind: str, facts: Mapping[str, Any], arrays: 
 
 def read_arrays(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the facts and arrays that `write_arrays` wrote.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    kind : str
+        Name and version of the format that is expected.
+
+    Returns
+    -------
+    facts, arrays : tuple of dict
+        What was written.
 
     Raises
     ------

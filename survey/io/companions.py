@@ -9,7 +9,7 @@ from survey.io.vrt import raster_sources
 _RASTER_BY_NAME = (".aux.xml", ".msk", ".aux", ".prj")
 _RASTER_BY_STEM = (".aux.xml", ".aux", ".prj", ".wld", ".tab", ".hdr", ".clr", ".stx")
 _VECTOR_BY_STEM = {".shp": (".shx", ".dbf", ".prj", ".cpg", ".cst")}
-# SQLite keeps changes that are not yet in the main file beside it.
+# SQLite writes changes that are not yet in the main file beside it.
 _VECTOR_BY_NAME = {".gpkg": ("-wal", "-journal")}
 _STALE_BY_NAME = (".aux.xml", ".msk", ".ovr", "-wal", "-journal", "-shm")
 _STALE_BY_STEM = {".shp": (".shx", ".dbf", ".prj", ".cpg", ".cst", ".qix", ".sbn", ".sbx"), ".asc": (".prj",)}
@@ -59,7 +59,20 @@ def companion_files(path: str | Path) -> list[Path]:
 
 
 def files_beside(file: Path, *, overviews: bool = False) -> list[Path]:
-    """List the files of one data set with `file`: those in its folder whose names follow from its own."""
+    """List the files of one data set with `file`: those in its folder whose names follow from its own.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        The main file.
+    overviews : bool
+        Whether to list overviews as well.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Existing files in order of their names, `file` itself not.
+    """
     names = _companion_names(file)
     if names and overviews:
         names |= {f"{file.name.lower()}.ovr"}

@@ -120,6 +120,13 @@ def check_raster_file(file: Path, *, as_source: bool = False) -> None:
 def check_vector_file(file: Path, what: str) -> None:
     """Refuse a vector file whose content is not what its suffix says, or which names an address.
 
+    Parameters
+    ----------
+    file : pathlib.Path
+        An existing file.
+    what : str
+        What it is, for the message.
+
     Raises
     ------
     InputError

@@ -1,4 +1,4 @@
-"""Named points, such as surveyed marks: a name beside the place and the numbers."""
+"""Named points, such as surveyed marks: read places, numbers and a name for each row."""
 
 import csv
 from pathlib import Path
@@ -28,6 +28,18 @@ class NamedPoints(NamedTuple):
 
 def read_named_points(path: str | Path, what: str) -> NamedPoints:
     """Read points with a text column ``name`` from CSV, GPX (way points), or any format of points.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    what : str
+        What it is, for the message.
+
+    Returns
+    -------
+    NamedPoints
+        Columns and names, row by row.
 
     Raises
     ------

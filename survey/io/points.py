@@ -27,7 +27,7 @@ from survey.io.vector import read_features, write_features
 LARGEST_POINTS = 30_000_000
 """Most points that are read at once: some 3 GB from LAS with its attributes."""
 _DATUM = "vertical_datum"
-# LAS keeps coordinates as whole numbers of this many metres.
+# LAS stores coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
 _CRC = "crc32"
@@ -63,6 +63,16 @@ class PointTable(NamedTuple):
 def read_point_table(path: str | Path) -> PointTable:
     """Read the format that the file's ending names.
 
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    PointTable
+        Columns of numbers, with CRS and vertical datum where the file names them.
+
     Raises
     ------
     InputError
@@ -82,6 +92,13 @@ def write_point_table(path: str | Path, table: PointTable) -> None:
     """Write the format that the file's ending names, or leave what was there; equal tables give equal bytes.
 
     CSV carries no CRS. LAS and LAZ round coordinates to 0.1 mm; the others are exact.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file; its suffix names the format.
+    table : PointTable
+        The points; LAS, PLY and vector formats need a CRS.
     """
     _format(path).write(Path(path), table)
 

@@ -22,14 +22,22 @@ KITTI_COLUMNS = tuple(
 )
 # Times count from here where a format wants a date and the track has none.
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
-# TUM readers skip lines like these; they tell a file that was cut off at the end of a line, or altered.
+# TUM readers skip lines like these; they show that a file was cut off at the end of a line, or altered.
 _COUNT, _CRC = "# poses: ", "# crc32: "
 _WGS84 = CRS.from_epsg(4326)
 _TIME, _HEIGHT = "time_s", "elevation_m"
 
 
 def write_tum(path: str | Path, rows: FloatArray) -> None:
-    """Write poses (N, 8) as TUM text; numbers read back exactly as they were."""
+    """Write poses (N, 8) as TUM text; numbers read back exactly as they were.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    rows : (N, 8) ndarray
+        Time [s], position [m], quaternion x y z w.
+    """
     lines = _lines(rows)
     _write_lines(
         path, [f"# {' '.join(TUM_COLUMNS)}", f"{_COUNT}{len(rows)}", f"{_CRC}{checksum(lines)}", *lines]
@@ -38,6 +46,16 @@ def write_tum(path: str | Path, rows: FloatArray) -> None:
 
 def read_tum(path: str | Path) -> FloatArray:
     """Read TUM text into (N, 8): time, position, quaternion x y z w.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    (N, 8) ndarray
+        Time [s], position [m], quaternion x y z w.
 
     Raises
     ------
@@ -48,15 +66,32 @@ def read_tum(path: str | Path) -> FloatArray:
 
 
 def write_kitti(path: str | Path, poses: FloatArray) -> None:
-    """Write poses (N, 3, 4), rotation and position, as KITTI text, which keeps no times.
+    """Write poses (N, 3, 4), rotation and position, as KITTI text, which has no times.
 
     Numbers read back exactly as they were.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    poses : (N, 3, 4) ndarray
+        Rotations, and positions [m] in the last column.
     """
     _write_lines(path, _lines(poses.reshape(-1, 12)))
 
 
 def read_kitti(path: str | Path) -> FloatArray:
     """Read KITTI text into (N, 3, 4): rotation and position.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    (N, 3, 4) ndarray
+        Rotations, and positions [m] in the last column.
 
     Raises
     ------
@@ -79,6 +114,17 @@ def write_track(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS)
 
     GPX wants dates: times count from the beginning of the year 2000, in whole milliseconds.
     Degrees are written to nine decimals, a tenth of a millimetre.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    time_s : (N,) ndarray
+        Times [s].
+    xyz : (N, 3) ndarray
+        Easting, northing, height [m].
+    crs : pyproj.CRS
+        Projected CRS of the places.
     """
     if Path(path).suffix.lower() == ".gpx":
         _write_gpx(path, time_s, xyz, crs)
@@ -89,6 +135,18 @@ def write_track(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS)
 
 def read_track(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
     """Read times (N,) [s] and places (N, 3) [m] of a ``.gpx`` or ``.gpkg`` track into a projected CRS.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    crs : pyproj.CRS
+        Projected CRS of the result.
+
+    Returns
+    -------
+    time_s, xyz : tuple of ndarray
+        Times (N,) [s] and places (N, 3) [m].
 
     Raises
     ------

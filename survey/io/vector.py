@@ -68,6 +68,20 @@ def read_features(
 ) -> Features:
     """Read all features of a layer (the first one unless named).
 
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
+    layer : str or int, optional
+        Name or number of the layer.
+    what : str
+        What the file is, for the message.
+
+    Returns
+    -------
+    Features
+        Geometries as the file has them, columns, CRS.
+
     Raises
     ------
     InputError
@@ -124,6 +138,23 @@ def write_features(
 
     `kind` names the geometry of a layer that has no features yet; a GeoPackage without spatial
     index can be written to by SQLite alone.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file; its suffix names the format.
+    geometry : sequence of shapely.Geometry
+        Shapes, one per feature.
+    attributes : mapping of str to (N,) array_like
+        Columns by name.
+    crs : pyproj.CRS
+        Of the shapes.
+    layer : str
+        Name of the layer.
+    kind : str, optional
+        Kind of geometry of a layer without features.
+    indexed : bool
+        Whether a GeoPackage gets a spatial index.
     """
     target = Path(path)
     driver = _DRIVERS.get(target.suffix.lower())

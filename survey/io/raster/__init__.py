@@ -1,7 +1,7 @@
 """Elevation rasters: reading with scale, units and nodata, and writing as GeoTIFF, ASCII grid or NetCDF."""
 
+from survey.io.raster.opening import LARGEST_CELLS
 from survey.io.raster.reading import (
-    LARGEST_CELLS,
     NODATA,
     Raster,
     RasterFacts,

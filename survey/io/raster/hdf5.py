@@ -1,4 +1,4 @@
-"""Trial reading of NetCDF files by another process: over rare damage their library loops for ever or crashes."""
+"""Trial reading of NetCDF files by another process, for over rare damage their library does not return."""
 
 import subprocess
 import sys
@@ -59,6 +59,13 @@ def refuse_unreadable(file: Path, largest_cells: int) -> None:
 
     It costs some 0.5 s: a process that hangs in a library cannot be interrupted from within.
     Variables of more than `largest_cells` cells are not read through.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        A NetCDF file.
+    largest_cells : int
+        Variables of more cells are not read through.
 
     Raises
     ------

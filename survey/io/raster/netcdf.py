@@ -21,6 +21,19 @@ def write_netcdf(
 ) -> None:
     """Write each band as a float32 variable over y and x [m], with CRS and vertical datum.
 
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+    bands : mapping of str to (H, W) ndarray
+        Bands by name [m], NaN for nodata.
+    transform : affine.Affine
+        Maps (column, row) of a cell's corner to easting and northing [m].
+    crs : pyproj.CRS
+        Projected, with the vertical part if it has a code.
+    vertical_datum : str
+        Name of the surface that heights count from.
+
     Raises
     ------
     InputError

@@ -13,20 +13,16 @@ from pyproj.exceptions import CRSError
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.checksum import refuse_altered
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import DamagedError, existing_file, first_line, warnings_logged
+from survey.core.files import existing_file, warnings_logged
 from survey.core.geodesy import UNSTATED, vertical_datum_of
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
 from survey.io.raster.deflate_blocks import refuse_damaged_blocks
 from survey.io.raster.hdf5 import refuse_unreadable
+from survey.io.raster.opening import LARGEST_CELLS, checked_band, damaged, gdal_faults, opened_dataset
 from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked
 
 NODATA = -9999.0
-LARGEST_CELLS = 40_000_000
-"""Largest raster or window that is read at once: 0.32 GB as float64, some 2.2 GB while a survey is planned on it."""
 _STRIP_CELLS = 4_000_000
-_LARGEST_BLOCK_BYTES = 2**29
-# GDAL holds blocks that it has read in up to a twentieth of the machine's memory by default.
-_CACHE_BYTES = 64 * 2**20
 VERTICAL_TAG = "VERTICAL_DATUM"
 CRC_TAG = "FIRNLINE_CRC32"
 
@@ -93,8 +89,8 @@ def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None
     NetCDF files are read twice, first by a process that may be stopped: see `survey.io.raster.hdf5`.
     """
     file = existing_file(path, "the raster")
-    with _opened(file, band) as source:
-        in_source = _checked_band(source, file, band)
+    with opened_dataset(file, band) as source:
+        in_source = checked_band(source, file, band)
         window = _window(source, file, bounds)
         crcs = source.tags().get(CRC_TAG, "").split()
         is_summed = len(crcs) >= band and bounds is None
@@ -118,104 +114,20 @@ def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None
 def opened_raster(file: Path) -> Iterator[Any]:
     """Open a raster for reading in windows by `read_window`; what GDAL then finds damaged is refused in a sentence.
 
+    Parameters
+    ----------
+    file : pathlib.Path
+        An existing raster.
+
     Raises
     ------
     InputError
         As in `read_raster`.
     """
-    with _opened(file, 1) as source:
-        _checked_band(source, file, 1)
+    with opened_dataset(file, 1) as source:
+        checked_band(source, file, 1)
         refuse_damaged_blocks(source, file, 1, (0, 0, source.width, source.height))
         yield source
-
-
-@contextmanager
-def _opened(file: Path, band: int) -> Iterator[Any]:
-    """Open a raster by the driver of its suffix, after its content has been checked."""
-    import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
-
-    check_raster_file(file)
-    if file.suffix.lower() == ".nc":
-        refuse_unreadable(file, LARGEST_CELLS)
-    try:
-        with (
-            warnings_logged(),
-            rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES, **OFFLINE),
-            _dataset(file, band) as source,
-        ):
-            if source.tags(ns="OVERVIEWS"):
-                raise InputError(f"{file} names a file of overviews; write it again (gdal_translate).")
-            yield source
-    except gdal_faults() as error:
-        raise damaged(file, error) from error
-
-
-def damaged(file: Path, error: Exception) -> InputError:
-    """Return the refusal of a raster that GDAL cannot read."""
-    if isinstance(error, MemoryError):
-        return CapacityError(
-            f"{file} does not fit the memory ({first_line(error)}); cut a window (gdal_translate -projwin) first."
-        )
-    return InputError(
-        f"{file} is damaged or no raster of the kind that its suffix says ({first_line(error)}); get it again."
-    )
-
-
-def _dataset(file: Path, band: int) -> Any:
-    """Return the open data set: of a NetCDF file with several variables, the one that stands for the band."""
-    import rasterio
-
-    driver = RASTER_DRIVERS[file.suffix.lower()]
-    path = str(file.absolute())  # a relative name could be taken for an address
-    whole = rasterio.open(path, driver=driver)
-    if driver != "netCDF" or not whole.subdatasets:
-        return whole
-    parts: list[str] = whole.subdatasets
-    whole.close()
-    if not 1 <= band <= len(parts):
-        raise InputError(f"{file} has {len(parts)} variables; number {band} was asked for.")
-    return rasterio.open(parts[band - 1], driver=driver)
-
-
-def _checked_band(source: Any, file: Path, band: int) -> int:
-    """Return the number of the band within what was opened, or refuse."""
-    number = 1 if source.driver == "netCDF" and source.count == 1 else band
-    if not 1 <= number <= source.count:
-        raise InputError(f"{file} has {source.count} bands; band {band} was asked for.")
-    if np.issubdtype(np.dtype(source.dtypes[number - 1]), np.complexfloating):
-        raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
-    refuse_picture(source, number)
-    band_scale(source, number)
-    _refuse_other_axes(source, file)
-    _refuse_large_blocks(source, file, number)
-    return number
-
-
-def _refuse_other_axes(source: Any, file: Path) -> None:
-    """Refuse NetCDF coordinates that are not in metres though the CRS is: GDAL takes them for metres."""
-    tags = source.tags()
-    for key, name in tags.items():
-        variable, _, attribute = key.partition("#")
-        is_axis = attribute == "standard_name" and name in (
-            "projection_x_coordinate",
-            "projection_y_coordinate",
-        )
-        unit = tags.get(f"{variable}#units", "m")
-        if is_axis and unit.lower() not in ("m", "metre", "meter", "metres", "meters"):
-            raise InputError(
-                f"{file} has the coordinate {variable} in {unit[:40]!r}; metres were expected, convert it and write the file again."
-            )
-
-
-def _refuse_large_blocks(source: Any, file: Path, band: int) -> None:
-    bands = source.count if str(source.interleaving).lower().endswith("pixel") else 1
-    cell_bytes = np.dtype(source.dtypes[band - 1]).itemsize
-    block_bytes = math.prod(source.block_shapes[band - 1]) * cell_bytes * bands
-    if block_bytes > _LARGEST_BLOCK_BYTES:
-        raise CapacityError(
-            f"{file} stores its cells in blocks of {block_bytes / 1e9:.1f} GB ({source.count} bands), and {_LARGEST_BLOCK_BYTES / 1e9:.1f} GB can be read; "
-            "it is damaged, or to be rewritten in tiles (gdal_translate -co TILED=YES)."
-        )
 
 
 def _window(source: Any, file: Path, bounds: Bounds | None) -> tuple[int, int, int, int]:
@@ -293,7 +205,22 @@ def read_window(source: Any, band: int, window: Any) -> FloatArray:
 
 
 def checksum_parts(values: FloatArray, transform: Affine, vertical_datum: str) -> tuple[Any, ...]:
-    """Return what a band's checksum is taken of: the numbers as they are stored, their place and datum."""
+    """Return what a band's checksum is taken of: the numbers as they are stored, their place and datum.
+
+    Parameters
+    ----------
+    values : (H, W) ndarray
+        A band [m].
+    transform : affine.Affine
+        Its georeference.
+    vertical_datum : str
+        Its vertical datum.
+
+    Returns
+    -------
+    tuple
+        For `survey.core.checksum.checksum`.
+    """
     stored = np.where(np.isfinite(values), values, NODATA).astype("<f4")
     return (
         stored,
@@ -304,13 +231,34 @@ def checksum_parts(values: FloatArray, transform: Affine, vertical_datum: str) -
 
 
 def stated_datum(source: Any) -> str:
-    """Return the vertical datum that an open raster's tags name, or ``""``."""
+    """Return the vertical datum that an open raster's tags name, or ``""``.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster.
+
+    Returns
+    -------
+    str
+        Name of the datum.
+    """
     tags = source.tags()
     return str(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
 
 
 def raster_facts(path: str | Path) -> RasterFacts:
     """Return what a raster's header says, without reading its cells.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    RasterFacts
+        Shape and CRS.
 
     Raises
     ------
@@ -323,12 +271,34 @@ def raster_facts(path: str | Path) -> RasterFacts:
 
 
 def band_count(path: str | Path) -> int:
-    """Return the number of bands of a raster, or of variables of a NetCDF file."""
+    """Return the number of bands of a raster, or of variables of a NetCDF file.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    int
+        At least 1.
+    """
     return len(band_names(path))
 
 
 def band_names(path: str | Path) -> list[str]:
-    """Return the names of the bands of a raster; numbered where it gives none."""
+    """Return the names of the bands of a raster; numbered where it gives none.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    list of str
+        One name per band.
+    """
     import rasterio
 
     file = existing_file(path, "the raster")
@@ -349,12 +319,3 @@ def band_names(path: str | Path) -> list[str]:
     if len(described) == 1 and not described[0]:
         return ["elevation"]
     return [name or f"band_{k}" for k, name in enumerate(described, start=1)]
-
-
-def gdal_faults() -> tuple[type[Exception], ...]:
-    """Return what reading and writing through GDAL may raise; what GDAL itself reports has no public home."""
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
-
-    # Texts of a damaged header, or the file's own name, may not be UTF-8, and its claims may exceed the memory.
-    return RasterioError, CPLE_BaseError, DamagedError, UnicodeError, MemoryError, CRSError

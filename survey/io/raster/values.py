@@ -79,7 +79,18 @@ class BandScale(NamedTuple):
     offset: float = 0.0
 
     def applied(self, stored: FloatArray) -> FloatArray:
-        """Return metres (h, w); numbers that are metres already come back bit by bit."""
+        """Return metres (h, w); numbers that are metres already come back bit by bit.
+
+        Parameters
+        ----------
+        stored : (h, w) ndarray
+            Numbers as the file stores them.
+
+        Returns
+        -------
+        (h, w) ndarray
+            Metres.
+        """
         if self == (1.0, 0.0):
             return stored
         return stored * self.factor + self.offset
@@ -87,6 +98,18 @@ class BandScale(NamedTuple):
 
 def band_scale(source: Any, band: int) -> BandScale:
     """Return scale and offset of an open raster's band, the conversion of its unit to metres included.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster.
+    band : int
+        Counted from 1.
+
+    Returns
+    -------
+    BandScale
+        From stored numbers to metres.
 
     Raises
     ------
@@ -110,6 +133,13 @@ def band_scale(source: Any, band: int) -> BandScale:
 def refuse_picture(source: Any, band: int) -> None:
     """Refuse a band of a picture or a mask of single bits: it is no elevation.
 
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster.
+    band : int
+        Counted from 1.
+
     Raises
     ------
     InputError
@@ -132,6 +162,13 @@ def refuse_picture(source: Any, band: int) -> None:
 
 def refuse_unmarked(stored: FloatArray, name: str) -> None:
     """Refuse stored numbers (h, w) that mean an unknown cell without being declared as nodata.
+
+    Parameters
+    ----------
+    stored : (h, w) ndarray
+        Numbers as the file stores them, NaN for nodata.
+    name : str
+        Name of the file, for the message.
 
     Raises
     ------

@@ -15,7 +15,8 @@ from survey.core.errors import InputError
 from survey.core.files import replacing, unwritable, warnings_logged
 from survey.core.geodesy import UNSTATED, VERTICAL_CRS, projected_crs
 from survey.io.companions import stale_files
-from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts, gdal_faults
+from survey.io.raster.opening import gdal_faults
+from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts
 
 _COG = {
     "driver": "COG",
@@ -39,6 +40,19 @@ def write_raster(
 
     ``.asc`` is an Esri ASCII grid of one band with its CRS in a ``.prj`` beside it, which states no
     vertical datum; ``.nc`` is NetCDF; everything else is a Cloud-Optimized GeoTIFF.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file; its suffix names the format.
+    bands : mapping of str to (H, W) ndarray
+        Bands by name [m], NaN for nodata.
+    transform : affine.Affine
+        Maps (column, row) of a cell's corner to easting and northing [m].
+    crs : pyproj.CRS
+        Projected, in metres.
+    vertical_datum : str
+        Name of the surface that heights count from.
 
     Raises
     ------
@@ -95,6 +109,20 @@ def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
     """Resample a raster (in degrees, say) to square cells of a projected CRS, bilinearly.
 
     The error of the resampling comes on top of the raster's own: use it for priors.
+
+    Parameters
+    ----------
+    raster : Raster
+        In any CRS.
+    crs : pyproj.CRS
+        Projected CRS of the result.
+    step_m : float
+        Side of its cells [m].
+
+    Returns
+    -------
+    Raster
+        North-up, NaN where the raster does not reach.
     """
     from rasterio.transform import array_bounds
     from rasterio.warp import Resampling, calculate_default_transform, reproject
@@ -122,7 +150,7 @@ def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
 
 def _written_crs(crs: CRS, vertical_datum: str) -> CRS:
     horizontal = projected_crs(crs, "the raster to write")
-    # GDAL keeps the vertical part of a CRS only when it has a code of its own.
+    # GDAL writes the vertical part of a CRS only when it has a code of its own.
     code = VERTICAL_CRS.get(vertical_datum)
     if code is None:
         return horizontal
