@@ -52,20 +52,20 @@ class Family:
 FAMILIES = (
     Family(
         "squared exponential, 150 m",
-        "squared_exponential",
+        "squared-exponential",
         (("length_scale_m", 150.0),),
         True,
         (2, 3, 4, 5, 6, 7),
     ),
     Family(
         "squared exponential, 100 m",
-        "squared_exponential",
+        "squared-exponential",
         (("length_scale_m", 100.0),),
         True,
         (3, 4, 5, 6, 8, 10),
     ),
     Family("hills, 80 to 160 m", "gaussian_hills", (), True, (2, 3, 4, 5, 6, 8)),
-    Family("Matérn 3/2, 200 m", "matern32", (("length_scale_m", 200.0),), False, (3, 4, 6, 8, 10, 12)),
+    Family("Matérn 3/2, 200 m", "matern-3/2", (("length_scale_m", 200.0),), False, (3, 4, 6, 8, 10, 12)),
     Family("diamond-square", "diamond_square", (), False, (3, 4, 6, 8, 10, 12)),
 )
 

@@ -32,7 +32,7 @@ N_POINTS = 5000
 # Seeds below 1000 served the development.
 FIRST_SEED = 1000
 PAPER = GaussianProcessConfig(fit=False, variance_m2=10.0, length_scale_m=17.75)
-FAMILIES = ("squared_exponential", "matern32", "gaussian_hills", "fractional_brownian")
+FAMILIES = ("squared-exponential", "matern-3/2", "gaussian_hills", "fractional_brownian")
 # South-west corners [m] of the 600 m windows within the 1,000 m of the lidar model.
 WINDOWS = ((0, 0), (399, 0), (0, 399), (399, 399), (200, 200), (100, 300))
 
@@ -71,7 +71,7 @@ def hyperparameters(quick: bool) -> Iterator[Row]:
     seeds = range(FIRST_SEED, FIRST_SEED + (1 if quick else 4))
     worlds: dict[str, Any] = {
         "four scales": Site.drawn,
-        "SE 220 m and ice": lambda seed: DemSite(_made("squared_exponential", seed)),
+        "SE 220 m and ice": lambda seed: DemSite(_made("squared-exponential", seed)),
     }
     if quick:
         del worlds["SE 220 m and ice"]

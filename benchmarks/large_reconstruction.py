@@ -23,7 +23,7 @@ SIGMA_M = 0.1
 CRS = "EPSG:32608"
 RESULT = Path("results/benchmarks/large_reconstruction.json")
 # Rough and smooth ground: one needs neighbourhoods, the other waves in tiles.
-FAMILIES = ("matern32", "squared_exponential")
+FAMILIES = ("matern-3/2", "squared-exponential")
 
 
 def main() -> None:

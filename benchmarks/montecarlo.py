@@ -42,7 +42,7 @@ def study(
         name="fig10",
         seed=1001,
         trials=trials,
-        terrains=(RandomKind(name="smooth", family="squared_exponential", size_m=side_m),),
+        terrains=(RandomKind(name="smooth", family="squared-exponential", size_m=side_m),),
         planners=({"pattern": "lawnmower"}, {"pattern": "piecewise-continuous"}),
         swaths=swaths,
         maps=(how,),

@@ -48,8 +48,8 @@ from sim.executors import done
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
+from survey.reconstruction.gp.covariance.families import SearchedFamily as CovarianceFamily
 from survey.reconstruction.gp.selection.kernel_search import KernelSearch, mapped
-from survey.reconstruction.gp.selection.kernel_search import SearchedFamily as CovarianceFamily
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells
 

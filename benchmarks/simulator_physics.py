@@ -51,7 +51,7 @@ def hills(size_m: float, seed: int) -> FineTerrain:
     """Return rolling ground with dunes, sastrugi and hummocks."""
     grid = Grid((0.0, 0.0, size_m, size_m), 1.0, "EPSG:32608")
     dem = random_dem(
-        "squared_exponential", grid, stream(seed, "benchmark"), relief_m=4.0, length_scale_m=60.0
+        "squared-exponential", grid, stream(seed, "benchmark"), relief_m=4.0, length_scale_m=60.0
     )
     # Rougher snow has places too steep for friction 0.5, where the rover stalls as it should.
     config = SceneryConfig(

@@ -37,7 +37,7 @@ trials = 2
 swaths = [2]
 [[terrains]]
 name = "smooth"
-family = "squared_exponential"
+family = "squared-exponential"
 source = "random"
 length_scale_m = 50.0
 [[planners]]

@@ -59,7 +59,7 @@ STUDIES: dict[str, str | bytes] = {
     "no trials": _edited("trials = 2", "trials = 0", STUDY),
     "no terrain": STUDY[: STUDY.index("[[terrains]]")] + STUDY[STUDY.index("[[planners]]") :],
     "no planner": STUDY[: STUDY.index("[[planners]]")],
-    "unknown family": _edited("squared_exponential", "wobbly", STUDY),
+    "unknown family": _edited("squared-exponential", "wobbly", STUDY),
     "a million swaths": _edited("[2]", "[1000000]", STUDY),
     "negative swaths": _edited("[2]", "[-2]", STUDY),
     "length scale of 1e-9 m": _edited("length_scale_m = 50.0", "length_scale_m = 1e-9", STUDY),

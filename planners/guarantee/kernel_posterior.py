@@ -9,9 +9,10 @@ from scipy.linalg import lapack
 
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
+from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.covariance.stationary import Stationary
-from survey.reconstruction.gp.selection.kernel_search import ALL, Cell, KernelSearch, SearchedFamily
+from survey.reconstruction.gp.selection.kernel_search import ALL, Cell, KernelSearch
 from survey.terrain.conditional import CoarseCells
 
 _LENGTHS_PER_DOUBLING = 2
@@ -34,15 +35,6 @@ _LAGS = np.array([0, 1, 3, 7])
 
 
 _MOST_CLUSTERS = 60
-
-
-# 2 ν + 1 for a smoothness ν; that of a squared exponential is finite as the noise has it.
-_GROWTH: dict[SearchedFamily, float] = {
-    "squared-exponential": 8.0,
-    "matern-5/2": 6.0,
-    "matern-3/2": 4.0,
-    "whittle": 3.0,
-}
 
 
 def localized_noise_m(noise_m: float, localization_m: float, kernel: Kernel) -> float:
@@ -121,7 +113,7 @@ class KernelPosterior:
     @property
     def growth(self) -> float:
         """Weighted mean of the exponents with which the squared error of a strip grows with its width."""
-        return sum(one.weight * _GROWTH[one.cell.family] for one in self.kernels)
+        return sum(one.weight * (one.cell.kind.error_growth or 0.0) for one in self.kernels)
 
     def draw(self, rng: np.random.Generator) -> WeightedKernel:
         """Return one of the covariances by chance."""

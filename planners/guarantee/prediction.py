@@ -24,7 +24,7 @@ from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.reconstruction.gp.selection.kernel_search import Cell, SearchedFamily
+from survey.reconstruction.gp.selection.kernel_search import Cell
 
 _N_NODES = 300
 
@@ -44,14 +44,6 @@ FITTED_KERNEL_INFLATION = 1.02
 # Samples nearer to one another than this share of the slope length are averaged, but no more of them than here:
 # rough terrain changes between them.
 _AVERAGED = 0.2
-
-
-_MOST_AVERAGED: dict[SearchedFamily, int] = {
-    "squared-exponential": 6,
-    "matern-5/2": 4,
-    "matern-3/2": 2,
-    "whittle": 2,
-}
 
 
 # Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
@@ -152,7 +144,7 @@ class LimitPredictor:
     def _averaged(self, weighted: WeightedKernel) -> int:
         """Return how many samples one place stands for."""
         n = int(_AVERAGED * slope_length_m(weighted.kernel) / self.step_m)
-        return min(max(n, 1), _MOST_AVERAGED[weighted.cell.family])
+        return min(max(n, 1), weighted.cell.kind.most_averaged)
 
     def _seen(self, places: FloatArray, cell: Cell) -> _Seen:
         read, some = Correlogram(cell, self._reach_m), self.nodes[:_N_IN_COMMON]

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from survey.core.errors import ConfigError
-from survey.reconstruction.gp.selection.kernel_search import ALL, SearchedFamily
+from survey.reconstruction.gp.covariance.families import SearchedFamily
+from survey.reconstruction.gp.selection.kernel_search import ALL
 from survey.scoring.standards.standards import map_classes
 
 

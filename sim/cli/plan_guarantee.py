@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from planners.guarantee.guarantee import Guarantee
     from planners.guarantee.requirement import MapRequirement
     from survey.reconstruction.gp.covariance.kernels import Kernel
-    from survey.reconstruction.gp.selection.kernel_search import SearchedFamily
 
 
 def limit_of(require: str) -> float:
@@ -42,7 +41,7 @@ def requirement_of(request: PlanRequest) -> "MapRequirement":
         noise_m=request.noise_m,
         localization_m=request.localization_m,
         prior_sigma_m=request.prior_sigma_m,
-        assumed=cast("SearchedFamily | None", request.assume),
+        assumed=request.assume,
     )
 
 

@@ -15,9 +15,9 @@ from survey.reconstruction.registry import ReconstructionConfig
 from vision_slam import LocalizationConfig
 
 TerrainFamily = Literal[
-    "squared_exponential",
-    "matern32",
-    "matern52",
+    "squared-exponential",
+    "matern-3/2",
+    "matern-5/2",
     "gaussian_hills",
     "cosine_surface",
     "diamond_square",
@@ -30,7 +30,7 @@ class RandomTerrain(Section):
     """Terrain drawn at random."""
 
     source: Literal["random"]
-    family: TerrainFamily = "squared_exponential"
+    family: TerrainFamily = "squared-exponential"
     """Kind of random surface."""
     size_m: PositiveFloat = 600.0
     """Side of the square site [m]."""

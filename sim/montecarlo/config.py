@@ -21,7 +21,7 @@ from survey.core.config import Section, read_toml, validated, with_overrides
 from survey.core.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.selection.kernel_search import SearchedFamily
+from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.registry import METHODS, LandmarkErrors, MethodName, ReconstructionConfig
 from survey.scoring.standards.standards import map_classes
 from vision_slam import LocalizationConfig

@@ -40,7 +40,7 @@ from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 from vision_slam import localize
 
 _TOGETHER = {"ideal": 50, "statistical": 1}
-_WITH_LENGTH = ("squared_exponential", "matern32", "matern52")
+_WITH_LENGTH = ("squared-exponential", "matern-3/2", "matern-5/2")
 _CRS = CRS("EPSG:32608")
 
 

@@ -91,7 +91,7 @@ def _random_terrain(config: RandomTerrain, seed: int) -> Dem:
     )
 
 
-_SCALED = ("squared_exponential", "matern32", "matern52")
+_SCALED = ("squared-exponential", "matern-3/2", "matern-5/2")
 
 
 def _surveyed(mission: MissionConfig, terrain: Dem, prior: Dem | None) -> World:

@@ -17,7 +17,8 @@ from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
 from survey.reconstruction.capacity import require_nodes
-from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
@@ -32,6 +33,7 @@ def reconstruct(
     *,
     method: str = "gp",
     config: Section | None = None,
+    kernel: Kernel | str | None = None,
     value: str = ELEVATION,
     area: SurveyArea | None = None,
     path: PathError | None = None,
@@ -55,6 +57,9 @@ def reconstruct(
     config : Section, optional
         Settings of the method: `GaussianProcessConfig`, `FieldLatticeConfig`, `SpringLatticeConfig` or
         `SpaceCarvingConfig`. By default everything is fitted to the points.
+    kernel : Kernel or str, optional
+        Covariance function of a Gaussian process, or the name of its family (``matern-3/2``); with a `config` it
+        replaces the one stated there. A fit starts from it.
     value : str
         ``elevation_m``, or the name of a value that the points carry (gp, dense and tin).
     area : SurveyArea, optional
@@ -95,6 +100,8 @@ def reconstruct(
     chosen = method_named(method)
     if path is not None and chosen.name == "gp":
         chosen = METHODS["joint"]
+    if kernel is not None:
+        config = _with_kernel(chosen, config, kernel)
     configs = [given for given in (config, joint) if given is not None]
     _require_kinds(chosen, [config] if config is not None else [])
     task = MappingTask(points, grid, prior, path, value, configs, rays)
@@ -164,6 +171,19 @@ def _require_kinds(method: ReconstructionMethod, configs: Sequence[Section]) -> 
                 f"the method {method.name} takes {kinds}, and config is a {type(config).__name__}; give settings of "
                 "that method or take another one."
             )
+
+
+def _with_kernel(
+    method: ReconstructionMethod, config: Section | None, kernel: Kernel | str
+) -> GaussianProcessConfig:
+    """Return the settings of a Gaussian process with a kernel."""
+    stated = GaussianProcessConfig() if config is None else config
+    if not isinstance(stated, GaussianProcessConfig) or "gp" not in method.configs:
+        raise TypeError(
+            f"the method {method.name} has no kernel; take gp, joint or dense, or leave kernel out."
+        )
+    change = {"family": kernel, "kernel": None} if isinstance(kernel, str) else {"kernel": kernel}
+    return GaussianProcessConfig(**(dict(stated) | change))
 
 
 def _require_fit(method: ReconstructionMethod, task: MappingTask) -> None:

@@ -234,9 +234,9 @@ def _unit_coordinates(grid: Grid) -> tuple[FloatArray, FloatArray]:
 
 
 _FAMILIES: dict[str, Callable[..., Dem]] = {
-    "squared_exponential": squared_exponential_field,
-    "matern32": partial(matern_field, nu=1.5),
-    "matern52": partial(matern_field, nu=2.5),
+    "squared-exponential": squared_exponential_field,
+    "matern-3/2": partial(matern_field, nu=1.5),
+    "matern-5/2": partial(matern_field, nu=2.5),
     "gaussian_hills": gaussian_hills,
     "cosine_surface": cosine_surface,
     "diamond_square": diamond_square,
@@ -253,7 +253,7 @@ def random_dem(
     Parameters
     ----------
     family : str
-        ``squared_exponential``, ``matern32``, ``matern52``, ``gaussian_hills``,
+        ``squared-exponential``, ``matern-3/2``, ``matern-5/2``, ``gaussian_hills``,
         ``cosine_surface``, ``diamond_square``, ``fractional_brownian`` or ``slope_and_waves``.
     grid : Grid
         Where the heights are wanted.
@@ -279,7 +279,7 @@ def random_dem(
     Examples
     --------
     >>> grid = Grid((0.0, 0.0, 600.0, 600.0), 25.0)
-    >>> random_dem("matern52", grid, np.random.default_rng(1), length_scale_m=150.0).relief_m
+    >>> random_dem("matern-5/2", grid, np.random.default_rng(1), length_scale_m=150.0).relief_m
     25.0
     """
     if family not in _FAMILIES:

@@ -128,7 +128,7 @@ def others() -> Iterator[Any]:
     yield firnline.NodeCounts(1, 2, 3)
     yield firnline.RunFolder(Path("runs") / "small" / "1")
     yield DemMean(firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 1.0), 1.0), np.zeros((2, 3))))
-    yield firnline.GaussianProcessConfig(fit=False, variance_m2=1.0, length_scale_m=9.0).kernel()
+    yield firnline.GaussianProcessConfig(fit=False, variance_m2=1.0, length_scale_m=9.0).stated_kernel()
 
 
 def parts(value: Any) -> Iterator[Any]:

@@ -33,7 +33,7 @@ def site() -> SimpleNamespace:
         Dem.on(grid, std, "EGM96"),
         support,
         "gp",
-        {"length_scale_m": 40.0, "kernel": "matern52"},
+        {"length_scale_m": 40.0, "kernel": "matern-5/2"},
     )
     return SimpleNamespace(
         grid=grid,

@@ -30,16 +30,16 @@ SEED = 20_110
 LIMIT_M = 0.4572
 PATTERNS: tuple[dict[str, object], ...] = ({"pattern": "lawnmower"}, {"pattern": "piecewise-continuous"})
 FAMILIES = (
-    RandomKind(name="squared exponential, 300 m", family="squared_exponential", length_scale_m=300.0),
-    RandomKind(name="squared exponential, 220 m", family="squared_exponential", length_scale_m=220.0),
+    RandomKind(name="squared exponential, 300 m", family="squared-exponential", length_scale_m=300.0),
+    RandomKind(name="squared exponential, 220 m", family="squared-exponential", length_scale_m=220.0),
     RandomKind(name="cosine series, order 3", family="cosine_surface"),
     RandomKind(name="hills, 80 to 160 m", family="gaussian_hills"),
-    RandomKind(name="squared exponential, 150 m", family="squared_exponential", length_scale_m=150.0),
+    RandomKind(name="squared exponential, 150 m", family="squared-exponential", length_scale_m=150.0),
     RandomKind(name="slope and waves, 200 to 400 m", family="slope_and_waves"),
-    RandomKind(name="squared exponential, 100 m", family="squared_exponential", length_scale_m=100.0),
-    RandomKind(name="Matern 5/2, 200 m", family="matern52", length_scale_m=200.0),
+    RandomKind(name="squared exponential, 100 m", family="squared-exponential", length_scale_m=100.0),
+    RandomKind(name="Matern 5/2, 200 m", family="matern-5/2", length_scale_m=200.0),
     RandomKind(name="diamond-square", family="diamond_square"),
-    RandomKind(name="Matern 3/2, 200 m", family="matern32", length_scale_m=200.0),
+    RandomKind(name="Matern 3/2, 200 m", family="matern-3/2", length_scale_m=200.0),
     RandomKind(name="fractional Brownian, 0.9", family="fractional_brownian"),
 )
 PAPERS_KIND = FAMILIES[1]

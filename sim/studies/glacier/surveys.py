@@ -47,7 +47,7 @@ SURVEY: dict[str, Any] = {
     "fidelity": "vision",
     "terrain": {
         "source": "random",
-        "family": "squared_exponential",
+        "family": "squared-exponential",
         "length_scale_m": 220.0,
         "size_m": 700.0,
         "relief_m": 29.0,

@@ -2,30 +2,11 @@
 
 from typing import Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from survey.core.config import Section
-from survey.reconstruction.gp.covariance.kernels import (
-    Kernel,
-    Matern32,
-    Matern52,
-    RationalQuadratic,
-    SquaredExponential,
-    Sum,
-)
-
-KernelFamily = Literal[
-    "auto",
-    "squared-exponential",
-    "matern-3/2",
-    "matern-5/2",
-    "rational-quadratic",
-    "two-scale",
-    "two-scale-matern",
-    "two-scale-mixed",
-    "three-scale",
-]
+from survey.reconstruction.gp.covariance.families import KernelFamily, KernelSetting, kernel_of
+from survey.reconstruction.gp.covariance.kernels import Kernel
 
 
 class SatelliteErrors(Section):
@@ -65,12 +46,14 @@ class GaussianProcessConfig(Section):
 
     Examples
     --------
-    >>> GaussianProcessConfig(fit=False, variance_m2=10.0, length_scale_m=17.75).kernel().length_scale_m
+    >>> GaussianProcessConfig(fit=False, variance_m2=10.0, length_scale_m=17.75).stated_kernel().length_scale_m
     17.75
     """
 
     fit: bool = True
     """Whether to find the hyperparameters by their likelihood."""
+    kernel: KernelSetting | None = None
+    """Covariance function instead of `family` and its parameters; the place where a fit starts."""
     family: KernelFamily = "auto"
     """Covariance function; ``auto`` takes the likeliest (the squared exponential when not fitted); two scales
     are the sum of two squared exponentials, of two Matérn 3/2 or of one of each, the smooth one first; three that of three
@@ -110,8 +93,8 @@ class GaussianProcessConfig(Section):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        if not self.fit and (self.variance_m2 is None or self.length_scale_m is None):
-            raise ValueError("fit = false needs variance_m2 and length_scale_m")
+        if self.kernel is None and not self.fit and None in (self.variance_m2, self.length_scale_m):
+            raise ValueError("fit = false needs variance_m2 and length_scale_m, or a kernel")
         if self.fit and self.prior_sigma_m is not None:
             raise ValueError("prior_sigma_m is found from the points when fit = true; leave it out")
         second = (self.second_variance_m2, self.second_length_scale_m)
@@ -121,8 +104,16 @@ class GaussianProcessConfig(Section):
             )
         return self
 
-    def kernel(self) -> Kernel:
-        """Return the covariance function of the hyperparameters given here."""
+    def stated_kernel(self) -> Kernel:
+        """Return the covariance function that the settings state.
+
+        Returns
+        -------
+        Kernel
+            `kernel`, or that of `family` and its parameters; 1 where a parameter is left out.
+        """
+        if self.kernel is not None:
+            return self.kernel
         return kernel_of(
             self.family,
             self.variance_m2 or 1.0,
@@ -132,37 +123,3 @@ class GaussianProcessConfig(Section):
             shape=self.shape,
             second=(self.second_variance_m2, self.second_length_scale_m),
         )
-
-
-def kernel_of(
-    family: KernelFamily,
-    variance_m2: float,
-    length_scale_m: float,
-    *,
-    anisotropy: float = 1.0,
-    angle_deg: float = 0.0,
-    shape: float = 2.0,
-    second: tuple[float | None, float | None] = (None, None),
-) -> Kernel:
-    """Return the covariance function of a family.
-
-    A missing second scale is a third of the first, a tenth as strong; a third scale lies half-way
-    between the two, by ratios.
-    """
-    first = (variance_m2, length_scale_m, anisotropy, angle_deg)
-    if family == "matern-3/2":
-        return Matern32(*first)
-    if family == "matern-5/2":
-        return Matern52(*first)
-    if family == "rational-quadratic":
-        return RationalQuadratic(*first, shape=shape)
-    if "-scale" in family:
-        kind = Matern32 if family == "two-scale-matern" else SquaredExponential
-        finer = SquaredExponential if family in ("two-scale", "three-scale") else Matern32
-        variance, length = second[0] or 0.1 * variance_m2, second[1] or length_scale_m / 3.0
-        parts = [first, (variance, length, anisotropy, angle_deg)]
-        if family == "three-scale":
-            between = (np.sqrt(variance * variance_m2), np.sqrt(length * length_scale_m))
-            parts.insert(1, (float(between[0]), float(between[1]), anisotropy, angle_deg))
-        return Sum(*(kind(*part) for part in parts[:-1]), finer(*parts[-1]))
-    return SquaredExponential(*first)

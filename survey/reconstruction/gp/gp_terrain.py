@@ -27,7 +27,7 @@ from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
 from survey.reconstruction.gp.process import EngineName, conditioned
 from survey.reconstruction.gp.satellite import with_prior_error
-from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
+from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.gp.slopes import steepness_on_axes
 from survey.reconstruction.gp.volume import Volume, quadrature
 from survey.reconstruction.observations import Observations
@@ -301,8 +301,8 @@ class GaussianProcessTerrain(TerrainModel):
         if self.config.fit:
             found = likeliest(data.xy, self._detrended(data.xy, residual), variance, self.config)
         else:
-            family = "squared-exponential" if self.config.family == "auto" else self.config.family
-            found = Hyperparameters(family, self.config.kernel(), self.config.nugget_m or 0.0, 0.0)
+            family = stated_family(self.config)
+            found = Hyperparameters(family, self.config.stated_kernel(), self.config.nugget_m or 0.0, 0.0)
         if isinstance(self.prior, Dem) and self.config.prior_sigma_m:
             return with_prior_error(found, self.prior.step_m, self.config.prior_sigma_m)
         return found

@@ -13,7 +13,8 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.calibration import SigmaCalibration
-from survey.reconstruction.gp.config import GaussianProcessConfig, kernel_of
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.covariance.families import kernel_of
 from survey.reconstruction.gp.covariance.kernels import Sum
 from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
@@ -57,7 +58,7 @@ def write_model(path: str | Path, model: TerrainState) -> None:
     }
     facts = {
         "format": _FORMAT,
-        "config": model.config.model_dump(),
+        "config": model.config.model_dump(mode="json"),
         "engine": model.engine,
         "quantity": model.quantity,
         "bounds": model.bounds,
@@ -140,7 +141,7 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
 def _found(
     arrays: dict[str, Any], facts: dict[str, Any], config: GaussianProcessConfig, prior: Dem | Mean | None
 ) -> Hyperparameters:
-    shape = kernel_of(
+    shape = config.kernel or kernel_of(
         facts["family"],
         1.0,
         1.0,

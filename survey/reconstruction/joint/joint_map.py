@@ -14,7 +14,8 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import local_datum_m
-from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig, KernelFamily
+from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.covariance.families import KernelFamily
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
@@ -26,7 +27,7 @@ from survey.reconstruction.gp.engines.resolution import (
     tail_variance,
 )
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
-from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest
+from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
@@ -122,8 +123,8 @@ class JointTerrain:
     ) -> Hyperparameters:
         config, bow = self.config, self._bow_columns(points)
         if not config.fit:
-            family = "squared-exponential" if config.family == "auto" else config.family
-            return Hyperparameters(family, config.kernel(), config.nugget_m or 0.0, 0.0)
+            family = stated_family(config)
+            return Hyperparameters(family, config.stated_kernel(), config.nugget_m or 0.0, 0.0)
         rows = SharedError.full(points, self.path, slope).rows
         residual = points.z - _columns(points.xy) @ plane
         own = _own_variance(points, slope)

@@ -17,7 +17,7 @@ AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
 
 def smooth_terrain(seed: int = 3) -> Dem:
     grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
-    return random_dem("squared_exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
+    return random_dem("squared-exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
 
 
 def coarse(terrain: Dem) -> Dem:

@@ -20,7 +20,7 @@ def site(tmp_path_factory):
     """A smooth site of 300 m with a prior of 50 m cells."""
     folder = tmp_path_factory.mktemp("site")
     terrain = random_dem(
-        "squared_exponential", Grid((0.0, 0.0, 300.0, 300.0), 5.0, CRS), stream(3), 12.0, length_scale_m=80.0
+        "squared-exponential", Grid((0.0, 0.0, 300.0, 300.0), 5.0, CRS), stream(3), 12.0, length_scale_m=80.0
     )
     satellite_copy(terrain, rng=stream(4), cell_m=50.0, sigma_m=0.5).write(folder / "prior.tif")
     SurveyArea.rectangle((0.0, 0.0, 300.0, 300.0), CRS).write(folder / "site.gpkg")

@@ -125,7 +125,7 @@ def test_results_settings_and_provenance_are_shown(page):
         "0.312 m",
         "Loops",
         "length_scale_m",
-        "matern52",
+        "matern-5/2",
         "numpy",
         "2.4.6",
         "EGM96",

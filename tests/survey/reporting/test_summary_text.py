@@ -89,4 +89,4 @@ def test_units_come_from_the_names():
 
 def test_settings_are_short():
     assert setting([1.23456789, 2.0]) == "1.23457, 2"
-    assert setting("matern52") == "matern52"
+    assert setting("matern-5/2") == "matern-5/2"

@@ -69,7 +69,7 @@ def test_satellite_refusals() -> None:
 
 @pytest.fixture(scope="module")
 def cells() -> Dem:
-    return random_dem("matern32", Grid((0.0, 0.0, 750.0, 750.0), 75.0), np.random.default_rng(9))
+    return random_dem("matern-3/2", Grid((0.0, 0.0, 750.0, 750.0), 75.0), np.random.default_rng(9))
 
 
 def test_interpolation_keeps_the_mean_of_every_cell(cells: Dem) -> None:

@@ -16,9 +16,9 @@ from survey.terrain import (
 from survey.terrain.random_fields import kernel_field
 
 FAMILIES = (
-    "squared_exponential",
-    "matern32",
-    "matern52",
+    "squared-exponential",
+    "matern-3/2",
+    "matern-5/2",
     "gaussian_hills",
     "cosine_surface",
     "diamond_square",

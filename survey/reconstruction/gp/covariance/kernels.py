@@ -14,7 +14,7 @@ Formulae: Rasmussen and Williams, *Gaussian Processes for Machine Learning* (200
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,16 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 from survey.reconstruction.gp.covariance.stationary import Kernel, Stationary
 
-__all__ = ["Kernel", "Matern32", "Matern52", "RationalQuadratic", "SquaredExponential", "Sum", "Whittle"]
+__all__ = [
+    "KINDS",
+    "Kernel",
+    "Matern32",
+    "Matern52",
+    "RationalQuadratic",
+    "SquaredExponential",
+    "Sum",
+    "Whittle",
+]
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,10 @@ class SquaredExponential(Stationary):
     >>> kernel.covariance_of_lag(np.array([[0.0, 0.0], [17.75, 0.0]]))
     array([10.     ,  6.06530])
     """
+
+    family: ClassVar = "squared-exponential"
+    error_growth: ClassVar = 8.0
+    most_averaged: ClassVar = 6
 
     def _correlation(self, s2: FloatArray) -> FloatArray:
         correlation: FloatArray = np.exp(-0.5 * s2)
@@ -110,6 +123,10 @@ class Matern32(_Matern):
     np.float64(4.0)
     """
 
+    family: ClassVar = "matern-3/2"
+    error_growth: ClassVar = 4.0
+    most_averaged: ClassVar = 2
+
     @property
     def smoothness(self) -> float:
         """The smoothness ν."""
@@ -136,6 +153,10 @@ class Matern52(_Matern):
     >>> Matern52(4.0, 25.0).covariance_of_lag(np.array([0.0, 0.0]))
     np.float64(4.0)
     """
+
+    family: ClassVar = "matern-5/2"
+    error_growth: ClassVar = 6.0
+    most_averaged: ClassVar = 4
 
     @property
     def smoothness(self) -> float:
@@ -167,6 +188,10 @@ class Whittle(_Matern):
     >>> Whittle(4.0, 25.0).covariance_of_lag(np.array([[0.0, 0.0], [25.0, 0.0]]))
     array([4.     , 1.77737])
     """
+
+    family: ClassVar = "whittle"
+    error_growth: ClassVar = 3.0
+    most_averaged: ClassVar = 2
 
     @property
     def smoothness(self) -> float:
@@ -204,6 +229,8 @@ class RationalQuadratic(Stationary):
     >>> RationalQuadratic(1.0, 10.0, shape=2.0).covariance_of_lag(np.array([20.0, 0.0]))
     np.float64(0.25)
     """
+
+    family: ClassVar = "rational-quadratic"
 
     shape: float = 2.0
 
@@ -370,3 +397,9 @@ class Sum(Kernel):
             if share > ratio
         ]
         return max(reaches)
+
+
+KINDS: dict[str, type[Stationary]] = {
+    kind.family: kind for kind in (SquaredExponential, Matern52, Matern32, Whittle, RationalQuadratic)
+}
+"""Covariance functions by the name of their family, the smoothest first; a new one is a class and its name here."""

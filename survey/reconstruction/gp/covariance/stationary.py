@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -63,7 +63,18 @@ class Kernel(ABC):
 
 @dataclass(frozen=True)
 class Stationary(Kernel):
-    """One covariance function of one scaled distance."""
+    """One covariance function of one scaled distance.
+
+    A subclass that is listed in `kernels.KINDS` can be named by its `family` in every setting.
+    """
+
+    family: ClassVar[str]
+    """Name of the family, e.g. ``matern-3/2``."""
+    error_growth: ClassVar[float | None] = None
+    """Exponent with which the squared error between two swaths grows with their distance, 2 ν + 1 for a smoothness ν;
+    None for families that the planner's predictions and the kernel search leave out."""
+    most_averaged: ClassVar[int] = 2
+    """Most samples along a swath that a prediction replaces by their mean."""
 
     variance_m2: float
     length_scale_m: float

@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.reconstruction.gp.config import GaussianProcessConfig, KernelFamily, kernel_of
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.covariance.families import KernelFamily, family_of, kernel_of
 from survey.reconstruction.gp.covariance.kernels import Kernel, Sum
 
 CANDIDATES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-3/2", "two-scale", "two-scale-matern")
@@ -38,6 +39,13 @@ class Hyperparameters:
         """Log likelihood less ``½ P log N`` for P parameters (Schwarz 1978)."""
         n_parameters = len(self.kernel.parameter_names) + 1
         return self.log_likelihood - 0.5 * n_parameters * float(np.log(self.n_points))
+
+
+def stated_family(config: GaussianProcessConfig) -> str:
+    """Return the family that settings state: that of their kernel, or the squared exponential for ``auto``."""
+    if config.kernel is not None:
+        return family_of(config.kernel)
+    return "squared-exponential" if config.family == "auto" else config.family
 
 
 SharedCovariance = Callable[[IntArray], FloatArray]
@@ -72,7 +80,7 @@ def likeliest(
     part = _well_spread(xy)
     together = None if shared is None else shared(part)
     search = _Search.of(xy[part], values[part], noise_m2[part], config.nugget_m, together)
-    families = candidates if config.family == "auto" else (config.family,)
+    families = candidates if config.family == "auto" and config.kernel is None else (stated_family(config),)
     fitted = [search.fit(family, config) for family in families]
     return max(fitted, key=lambda found: found.score)
 
@@ -106,24 +114,14 @@ class _Search:
 
     def fit(self, family: KernelFamily, config: GaussianProcessConfig) -> Hyperparameters:
         """Climb to the greatest likelihood of one family, from one start a long and one a short way off."""
-        found = [self._climb(family, config, share) for share in (0.15, 0.04)]
+        shares = (0.15, 0.04) if config.kernel is None else (0.15,)
+        found = [self._climb(family, config, share) for share in shares]
         return max(found, key=lambda one: one.log_likelihood)
 
     def _climb(self, family: KernelFamily, config: GaussianProcessConfig, share: float) -> Hyperparameters:
         noise = float(np.median(self.noise_m2))
         spread = max(float(np.var(self.values)), noise)
-        start = kernel_of(
-            family,
-            config.variance_m2 or spread,
-            config.length_scale_m or share * self.extent_m,
-            anisotropy=config.anisotropy,
-            angle_deg=config.angle_deg,
-            shape=config.shape,
-            second=(
-                config.second_variance_m2 or max(0.01 * spread, noise),
-                config.second_length_scale_m or 0.15 * share * self.extent_m,
-            ),
-        )
+        start = config.kernel or self._start(family, config, share, noise, spread)
         theta = np.append(start.log_parameters, np.log(0.25 * noise))
         limits = [*(self._limits(n, v) for n, v in zip(start.parameter_names, theta, strict=False))]
         limits.append((np.log(1e-6 * noise), np.log(max(spread, noise))))
@@ -140,6 +138,23 @@ class _Search:
         nugget = self.nugget_m if self.nugget_m is not None else float(np.exp(0.5 * result.x[-1]))
         return Hyperparameters(
             family, start.with_log_parameters(result.x[:-1]), nugget, -float(result.fun), len(self.values)
+        )
+
+    def _start(
+        self, family: KernelFamily, config: GaussianProcessConfig, share: float, noise: float, spread: float
+    ) -> Kernel:
+        """Return the kernel from which to climb, its length a share of the extent unless stated."""
+        return kernel_of(
+            family,
+            config.variance_m2 or spread,
+            config.length_scale_m or share * self.extent_m,
+            anisotropy=config.anisotropy,
+            angle_deg=config.angle_deg,
+            shape=config.shape,
+            second=(
+                config.second_variance_m2 or max(0.01 * spread, noise),
+                config.second_length_scale_m or 0.15 * share * self.extent_m,
+            ),
         )
 
     def _limits(self, name: str, value: float) -> tuple[float, float]:

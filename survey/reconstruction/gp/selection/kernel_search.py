@@ -18,7 +18,7 @@ constant mean μ integrated out:
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -26,29 +26,16 @@ from scipy.spatial.distance import cdist
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.reconstruction.gp.covariance.kernels import (
-    Kernel,
-    Matern32,
-    Matern52,
-    SquaredExponential,
-    Whittle,
-)
+from survey.reconstruction.gp.covariance.families import SEARCHABLE, SearchedFamily
+from survey.reconstruction.gp.covariance.kernels import KINDS
 from survey.reconstruction.gp.covariance.stationary import Stationary
-
-SearchedFamily = Literal["squared-exponential", "matern-5/2", "matern-3/2", "whittle"]
 
 SEARCHED: tuple[SearchedFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 """Families that a search compares unless told otherwise."""
 
-ALL: tuple[SearchedFamily, ...] = (*SEARCHED, "whittle")
+ALL: tuple[SearchedFamily, ...] = SEARCHABLE
 """Every family that can be searched, the smoothest first."""
 
-_KINDS: dict[SearchedFamily, type[Stationary]] = {
-    "squared-exponential": SquaredExponential,
-    "matern-5/2": Matern52,
-    "matern-3/2": Matern32,
-    "whittle": Whittle,
-}
 _PER_DOUBLING = 4
 """Length scales of the lattice per doubling."""
 _LEAST_RATIO = -28
@@ -87,9 +74,14 @@ class Cell(NamedTuple):
         """Length scale [m]."""
         return float(2.0 ** (self.length / _PER_DOUBLING))
 
+    @property
+    def kind(self) -> type[Stationary]:
+        """Class of the covariance function."""
+        return KINDS[self.family]
+
     def kernel(self, variance_m2: float) -> Stationary:
         """Return the covariance function with this variance."""
-        return _KINDS[self.family](variance_m2, self.length_scale_m)
+        return self.kind(variance_m2, self.length_scale_m)
 
     def correlation(self, squared_m2: FloatArray) -> FloatArray:
         """Return the correlation at squared distances [m²]."""
@@ -131,7 +123,7 @@ class FoundKernel:
     variance_m2: float
 
     @property
-    def kernel(self) -> Kernel:
+    def kernel(self) -> Stationary:
         """The covariance function [m²]."""
         return self.cell.kernel(self.variance_m2)
 
@@ -166,6 +158,7 @@ class KernelSearch:
 
     Examples
     --------
+    >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
     >>> rng = np.random.default_rng(1)
     >>> xy = rng.uniform(0.0, 600.0, (120, 2))
     >>> drawn = np.linalg.cholesky(SquaredExponential(9.0, 100.0).covariance(xy, xy) + 1e-4 * np.eye(120))
@@ -186,9 +179,9 @@ class KernelSearch:
         unknown = int((~np.isfinite(self.heights)).sum())
         if unknown:
             raise InputError(f"{unknown} heights are NaN or infinite; leave their samples out.")
-        if not set(self.families) <= set(_KINDS):
+        if not set(self.families) <= set(ALL):
             raise InputError(
-                f"a search knows the families {', '.join(_KINDS)}, not {', '.join(self.families)}; name some of these."
+                f"a search knows the families {', '.join(ALL)}, not {', '.join(self.families)}; name some of these."
             )
 
     def found(self) -> list[FoundKernel]:
