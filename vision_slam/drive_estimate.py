@@ -57,7 +57,18 @@ class DriveEstimate:
 
     @classmethod
     def in_crs(cls, result: Localization) -> "DriveEstimate":
-        """Return the estimate of a recording with fixes."""
+        """Return the estimate of a recording with fixes.
+
+        Parameters
+        ----------
+        result : Localization
+            Result of `vision_slam.localize`.
+
+        Returns
+        -------
+        DriveEstimate
+            In the CRS of the recording.
+        """
         path, points = result.trajectory, result.points
         return cls(
             path.time_s,
@@ -76,7 +87,18 @@ class DriveEstimate:
 
     @classmethod
     def in_first_frame(cls, visual: VisualOdometry) -> "DriveEstimate":
-        """Return the estimate of images without fixes."""
+        """Return the estimate of images without fixes.
+
+        Parameters
+        ----------
+        visual : VisualOdometry
+            Odometry and sightings of the images.
+
+        Returns
+        -------
+        DriveEstimate
+            In the frame of the first image.
+        """
         odometry, sightings = visual.odometry, visual.sightings
         path = dead_reckoning(odometry, np.zeros(3))
         turn = rotations(odometry.attitude_rad[sightings.pose])

@@ -30,7 +30,13 @@ class TrajectoryError:
     normalised_squared: float
 
     def to_dict(self) -> dict[str, float]:
-        """Return the figures by name."""
+        """Return the figures by name.
+
+        Returns
+        -------
+        dict of str to float
+            Names as in JSON.
+        """
         return asdict(self)
 
 
@@ -39,6 +45,16 @@ def trajectory_error(estimate: Trajectory, reference: Trajectory) -> TrajectoryE
 
     Nothing is aligned: scale, heading and place errors all count. The reference is
     interpolated linearly to the estimate's times.
+
+    Parameters
+    ----------
+    estimate, reference : Trajectory
+        In the same CRS; the reference covers the times of the estimate.
+
+    Returns
+    -------
+    TrajectoryError
+        Errors [m] and the mean normalised squared error.
 
     Raises
     ------
@@ -84,7 +100,18 @@ class Alignment:
     scale: float
 
     def applied(self, position: FloatArray) -> FloatArray:
-        """Apply the transform to positions (N, 3)."""
+        """Apply the transform to positions (N, 3).
+
+        Parameters
+        ----------
+        position : (N, 3) ndarray
+            Positions [m].
+
+        Returns
+        -------
+        (N, 3) ndarray
+            Transformed positions [m].
+        """
         moved: FloatArray = self.scale * position @ self.rotation.T + self.translation
         return moved
 
@@ -99,7 +126,19 @@ def alignment(
 
     .. math:: R = U S Vᵀ, \quad s = tr(D S) / σ²_{estimate}, \quad t = μ_{reference} − s R μ_{estimate}
 
-    ``"se3"`` keeps s = 1; ``"none"`` aligns nothing.
+    ``"se3"`` sets s = 1; ``"none"`` aligns nothing.
+
+    Parameters
+    ----------
+    estimate, reference : (N, 3) ndarray
+        Matched positions [m].
+    kind : {"none", "se3", "sim3"}
+        Group of the transform.
+
+    Returns
+    -------
+    Alignment
+        Transform from the estimate to the reference.
 
     Raises
     ------
@@ -132,7 +171,19 @@ def alignment(
 def absolute_errors_m(
     estimate: FloatArray, reference: FloatArray, kind: Literal["none", "se3", "sim3"] = "none"
 ) -> FloatArray:
-    """Return the absolute trajectory error of each matched position (N,) [m] after an alignment.
+    """Return the absolute trajectory error of each matched position after an alignment.
+
+    Parameters
+    ----------
+    estimate, reference : (N, 3) ndarray
+        Matched positions [m].
+    kind : {"none", "se3", "sim3"}
+        Alignment before the comparison.
+
+    Returns
+    -------
+    (N,) ndarray
+        Distances [m].
 
     Examples
     --------
@@ -162,6 +213,13 @@ def relative_errors(
         Matched poses, body to world.
     distance_m : float
         Length of a stretch [m].
+
+    Returns
+    -------
+    translation_m : (S,) ndarray
+        Errors of translation [m].
+    rotation_rad : (S,) ndarray
+        Errors of rotation [rad].
 
     Raises
     ------
@@ -197,6 +255,18 @@ def match_times(
     first_s: FloatArray, second_s: FloatArray, within_s: float = 0.01
 ) -> tuple[IntArray, IntArray]:
     """Pair times: each of the shorter list with its nearest in the other, where not farther than `within_s`.
+
+    Parameters
+    ----------
+    first_s, second_s : (N,) and (M,) ndarray
+        Increasing times [s].
+    within_s : float
+        Largest difference of a pair [s].
+
+    Returns
+    -------
+    first, second : (K,) ndarray of int
+        Indices of the pairs.
 
     Examples
     --------
@@ -237,6 +307,20 @@ def consistency(errors: FloatArray, covariances: FloatArray, probability: float 
 
     The errors must be of independent runs: poses of one drive share their drift, and the
     band would be far too narrow for them.
+
+    Parameters
+    ----------
+    errors : (N, D) ndarray
+        Errors of N independent runs.
+    covariances : (N, D, D) ndarray
+        Their claimed covariances.
+    probability : float
+        Probability of the band.
+
+    Returns
+    -------
+    Consistency
+        Mean and band.
 
     Examples
     --------

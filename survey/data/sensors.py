@@ -88,6 +88,11 @@ class SensorRecords(DataObject):
         path : str or pathlib.Path
             The file.
 
+        Returns
+        -------
+        SensorRecords
+            The records, of the class of the call.
+
         Raises
         ------
         InputError
@@ -279,6 +284,11 @@ class Stakes(DataObject):
         path : str or pathlib.Path
             The file.
 
+        Returns
+        -------
+        Stakes
+            The records.
+
         Raises
         ------
         InputError
@@ -352,6 +362,11 @@ class Odometry(DataObject):
         path : str or pathlib.Path
             The file.
 
+        Returns
+        -------
+        Odometry
+            The records.
+
         Raises
         ------
         InputError
@@ -414,6 +429,11 @@ class Sightings(DataObject):
         ----------
         path : str or pathlib.Path
             The file.
+
+        Returns
+        -------
+        Sightings
+            The records.
 
         Raises
         ------

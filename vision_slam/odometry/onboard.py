@@ -65,19 +65,38 @@ class OnboardOdometry:
         self._at_s, self._n_told = 0.0, 0
 
     def sense(self, wheels: Wheels | None, inertial: Inertial | None, compass: Compass | None) -> None:
-        """Add the readings since the last call."""
+        """Add the readings since the last call.
+
+        Parameters
+        ----------
+        wheels, inertial, compass : optional
+            Readings of each sensor; None where there are none.
+        """
         self._wheels += [] if wheels is None else [wheels]
         self._inertial += [] if inertial is None else [inertial]
         self._compass += [] if compass is None else [compass]
 
     def look(self, image: Image, time_s: float) -> None:
-        """Add the next image."""
+        """Add the next image.
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) ndarray of uint8
+            Grey, or blue, green, red.
+        time_s : float
+            Its time [s].
+        """
         self._waiting.append((time_s, image))
 
     def poses(self) -> list[tuple[FramePose, FloatArray]]:
         """Return the frames that could be placed since the last call, with the body's pose (4, 4) at each.
 
-        Poses count from the first image, upright there.
+        Poses are relative to the first image, levelled there.
+
+        Returns
+        -------
+        list of (FramePose, (4, 4) ndarray)
+            Frames in the order of time.
         """
         while self._waiting and self._is_ready():
             self._look_at_next()
@@ -89,7 +108,13 @@ class OnboardOdometry:
         return [(frame, slam.pose(frame)) for frame in fresh]
 
     def finished(self) -> VisualOdometry | None:
-        """Process the waiting images and return the visual odometry; None for fewer than two images."""
+        """Process the waiting images and return the visual odometry; None for fewer than two images.
+
+        Returns
+        -------
+        VisualOdometry or None
+            Odometry, sightings and frame health.
+        """
         while self._waiting:
             self._look_at_next()
         if self._odometer is None or len(self._odometer.slam.frames) < 2:

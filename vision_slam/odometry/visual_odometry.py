@@ -120,7 +120,15 @@ class VisualOdometer:
         self._n_frames = 0
 
     def add_image(self, image: Image, time_s: float) -> None:
-        """Process the next image; the records must reach its time [s]."""
+        """Process the next image; the records must reach its time [s].
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) ndarray of uint8
+            Grey, or blue, green, red.
+        time_s : float
+            Its time [s].
+        """
         slam, sensors, before_s = self.slam, self.sensors, self._before_s
         for between_s in sensors.gap(before_s, time_s):
             slam.step(self._blank, between_s, sensors.between(before_s, between_s))
@@ -134,7 +142,18 @@ class VisualOdometer:
         self._triangulate_ended(slam.window.newest - slam.config.n_free)
 
     def finish(self, records: VisionRecords) -> VisualOdometry:
-        """Return the odometry of all images, levelled by the inertial records of the whole drive."""
+        """Return the odometry of all images, levelled by the inertial records of the drive.
+
+        Parameters
+        ----------
+        records : VisionRecords
+            Records of the complete drive.
+
+        Returns
+        -------
+        VisualOdometry
+            Odometry, sightings and frame health.
+        """
         slam = self.slam
         slam.finished += slam.live_tracks
         self._triangulate_ended(slam.window.newest)

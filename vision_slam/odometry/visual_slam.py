@@ -131,7 +131,18 @@ class VisualSlam:
         return sum(track.is_far for track in self._tracks) >= _LEAST_FAR
 
     def pose(self, frame: FramePose) -> FloatArray:
-        """Return the current estimate of the pose (4, 4) of the body at a frame."""
+        """Return the current estimate of the pose of the body at a frame.
+
+        Parameters
+        ----------
+        frame : FramePose
+            Result of `step`.
+
+        Returns
+        -------
+        (4, 4) ndarray
+            Body to the frame of `start`.
+        """
         placed: FloatArray = self.window.poses[frame.keyframe] @ frame.relative
         return placed
 
