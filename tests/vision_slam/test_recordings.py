@@ -84,7 +84,7 @@ def test_wheels_beside_the_images_give_the_scale(folder: Path, drive: RecordedDr
     assert sequence.wheels.left_m[-1] == pytest.approx(rolled[-1])
 
 
-def test_fixes_that_hardly_move_cannot_tell_a_scale(folder: Path, tmp_path: Path) -> None:
+def test_fixes_that_hardly_move_give_no_scale(folder: Path, tmp_path: Path) -> None:
     still = [f"{1000.0 + k},500000,6470000,50" for k in range(10)]
     (tmp_path / "still.csv").write_text("\n".join(["time_s,easting_m,northing_m,height_m", *still]) + "\n")
     with pytest.raises(InputError, match=r"spread over 0\.0 m"):
@@ -138,7 +138,7 @@ def _first_images(drive: RecordedDrive, place: Path, n: int) -> Path:
     return place
 
 
-def test_a_missing_viewer_is_told_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_viewer_is_refused_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ConfigError, match=r"install firnline\[viewer\]"):
         refuse_without_rerun()

@@ -74,7 +74,7 @@ def test_fixes_in_metres_without_a_crs_are_a_wrong_configuration(street: Path, t
         (["--set", "planner.swaths=4"], 4, "localize knows localization"),
     ],
 )
-def test_what_is_wrong_is_told_before_any_image_is_looked_at(
+def test_wrong_options_are_refused_before_any_image_is_read(
     street: Path, tmp_path: Path, words: list[str], code: int, sentence: str
 ) -> None:
     result = CliRunner().invoke(app, ["localize", str(street), *words, "-o", str(tmp_path / "o")])

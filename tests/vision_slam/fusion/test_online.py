@@ -132,7 +132,7 @@ def test_without_fixes_the_error_is_declared() -> None:
 
 
 @pytest.mark.parametrize("with_compass", [True, False], ids=["compass", "no compass"])
-def test_finds_a_heading_that_nobody_told(with_compass: bool) -> None:
+def test_estimates_an_unknown_heading(with_compass: bool) -> None:
     recording, place = _drive()
     odometry = recording.odometry
     assert odometry is not None
@@ -199,7 +199,7 @@ def test_a_rover_that_reverses_does_not_contradict_its_wheels() -> None:
     assert (np.array(variance[1]) < 0.95 * np.array(variance[0])).all()
 
 
-def test_localization_tells_both_what_was_known_then_and_what_is_known_now() -> None:
+def test_localization_returns_the_causal_and_the_smoothed_path() -> None:
     recording, place = _drive()
     seen = Sightings([50], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
     result = localize(replace(recording, sightings=seen), CONFIG)

@@ -148,7 +148,7 @@ def test_a_base_station_takes_the_lasting_error_away():
     assert error[1] < 0.6 * error[0]
 
 
-def test_an_unknown_start_is_told():
+def test_an_unknown_start_is_estimated_from_the_fixes():
     recording, position, _ = drifting()
     moved = replace(recording, start=recording.gps.position[0])
     config = LASTING.model_copy(update={"start": "unknown"})

@@ -184,7 +184,7 @@ def test_a_named_calibration_goes_before_the_layouts(tmp_path: Path) -> None:
         ("distortion = [0.0, ", "distortion = [", "4 distortion coefficients; a pinhole lens has 5"),
     ],
 )
-def test_a_wrong_calibration_is_told_with_its_place(
+def test_a_wrong_calibration_is_refused_with_its_file(
     tmp_path: Path, wrong: str, right: str, words: str
 ) -> None:
     _camera(tmp_path)

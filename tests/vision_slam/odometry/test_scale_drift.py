@@ -45,7 +45,7 @@ def test_wheels_that_count_too_much_all_along_are_found_out_by_the_ground() -> N
     np.testing.assert_allclose(factor[:-1] * creep, 1.03 ** (1.0 / 37.0), atol=0.001)
 
 
-def test_in_a_hole_of_the_ground_the_wheels_tell() -> None:
+def test_where_ground_is_missing_the_wheels_give_the_scale() -> None:
     creep = np.linspace(1.02, 0.99, N)
     ground = _ground(creep)
     ground[100:300] = np.nan
@@ -53,7 +53,7 @@ def test_in_a_hole_of_the_ground_the_wheels_tell() -> None:
     np.testing.assert_allclose(factor[:-1] * creep, 1.0, atol=0.001)
 
 
-def test_in_a_hole_of_the_wheels_the_ground_tells() -> None:
+def test_where_wheels_are_missing_the_ground_gives_the_scale() -> None:
     creep = np.linspace(1.02, 0.97, N)
     rolled = np.full(N, STEP_M)
     rolled[100:300] = np.nan
@@ -111,7 +111,7 @@ def _seen(points: FloatArray, poses: FloatArray) -> tuple[Sightings, IntArray]:
     return Sightings(k, offset, np.tile(np.eye(3), (len(k), 1, 1)), np.ones(len(k))), k
 
 
-def test_the_ground_below_the_body_tells_how_large_the_map_is() -> None:
+def test_the_ground_below_the_body_gives_the_scale_of_the_map() -> None:
     poses = _poses(np.full(100, STEP_M))
     told = camera_height_ratio(poses, *_seen(_strip(-0.07), poses), HEIGHT_M)
     np.testing.assert_allclose(told[5:-5], np.log(0.7 / 0.77))
@@ -120,7 +120,7 @@ def test_the_ground_below_the_body_tells_how_large_the_map_is() -> None:
 
 
 @pytest.mark.parametrize("height_m", [0.0, -1.0])
-def test_a_camera_without_height_tells_nothing(height_m: float) -> None:
+def test_a_camera_without_height_gives_no_scale(height_m: float) -> None:
     poses = _poses(np.full(100, STEP_M))
     assert np.isnan(camera_height_ratio(poses, *_seen(_strip(0.0), poses), height_m)).all()
 

@@ -16,7 +16,7 @@ def _settled() -> WheelSlipDetector:
     return watch
 
 
-def test_wheels_that_begin_to_spin_are_told_at_once_and_believed_again_at_once() -> None:
+def test_wheel_spin_is_detected_at_once_and_its_end_too() -> None:
     watch = _settled()
     assert watch.travel_m(0.25, 0.05) == pytest.approx(0.05)
     assert watch.is_slipping
@@ -34,7 +34,7 @@ def test_before_the_map_has_a_size_the_wheels_give_it() -> None:
     assert WheelSlipDetector(0.7).travel_m(0.25, 0.1) == 0.25
 
 
-def test_after_blind_frames_nobody_knows_whether_wheels_slip() -> None:
+def test_after_blind_frames_slip_is_unknown() -> None:
     watch = _settled()
     assert watch.travel_m(0.25, None) == 0.25
     assert watch.travel_m(0.25, 0.1) == 0.25
@@ -53,7 +53,7 @@ def test_while_wheels_spin_the_height_of_the_camera_mends_the_size() -> None:
     assert told == pytest.approx(0.1, rel=0.06)
 
 
-def test_the_height_of_the_camera_tells_the_scale_of_the_wheels() -> None:
+def test_the_height_of_the_camera_gives_the_scale_of_the_wheels() -> None:
     """Wheels count 3 % too much; the map follows them, and the ground lies 3 % too low in it."""
     watch = WheelSlipDetector(0.7)
     for _ in range(1200):

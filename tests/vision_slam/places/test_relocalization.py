@@ -103,7 +103,7 @@ def test_the_smoother_lets_a_torn_path_come_apart_there_and_only_there() -> None
     assert sigma[81] > 2.0 * sigma[20]
 
 
-def test_torn_steps_are_kept_in_the_table(tmp_path: Path) -> None:
+def test_errors_of_unmeasured_steps_are_written_to_the_table(tmp_path: Path) -> None:
     recording, found, _ = _carried()
     whole = relocalize_segments(recording, found).odometry
     whole.write(tmp_path / "odometry.csv")

@@ -1,0 +1,57 @@
+"""Scale of monocular odometry from the extent of the fixes."""
+
+import numpy as np
+import pytest
+
+from survey.core.errors import InputError
+from survey.data.sensors import GpsFixes, Odometry, Sightings
+from vision_slam.fusion.visual_scale import (
+    refuse_short_fixes,
+    refuse_untracked,
+    scale_by_fixes,
+    scale_visual_odometry,
+)
+from vision_slam.odometry.health import FrameHealth
+from vision_slam.odometry.visual_odometry import VisualOdometry
+
+TIMES = np.arange(60.0)
+PATH = np.column_stack([10.0 * np.sin(TIMES / 20.0), 10.0 - 10.0 * np.cos(TIMES / 20.0), np.zeros(60)])
+
+
+def _visual(is_visual: bool = True) -> VisualOdometry:
+    steps = np.tile([0.5, 0.0, 0.0], (59, 1))
+    odometry = Odometry(TIMES, steps, np.zeros((60, 3)), step_sigma_m=np.full(59, 0.1))
+    sightings = Sightings([3], [[1.0, 2.0, 3.0]], [0.01 * np.eye(3)], [4.0])
+    frame = FrameHealth(5.0, 0.0, 10.0, 100, 90, is_visual)
+    return VisualOdometry(odometry, sightings, (frame,) * 60, np.zeros(60, dtype=bool))
+
+
+def test_the_factor_does_not_depend_on_heading_and_origin() -> None:
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    fixes = GpsFixes(TIMES, 3.0 * PATH @ turn.T + [5e5, 6e6, 100.0])
+    assert scale_by_fixes(PATH, TIMES, fixes)[0] == pytest.approx(3.0, rel=1e-9)
+
+
+def test_the_error_of_the_factor_falls_with_the_extent_of_the_fixes() -> None:
+    small, large = (scale_by_fixes(PATH, TIMES, GpsFixes(TIMES, k * PATH))[1] for k in (2.0, 8.0))
+    assert small == pytest.approx(4.0 * large)
+
+
+def test_scaling_multiplies_all_lengths_and_squares_covariances() -> None:
+    scaled = scale_visual_odometry(_visual(), 2.0)
+    assert scaled.odometry.step_sigma_m is not None
+    assert scaled.odometry.step[0].tolist() == [1.0, 0.0, 0.0]
+    assert scaled.odometry.step_sigma_m[0] == pytest.approx(0.2)
+    assert scaled.sightings.offset[0].tolist() == [2.0, 4.0, 6.0]
+    assert scaled.sightings.covariance[0, 0, 0] == pytest.approx(0.04)
+
+
+def test_fixes_outside_the_time_of_the_images_give_no_scale() -> None:
+    with pytest.raises(InputError, match=r"spread over 0\.0 m"):
+        refuse_short_fixes(GpsFixes(TIMES + 1000.0, 10.0 * PATH), TIMES)
+
+
+def test_images_of_which_none_was_tracked_are_refused() -> None:
+    refuse_untracked(_visual())
+    with pytest.raises(InputError, match="none of 60 images"):
+        refuse_untracked(_visual(is_visual=False))
