@@ -79,7 +79,18 @@ class FaultConfig(Section):
         return FAILURES[self.component][self.failure] if self.strength is None else self.strength
 
     def is_on(self, time_s: float) -> bool:
-        """Return whether the fault acts at a time [s]."""
+        """Return whether the fault acts at a time [s].
+
+        Parameters
+        ----------
+        time_s : float
+            Time since the start [s].
+
+        Returns
+        -------
+        bool
+            True between begin and end of the fault.
+        """
         return self.from_s <= time_s and (self.until_s is None or time_s < self.until_s)
 
 

@@ -246,13 +246,35 @@ class MissionConfig(Section):
     _folder: Path = PrivateAttr(default=Path())
 
     def read_from(self, folder: Path) -> "MissionConfig":
-        """Return the mission with its relative paths counted from `folder`."""
+        """Return the mission with its relative paths counted from `folder`.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Folder of the mission file.
+
+        Returns
+        -------
+        MissionConfig
+            The same settings.
+        """
         placed = self.model_copy()
         placed._folder = folder
         return placed
 
     def path(self, file: str) -> Path:
-        """Return the place of a file that the mission names."""
+        """Return the place of a file that the mission names.
+
+        Parameters
+        ----------
+        file : str
+            Path as the mission names it.
+
+        Returns
+        -------
+        pathlib.Path
+            Relative paths count from the folder of the mission file.
+        """
         return self._folder / file
 
     @property

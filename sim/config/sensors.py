@@ -149,16 +149,23 @@ class InstrumentsConfig(Section):
     frame_rate_hz: PositiveFloat = 4.0
     """Images per second; 4 at 1 m/s is one every 0.25 m."""
     gps: GpsConfig = GpsConfig()
+    """GPS receiver."""
     base_station: bool = False
     """A second receiver of the same kind at the start, which shares most of the slow error."""
     base_residual: Share = 0.2
     """Share of the slow error that the two receivers do not have in common."""
     wheels: WheelConfig = WheelConfig()
+    """Encoders of the tracks."""
     inertial: InertialConfig = InertialConfig()
+    """Gyro and accelerometer."""
     barometer: BarometerConfig = BarometerConfig()
+    """Barometer."""
     compass: CompassConfig = CompassConfig()
+    """Magnetic compass."""
     weather: WeatherConfig = WeatherConfig()
+    """Thermometer and hygrometer."""
     stakes: StakeConfig = StakeConfig()
+    """Surveyed stakes along the route."""
 
 
 def sensor_failures() -> dict[str, Mapping[str, float]]:

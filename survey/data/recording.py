@@ -234,6 +234,27 @@ class OdometryRecording(Recording):
     """A recording that has odometry and sightings: what the estimators of a path and its landmarks take.
 
     `Recording.with_odometry` makes one.
+
+    Parameters
+    ----------
+    crs : str or pyproj.CRS
+        As in `Recording`.
+    start : (3,) array_like
+        As in `Recording` [m].
+    gps : GpsFixes
+        As in `Recording`.
+    antenna_height_m, vertical_datum, camera, frames, camera_height_m, start_is_surveyed
+        As in `Recording`.
+    odometry : Odometry
+        Motion from pose to pose.
+    sightings : Sightings
+        Landmarks seen from these poses.
+    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures
+        As in `Recording`.
+    antenna_height_m, vertical_datum, camera, frames, camera_height_m, start_is_surveyed
+        As in `Recording`.
+    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures
+        As in `Recording`.
     """
 
     odometry: Odometry = field(kw_only=True)

@@ -120,6 +120,13 @@ class GpsFixes(SensorRecords):
     """Positions from a satellite receiver: ``time_s`` (N,), ``position`` (N, 3) east, north, up [m].
 
     Times without a fix are simply not there.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    position : (N, 3) array_like
+        Easting, northing and elevation of the antenna [m].
     """
 
     COLUMNS: ClassVar = {"position": ("easting_m", "northing_m", "height_m")}
@@ -131,7 +138,15 @@ class GpsFixes(SensorRecords):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Barometer(SensorRecords):
-    """Pressure altitude: ``time_s`` (N,), ``height_m`` (N,) above an unknown datum."""
+    """Pressure altitude: ``time_s`` (N,), ``height_m`` (N,) above an unknown datum.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    height_m : (N,) array_like
+        Pressure altitude above an unknown datum [m].
+    """
 
     WHAT: ClassVar = "barometer readings"
 
@@ -143,6 +158,15 @@ class Wheels(SensorRecords):
     """Encoders: ``time_s`` (N,), distance rolled by the left and the right track since the start [m].
 
     Slip is in it: a track that spins on the spot goes on counting.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    left_m : (N,) array_like
+        Distance rolled by the left track since the start [m].
+    right_m : (N,) array_like
+        Distance rolled by the right track since the start [m].
     """
 
     WHAT: ClassVar = "encoder readings"
@@ -157,6 +181,15 @@ class Inertial(SensorRecords):
 
     ``gyro_rad_s`` (N, 3) are the rates about x, y and z; ``specific_force_m_s2`` (N, 3)
     is what an accelerometer reads: +g along z when standing level.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    gyro_rad_s : (N, 3) array_like
+        Angular rates in the body frame [rad/s].
+    specific_force_m_s2 : (N, 3) array_like
+        Specific force in the body frame [m/s²].
     """
 
     COLUMNS: ClassVar = {
@@ -171,7 +204,15 @@ class Inertial(SensorRecords):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compass(SensorRecords):
-    """Magnetic heading: ``heading_rad`` (N,), counter-clockwise from grid east, with its distortion."""
+    """Magnetic heading: ``heading_rad`` (N,), counter-clockwise from grid east, with its distortion.
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    heading_rad : (N,) array_like
+        Magnetic heading [rad], counter-clockwise from grid east.
+    """
 
     WHAT: ClassVar = "compass readings"
 
@@ -180,7 +221,17 @@ class Compass(SensorRecords):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Weather(SensorRecords):
-    """Science payload: ``temperature_c`` (N,) and relative ``humidity_percent`` (N,)."""
+    """Science payload: ``temperature_c`` (N,) and relative ``humidity_percent`` (N,).
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    temperature_c : (N,) array_like
+        Air temperature [°C].
+    humidity_percent : (N,) array_like
+        Relative humidity [%].
+    """
 
     WHAT: ClassVar = "weather readings"
 
@@ -194,6 +245,17 @@ class StakeSightings(SensorRecords):
 
     ``stake`` (N,) is the index into the recording's stakes, ``offset`` (N, 3) the stake's
     foot relative to the body [m] in the body frame, ``covariance`` (N, 3, 3) its error [m²].
+
+    Parameters
+    ----------
+    time_s : (N,) array_like
+        Times, strictly increasing [s].
+    stake : (N,) array_like
+        Index into the stakes of the recording.
+    offset : (N, 3) array_like
+        Foot of the stake in the body frame [m].
+    covariance : (N, 3, 3) array_like
+        Of `offset` [m²].
     """
 
     COLUMNS: ClassVar = {
@@ -247,7 +309,15 @@ class LoopClosures(SensorRecords):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stakes(DataObject):
-    """Benchmarks of surveyed position: `position` (K, 3) world [m], `sigma_m` (K,) of each coordinate."""
+    """Benchmarks of surveyed position: `position` (K, 3) world [m], `sigma_m` (K,) of each coordinate.
+
+    Parameters
+    ----------
+    position : (K, 3) array_like
+        Easting, northing and elevation [m].
+    sigma_m : (K,) array_like
+        Standard deviation of each coordinate [m].
+    """
 
     position: FloatArray
     sigma_m: FloatArray

@@ -41,6 +41,20 @@ def height_error(
 
     NaN outside the area, where the reference is not known and where the map is silent.
 
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        Map of the survey.
+    reference : Dem
+        Reference terrain, interpolated to the nodes.
+    area : SurveyArea, optional
+        Nodes outside it become NaN.
+
+    Returns
+    -------
+    (H, W) ndarray
+        Error [m].
+
     Raises
     ------
     InputError

@@ -110,11 +110,33 @@ class Reconstruction(DataObject):
             object.__setattr__(self, name, ReadOnlyMapping(_plain(getattr(self, name), name)))
 
     def share_of(self, code: int) -> float:
-        """Return the share of nodes with this support code."""
+        """Return the share of nodes with this support code.
+
+        Parameters
+        ----------
+        code : int
+            0 unseen, 1 interpolated, 2 bounded by a line of sight, 3 measured.
+
+        Returns
+        -------
+        float
+            Between 0 and 1.
+        """
         return float(np.mean(self.support == code))
 
     def interval(self, sigmas: float = SIGMAS_95) -> tuple[Dem, Dem]:
-        """Return lower and upper height [m]: the method's own bounds, or ``mean ± sigmas · std``."""
+        """Return lower and upper height [m]: the method's own bounds, or ``mean ± sigmas · std``.
+
+        Parameters
+        ----------
+        sigmas : float
+            Half width of the interval in standard deviations.
+
+        Returns
+        -------
+        Dem, Dem
+            Lower and upper bound [m].
+        """
         if self.lower is not None and self.upper is not None:
             return self.lower, self.upper
         grid, half = self.mean.grid(), sigmas * self.std.elevation
@@ -190,6 +212,11 @@ class Reconstruction(DataObject):
         deviation [m]. Bounds of the method's own go to ``bounds.tif``. Equal maps give
         equal bytes. Rasters hold float32, which is 0.25 mm at 4,000 m.
 
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            Existing folder.
+
         Raises
         ------
         InputError
@@ -219,6 +246,16 @@ class Reconstruction(DataObject):
     @classmethod
     def read(cls, folder: str | Path) -> Self:
         """Read what `write` wrote.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            Folder that `write` wrote into.
+
+        Returns
+        -------
+        Reconstruction
+            Map with standard deviation and support.
 
         Raises
         ------
@@ -277,11 +314,33 @@ class TerrainModel(ABC):
 
     @abstractmethod
     def fit(self, points: SurfacePoints) -> Self:
-        """Learn from points, and return the model."""
+        """Learn from points, and return the model.
+
+        Parameters
+        ----------
+        points : SurfacePoints
+            Measured points.
+
+        Returns
+        -------
+        TerrainModel
+            The fitted model.
+        """
 
     @abstractmethod
     def update(self, points: SurfacePoints) -> Self:
-        """Return a model that also knows these points."""
+        """Return a model that also knows these points.
+
+        Parameters
+        ----------
+        points : SurfacePoints
+            Further points.
+
+        Returns
+        -------
+        TerrainModel
+            Fitted to all points so far.
+        """
 
     def predict(self, xy: npt.ArrayLike, what: Quantity = "mean") -> FloatArray:
         """Return one quantity at places.
@@ -320,20 +379,63 @@ class TerrainModel(ABC):
 
     @abstractmethod
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid."""
+        """Return the map on the nodes of a grid.
+
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the map.
+
+        Returns
+        -------
+        Reconstruction
+            Mean, standard deviation and support.
+        """
 
     @abstractmethod
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
-        """Draw n surfaces (n, H, W) [m] that agree with the points."""
+        """Draw n surfaces (n, H, W) [m] that agree with the points.
+
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the surfaces.
+        n : int
+            Number of surfaces.
+        rng : numpy.random.Generator
+            Source of the draws.
+
+        Returns
+        -------
+        (n, H, W) ndarray
+            Elevations [m].
+        """
 
     @abstractmethod
     def save(self, path: str | Path) -> None:
-        """Write the model to one file."""
+        """Write the model to one file.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            File to write.
+        """
 
     @classmethod
     @abstractmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            File that `save` wrote.
+
+        Returns
+        -------
+        TerrainModel
+            The fitted model.
+        """
 
     @abstractmethod
     def _height(self, xy: FloatArray) -> FloatArray:

@@ -68,12 +68,33 @@ class MappingTask:
     progress: Progress | None = None
 
     def config(self, kind: type[AnySection]) -> AnySection:
-        """Return the settings of one kind, or their defaults."""
+        """Return the settings of one kind, or their defaults.
+
+        Parameters
+        ----------
+        kind : type
+            Class of the settings.
+
+        Returns
+        -------
+        Section
+            Settings of that class.
+        """
         return config_of(self.configs, kind)
 
 
 class MappedTerrain(NamedTuple):
-    """A map, the correction of the path where the method estimates one, and the number of points that were mapped."""
+    """A map, the correction of the path where the method estimates one, and the number of points that were mapped.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        The map.
+    correction : PathCorrection, optional
+        Correction of the path.
+    n_points : int
+        Number of points that were mapped.
+    """
 
     reconstruction: Reconstruction
     correction: "PathCorrection | None" = None
@@ -86,17 +107,57 @@ class ScanModel(Protocol):
     n_scans_: int
 
     def update(self, points: SurfacePoints) -> Self:
-        """Add one scan."""
+        """Add one scan.
+
+        Parameters
+        ----------
+        points : SurfacePoints
+            One scan.
+        """
 
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid."""
+        """Return the map on the nodes of a grid.
+
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the map.
+
+        Returns
+        -------
+        Reconstruction
+            Mean, standard deviation and support.
+        """
 
     def full_grid(self, step_m: float | None = None) -> Grid:
-        """Return a grid over everything that was mapped."""
+        """Return a grid over everything that was mapped.
+
+        Parameters
+        ----------
+        step_m : float, optional
+            Distance of the nodes [m]; that of the model by default.
+
+        Returns
+        -------
+        Grid
+            Grid over everything that was mapped.
+        """
 
 
 class ScanSettings(NamedTuple):
-    """Settings of a map from scans: distance of the nodes [m], fixed extent [m], lines of sight, method's settings."""
+    """Settings of a map from scans: distance of the nodes [m], fixed extent [m], lines of sight, method's settings.
+
+    Parameters
+    ----------
+    step_m : float, optional
+        Distance of the nodes [m].
+    bounds : (4,) tuple of float, optional
+        Fixed extent ``(xmin, ymin, xmax, ymax)`` [m].
+    rays : bool
+        Whether lines of sight bound the map.
+    configs : sequence of Section
+        Settings of the method.
+    """
 
     step_m: float | None = None
     bounds: Bounds | None = None

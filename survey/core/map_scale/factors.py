@@ -84,7 +84,17 @@ def scale_factors(crs: Any, xy: Any) -> ScaleFactors:
 
 @dataclass(frozen=True)
 class ScaleRange:
-    """Least, mean and largest value of a scale factor over some ground."""
+    """Least, mean and largest value of a scale factor over some ground.
+
+    Parameters
+    ----------
+    min, mean, max : float
+        Least, mean and largest factor.
+    min, mean, max : float
+        Least, mean and largest factor.
+    min, mean, max : float
+        Least, mean and largest factor.
+    """
 
     min: float
     mean: float
@@ -92,7 +102,22 @@ class ScaleRange:
 
     @classmethod
     def of(cls, least: FloatArray, middle: FloatArray, largest: FloatArray) -> Self:
-        """Summarise factors at places (N,)."""
+        """Summarise factors at places (N,).
+
+        Parameters
+        ----------
+        least, middle, largest : (N,) array_like
+            Factors at places: the least over all directions, the mean and the largest.
+        least, middle, largest : (N,) array_like
+            Factors at places: the least over all directions, the mean and the largest.
+        least, middle, largest : (N,) array_like
+            Factors at places: the least over all directions, the mean and the largest.
+
+        Returns
+        -------
+        ScaleRange
+            Their least, mean and largest value.
+        """
         return cls(float(least.min()), float(middle.mean()), float(largest.max()))
 
 

@@ -67,6 +67,12 @@ class SpaceCarvingConfig(Section):
         return self
 
     def lengths_m(self) -> FloatArray:
-        """Return the length scale of every pass [m]."""
+        """Return the length scale of every pass [m].
+
+        Returns
+        -------
+        (P,) ndarray
+            Length scales [m], in the order of the passes.
+        """
         lengths: FloatArray = np.geomspace(self.first_length_m, self.last_length_m, self.n_epochs)
         return lengths

@@ -65,6 +65,10 @@ class GaussianProcessTerrain(TerrainModel):
         from it than its diagonal are not used, and their number is reported.
     watch : MapWatch, optional
         Progress of a map in tiles; with it the expected time is logged beforehand.
+    learned_ : Learned, optional
+        State of a fitted model.
+    vertical_datum_ : str
+        Vertical datum of the points of a fitted model.
 
     Notes
     -----
@@ -96,6 +100,16 @@ class GaussianProcessTerrain(TerrainModel):
     def fit(self, points: SurfacePoints) -> Self:
         """Learn from points: hyperparameters, the surface, what errs, and an honest scale.
 
+        Parameters
+        ----------
+        points : SurfacePoints
+            Measured points.
+
+        Returns
+        -------
+        GaussianProcessTerrain
+            The fitted model.
+
         Raises
         ------
         InputError
@@ -122,7 +136,18 @@ class GaussianProcessTerrain(TerrainModel):
         return replace(self, learned_=learned, vertical_datum_=used.vertical_datum)
 
     def update(self, points: SurfacePoints) -> Self:
-        """Return a model that also knows these points, at the same hyperparameters and calibration."""
+        """Return a model that also knows these points, at the same hyperparameters and calibration.
+
+        Parameters
+        ----------
+        points : SurfacePoints
+            Further points.
+
+        Returns
+        -------
+        GaussianProcessTerrain
+            Fitted to all points so far.
+        """
         known = self._known
         data = Observations.of(points, self.quantity)
         variance = self._through_slope(points, known.process, known.mean, data.variance)
@@ -139,7 +164,18 @@ class GaussianProcessTerrain(TerrainModel):
         return known.support(known.std(xy), known.nearest_m(xy))
 
     def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid."""
+        """Return the map on the nodes of a grid.
+
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the map.
+
+        Returns
+        -------
+        Reconstruction
+            Mean, standard deviation and support.
+        """
         known = self._known
         mean, std, support = known.on(grid)
         diagnostics = known.diagnostics()
@@ -163,6 +199,20 @@ class GaussianProcessTerrain(TerrainModel):
     def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw n surfaces (n, H, W) [m] that agree with the points.
 
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the surfaces.
+        n : int
+            Number of surfaces.
+        rng : numpy.random.Generator
+            Source of the draws.
+
+        Returns
+        -------
+        (n, H, W) ndarray
+            Elevations [m].
+
         Notes
         -----
         Relief finer than the map (the nugget) and the calibration are not in them.
@@ -172,6 +222,16 @@ class GaussianProcessTerrain(TerrainModel):
 
     def slope(self, grid: Grid) -> tuple[Dem, Dem]:
         """Return the steepness of the map and its standard deviation on a grid [deg].
+
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the map.
+
+        Returns
+        -------
+        Dem, Dem
+            Steepness and its standard deviation [deg].
 
         Notes
         -----
@@ -206,6 +266,11 @@ class GaussianProcessTerrain(TerrainModel):
         crs : pyproj.CRS, optional
             Of the polygon. With it the areal scale factor is applied, and volume and area count on the
             ground; without it they count in grid metres.
+
+        Returns
+        -------
+        Volume
+            Volume [m³], its standard deviation, and the area [m²].
         """
         known = self._known
         nodes, weights = quadrature(polygon, step_m)
@@ -221,6 +286,20 @@ class GaussianProcessTerrain(TerrainModel):
 
         No heights are needed. Parameters are the places (N, 2) [m], the standard
         deviations (N,) expected there [m], and where to forecast.
+
+        Parameters
+        ----------
+        xy : (N, 2) array_like
+            Places to visit [m].
+        sigma_m : (N,) array_like
+            Standard deviations expected there [m].
+        grid : Grid
+            Nodes of the prediction.
+
+        Returns
+        -------
+        (H, W) ndarray
+            Standard deviation [m].
         """
         places = checked(xy, (None, 2), "the places to visit")
         sigma = np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (len(places),))
@@ -230,7 +309,13 @@ class GaussianProcessTerrain(TerrainModel):
         return replace(self, quantity=ELEVATION).update(planned)._known.on(grid)[1]
 
     def save(self, path: str | Path) -> None:
-        """Write the model to one ``.npz`` file; a mean that is a function cannot be written."""
+        """Write the model to one ``.npz`` file; a mean that is a function cannot be written.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            File to write.
+        """
         state = TerrainState(
             self.config,
             self.prior,
@@ -244,7 +329,18 @@ class GaussianProcessTerrain(TerrainModel):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote; the factorization is done again, to the same numbers."""
+        """Read what `save` wrote; the factorization is done again, to the same numbers.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            File that `save` wrote.
+
+        Returns
+        -------
+        GaussianProcessTerrain
+            The fitted model.
+        """
         state = read_model(path)
         model = cls(state.config, state.prior, state.engine, state.quantity, state.bounds)
         return replace(model, learned_=state.learned, vertical_datum_=state.vertical_datum)

@@ -22,14 +22,47 @@ class Mean(ABC):
 
     @abstractmethod
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the expected heights at the places (N, 2), as (N,) [m]."""
+        """Return the expected heights at the places (N, 2), as (N,) [m].
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray
+            Height [m].
+        """
 
     def covers(self, xy: FloatArray) -> BoolArray:
-        """Return at which places (N, 2) the mean is defined, as (N,); everywhere unless overridden."""
+        """Return at which places (N, 2) the mean is defined, as (N,); everywhere unless overridden.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray of bool
+            True where the mean is defined.
+        """
         return np.ones(len(xy), dtype=bool)
 
     def gradient(self, xy: FloatArray) -> FloatArray:
-        """Return the slope (N, 2) to the east and to the north [m/m], by differences over a metre."""
+        """Return the slope (N, 2) to the east and to the north [m/m], by differences over a metre.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            Slopes to the east and to the north [m/m].
+        """
         arms = _ARM_M * np.eye(2)
         return np.stack([(self.at(xy + arm) - self.at(xy - arm)) / (2 * _ARM_M) for arm in arms], axis=-1)
 
@@ -37,6 +70,11 @@ class Mean(ABC):
 @dataclass(frozen=True)
 class ConstantMean(Mean):
     """A horizontal plane at a known height [m].
+
+    Parameters
+    ----------
+    value_m : float
+        Height of the plane [m].
 
     Examples
     --------
@@ -47,13 +85,29 @@ class ConstantMean(Mean):
     value_m: float
 
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the height."""
+        """Return the height.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray
+            Height [m].
+        """
         return np.full(len(xy), self.value_m)
 
 
 @dataclass(frozen=True)
 class FunctionMean(Mean):
     """Any function of places (N, 2) that returns heights (N,) [m].
+
+    Parameters
+    ----------
+    function : callable
+        Takes places (N, 2) [m] and returns heights (N,) [m].
 
     Examples
     --------
@@ -64,7 +118,18 @@ class FunctionMean(Mean):
     function: Callable[[FloatArray], FloatArray]
 
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the function's heights; refuse what is no height for every place."""
+        """Return the function's heights; refuse what is no height for every place.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray
+            Height [m].
+        """
         heights = np.asarray(self.function(xy), dtype=np.float64)
         if heights.shape != (len(xy),) or not np.isfinite(heights).all():
             raise InputError(
@@ -103,17 +168,50 @@ class DemMean(Mean):
     interpolation: Literal["bilinear", "delaunay"] = "bilinear"
 
     def gradient(self, xy: FloatArray) -> FloatArray:
-        """Return the slope (N, 2); within an arm of the prior's rim that of the nearest inner place."""
+        """Return the slope (N, 2); within an arm of the prior's rim that of the nearest inner place.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            Slopes to the east and to the north [m/m].
+        """
         xmin, ymin, xmax, ymax = self.dem.bounds
         inner = np.clip(xy, [xmin + _ARM_M, ymin + _ARM_M], [xmax - _ARM_M, ymax - _ARM_M])
         return super().gradient(inner)
 
     def covers(self, xy: FloatArray) -> BoolArray:
-        """Return which places (N, 2) the prior covers, as (N,)."""
+        """Return which places (N, 2) the prior covers, as (N,).
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray of bool
+            True where the prior has a height.
+        """
         return np.isfinite(self.dem.at(xy))
 
     def at(self, xy: FloatArray) -> FloatArray:
-        """Return the prior's heights [m]."""
+        """Return the prior's heights [m].
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (N,) ndarray
+            Height [m].
+        """
         heights = self.dem.at(xy)
         if self.interpolation == "delaunay":
             triangular = _triangles(self.dem)(xy)

@@ -13,6 +13,15 @@ from survey.data.trajectory import Trajectory
 class PathCorrection(DataObject):
     """Errors (K, 3) [m] of a path at times (K,) [s], and the covariance (K, 3, 3) [m²] of the estimate.
 
+    Parameters
+    ----------
+    time_s : (K,) ndarray
+        Times of the keyframes [s].
+    shift : (K, 3) ndarray
+        Estimated error of the position: east, north, up [m].
+    covariance : (K, 3, 3) ndarray
+        Posterior covariance of that error [m²].
+
     Examples
     --------
     >>> PathCorrection(np.array([0.0, 9.0]), np.zeros((2, 3)), np.zeros((2, 3, 3))).shift.shape

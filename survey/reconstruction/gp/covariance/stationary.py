@@ -38,27 +38,97 @@ class Kernel(ABC):
 
     @abstractmethod
     def with_log_parameters(self, log_parameters: npt.ArrayLike) -> Self:
-        """Return the same family with other parameters."""
+        """Return the same family with other parameters.
+
+        Parameters
+        ----------
+        log_parameters : (P,) array_like
+            Logarithms of the parameters, in the order of `log_parameters`.
+
+        Returns
+        -------
+        Kernel
+            Of the same family.
+        """
 
     @abstractmethod
     def covariance_of_lag(self, lag_m: FloatArray) -> FloatArray:
-        """Covariance [m²] at the lags (..., 2) [m]."""
+        """Covariance [m²] at the lags (..., 2) [m].
+
+        Parameters
+        ----------
+        lag_m : (..., 2) ndarray
+            Differences of easting and northing [m].
+
+        Returns
+        -------
+        (...) ndarray
+            Covariance [m²].
+        """
 
     def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
-        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
+        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B).
+
+        Parameters
+        ----------
+        xy_a, xy_b : (A, 2) and (B, 2) ndarray
+            Easting and northing [m].
+        xy_a, xy_b : (A, 2) and (B, 2) ndarray
+            Easting and northing [m].
+        xy_a, xy_b : (A, 2) and (B, 2) ndarray
+            Easting and northing [m].
+
+        Returns
+        -------
+        (A, B) ndarray
+            Covariance [m²].
+        """
         return self.covariance_of_lag(xy_a[:, None, :] - xy_b[None, :, :])
 
     @abstractmethod
     def spectral_density(self, omega: FloatArray) -> FloatArray:
-        """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
+        """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m].
+
+        Parameters
+        ----------
+        omega : (..., 2) ndarray
+            Angular frequencies [rad/m].
+
+        Returns
+        -------
+        (...) ndarray
+            Spectral density [m⁴].
+        """
 
     @abstractmethod
     def log_spectral_gradient(self, omega: FloatArray) -> FloatArray:
-        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
+        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`.
+
+        Parameters
+        ----------
+        omega : (..., 2) ndarray
+            Angular frequencies [rad/m].
+
+        Returns
+        -------
+        (P, ...) ndarray
+            One entry for each of the P parameters.
+        """
 
     @abstractmethod
     def decay_m(self, ratio: float) -> float:
-        """Distance [m] beyond which the covariance is below `ratio` times the variance."""
+        """Distance [m] beyond which the covariance is below `ratio` times the variance.
+
+        Parameters
+        ----------
+        ratio : float
+            Covariance over variance, between 0 and 1.
+
+        Returns
+        -------
+        float
+            Distance [m].
+        """
 
 
 @dataclass(frozen=True)
