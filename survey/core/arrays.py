@@ -11,8 +11,6 @@ from survey.core.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
-ByteArray = npt.NDArray[np.uint8]
-Float32Array = npt.NDArray[np.float32]
 Bounds = tuple[float, float, float, float]
 """West, south, east and north [m]."""
 Progress = Callable[[str, int, int], None]

@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
-from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.config import validated
@@ -223,17 +222,11 @@ class SpringLattice(LatticeModel):
 def nearest_nodes(window: NodeWindow, xy: FloatArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:
     """Return the number of each point's nearest node, and which points (N,) lie within half a step of the lattice.
 
-    On a regular lattice the nearest node follows by rounding, and a k-d tree over the nodes
-    (`nearest_nodes_by_tree`) gives the same.
+    On a regular lattice the nearest node follows by rounding; a k-d tree over the nodes gives the same.
     """
     u, v = np.round(window.coordinates(xy)).astype(np.int64).T
     inside = (u >= 0) & (v >= 0) & (u < window.columns) & (v < window.rows)
     return (v * window.columns + u)[inside], inside
-
-
-def nearest_nodes_by_tree(window: NodeWindow, xy: FloatArray) -> IntArray:
-    """Return the number of each point's nearest node by the paper's k-d tree."""
-    return np.asarray(cKDTree(window.xy).query(xy)[1], dtype=np.int64)
 
 
 def _edges_continued(z: FloatArray) -> FloatArray:

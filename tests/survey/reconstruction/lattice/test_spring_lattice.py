@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import SpringLatticeConfig
-from survey.reconstruction.lattice.spring_lattice import SpringLattice, nearest_nodes, nearest_nodes_by_tree
+from survey.reconstruction.lattice.spring_lattice import SpringLattice, nearest_nodes
 from survey.reconstruction.nodes import NodeWindow
 
 CRS = "EPSG:32608"
@@ -66,7 +67,7 @@ def test_rounding_finds_the_node_that_the_kd_tree_finds() -> None:
     xy = np.random.default_rng(0).uniform([-2.0, 1.0], [5.2, 5.7], (500, 2))
     node, inside = nearest_nodes(window, xy)
     assert inside.all()
-    np.testing.assert_array_equal(node, nearest_nodes_by_tree(window, xy))
+    np.testing.assert_array_equal(node, cKDTree(window.xy).query(xy)[1])
 
 
 def test_a_lattice_that_does_not_cover_the_range_warns() -> None:
