@@ -17,7 +17,7 @@ from planners.ground_metres import in_grid_metres, settings_factor
 from planners.patterns.planner import LayoutTask, Planner
 from planners.prediction.predict import ErrorModel, terrain_kernel
 from planners.prediction.prior_cover import require_cover
-from planners.registry import PLANNERS, planner_of
+from planners.registry import PLANNERS, PlannerConfig, planner_of
 from survey.core.arguments import check_types
 from survey.core.arrays import Progress
 from survey.core.errors import ConfigError, InputError
@@ -37,7 +37,7 @@ _NOTABLE_SHARE = 1e-3
 def plan(
     area: SurveyArea,
     prior: Dem | None,
-    config: PatternConfig,
+    config: PlannerConfig,
     *,
     rover: Rover | None = None,
     fleet: Fleet | None = None,

@@ -30,10 +30,12 @@ def test_a_mission_reads_every_registered_pattern(entry):
 
 
 def test_a_name_instead_of_a_configuration_is_a_type_error_that_says_what_was_expected():
-    with pytest.raises(TypeError, match=r"'lawnmower' \(str\); one of LawnmowerConfig, .* was expected"):
+    with pytest.raises(
+        TypeError, match=r"a str for 'config'; a LawnmowerConfig, .*BestConfig.* was expected"
+    ):
         planners.plan(SITE, None, "lawnmower")
-    with pytest.raises(TypeError, match="LawnmowerConfig"):
-        planner_of(None)
+    with pytest.raises(TypeError, match=r"'lawnmower' \(str\); one of LawnmowerConfig, .* was expected"):
+        planner_of("lawnmower")
 
 
 def test_unknown_patterns_and_settings_are_refused_by_name():
