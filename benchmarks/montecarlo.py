@@ -20,7 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from benchmarks.report import Row, cpu_seconds, main
-from sim.executors import Engine, done
+from sim.executors import Engine, run_all
 from sim.montecarlo.config import RandomKind, SearchedMap, StudyConfig
 from sim.montecarlo.study import run_study
 from sim.montecarlo.trials import TrialBlock, TrialTerrains, blocks_of, routes, samples_of, survey_block
@@ -136,7 +136,7 @@ def _rate(wanted: StudyConfig, engine: Engine, workers: int) -> float:
 
     n_done, start = 0, 0.0
     for index, (block, _) in enumerate(
-        done(partial(survey_block, wanted), blocks_of(wanted), engine=engine, workers=workers)
+        run_all(partial(survey_block, wanted), blocks_of(wanted), engine=engine, workers=workers)
     ):
         if index == workers - 1:
             start = time.perf_counter()
@@ -149,7 +149,7 @@ def _memory(sizes: tuple[int, int]) -> Iterator[Row]:
     """Peak memory of worker and table together, in processes of their own, against the number of trials."""
     peaks = []
     for n in sizes:
-        peak = dict(done(_peak_mb, [n], engine="processes", workers=1))[n]
+        peak = dict(run_all(_peak_mb, [n], engine="processes", workers=1))[n]
         peaks.append(peak)
         yield Row(f"{n} trials in one process, table and all: peak memory", peak, "MB")
     yield Row.of(f"memory of {sizes[1]} trials over that of {sizes[0]}", peaks[1] / peaks[0], "x", "<=", 1.1)

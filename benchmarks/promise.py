@@ -44,7 +44,7 @@ from planners.guarantee.kernel_posterior import posterior_from_prior
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.predict import places
 from planners.swaths.heading import across_marked_grain
-from sim.executors import done
+from sim.executors import run_all
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
@@ -144,7 +144,7 @@ def surveyed(tasks: Sequence[Task], file: Path | None) -> dict[Task, Outcome]:
     """Make those surveys that the file does not hold, each kept there once it is done."""
     known = _read(file) if file is not None and file.exists() else {}
     missing = [task for task in tasks if task not in known]
-    for task, made in done(outcome, missing, engine="processes", workers=N_WORKERS):
+    for task, made in run_all(outcome, missing, engine="processes", workers=N_WORKERS):
         known[task] = made
         if file is not None:
             record = {"seed": JUDGED_SEED, "task": asdict(task), "outcome": asdict(made)}

@@ -1,7 +1,7 @@
-"""Engines that do independent pieces of work: here, in local processes, or on a cluster through dask.
+"""Execution of independent pieces of work: in this process, in local processes, or on a dask cluster.
 
 An engine yields results as they are done, in any order, each with its piece. A piece may be done twice when a
-worker dies; the result is the same, so nobody needs to know.
+worker dies; the result is the same.
 """
 
 import asyncio
@@ -33,7 +33,7 @@ _LONGEST_GREETING = 100_000
 """Bytes with which a scheduler may greet; it takes some hundred."""
 
 
-def done(
+def run_all(
     work: Callable[[P], R],
     pieces: Sequence[P],
     *,
@@ -41,16 +41,16 @@ def done(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> Iterator[tuple[P, R]]:
-    """Do every piece, and yield it with its result as soon as it is done.
+    """Run every piece, and yield it with its result as soon as it is done.
 
     Parameters
     ----------
     work : callable
         A function of a module, or a `functools.partial` of one, so that workers can be sent it.
     pieces : sequence
-        What to do.
+        Arguments of `work`, one call each.
     engine : {"serial", "processes", "dask"}
-        In this process; in processes of this machine that are started anew; or through dask.distributed.
+        In this process; in new processes of this machine; or through dask.distributed.
     workers : int, optional
         Number of processes; as many as this process may use cores. A scheduler has its own.
     scheduler : str, optional
@@ -110,7 +110,7 @@ def _as_completed(
 
 
 def settled() -> None:
-    """Make a worker leave interrupts to its parent, and end when the parent is no more."""
+    """Let a worker ignore interrupts, and end when its parent process has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -137,7 +137,7 @@ def _by_dask(
             _connection_errors_refused(scheduler),
             dask_of.Client(scheduler, timeout=_REACH_S, set_as_default=False) as client,
         ):
-            yield from dask_done(client, work, pieces)
+            yield from run_on_dask(client, work, pieces)
         return
     settings = {
         "distributed.scheduler.allowed-failures": 1000,
@@ -150,11 +150,11 @@ def _by_dask(
         dask_of.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
         dask_of.Client(cluster, set_as_default=False) as client,
     ):
-        yield from dask_done(client, work, pieces)
+        yield from run_on_dask(client, work, pieces)
 
 
-def dask_done(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Iterator[tuple[P, R]]:
-    """Do every piece on the workers of a dask client; what dies with a worker is done again."""
+def run_on_dask(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Iterator[tuple[P, R]]:
+    """Run every piece on the workers of a dask client; a piece whose worker died is run again."""
     import distributed
 
     address = client.scheduler.address

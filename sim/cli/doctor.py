@@ -3,10 +3,10 @@
 import typer
 
 from sim.cli.options import Json
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def doctor(as_json: Json = False) -> None:
     """Check the installation: packages, transformation grids, memory, write access.
 

@@ -1,18 +1,18 @@
-"""``firnline fit``: the error model of the statistical fidelity, from drives in images."""
+"""``firnline fit``: fit the error model of the statistical fidelity to drives with images."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def fit(
     runs: Annotated[list[Path], typer.Argument(help="Run folders of missions in the vision fidelity.")],
 ) -> None:
-    """Fit the errors that the statistical fidelity draws to what images were wrong by.
+    """Fit the sensor errors of the statistical fidelity to the errors of drives with images.
 
     Prints the section of a mission file; GPS and barometer are not touched. Fit to drives
     that nothing is judged on.
@@ -29,5 +29,5 @@ def fit(
 
     found = fitted([errors_of(RunFolder.find(run)) for run in runs]).model_dump(mode="json")
     usual = SensorConfig().model_dump(mode="json")
-    told = {name: value for name, value in found.items() if value != usual[name]}
-    typer.echo(tomlkit.dumps({"sensors": told}), nl=False)
+    changed = {name: value for name, value in found.items() if value != usual[name]}
+    typer.echo(tomlkit.dumps({"sensors": changed}), nl=False)

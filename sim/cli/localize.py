@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sim.cli.options import Json, Quiet
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 if TYPE_CHECKING:
     from vision_slam.comparison import Comparison
@@ -66,7 +66,7 @@ _Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for path, landma
 _Force = Annotated[bool, typer.Option("--force", help="Replace an existing localization.")]
 
 
-@refusals_told
+@with_exit_codes
 def localize(
     source: _Source,
     camera: _Camera = None,

@@ -1,4 +1,4 @@
-"""What the commands do with a mission file: run it up to a stage, and say how it went."""
+"""Mission runs of the commands: run stages, summarize them, print the summary."""
 
 import json
 from pathlib import Path
@@ -25,7 +25,7 @@ def run_until(
     first: str | None = None,
     workers: int | None = None,
 ) -> tuple[MissionConfig, RunFolder]:
-    """Run a mission up to a stage, from where it was left or from `first` on."""
+    """Run the stages of a mission that are not done yet, or all from `first` on, up to a stage."""
     mission = read_mission(mission_file, settings or ())
     run = open_run(mission, runs, first=first)
     with logged_to(run.path / "log.jsonl", verbose):
@@ -34,7 +34,7 @@ def run_until(
 
 
 def summary(run: RunFolder) -> dict[str, Any]:
-    """Return where the run stands: folder, stage times, and the score when there is one."""
+    """Return folder and stage times of a run, and its score where there is one."""
     stages = {name: entry["wall_s"] for name, entry in run.manifest["stages"].items()}
     content: dict[str, Any] = {"run": str(run.path), "stage_wall_s": stages}
     if run.has("simulate") and (run.folder("simulate") / "drive.json").exists():
@@ -46,7 +46,7 @@ def summary(run: RunFolder) -> dict[str, Any]:
     return content
 
 
-def tell(run: RunFolder, *, as_json: bool) -> None:
+def print_summary(run: RunFolder, *, as_json: bool) -> None:
     """Print the summary, for people or as JSON."""
     content = summary(run)
     if as_json:
@@ -81,6 +81,6 @@ def best_class(score: dict[str, Any]) -> str:
 
 
 def class_met(content: dict[str, Any], wanted: str) -> bool:
-    """Tell whether the map meets the loosest row of the wanted class, ``class-1`` to ``class-3``."""
+    """Return whether the map meets the loosest row of the wanted class, ``class-1`` to ``class-3``."""
     verdicts = content.get("score", {}).get("verdicts", [])
     return any(v["met"] for v in verdicts if v["map_class"].lower().replace(" ", "-") == wanted)

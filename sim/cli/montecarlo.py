@@ -1,4 +1,4 @@
-"""``firnline montecarlo``: many surveys of many terrains, and what they teach."""
+"""``firnline montecarlo``: simulate many surveys of random terrains and summarize their errors."""
 
 from pathlib import Path
 from typing import Annotated
@@ -24,14 +24,14 @@ def montecarlo(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", help="A dask scheduler, tcp://host:port.")
     ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Do every trial anew.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Do every trial again.")] = False,
     settings: Settings = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Survey many random terrains by several planners, and tell how many swaths a map class takes.
+    """Survey many random terrains by several planners, and count the swaths that a map class takes.
 
-    Trials are stored as they finish; the same command continues where a stopped one was.
+    Trials are stored as they finish; the same command continues a stopped study.
 
     For example:
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 from sim.cli.plan_modes import mode_of
 from sim.cli.plan_request import PlanRequest
 
@@ -97,7 +97,7 @@ _Out = Annotated[
 _Force = Annotated[bool, typer.Option("--force", help="Replace the route and its picture where they exist.")]
 
 
-@refusals_told
+@with_exit_codes
 def plan(
     source: _Source,
     prior: _Prior = None,

@@ -5,7 +5,7 @@ from sim.cli.plan_request import PlanRequest
 
 def plan_mission(request: PlanRequest) -> None:
     """Run the plan stage of a mission."""
-    from sim.cli.mission_file import run_until, tell
+    from sim.cli.mission_file import print_summary, run_until
 
     _, run = run_until(
         request.source,
@@ -15,7 +15,7 @@ def plan_mission(request: PlanRequest) -> None:
         quiet=request.quiet,
         verbose=request.verbose,
     )
-    tell(run, as_json=request.as_json)
+    print_summary(run, as_json=request.as_json)
 
 
 def required_swaths(request: PlanRequest) -> None:

@@ -1,4 +1,4 @@
-"""Progress of a mission on stderr, and the same in the run's ``log.jsonl``."""
+"""Progress bars on stderr, and log records in the run's ``log.jsonl``."""
 
 import json
 import logging
@@ -36,7 +36,7 @@ _DOING = {
 
 
 class StageProgress:
-    """Shows each stage while it runs; use as the `watch` of `run_mission`."""
+    """Progress of the stages of a mission, for the `watch` of `run_mission`."""
 
     def __init__(self, *, quiet: bool = False) -> None:
         self.seconds: dict[str, float] = {}
@@ -58,17 +58,17 @@ class StageProgress:
 
 
 class RateColumn(ProgressColumn):
-    """How many are done in a second, of late."""
+    """Column with the number of items per second."""
 
     def render(self, task: Task) -> Text:
-        """Return it as words."""
+        """Return the rate as text."""
         speed = task.finished_speed or task.speed
         return Text("" if speed is None else f"{speed:.3g}/s")
 
 
 @contextmanager
 def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
-    """Show a bar for each kind of work; the yielded function is told what is done, how much, and of how much."""
+    """Yield a progress callback (what, done, total) that shows a bar for each kind of work."""
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -82,12 +82,12 @@ def counted(*, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         tasks: dict[str, TaskID] = {}
 
-        def tell(what: str, done: int, total: int) -> None:
+        def update(what: str, done: int, total: int) -> None:
             if what not in tasks:
                 tasks[what] = bars.add_task(what, total=total)
             bars.update(tasks[what], completed=done, total=total)
 
-        yield tell
+        yield update
 
 
 class _JsonLines(logging.Formatter):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 if TYPE_CHECKING:
     from sim.cli.reconstruct_inputs import MapRequest
@@ -65,7 +65,7 @@ _Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for dem.tif and 
 _Force = Annotated[bool, typer.Option("--force", help="Replace a reconstruction that is there.")]
 
 
-@refusals_told
+@with_exit_codes
 def reconstruct(
     sources: _Sources,
     prior: _Prior = None,
@@ -103,12 +103,12 @@ def reconstruct(
       firnline reconstruct mine.toml
     """
     if sources[0].suffix == ".toml":
-        from sim.cli.mission_file import run_until, tell
+        from sim.cli.mission_file import print_summary, run_until
 
         _, run = run_until(
             sources[0], "reconstruct", runs=runs, settings=settings, quiet=quiet, verbose=verbose
         )
-        tell(run, as_json=as_json)
+        print_summary(run, as_json=as_json)
         return
     from sim.cli.reconstruct_inputs import map_request
 

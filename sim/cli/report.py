@@ -1,4 +1,4 @@
-"""``firnline report``: the page of a run."""
+"""``firnline report``: write the report page of a run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def report(
     source: Annotated[Path, typer.Argument(help="A run folder, or a mission file (TOML).")],
     runs: Runs = RUNS,
@@ -18,7 +18,7 @@ def report(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Draw the report of a run anew; a mission file is run first where it is not done yet.
+    """Draw the report of a run again; a mission file is run first where it is not done yet.
 
     For example:
 
@@ -26,7 +26,7 @@ def report(
 
       firnline report mine.toml
     """
-    from sim.cli.mission_file import run_until, tell
+    from sim.cli.mission_file import print_summary, run_until
     from survey.core.errors import InputError
     from survey.core.store import RunFolder
 
@@ -44,4 +44,4 @@ def report(
             run.verify(stage)
         with run.stage("report") as folder:
             write_mission_report(folder, run)
-    tell(run, as_json=as_json)
+    print_summary(run, as_json=as_json)

@@ -1,4 +1,4 @@
-"""``firnline run``: a whole mission, continued where it was stopped."""
+"""``firnline run``: run a mission from plan to report, or continue it."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,18 +6,18 @@ from typing import Annotated
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose, Workers
-from sim.cli.outcome import NOT_MET, refusals_told
+from sim.cli.outcome import NOT_MET, with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def run(
     mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")],
     runs: Runs = RUNS,
     first: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Do this stage and all after it anew.")
+        str | None, typer.Option("--from", metavar="STAGE", help="Do this stage and all after it again.")
     ] = None,
     until: Annotated[str, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = "report",
-    fresh: Annotated[bool, typer.Option("--fresh", help="Do every stage anew.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Do every stage again.")] = False,
     require: Annotated[
         bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
     ] = False,
@@ -27,7 +27,7 @@ def run(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Run a mission from plan to report, or go on where it was stopped.
+    """Run a mission from plan to report, or continue it where it was stopped.
 
     Stages: plan, simulate, localize, reconstruct, score, report. The report's path is
     printed last.
@@ -38,7 +38,7 @@ def run(
 
       firnline run mine.toml --set planner.swaths=6 --require
     """
-    from sim.cli.mission_file import class_met, run_until, summary, tell
+    from sim.cli.mission_file import class_met, print_summary, run_until, summary
     from survey.core.errors import ConfigError
     from survey.core.store import STAGES
 
@@ -56,6 +56,6 @@ def run(
         first=start,
         workers=workers,
     )
-    tell(folder, as_json=as_json)
+    print_summary(folder, as_json=as_json)
     if require and not class_met(summary(folder), done.score.require):
         raise typer.Exit(NOT_MET)

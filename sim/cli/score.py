@@ -86,10 +86,10 @@ def score(
       firnline score mine.toml
     """
     if source.suffix == ".toml":
-        from sim.cli.mission_file import run_until, tell
+        from sim.cli.mission_file import print_summary, run_until
 
         _, run = run_until(source, "score", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
-        tell(run, as_json=as_json)
+        print_summary(run, as_json=as_json)
         return
     if checkpoints is not None:
         asked = {

@@ -1,4 +1,4 @@
-"""``firnline show``: where a run stands."""
+"""``firnline show``: show the stages and results of a run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,17 +6,17 @@ from typing import Annotated
 import typer
 
 from sim.cli.options import Json
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def show(
     run: Annotated[
         Path, typer.Argument(help="A run folder, a mission's folder of runs, or its latest link.")
     ],
     as_json: Json = False,
 ) -> None:
-    """Tell which stages of a run are done, how long they took and what came out.
+    """Show which stages of a run are done, how long they took, and the score.
 
     Every file is checked against the checksum that was taken when it was written.
 
@@ -24,7 +24,7 @@ def show(
 
       firnline show results/runs/srtm-ridge
     """
-    from sim.cli.mission_file import tell
+    from sim.cli.mission_file import print_summary
     from survey.core.store import STAGES, RunFolder
 
     folder = RunFolder.find(run)
@@ -36,4 +36,4 @@ def show(
         typer.echo(
             f"done    {', '.join(done) or 'nothing'}" + (f"; open: {', '.join(missing)}" if missing else "")
         )
-    tell(folder, as_json=as_json)
+    print_summary(folder, as_json=as_json)

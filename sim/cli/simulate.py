@@ -1,4 +1,4 @@
-"""``firnline simulate``: drive a mission's route and keep what the rover sensed."""
+"""``firnline simulate``: simulate the drive of a mission and record its sensors."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose, Workers
-from sim.cli.outcome import refusals_told
+from sim.cli.outcome import with_exit_codes
 
 
-@refusals_told
+@with_exit_codes
 def simulate(
     mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")],
     runs: Runs = RUNS,
@@ -25,9 +25,9 @@ def simulate(
 
       firnline simulate mine.toml --set fidelity=ideal
     """
-    from sim.cli.mission_file import run_until, tell
+    from sim.cli.mission_file import print_summary, run_until
 
     _, folder = run_until(
         mission, "simulate", runs=runs, settings=settings, quiet=quiet, verbose=verbose, workers=workers
     )
-    tell(folder, as_json=as_json)
+    print_summary(folder, as_json=as_json)

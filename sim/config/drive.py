@@ -1,4 +1,4 @@
-"""How the simulated rover moves over the ground: its tracks, its motors, and what follows its route."""
+"""Configuration of the rover's physics: tracks, motors and route following."""
 
 from typing import Annotated, Literal
 
@@ -32,6 +32,6 @@ class PhysicsConfig(Section):
     max_turn_rate_rad_s: PositiveFloat = 0.8
     """Fastest turn that is asked for [rad/s]."""
     steer_by: Literal["position", "estimate"] = "position"
-    """Where the rover really is (open loop), or what its camera, wheels, gyro and fixes tell it while it drives."""
+    """Where the rover really is (open loop), or what its camera, wheels, gyro and fixes give while it drives."""
     goal_radius_m: Annotated[float, Field(gt=0.0)] = 0.5
     """The route is done within this distance of its end [m]."""

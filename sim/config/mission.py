@@ -1,4 +1,4 @@
-"""The mission file: every section, its defaults and units; unknown keys are refused."""
+"""Configuration of a mission: every section with defaults and units; unknown keys are refused."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -177,7 +177,7 @@ class AidsConfig(Section):
     accelerometer_white_m_s2: NonNegativeFloat = 0.05
     """Jolts and noise of each reading, a mean over a second [m/s²]."""
     turn_at_start: bool = True
-    """Whether the rover, where it has one, stands under two headings before it sets off, to tell that bias."""
+    """Whether the rover, where it has one, stands under two headings before it sets off, to estimate that bias."""
     stakes: NonNegativeInt = 0
     """Number of surveyed stakes, at the ends of swaths, seen in passing."""
     stake_sigma_m: PositiveFloat = 0.05
@@ -238,7 +238,7 @@ class MissionConfig(Section):
 
     @property
     def assumed(self) -> LocalizationConfig:
-        """What the estimator assumes of its sensors: the ideal one is told to be exact to a millimetre."""
+        """What the estimator assumes of its sensors: the ideal sensor is exact to a millimetre."""
         if self.fidelity == "ideal":
             return LocalizationConfig(gps_bias_sigma_m=1e-3, gps_white_sigma_m=1e-3, gps_vertical_factor=1.0)
         return self.localization.model_copy(update={"start": self.aids.start})

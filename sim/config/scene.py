@@ -1,4 +1,4 @@
-"""What the simulated glacier looks like: fine relief and hazards, light and surface, lens and sensor."""
+"""Configuration of the simulated scene: fine relief and hazards, light and surface, lens and image sensor."""
 
 from typing import Annotated, Literal
 

@@ -1,4 +1,4 @@
-"""The page of a mission, made from its run folder alone."""
+"""Report page of a mission, made from its run folder alone."""
 
 from importlib.metadata import version
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A mission from plan to report: each stage reads the files of those before it and writes its own.
+"""Stages of a mission from plan to report: each reads the files of those before it and writes its own.
 
 area, prior ──plan──▶ route ──simulate──▶ recording ──localize──▶ trajectory, points
                                   └─ truth ─┐                          │
@@ -51,14 +51,14 @@ def run_mission(
     watch: StageContext = nullcontext,
     workers: int | None = None,
 ) -> None:
-    """Do every stage that is not done yet, in order.
+    """Run every stage that is not done yet, in order.
 
     Parameters
     ----------
     mission : MissionConfig
-        What to do.
+        Settings of all stages.
     run : RunFolder
-        Where it is kept; finished stages are checked against their checksums and kept.
+        Its folder; finished stages are checked against their checksums and not run again.
     until : str
         The last stage.
     watch : callable

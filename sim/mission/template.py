@@ -1,4 +1,4 @@
-"""A mission file with every setting explained, made from the configuration itself."""
+"""Template of a mission file with every setting explained, generated from the configuration models."""
 
 import re
 from pathlib import Path

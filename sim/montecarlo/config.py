@@ -1,4 +1,4 @@
-"""The study file of a Monte Carlo: which terrain, which planners, which maps, how many trials."""
+"""Study files of a Monte Carlo: terrains, planners, maps and the number of trials."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ _SIZES = ("swaths", "spacing_m", "budget_m", "rmse_m")
 
 
 class RandomKind(Section):
-    """Terrain drawn at random, anew for each trial."""
+    """Terrain drawn at random for each trial."""
 
     source: Literal["random"] = "random"
     name: Name
@@ -175,7 +175,7 @@ class StudyConfig(Section):
     maps: tuple[Map, ...] = Field(default=(SearchedMap(),), min_length=1)
     """Reconstructions, all from the same samples."""
     require: MapClassName = "class-3"
-    """The map class whose pass share is told."""
+    """The map class whose pass share is reported."""
     map_step_m: PositiveFloat = 20.0
     """Distance between the nodes at which maps are judged [m]."""
     samples: SamplesConfig = SamplesConfig()

@@ -1,4 +1,4 @@
-"""The page of a Monte Carlo: curves of error against swaths and distance, with the limits of the classes."""
+"""Report pages of Monte Carlo studies: curves of error against swaths and distance, with the limits of the classes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

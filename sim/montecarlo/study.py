@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
-from sim.executors import Engine, done
+from sim.executors import Engine, run_all
 from sim.mission.runs import input_checksums
 from sim.mission.versions import current_versions, refuse_other_versions
 from sim.montecarlo.capacity import require_study
@@ -61,7 +61,7 @@ def run_study(
     folder : Path
         Its folder; one that holds a part of the same study is continued.
     engine, workers, scheduler
-        See `sim.executors.done`; the tables are the same bytes whatever they are.
+        See `sim.executors.run_all`; the tables are the same bytes whatever they are.
     fresh : bool
         Do every trial again; the old tables stay until the new ones replace them.
     watch : callable
@@ -91,7 +91,9 @@ def run_study(
         total = sum(block.n for block in blocks)
         n_done = total - sum(block.n for block in left)
         watch(n_done, total)
-        pieces = done(partial(survey_block, study), left, engine=engine, workers=workers, scheduler=scheduler)
+        pieces = run_all(
+            partial(survey_block, study), left, engine=engine, workers=workers, scheduler=scheduler
+        )
         for block, trials in pieces:
             write_block(folder, block, trials)
             n_done += block.n
@@ -168,7 +170,7 @@ def _require_same(before: dict[str, Any], now: dict[str, Any], folder: Path) -> 
     for where, old, new in _differences({key: before[key] for key in now}, now, ""):
         raise ConfigError(
             f"the study in {folder} was begun with {where} = {old}, and now it is {new}; "
-            "take it back, give the study another name, or add --fresh to begin anew."
+            "take it back, give the study another name, or add --fresh to do all trials again."
         )
 
 

@@ -1,4 +1,4 @@
-"""What a Monte Carlo's table says: for every curve and size its mean error, its spread, and who passes."""
+"""Statistics of Monte Carlo trials: mean error, spread and pass share of every curve and size."""
 
 import csv
 from collections.abc import Callable, Mapping, Sequence

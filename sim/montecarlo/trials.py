@@ -1,4 +1,4 @@
-"""The trials of a Monte Carlo: terrain is drawn, surveyed by every planner at every size, mapped and judged.
+"""Monte Carlo trials: draw terrain, survey it by every planner at every size, map it and score the map.
 
 Trials come in blocks, because surveys of one route share the factorization of their maps; a block is what
 one worker does at a time and what is stored. Its bytes depend on the study and the block alone.
@@ -99,7 +99,7 @@ class Trial:
 
 
 def survey_block(study: StudyConfig, block: TrialBlock) -> list[Trial]:
-    """Do the trials of one block, on one thread so that sums keep their order."""
+    """Run the trials of one block, on one thread so that the order of sums does not change."""
     with threadpool_limits(1):
         world = TrialTerrains(study, block)
         survey_all = _surveyed_ideally if study.fidelity == "ideal" else _surveyed_statistically

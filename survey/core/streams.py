@@ -1,4 +1,4 @@
-"""Named random streams: one seed, and for every purpose a generator of its own.
+"""Named random streams: independent generators for every purpose, derived from one seed.
 
 A stream depends on the seed and on its name alone, never on what was drawn before it, so
 adding a sensor or running trials in another order changes no other number.

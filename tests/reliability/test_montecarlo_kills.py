@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.executors import dask_done
+from sim.executors import run_on_dask
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import run_study
 from sim.montecarlo.trials import blocks_of, survey_block
@@ -132,7 +132,7 @@ def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path):
         distributed.Client(cluster, set_as_default=False) as client,
     ):
         results = {}
-        for block, trials in dask_done(client, partial(survey_block, study), blocks):
+        for block, trials in run_on_dask(client, partial(survey_block, study), blocks):
             results[block] = trials
             if len(results) in (1, 3):
                 (victim, *_) = client.run(os.getpid).values()

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from sim.executors import done
+from sim.executors import run_all
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import RESULTS, run_study
 from sim.montecarlo.summary import statistics
@@ -137,7 +137,7 @@ def test_terrain_around_a_real_prior_agrees_with_it(tmp_path, rng):
 
 @pytest.mark.parametrize("engine", ["serial", "processes"])
 def test_engines_give_the_same_results_for_every_piece(engine):
-    assert dict(done(partial(pow, 3), [0, 1, 2, 3, 4], engine=engine, workers=2)) == {
+    assert dict(run_all(partial(pow, 3), [0, 1, 2, 3, 4], engine=engine, workers=2)) == {
         0: 1,
         1: 3,
         2: 9,
@@ -245,9 +245,9 @@ def test_a_scheduler_that_is_not_there_is_told():
     pytest.importorskip("distributed")
     # Port 9 of this machine (discard) has no listener.
     with pytest.raises(InputError, match=r"no dask scheduler answers at tcp://127.0.0.1:9"):
-        list(done(partial(pow, 3), [1], engine="dask", scheduler="tcp://127.0.0.1:9"))
+        list(run_all(partial(pow, 3), [1], engine="dask", scheduler="tcp://127.0.0.1:9"))
     with pytest.raises(ConfigError, match="no scheduler's address"):
-        list(done(partial(pow, 3), [1], engine="dask", scheduler="nowhere"))
+        list(run_all(partial(pow, 3), [1], engine="dask", scheduler="nowhere"))
 
 
 def greet(listener, words):
@@ -266,7 +266,7 @@ def test_a_listener_that_is_no_scheduler_is_told(monkeypatch):
                 greeter.start()
             address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
             with pytest.raises(InputError, match=told):
-                list(done(partial(pow, 3), [1], engine="dask", scheduler=address))
+                list(run_all(partial(pow, 3), [1], engine="dask", scheduler=address))
             if words:
                 greeter.join()
 
