@@ -145,7 +145,7 @@ def vector_cases() -> list[Case]:
 
 
 def _fine(wrong: str, place: str) -> bool:
-    """Tell where an odd area can be used: roles count in plans alone, a place without a raster beside it is free."""
+    """Return where an odd area can be used: roles count in plans alone, a place without a raster beside it is free."""
     if wrong in {"elsewhere", "beyond the projection", "a square millimetre"}:
         return place in {"plan", "export", "change --outline"}
     if wrong in {"unknown role", "nothing but no-go"}:

@@ -58,7 +58,7 @@ def _blocks(source: Any, band: int, window: Sequence[int]) -> Iterator[tuple[str
 
 
 def _is_sound(packed: bytes) -> bool:
-    """Tell whether a zlib stream ends with the checksum of its content; only a slice of it is in memory at a time."""
+    """Return whether a zlib stream ends with the checksum of its content; only a slice of it is in memory at a time."""
     unpacker = zlib.decompressobj()
     rest, went_on = packed, True
     try:
