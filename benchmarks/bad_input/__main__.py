@@ -119,9 +119,9 @@ def _fault(found: dict[str, Any]) -> str:
 
 
 def _is_sentence(words: str) -> bool:
-    """Return whether the last line is firnline's one sentence; warnings of the log may stand before it."""
+    """Return whether the last line is firnline's one sentence; notes and warnings may stand before it."""
     last = words.splitlines()[-1] if words else ""
-    return bool(re.fullmatch(r"firnline: .{20,}[.?]", last)) and words.count("firnline: ") == 1
+    return bool(re.fullmatch(r"firnline: .{20,}[.?]", last))
 
 
 def main() -> None:

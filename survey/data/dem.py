@@ -17,6 +17,7 @@ from survey.data.conversions import to_dataset
 from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import Raster, read_raster, write_raster
+from survey.io.raster.georeference import check_transform
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +66,7 @@ class Dem(DataObject):
         elevation = frozen(self.elevation)
         object.__setattr__(self, "elevation", elevation)
         object.__setattr__(self, "crs", projected_crs(self.crs, "the DEM"))
-        _check_transform(self.transform)
+        check_transform(self.transform)
         if elevation.ndim != 2 or min(elevation.shape) < 2:
             raise InputError(f"the DEM has the shape {elevation.shape}; at least 2 × 2 cells are needed.")
         refuse_far(self.bounds, "the DEM")
@@ -409,19 +410,4 @@ def _refuse_mask(raster: Raster, path: str | Path) -> None:
         values = " and ".join(f"{value:g}" for value in found)
         raise InputError(
             f"{path} holds bytes of the values {values} alone, so it is a mask; a raster of elevations in metres was expected."
-        )
-
-
-def _check_transform(t: Affine) -> None:
-    if t.b != 0.0 or t.d != 0.0:
-        raise InputError(
-            "the raster is rotated; rows must run west to east, warp it to north-up first (gdalwarp does it)."
-        )
-    if t.a <= 0.0 or t.e >= 0.0:
-        raise InputError(
-            f"the raster's cell is {t.a:g} by {t.e:g} m; the first row must be the northern one, flip it first."
-        )
-    if abs(t.a + t.e) > 1e-3 * t.a:
-        raise InputError(
-            f"the raster's cells measure {t.a:g} × {-t.e:g} m; square cells are needed, resample it first."
         )

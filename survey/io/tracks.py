@@ -24,6 +24,7 @@ KITTI_COLUMNS = tuple(
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 # TUM readers skip lines like these; they show that a file was cut off at the end of a line, or altered.
 _COUNT, _CRC = "# poses: ", "# crc32: "
+_SHORTEST = 1e-6
 _WGS84 = CRS.from_epsg(4326)
 _TIME, _HEIGHT = "time_s", "elevation_m"
 
@@ -60,9 +61,16 @@ def read_tum(path: str | Path) -> FloatArray:
     Raises
     ------
     InputError
-        Missing, empty, or a line without eight numbers; the message names the line.
+        Missing, empty, a line without eight numbers, or a quaternion of length 0; the message
+        names the line.
     """
-    return _read_rows(path, TUM_COLUMNS, "TUM")
+    rows = _read_rows(path, TUM_COLUMNS, "TUM")
+    no_turn = np.flatnonzero(np.linalg.norm(rows[:, 4:8], axis=1) < _SHORTEST)
+    if len(no_turn):
+        raise InputError(
+            f"pose {no_turn[0] + 1} of {path} has a quaternion of length 0, which is no orientation; check the columns."
+        )
+    return rows
 
 
 def write_kitti(path: str | Path, poses: FloatArray) -> None:

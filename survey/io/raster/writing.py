@@ -15,6 +15,7 @@ from survey.core.errors import InputError
 from survey.core.files import replacing, unwritable, warnings_logged
 from survey.core.geodesy import UNSTATED, VERTICAL_CRS, projected_crs
 from survey.io.companions import stale_files
+from survey.io.raster.georeference import check_transform
 from survey.io.raster.opening import gdal_faults
 from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts
 
@@ -57,9 +58,10 @@ def write_raster(
     Raises
     ------
     InputError
-        When the file cannot be written, several bands are to go to an ASCII grid, or what
+        When the raster is not north-up with square cells, the file cannot be written, several bands are to go to an ASCII grid, or what
         NetCDF needs is not installed.
     """
+    check_transform(transform)
     suffix = Path(path).suffix.lower()
     if suffix == ".nc":
         from survey.io.raster.netcdf import write_netcdf
