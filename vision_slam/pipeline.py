@@ -230,19 +230,6 @@ def add_loop_closures(drive: Drive) -> Drive:
     return replace(drive, recording=with_loop_closures(drive.recording, drive.config))
 
 
-def with_visual_odometry(
-    recording: Recording, progress: Progress | None = None
-) -> tuple[OdometryRecording, VisualOdometry]:
-    """Return the recording with the odometry and the sightings of its images, aligned with its fixes.
-
-    Raises
-    ------
-    InputError
-        No images, fewer than two, or images that do not fit their calibration.
-    """
-    return align_heading(recording, visual_odometry(recording, progress=progress))
-
-
 def align_heading(recording: Recording, visual: VisualOdometry) -> tuple[OdometryRecording, VisualOdometry]:
     """Rotate visual odometry to the heading of the fixes; place the segments of an interrupted one."""
     if len(segment_starts(recording, visual)):

@@ -106,22 +106,6 @@ def crs_text(crs: CRS) -> str:
     return crs.to_wkt("WKT2_2019", pretty=False)
 
 
-def has_code(crs: CRS) -> bool:
-    """Return whether a CRS is exactly that of an EPSG code.
-
-    Parameters
-    ----------
-    crs : pyproj.CRS
-        Of any kind.
-
-    Returns
-    -------
-    bool
-        True for ``EPSG:n``, False for a system of one's own.
-    """
-    return crs_text(crs).startswith("EPSG:")
-
-
 def projected_crs(crs: Any, where: str) -> CRS:
     """Return the horizontal, projected, metric CRS, or refuse.
 
