@@ -148,14 +148,14 @@ def test_a_base_station_takes_the_lasting_error_away():
     assert error[1] < 0.6 * error[0]
 
 
-def test_an_unknown_start_is_estimated_from_the_fixes():
+def test_an_unknown_start_is_stated_in_the_covariance():
     recording, position, _ = drifting()
     moved = replace(recording, start=recording.gps.position[0])
     config = LASTING.model_copy(update={"start": "unknown"})
     path = smoothed(moved, config)
     claimed = np.sqrt(path.covariance[:, 2, 2])
     error = np.abs(path.position[:, 2] - position[:, 2])
-    # Nothing but GPS tells the height: 5 m of error that last five minutes, averaged over ten.
+    # Only GPS measures the height: 5 m of error that last five minutes, averaged over ten.
     assert claimed.min() > 2.0
     assert (error < 3.0 * claimed).all()
 

@@ -223,7 +223,7 @@ def test_images_of_every_kind_become_8_bits(tmp_path: Path, encoding: str) -> No
         assert image[0, 0].tolist() == ([0, 0, 200] if encoding == "rgb8" else [200, 0, 0])
 
 
-def test_a_bag_without_images_or_calibration_is_refused(tmp_path: Path, camera: Camera) -> None:
+def test_ambiguous_topics_and_wrong_sizes_in_a_bag_are_refused(tmp_path: Path, camera: Camera) -> None:
     with second_bag(tmp_path / "two") as bag:
         bag.calibration("/left/camera_info")
         bag.calibration("/right/camera_info", width=18)
