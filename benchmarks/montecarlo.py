@@ -21,9 +21,11 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.report import Row, cpu_seconds, main
 from sim.executors import Engine, run_all
+from sim.montecarlo.blocks import TrialBlock, blocks_of
 from sim.montecarlo.config import RandomKind, SearchedMap, StudyConfig
 from sim.montecarlo.study import run_study
-from sim.montecarlo.trials import TrialBlock, TrialTerrains, blocks_of, routes, samples_of, survey_block
+from sim.montecarlo.terrains import TrialTerrains
+from sim.montecarlo.trials import routes, samples_of, survey_block
 from survey.core.arrays import FloatArray
 
 SWATHS = tuple(range(1, 11))

@@ -1,8 +1,8 @@
 """Sizes that a Monte Carlo study accepts, checked before the first trial."""
 
 from sim.mission.capacity import require_terrain_cells
+from sim.montecarlo.blocks import trials_together
 from sim.montecarlo.config import RandomKind, StudyConfig
-from sim.montecarlo.trials import trials_together
 from survey.core.errors import CapacityError
 from survey.reconstruction.capacity import smallest_step_m
 

@@ -16,12 +16,13 @@ from typing import IO, Any
 from sim.executors import Engine, run_all
 from sim.mission.runs import input_checksums
 from sim.mission.versions import current_versions, refuse_other_versions
+from sim.montecarlo.blocks import TrialBlock, blocks_of
 from sim.montecarlo.capacity import require_study
 from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.report import write_study_report
 from sim.montecarlo.summary import minimum_swaths, summary, write_rows
 from sim.montecarlo.tables import block_file, write_block, write_tables
-from sim.montecarlo.trials import TrialBlock, blocks_of, survey_block
+from sim.montecarlo.trials import survey_block
 from survey.core.documents import read_json, write_json
 from survey.core.errors import ConfigError, InputError
 from survey.core.exchange import refuse_unwritable, replacing_files

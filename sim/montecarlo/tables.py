@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-from sim.montecarlo.trials import Trial, TrialBlock, as_columns
+from sim.montecarlo.blocks import Trial, TrialBlock, as_columns
 from survey.core.checksum import checksum
 from survey.core.errors import InputError
 from survey.core.files import existing_file, first_line, replacing

@@ -5,97 +5,33 @@ one worker does at a time and what is stored. Its bytes depend on the study and 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from pyproj import CRS
 from threadpoolctl import threadpool_limits
 
 import planners
 import survey
 from planners.prediction.predict import places
 from sim.config.mission import MissionConfig, RandomTerrain
+from sim.montecarlo.blocks import Trial, TrialBlock
 from sim.montecarlo.config import (
-    ConditionalKind,
     Design,
     GivenMap,
     Map,
-    RandomKind,
     ReconstructedMap,
     SearchedMap,
     StudyConfig,
 )
+from sim.montecarlo.terrains import TrialTerrains
 from sim.simulate.statistical import simulate_statistical
-from survey import Dem, Grid, Route, SurveyArea
+from survey import Route
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.streams import stream
 from survey.data.path_error import PathError
 from survey.reconstruction.gp.selection.kernel_search import Cell, FoundKernel, KernelSearch, mapped
 from survey.reconstruction.policy import map_landmarks
-from survey.terrain import ice_micro_relief, random_dem, satellite_copy
-from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 from vision_slam import localize
-
-_TOGETHER = {"ideal": 50, "statistical": 1}
-_WITH_LENGTH = ("squared-exponential", "matern-3/2", "matern-5/2")
-_CRS = CRS("EPSG:32608")
-
-
-class TrialBlock(NamedTuple):
-    """Trials ``first`` to ``first + n - 1`` on the terrain of this number in the study."""
-
-    terrain: int
-    first: int
-    n: int
-
-    @property
-    def name(self) -> str:
-        """Name of the block's file."""
-        return f"{self.terrain:03d}-{self.first:07d}"
-
-
-def trials_together(study: StudyConfig) -> int:
-    """Return the number of trials in a block."""
-    return _TOGETHER[study.fidelity]
-
-
-def blocks_of(study: StudyConfig) -> list[TrialBlock]:
-    """Return the blocks of a study in the order of its table."""
-    size = trials_together(study)
-    return [
-        TrialBlock(terrain, first, min(size, study.trials - first))
-        for terrain in range(len(study.terrains))
-        for first in range(0, study.trials, size)
-    ]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One line of the table: a survey of one terrain, and how good its map is.
-
-    ``claimed_m`` is the root mean square of the map's own standard deviation; ``silent_share`` the share of
-    nodes without a height. Lengths are metres.
-    """
-
-    terrain: str
-    trial: int
-    planner: str
-    swaths: int
-    map: str
-    length_m: float
-    n_samples: int
-    rmse_m: float
-    bias_m: float
-    p95_m: float
-    worst_m: float
-    claimed_m: float
-    silent_share: float
-    family: str
-    length_scale_m: float
-    sd_m: float
 
 
 def survey_block(study: StudyConfig, block: TrialBlock) -> list[Trial]:
@@ -109,70 +45,6 @@ def survey_block(study: StudyConfig, block: TrialBlock) -> list[Trial]:
             for driven in routes(world, design)
             for trial in survey_all(world, driven)
         ]
-
-
-class TrialTerrains:
-    """The terrains of a block, and what every survey of them needs."""
-
-    def __init__(self, study: StudyConfig, block: TrialBlock) -> None:
-        self.study = study
-        self.kind = study.terrains[block.terrain]
-        self.trials = range(block.first, block.first + block.n)
-        self.dems = [drawn(study, self.kind, trial) for trial in self.trials]
-        self.area = SurveyArea.rectangle(self.dems[0].grid().bounds, self.dems[0].crs)
-        self.nodes = map_nodes(self.area, study.map_step_m)
-        self.actual = np.column_stack([dem.at(self.nodes.xy) for dem in self.dems])
-
-    def stream(self, what: str, trial: int, *names: str | int) -> np.random.Generator:
-        """Return the stream of one trial."""
-        return stream(self.study.seed, what, self.kind.name, trial, *names)
-
-    def prior(self, index: int) -> Dem:
-        """Return the satellite's cells of one terrain."""
-        satellite = self.study.satellite
-        rng = self.stream("satellite", self.trials[index])
-        return satellite_copy(self.dems[index], rng=rng, cell_m=satellite.cell_m, sigma_m=satellite.sigma_m)
-
-
-def map_nodes(area: SurveyArea, step_m: float) -> Grid:
-    """Return the centres of square cells over a rectangle, where maps are judged."""
-    xmin, ymin, xmax, ymax = area.bounds
-    columns, rows = (int(side / step_m + 1e-9) for side in (xmax - xmin, ymax - ymin))
-    if min(columns, rows) < 2:
-        raise InputError(f"nodes {step_m:g} m apart do not fit the site; set map_step_m smaller.")
-    x0, y0 = xmin + 0.5 * step_m, ymin + 0.5 * step_m
-    return Grid((x0, y0, x0 + (columns - 1) * step_m, y0 + (rows - 1) * step_m), step_m, area.crs)
-
-
-def drawn(study: StudyConfig, kind: RandomKind | ConditionalKind, trial: int) -> Dem:
-    """Return the terrain of one trial."""
-    rng = stream(study.seed, "terrain", kind.name, trial)
-    if isinstance(kind, ConditionalKind):
-        return _conditional(study, kind).draw(rng)
-    grid = Grid((0.0, 0.0, kind.size_m, kind.size_m), kind.step_m, _CRS)
-    scale = {"length_scale_m": kind.length_scale_m} if kind.family in _WITH_LENGTH else {}
-    dem = random_dem(kind.family, grid, rng, relief_m=kind.relief_m, **scale)
-    if kind.micro_relief_sd_m == 0.0:
-        return dem
-    relief = ice_micro_relief(
-        grid, stream(study.seed, "micro-relief", kind.name, trial), sd_m=kind.micro_relief_sd_m
-    )
-    return Dem.on(grid, dem.elevation + relief)
-
-
-def _conditional(study: StudyConfig, kind: ConditionalKind) -> ConditionalTerrain:
-    return _conditional_on(str(study.path(kind.file)), kind.sigma_m, kind.step_m)
-
-
-@lru_cache(maxsize=4)
-def _conditional_on(file: str, sigma_m: float, step_m: float) -> ConditionalTerrain:
-    """Learn the covariance from the prior's cells; the terrain ends at the centres of the outer ones."""
-    prior = Dem.read(file)
-    xmin, ymin, xmax, ymax = prior.grid().bounds
-    columns, rows = (int(side / step_m + 1e-9) for side in (xmax - xmin, ymax - ymin))
-    grid = Grid((xmin, ymin, xmin + columns * step_m, ymin + rows * step_m), step_m, prior.crs)
-    area = SurveyArea.rectangle(prior.bounds, prior.crs)
-    return ConditionalTerrain(CoarseCells(prior, sigma_m), planners.terrain_kernel(prior, area), grid)
 
 
 class Driven(NamedTuple):
@@ -357,9 +229,3 @@ def _localized(
     recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
     result = localize(recording, mission.assumed)
     return result.trajectory, result.points
-
-
-def as_columns(trials: Sequence[Trial]) -> dict[str, list[Any]]:
-    """Return the table's columns."""
-    names = Trial.__dataclass_fields__
-    return {name: [getattr(trial, name) for trial in trials] for name in names}

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 
 from sim.executors import run_on_dask
+from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import run_study
-from sim.montecarlo.trials import blocks_of, survey_block
+from sim.montecarlo.trials import survey_block
 from survey.core.streams import stream
 
 STUDY = """

@@ -10,11 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from sim.executors import run_all
+from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import RESULTS, run_study
 from sim.montecarlo.summary import statistics
 from sim.montecarlo.tables import read_trials
-from sim.montecarlo.trials import TrialTerrains, _localized, blocks_of, routes, survey_block
+from sim.montecarlo.terrains import TrialTerrains
+from sim.montecarlo.trials import _localized, routes, survey_block
 from survey import Dem, Grid, reconstruct
 from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.core.manifest import read_record
@@ -124,7 +126,7 @@ def test_terrain_around_a_real_prior_agrees_with_it(tmp_path, rng):
     kind = '[[terrains]]\nsource = "conditional"\nname = "real"\nfile = "prior.tif"\nsigma_m = 0.1\n'
     text = STUDY[: STUDY.index("[[terrains]]")] + kind + STUDY[STUDY.index("[[planners]]") :]
     study = small(tmp_path, text.replace("trials = 3", "trials = 2"))
-    from sim.montecarlo.trials import drawn
+    from sim.montecarlo.terrains import drawn
 
     one, other = (drawn(study, study.terrains[0], trial) for trial in range(2))
     # The middle cell's mean is kept to its stated error; between the cells the draws differ.
@@ -160,7 +162,7 @@ def test_trials_of_other_versions_are_not_continued(study, tmp_path, monkeypatch
     run_study(study, tmp_path / "out", engine="serial")
     monkeypatch.setattr("sim.mission.versions.current_versions", lambda: {"numpy": "3.0"})
     run_study(study, tmp_path / "out", engine="serial")  # no trial is left to do
-    monkeypatch.setattr("sim.montecarlo.trials._TOGETHER", {"ideal": 2})
+    monkeypatch.setattr("sim.montecarlo.blocks._TOGETHER", {"ideal": 2})
     blocks = tmp_path / "out" / "blocks"
     (blocks / "000-0000000.parquet").rename(blocks / "000-0000002.parquet")  # one of two blocks is there
     with pytest.raises(InputError, match="may give other bytes; do all trials again with --fresh"):
