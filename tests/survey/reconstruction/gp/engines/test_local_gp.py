@@ -1,0 +1,68 @@
+"""Local neighbourhoods give the map of all points, where points are dense beside the length scale."""
+
+import numpy as np
+import pytest
+
+from survey.core.errors import InputError
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.covariance.kernels import Matern32
+from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
+from survey.reconstruction.gp.process import conditioned
+from survey.reconstruction.gp.site_tree import SiteTree
+
+KERNEL = Matern32(25.0, 60.0)
+SITE = (0.0, 0.0, 100.0, 100.0)
+
+
+def points(n: int = 1200) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    xy = rng.uniform(0.0, 100.0, (n, 2))
+    z = 5.0 * np.sin(xy[:, 0] / 20.0) + np.abs(xy[:, 1] - 50.0) / 10.0 + 0.1 * rng.standard_normal(n)
+    return xy, z, np.full(n, 0.1)
+
+
+def test_neighbourhoods_agree_with_the_dense_process() -> None:
+    reports: list[tuple[str, int, int]] = []
+    local = LocalGaussianProcess.fit(
+        *points(), KERNEL, bounds=SITE, progress=lambda what, done, total: reports.append((what, done, total))
+    )
+    dense = DenseGaussianProcess.fit(*points(), KERNEL)
+    x, y = np.linspace(0.0, 100.0, 26), np.linspace(100.0, 0.0, 26)
+    (mean, std), (exact_mean, exact_std) = (process.predict_on_axes(x, y) for process in (local, dense))
+    # 256 neighbours screen the rest: a tenth of the standard deviation.
+    assert np.abs((mean - exact_mean) / exact_std).max() < 0.1
+    np.testing.assert_allclose(std, exact_std, rtol=0.02)
+    for one, other in zip(local.leave_one_out(), dense.leave_one_out(), strict=True):
+        np.testing.assert_allclose(one, other, atol=0.02)
+    assert reports[-1][1] == reports[-1][2]
+    assert local.expected_s(676) > 0.0
+    with pytest.raises(InputError, match="no joint samples"):
+        local.sample_on_axes(x, y, 1, np.random.default_rng(0))
+
+
+def test_every_node_lies_in_one_tile() -> None:
+    xy = points()[0]
+    tree = SiteTree.of(xy, SITE, 48)
+    x, y = np.linspace(0.0, 100.0, 31), np.linspace(100.0, 0.0, 41)
+    count = np.zeros((41, 31), dtype=int)
+    for tile in range(len(tree)):
+        count[tree.nodes_in(tile, x, y)] += 1
+    assert (count == 1).all()
+    assert np.bincount(tree.tile_of(xy)).max() <= 48
+
+
+def test_a_rough_site_that_does_not_settle_falls_back_to_neighbourhoods() -> None:
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(0.0, 5000.0, (20_000, 2))
+    process = conditioned(
+        "gp",
+        Matern32(900.0, 20.0),
+        xy,
+        rng.standard_normal(20_000),
+        np.full(20_000, 0.01),
+        bounds=None,
+        trend="none",
+        config=GaussianProcessConfig(memory_mb=2.0),
+    )
+    assert isinstance(process, LocalGaussianProcess)
