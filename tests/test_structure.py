@@ -1,7 +1,7 @@
 """Structure of the code: sizes of folders, files and functions, and names that stand for one thing.
 
 A function's length is that of its body: lines after the signature, without the docstring, blank lines
-and comments. A file's length counts all its lines. ``python -m tests.test_structure`` prints the measures.
+and comments. A file's length counts all its lines but those of docstrings. ``python -m tests.test_structure`` prints the measures.
 """
 
 import ast
@@ -16,7 +16,7 @@ PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim")
 MOST_FILES = 15
 FLAT = {"sim/cli"}
 """One file for each command, and what commands share."""
-FILE_P90 = 295
+FILE_P90 = 220
 FUNCTION_P90 = 17
 LONGEST_FUNCTION = 45
 
@@ -49,8 +49,16 @@ def function_lengths() -> dict[str, int]:
     return found
 
 
+def docstring_lines(tree: ast.Module) -> int:
+    """Return the number of lines of all docstrings, those of fields included."""
+    texts = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    ]
+    return sum((text.end_lineno or text.lineno) - text.lineno + 1 for text in texts)
+
+
 def file_lengths() -> dict[str, int]:
-    return {str(file.relative_to(ROOT)): len(lines) for file, _, lines in trees()}
+    return {str(file.relative_to(ROOT)): len(lines) - docstring_lines(tree) for file, tree, lines in trees()}
 
 
 def folder_sizes() -> Counter[str]:

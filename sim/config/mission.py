@@ -30,6 +30,7 @@ class RandomTerrain(Section):
     """Terrain drawn at random."""
 
     source: Literal["random"]
+    """Kind of terrain."""
     family: TerrainFamily = "squared-exponential"
     """Kind of random surface."""
     size_m: PositiveFloat = 600.0
@@ -52,6 +53,7 @@ class DemTerrain(Section):
     """Terrain from an elevation raster."""
 
     source: Literal["dem"]
+    """Kind of terrain."""
     file: str
     """The raster; a relative path counts from the mission file."""
     role: Literal["truth", "prior"] = "truth"
@@ -70,6 +72,7 @@ class SampleTerrain(Section):
     """A site of 600 × 600 m in the real SRTM elevations that matplotlib installs."""
 
     source: Literal["srtm-sample"]
+    """Kind of terrain."""
     micro_relief_sd_m: NonNegativeFloat = 0.35
     """Standard deviation of the ice micro-relief put on top [m]."""
     step_m: PositiveFloat = 1.0
@@ -211,6 +214,7 @@ class MissionConfig(Section):
     """A whole mission."""
 
     schema_version: Literal[1]
+    """Version of the format of mission files."""
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
     """Name of the mission and of its folder of runs."""
     seed: NonNegativeInt = 0
@@ -218,23 +222,39 @@ class MissionConfig(Section):
     fidelity: Literal["ideal", "statistical", "vision"] = "statistical"
     """Depth of the simulation: a perfect sensor, sensors with drawn errors, or a rover that drives and looks."""
     terrain: TerrainConfig
+    """True terrain: drawn, read from a raster, or the sample."""
     satellite: SatelliteConfig = SatelliteConfig()
+    """Prior elevations."""
     area: AreaConfig = AreaConfig()
+    """Area to be surveyed."""
     planner: PlannerConfig
+    """Pattern of the route."""
     rover: RoverConfig = RoverConfig()
+    """Vehicle and the heights of its instruments."""
     fleet: Fleet = Fleet()
+    """Number of rovers and where they finish."""
     sensors: SensorConfig = SensorConfig()
+    """Errors that the statistical fidelity draws."""
     aids: AidsConfig = AidsConfig()
+    """Aiding sensors beside GPS and odometry."""
     scenery: SceneryConfig = SceneryConfig()
+    """Objects of the rendered scene."""
     appearance: AppearanceConfig = AppearanceConfig()
+    """Snow, light and sky of the rendered scene."""
     imaging: ImagingConfig = ImagingConfig()
+    """Lens and image sensor of the camera."""
     physics: PhysicsConfig = PhysicsConfig()
+    """Vehicle dynamics and steering of the vision fidelity."""
     instruments: InstrumentsConfig = InstrumentsConfig()
+    """Instruments of the vision fidelity."""
     faults: tuple[FaultConfig, ...] = ()
     """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength."""
     localization: LocalizationConfig = LocalizationConfig()
+    """Assumptions of the estimator about its sensors."""
     reconstruction: ReconstructionConfig = ReconstructionConfig()
+    """Reconstruction of the terrain."""
     score: ScoreConfig = ScoreConfig()
+    """Scoring of the map."""
 
     @property
     def assumed(self) -> LocalizationConfig:
