@@ -28,7 +28,7 @@ MISSIONS: dict[str, str | bytes] = {
     "NaN": _edited("150.0", "nan"),
     "infinite": _edited("150.0", "inf"),
     "negative seed": "seed = -1\n" + MISSION,
-    "seed of 1e400": "seed = 1" + "0" * 400 + "\n" + MISSION,
+    "half a seed": "seed = 1.5\n" + MISSION,
     "later schema": _edited("schema_version = 1", "schema_version = 99"),
     "no planner": MISSION[: MISSION.index("[planner]")],
     "no name": _edited('name = "m"', ""),
