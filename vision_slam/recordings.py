@@ -21,7 +21,7 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.bags import is_bag, read_bag
-from vision_slam.io.gps_files import GpsLog, read_gps
+from vision_slam.io.gps_files import GpsLog, is_receiver_file, read_gps
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, georeference, scale_by_reference
@@ -164,8 +164,9 @@ class RecordedDrive:
         Parameters
         ----------
         path : Path
-            ``.csv`` or ``.tum`` in the CRS of the recording; for images alone ``.tum`` in a frame
-            of its own.
+            ``.csv`` or ``.tum`` in the CRS of the recording, or the file of a receiver that
+            `vision_slam.io.gps_files.read_gps` reads, such as a table of RTK fixes on the clock of
+            the recording; for images alone ``.tum`` in a frame of its own.
 
         Returns
         -------
@@ -177,9 +178,13 @@ class RecordedDrive:
         InputError
             Missing or damaged.
         """
-        if isinstance(self.records, Recording):
+        if not isinstance(self.records, Recording):
+            return read_tum(path)
+        if not is_receiver_file(path):
             return Trajectory.read(path, self.records.crs)
-        return read_tum(path)
+        fixes, crs = read_gps(path).fixes(self.records.crs)
+        level = np.tile([0.0, 0.0, 0.0, 1.0], (len(fixes), 1))
+        return Trajectory(fixes.time_s, fixes.position, level, np.zeros((len(fixes), 3, 3)), crs)
 
 
 def open_recording(

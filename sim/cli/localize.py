@@ -48,7 +48,8 @@ _ScaleFrom = Annotated[
 _Reference = Annotated[
     Path | None,
     typer.Option(
-        "--reference", help="Reference path to compare with (.tum or .csv); the estimator does not use it."
+        "--reference",
+        help="Reference path to compare with (.tum, .csv, or fixes as --gps takes them); the estimator does not use it.",
     ),
 ]
 _Viewer = Annotated[

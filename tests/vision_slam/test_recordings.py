@@ -75,6 +75,13 @@ def test_images_without_wheels_take_scale_and_heading_from_the_fixes(
     assert len(Trajectory.read(out / "trajectory.csv", UTM)) == N
 
 
+def test_a_table_of_fixes_is_a_reference(folder: Path, drive: RecordedDrive) -> None:
+    reference = drive.read_reference(folder / "phone.csv")
+    assert isinstance(reference, Trajectory)
+    assert drive.gps is not None
+    np.testing.assert_array_equal(reference.position, drive.gps.position)
+
+
 def test_wheels_beside_the_images_give_the_scale(folder: Path, drive: RecordedDrive) -> None:
     rolled = 0.25 * STEP_M * np.arange(N)
     Wheels(drive.records.frames.time_s, rolled, rolled).write(folder / "wheels.csv")  # type: ignore[union-attr]

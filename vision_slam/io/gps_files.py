@@ -10,7 +10,7 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.core.files import existing_file
+from survey.core.files import existing_file, first_line
 from survey.core.geodesy import UNSTATED, projected_crs, transformed
 from survey.data.sensors import GpsFixes
 from survey.io.tables import read_table
@@ -127,9 +127,35 @@ def read_gps(path: str | Path) -> GpsLog:
     return _from_nmea(file)
 
 
+def is_receiver_file(path: str | Path) -> bool:
+    """Return whether a file holds fixes of a receiver rather than poses, by its suffix and columns.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    bool
+        False for ``.tum`` and for tables without the columns of fixes.
+    """
+    file = existing_file(path, "the reference")
+    if file.suffix.lower() == ".csv":
+        return "height_m" in _header(file)
+    return file.suffix.lower() != ".tum"
+
+
+def _header(file: Path) -> list[str]:
+    try:
+        with file.open(encoding="utf-8", newline="") as stream:
+            return next(csv.reader(stream), [])
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{file} is no table of text ({first_line(error)}); get it again.") from error
+
+
 def _from_table(file: Path) -> GpsLog:
-    with file.open(encoding="utf-8", newline="") as stream:
-        header = next(csv.reader(stream), [])
+    header = _header(file)
     names = _DEGREES if "latitude_deg" in header else _METRES
     table = read_table(file, names, what="the table of fixes")
     rows = np.column_stack([table[name] for name in names])
