@@ -1,4 +1,4 @@
-"""What a terrain reconstruction is, and what every terrain model can be asked."""
+"""Terrain maps with uncertainty (`Reconstruction`), and the interface of terrain models."""
 
 import json
 from abc import ABC, abstractmethod

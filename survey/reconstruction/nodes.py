@@ -1,4 +1,4 @@
-"""Nodes anchored in the world, and what every model of heights on such nodes has in common."""
+"""Lattices of nodes anchored in the world, and models of heights on them."""
 
 from abc import abstractmethod
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""One quantity at the points, with its variance: what every method fits."""
+"""One quantity at the points, with its variance."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

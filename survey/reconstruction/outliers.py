@@ -1,4 +1,4 @@
-"""Points that disagree with their neighbours: found and reported, never dropped in silence."""
+"""Detection of outliers by leave-one-out z-scores."""
 
 from dataclasses import dataclass
 from typing import Any, Self

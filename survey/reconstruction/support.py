@@ -1,4 +1,4 @@
-"""What stands behind a mapped height: a measurement nearby, or others farther away, or nothing."""
+"""Support codes of mapped heights: measured, interpolated or unseen."""
 
 import numpy as np
 import numpy.typing as npt

@@ -1,4 +1,4 @@
-"""The points that a model of carved surfaces has been given, in the coordinates of its frame."""
+"""Points of a space-carving model in the coordinates of its frame."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple

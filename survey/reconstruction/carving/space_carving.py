@@ -1,4 +1,4 @@
-"""Terrain by space-carving kernels: points hold the surface, lines of sight press it down (Hadsell, Bagnell, Huber, Hebert)."""
+"""Space-carving kernels: compact kernels fitted to points and kept below lines of sight (Hadsell, Bagnell, Huber, Hebert)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""An honest scale for the standard deviation, from points that the map was not shown."""
+"""Calibration of the standard deviation by blocked cross-validation."""
 
 from dataclasses import dataclass
 from typing import Any, Self

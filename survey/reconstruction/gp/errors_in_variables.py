@@ -1,4 +1,4 @@
-"""Landmarks that err sideways: x-y uncertainty, carried to the height through the slope."""
+"""Propagation of horizontal errors to heights through the slope."""
 
 import numpy as np
 

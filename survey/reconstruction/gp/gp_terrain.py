@@ -1,4 +1,4 @@
-"""Terrain as a Gaussian process about a mean: from points to a map that states its own uncertainty."""
+"""Gaussian-process terrain model: a mean surface and a Gaussian process of the residual."""
 
 import logging
 from dataclasses import dataclass, field, replace

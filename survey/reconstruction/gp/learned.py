@@ -1,4 +1,4 @@
-"""What a Gaussian-process terrain has learned: a mean, a conditioned process, and how far to trust it."""
+"""Fitted state of a Gaussian-process terrain: mean, conditioned process, calibration, outliers."""
 
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self

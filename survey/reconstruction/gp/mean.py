@@ -1,4 +1,4 @@
-"""What the surface is expected to be before any point is measured."""
+"""Mean functions of the terrain: constants, functions and coarse elevation models."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable

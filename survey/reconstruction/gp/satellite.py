@@ -1,4 +1,4 @@
-"""The error of a satellite's elevation model: known only as block means, each with noise."""
+"""Covariance of the error of a satellite's elevation model between its cells."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""One estimate for the map and the path: landmarks share the errors of the poses that saw them."""
+"""Joint estimate of map and path: set-up of the linear system from points, path and satellite cells."""
 
 from dataclasses import dataclass, field
 from functools import cached_property

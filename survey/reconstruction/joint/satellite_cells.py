@@ -1,4 +1,4 @@
-"""A satellite's elevation model as what it is: measurements of the mean height over cells, with an error of their own."""
+"""Cells of a satellite's elevation model as measurements of means over parallelograms."""
 
 from dataclasses import dataclass, replace
 from typing import Self

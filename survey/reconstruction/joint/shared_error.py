@@ -1,4 +1,4 @@
-"""The path's error as the points of a map see it: rows over unknowns that many points share."""
+"""Rows of the path's error for the heights of points, and its dominant modes."""
 
 from dataclasses import dataclass
 from typing import Any

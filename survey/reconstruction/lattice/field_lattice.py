@@ -1,4 +1,4 @@
-"""Terrain as a Gaussian field on a lattice, kept up to date scan by scan."""
+"""Gaussian field on a lattice, updated scan by scan."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""EMap: a lattice of springs that every scan pulls on (Lock, Camara and Fox)."""
+"""Spring lattice of the EMap paper (Lock, Camara and Fox)."""
 
 import warnings
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Returns that no ground can have given: far from all their neighbours."""
+"""Detection of returns far from all their neighbours (ghosts) in one scan."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Which lines of sight are fit to bound the ground, and what is refused at the door."""
+"""Checks of lines of sight before they bound the ground."""
 
 import numpy as np
 from scipy.spatial import cKDTree

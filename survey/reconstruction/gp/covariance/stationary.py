@@ -1,4 +1,4 @@
-"""What a covariance function is: a function of one scaled distance, with the spectrum that belongs to it."""
+"""Interface of covariance functions, and stationary ones of one scaled distance."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Exact Gaussian-process regression by one dense Cholesky factorization: the oracle, and the engine for few points."""
+"""Exact Gaussian-process regression by one dense Cholesky factorization."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""What the engine learns from: values at places, each with its own noise."""
+"""Values with noise variances at places: the input of the engines."""
 
 from dataclasses import dataclass, replace
 from typing import Self

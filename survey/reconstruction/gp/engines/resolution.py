@@ -1,4 +1,4 @@
-"""How many waves a map needs: chosen from the tolerance asked for and from what the points can tell."""
+"""Choice of box and waves of the Fourier engine from tolerance, memory and the points' precision."""
 
 from dataclasses import dataclass
 

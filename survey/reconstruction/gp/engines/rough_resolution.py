@@ -1,4 +1,4 @@
-"""Box and waves for kernels whose spectrum has no end: Matérn, and sums with a very short scale."""
+"""Choice of box and waves for kernels with heavy spectral tails: Matérn, and sums with a short scale."""
 
 import numpy as np
 

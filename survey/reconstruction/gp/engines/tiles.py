@@ -1,4 +1,4 @@
-"""A large site in tiles: each mapped from the points within it and a halo around it."""
+"""Fourier Gaussian process in tiles, each conditioned on the points within it and a halo around it."""
 
 import time
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""The spread of the surface as the nearest points alone know it: a bound on what all of them know."""
+"""Nearest-neighbour bound on the posterior variance."""
 
 import numpy as np
 from scipy.spatial import cKDTree

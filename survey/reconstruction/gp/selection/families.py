@@ -1,4 +1,4 @@
-"""Which covariance function the points speak for: the families, and the likelihood on a well-chosen part of the points."""
+"""Kernel selection by marginal likelihood, on at most 640 of the points."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
