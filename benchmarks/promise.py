@@ -34,7 +34,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import planners
-from benchmarks.equal_error import FAMILIES, SearchedFamily
+from benchmarks.equal_error import FAMILIES, Family
 from benchmarks.report import Row, main
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import survey_adaptively
@@ -48,14 +48,14 @@ from sim.executors import run_all
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.reconstruction.gp.covariance.families import SearchedFamily as CovarianceFamily
+from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.kernel_search import KernelSearch, mapped
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells
 
 JUDGED_SEED = 27_182
 REAL = ("real", "real, turned")
-ASSUMED: dict[str, CovarianceFamily] = {
+ASSUMED: dict[str, SearchedFamily] = {
     "Matérn 3/2, 200 m": "matern-3/2",
     "diamond-square": "whittle",
 }
@@ -286,7 +286,7 @@ def site_of(task: Task) -> Site:
     return Site(terrain, prior, area)
 
 
-def _drawn(family: SearchedFamily, index: int) -> Dem:
+def _drawn(family: Family, index: int) -> Dem:
     from survey.terrain import random_dem
 
     grid = Grid((0.0, 0.0, 600.0, 600.0), 5.0)

@@ -4,6 +4,7 @@ import contextlib
 import io
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +12,7 @@ from survey.data.dem import Dem
 from survey.scoring.accuracy import ErrorStatistics
 from survey.scoring.change.coregistration import coregister
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")
-    import geoutils
+if TYPE_CHECKING:
     import xdem
 
 TRUE_SHIFT_M = (5.3, -3.1, 1.7)
@@ -35,6 +34,9 @@ def agreement(data: Path) -> tuple[float, float, float]:
     moving, reference = shifted_pair(data)
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")
+        import geoutils
+        import xdem
+
         theirs = [_theirs(dem) for dem in (moving, reference)]
         difference = theirs[0] - theirs[1]
         stats = difference.get_stats()
@@ -58,6 +60,8 @@ def agreement(data: Path) -> tuple[float, float, float]:
 
 
 def _theirs(dem: Dem) -> "xdem.DEM":
+    import xdem
+
     return xdem.DEM.from_array(
         dem.elevation.astype(np.float64), dem.transform, dem.crs.to_wkt(), nodata=-9999
     )

@@ -66,3 +66,12 @@ def test_help_starts_without_heavy_packages():
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", probe], check=True, capture_output=True, cwd=ROOT)
+
+
+def test_every_benchmark_can_be_imported():
+    probe = (
+        "import pkgutil, sys, importlib, benchmarks\n"
+        "for module in pkgutil.walk_packages(benchmarks.__path__, 'benchmarks.'):\n"
+        "    importlib.import_module(module.name)"
+    )
+    subprocess.run([sys.executable, "-c", probe], check=True, capture_output=True, cwd=ROOT)
