@@ -8,7 +8,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import shapely
 from pydantic import NonNegativeFloat
 from shapely import LineString
 
@@ -166,42 +165,3 @@ def headland_m(turning: Turning, spacing_m: float) -> float:
         return 2.0 * radius
     beyond = (2.0 * radius) ** 2 - (radius + 0.5 * spacing_m) ** 2
     return max(2.0 * radius, radius + float(np.sqrt(beyond)))
-
-
-def headland_passes(ground: FreeGround, spacing_m: float, n_passes: int) -> list[FloatArray]:
-    """Return swaths round every border, the outermost half a spacing inside it.
-
-    Together with parallel swaths of ``inset_m = n_passes * spacing_m - spacing_m / 2`` or
-    less, they sweep every point that a disc of half a spacing can cover without leaving
-    the ground: from such a point go towards the disc's centre; either a parallel swath or
-    the pass round the border is met within half a spacing.
-
-    Parameters
-    ----------
-    ground : FreeGround
-        Where rovers may be.
-    spacing_m : float
-        Distance between the passes [m].
-    n_passes : int
-        Passes round each border.
-
-    Returns
-    -------
-    list of (N, 2) ndarray
-        Closed lines [m], the outer ones first.
-
-    Examples
-    --------
-    >>> ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 50.0))
-    >>> LineString(headland_passes(ground, 10.0, 1)[0]).length
-    260.0
-    """
-    if not spacing_m > 0.0 or n_passes < 0:
-        raise ConfigError(
-            f"{n_passes} headland passes {spacing_m} m apart were asked for; give 0 or more passes and a spacing above 0."
-        )
-    passes: list[FloatArray] = []
-    for k in range(n_passes):
-        inner = ground.polygon.buffer(-(k + 0.5) * spacing_m, quad_segs=4)
-        passes += [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(inner))]
-    return passes

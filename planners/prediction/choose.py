@@ -238,10 +238,3 @@ def _fewest(choice: Callable[[int], Choice], rmse_m: float) -> Choice | None:
         else:
             low = middle
     return found
-
-
-def inset_lawnmower(area: SurveyArea, config: BestConfig, model: ErrorModel) -> Choice | None:
-    """Return the inset lawnmower of the same budget or wanted error: what the choice is measured by."""
-    heading = narrowest_heading(area.free) if config.heading_deg is None else config.heading_deg
-    shape = LawnmowerConfig(swaths=1, heading_deg=heading, start=config.start, inset_share=INSET_SHARE)
-    return _sizer(partial(_laid, area, None), config, model)(shape)

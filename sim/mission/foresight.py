@@ -85,7 +85,7 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
     mission : MissionConfig
         Pattern, sensors, aiding and what is assumed of them.
     world : World
-        Only its area and prior are used.
+        Only its area and prior are used; the prior covers the area.
     limit_m : float
         Largest RMSE [m].
 
@@ -97,7 +97,7 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
     Raises
     ------
     InputError
-        A prior without a height on the area, or too coarse for a length scale; no landmark in sight.
+        A prior too coarse for a length scale; no landmark in sight.
     ConfigError
         A mission that has no landmarks to share errors.
 
@@ -106,12 +106,6 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
     The prediction is as good as the covariance fitted to the prior and the stated sensors. Relief
     finer than the prior's cells counts as 0.15 m, or as ``reconstruction.gp.nugget_m``.
     """
-    require_cover(world.area, world.prior)
-    return _predicted(mission, world, limit_m)
-
-
-def _predicted(mission: MissionConfig, world: World, limit_m: float) -> PredictedSurvey:
-    """Predict the error of the map; the prior has been checked."""
     if mission.fidelity == "ideal":
         raise ConfigError(
             "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
@@ -162,6 +156,8 @@ def surveys_within(
 
     Raises
     ------
+    InputError
+        A prior without a height on the area, or too coarse for a length scale.
     ConfigError
         A mission with another pattern.
     """
@@ -190,7 +186,7 @@ def _fewest_swaths(
     @cache
     def predicted(swaths: int) -> PredictedSurvey:
         sized = mission.planner.model_copy(update={"swaths": swaths, "spacing_m": None})
-        return _predicted(mission.model_copy(update={"planner": sized}), world, limit_m)
+        return predicted_survey(mission.model_copy(update={"planner": sized}), world, limit_m=limit_m)
 
     nth = fewest(
         lambda n: predicted(counts[n - 1]).chance >= probability,

@@ -22,7 +22,6 @@ from planners import LawnmowerConfig, Rover, plan
 from planners.driving.energy import Mobility, predicted
 from planners.driving.fleet import share
 from planners.driving.ordering import connect
-from planners.driving.turns import headland_passes
 from planners.ground.transit import MARGIN_M, FreeGround
 from planners.swaths.decomposition import swaths_on, unswept
 from planners.swaths.swaths import axes_of
@@ -105,26 +104,6 @@ def _spanning_tree_m(swaths: list[np.ndarray]) -> float:
         joined.append(nearest)
         rest.remove(nearest)
     return total
-
-
-@settings(max_examples=60, **quick)
-@given(seeds, headings)
-def test_with_a_headland_pass_every_point_of_the_opening_is_swept(seed: int, heading_deg: float) -> None:
-    ground = FreeGround(sites.largest_part(sites.random_site(seed)))
-    passes = headland_passes(ground, SPACING_M, 1)
-    if not passes:
-        return
-    try:
-        swaths = swaths_on(ground, SPACING_M, heading_deg, headland_m=0.5 * SPACING_M)
-    except InputError:
-        swaths = []
-    opening = ground.polygon.buffer(-0.5 * SPACING_M, quad_segs=16).buffer(
-        0.5 * SPACING_M - SLACK_M, quad_segs=16
-    )
-    swept = shapely.union_all(
-        [LineString(line).buffer(0.5 * SPACING_M, quad_segs=32) for line in (*passes, *swaths)]
-    )
-    assert opening.difference(swept).area <= 1e-3 * opening.area
 
 
 @settings(max_examples=40, **quick)

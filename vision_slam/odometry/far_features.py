@@ -164,7 +164,7 @@ def _solved(bearings: _Bearings, apart_m: FloatArray, pixel_rad: float) -> Float
 
 
 def _prior(apart_m: FloatArray, is_ridge: FloatArray) -> Any:
-    """Return the information of what is known beforehand: drift that walks from zero, any bearing, nearness about a mean."""
+    """Return the prior information: drift that walks from zero, any bearing, nearness about a mean."""
     known = 1.0 / (_WALK_RAD_SQRT_M**2 * apart_m)
     diagonal = np.r_[_HELD**2, known] + np.r_[known, 0.0]
     walk = sp.diags([diagonal, -known, -known], [0, 1, -1])

@@ -9,7 +9,7 @@ from shapely import LineString
 
 from planners.driving.ordering import connect
 from planners.driving.reeds_shepp import dubins_words, moved, reeds_shepp_words, word_length
-from planners.driving.turns import Turning, Turns, headland_passes, traced, turn_length_m
+from planners.driving.turns import Turning, Turns, traced, turn_length_m
 from planners.ground.transit import FreeGround
 from planners.swaths.decomposition import swaths_on
 from survey.core.errors import ConfigError, InputError
@@ -97,12 +97,3 @@ def test_a_turn_without_room_is_refused_with_the_fix() -> None:
         Turns(ground, Turning(turn_radius_m=8.0)).between((50.0, 2.0, 0.0), (50.0, 4.0, np.pi))
     with pytest.raises(ConfigError, match="pivots on the spot"):
         turn_length_m((0, 0, 0), (1, 0, 0), Turning())
-
-
-def test_headland_passes_run_round_every_border() -> None:
-    ground = FreeGround(shapely.box(0.0, 0.0, 100.0, 100.0) - shapely.box(40.0, 40.0, 60.0, 60.0))
-    passes = headland_passes(ground, 10.0, 2)
-    assert len(passes) == 4
-    assert all(ground.polygon.exterior.distance(LineString(line)) >= 5.0 - 1e-9 for line in passes)
-    with pytest.raises(ConfigError, match="headland passes"):
-        headland_passes(ground, 0.0, 1)

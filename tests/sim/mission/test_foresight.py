@@ -65,7 +65,7 @@ def test_a_concave_area_of_any_size_is_predicted_and_lines_are_counted_apart_fro
 def test_a_prior_elsewhere_is_refused():
     far = SurveyArea.rectangle((5000.0, 0.0, 5200.0, 200.0), AREA.crs)
     with pytest.raises(InputError, match="no height on the area"):
-        predicted_survey(mission(), world(far), limit_m=0.4)
+        list(surveys_within(mission(), world(far), limit_m=0.4))
 
 
 def test_patterns_without_a_number_of_swaths_to_vary_are_refused():

@@ -1,18 +1,15 @@
 """Drives in the vision fidelity, from the mission to the recording, and how they end."""
 
 import hashlib
-from dataclasses import replace
 
 import numba
 import numpy as np
 import pytest
 
 from sim.config.mission import MissionConfig
-from sim.instruments.lidar import Scanner, scan
 from sim.simulate.navigation import PoseEstimate
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
-from sim.world.scenery import fine_terrain
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
 from survey.data.dem import Dem
@@ -134,31 +131,6 @@ def test_others_read_the_recording(drive, tmp_path):
     assert euroc.camera.matrix == pytest.approx(done.recording.camera.matrix)
     assert euroc.camera.distortion == pytest.approx(done.recording.camera.distortion)
     assert euroc.reference[-1, :3, 3] == pytest.approx(done.truth.trajectory.position[-1])
-
-
-def test_a_scan_from_the_moving_rover_lies_on_the_ground(drive):
-    done, _ = drive
-    fine = fine_terrain(ground(), mission().scenery, 5)
-    exact = Scanner.os1_64()
-    found = scan(fine, replace(exact, range_sigma_m=0.0), done.truth.trajectory, 2.0, seed=1)
-    height = fine.elevation(found.hit[:, :2])
-    assert found.hit[:, 2] == pytest.approx(height, abs=1e-6)  # rays and ground are exact to rounding
-    assert np.ptp(found.origin[:, 0]) > 0.02  # at 1 m/s the origin moves 10 cm in a turn
-    points = scan(fine, replace(exact, ghost_share=0.3), done.truth.trajectory, 2.0, seed=1)
-    assert points.is_ghost.mean() == pytest.approx(0.3, abs=0.03)
-    surface = found.surface_points(exact, fine.crs)
-    assert len(surface.xyz) == len(found.hit)
-
-
-def test_far_and_grazing_beams_drop_out(drive):
-    done, _ = drive
-    fine = fine_terrain(ground(), mission().scenery, 5)
-    strong = replace(Scanner.os1_64(), farthest_m=1e4)
-    n_all, n_usual = (
-        len(scan(fine, s, done.truth.trajectory, 2.0, seed=1).hit)
-        for s in (strong, replace(strong, farthest_m=5.0))
-    )
-    assert 0 < n_usual < 0.9 * n_all
 
 
 @pytest.mark.parametrize(
