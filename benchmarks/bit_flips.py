@@ -26,8 +26,8 @@ from sim.montecarlo.tables import read_trials
 from sim.studies.study_cache import is_complete, record
 from survey.core.config import validated
 from survey.core.errors import FirnlineError
-from survey.core.manifest import read_record
-from survey.core.store import STAGES, RunFolder
+from survey.core.runs.manifest import read_record
+from survey.core.runs.store import STAGES, RunFolder
 from survey.data.path_error import PathError
 from survey.io.arrays_file import read_npz, write_npz
 

@@ -47,7 +47,7 @@ from survey.core.errors import FirnlineError as FirnlineError
 from survey.core.errors import InputError as InputError
 from survey.core.map_scale.factors import MapScale as MapScale
 from survey.core.map_scale.factors import ScaleRange as ScaleRange
-from survey.core.store import RunFolder as RunFolder
+from survey.core.runs.store import RunFolder as RunFolder
 from survey.data.area import SurveyArea as SurveyArea
 from survey.data.camera import Camera as Camera
 from survey.data.camera import Frames as Frames

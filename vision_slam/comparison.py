@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs
 from survey.data.trajectory import Trajectory
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.evaluation import absolute_errors_m, match_times

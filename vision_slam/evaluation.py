@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gammaincinv
 
 from survey.core.arrays import FloatArray, IntArray
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs
 from survey.data.trajectory import Trajectory
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.data.sensors import GpsFixes
 from survey.figures import error_over_distance, path_map, png_bytes
 from survey.io.tables import write_table

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from survey.core.errors import ConfigError
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.data.camera import Camera, Frames
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.io.sequence import VisionRecords

@@ -64,7 +64,7 @@ def change(
     """
     import json
 
-    from survey.core.exchange import replacing_folder
+    from survey.core.files.replacing import replacing_folder
     from survey.figures.change import change_map
     from survey.figures.style import png_bytes
     from survey.scoring.change.change_files import change_facts, write_change

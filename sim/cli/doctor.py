@@ -71,7 +71,7 @@ def _machine() -> list[Finding]:
 
 def _geoids() -> list[Finding]:
     """Check for each vertical datum whether heights can be transformed to it, and which of PROJ's grids are missing."""
-    from survey.core.geodesy import lacking_grids
+    from survey.core.crs.transformation import lacking_grids
 
     return [
         (

@@ -47,7 +47,7 @@ def export(
     """
     import survey
     from survey.core.errors import ConfigError
-    from survey.core.store import RunFolder
+    from survey.core.runs.store import RunFolder
     from survey.interchange.convert import convert, kind_of
     from survey.interchange.route_formats import write_plan
 

@@ -27,7 +27,7 @@ def init(
     """
     from sim.cli.outputs import refuse_existing
     from sim.mission.template import mission_template
-    from survey.core.files import replacing
+    from survey.core.files.writing import replacing
     from survey.data.dem import Dem
 
     refuse_existing([path], force=force, inputs=[dem])

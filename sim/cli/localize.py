@@ -151,7 +151,7 @@ def _write(
     comparison: "Comparison | None",
 ) -> None:
     """Write files and pictures, and the file of rerun's viewer where it is asked for."""
-    from survey.core.exchange import replacing_folder
+    from survey.core.files.replacing import replacing_folder
     from vision_slam.results import OWN_FILES, pictures_of, write_localization, write_pictures
 
     with replacing_folder(out, own=OWN_FILES) as folder:

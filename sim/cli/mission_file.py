@@ -11,7 +11,7 @@ from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run, read_mission
 from sim.mission.stages import run_mission
 from survey.core.documents import read_json
-from survey.core.store import RunFolder
+from survey.core.runs.store import RunFolder
 
 
 def run_until(

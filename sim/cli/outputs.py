@@ -25,14 +25,14 @@ def refuse_existing(
         Every file or folder that the command reads; None stands for an option that was not given.
     own : collection of str
         For output folders: patterns of the files that the command writes there, as for
-        `survey.core.exchange.replacing_folder`. Without them all outputs are files.
+        `survey.core.files.replacing.replacing_folder`. Without them all outputs are files.
 
     Raises
     ------
     InputError
         One sentence that names the output and what to do.
     """
-    from survey.core.exchange import refuse_unwritable
+    from survey.core.files.replacing import refuse_unwritable
 
     given = [Path(path).resolve() for path in inputs if path is not None]
     for output in outputs:
@@ -96,7 +96,7 @@ def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
 
 def _refuse_present(output: Path, *, force: bool, own: Collection[str]) -> None:
     from survey.core.errors import InputError
-    from survey.core.exchange import refuse_foreign
+    from survey.core.files.replacing import refuse_foreign
 
     if not os.path.lexists(output):
         return

@@ -101,7 +101,7 @@ class PlanRequest:
 
 def _crs_of(path: Path) -> "CRS":
     """Return the projected CRS that a raster's header names."""
-    from survey.core.geodesy import projected_crs
+    from survey.core.crs.checks import projected_crs
     from survey.io.raster import raster_facts
 
     return projected_crs(raster_facts(path).crs, str(path))
@@ -123,7 +123,7 @@ def read_about(path: Path, area: "survey.SurveyArea", what: str, *, mask: bool =
 
 def write_plan(request: PlanRequest, route: "survey.Route", picture: bytes) -> None:
     """Write the route and its picture; both replace what was there, or neither does."""
-    from survey.core.exchange import replacing_files
+    from survey.core.files.replacing import replacing_files
 
     with replacing_files(request.out, request.picture) as (route_file, picture_file):
         route.write(route_file)

@@ -23,7 +23,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from survey.core.store import STAGES
+from survey.core.runs.store import STAGES
 
 _DOING = {
     "plan": "planning the route",

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import typer
 
 import survey
-from survey.core.exchange import replacing_folder
+from survey.core.files.replacing import replacing_folder
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),

@@ -4,8 +4,8 @@ import survey
 from sim.cli.progress import counted
 from sim.cli.reconstruct_inputs import MapRequest
 from sim.cli.reconstruct_outputs import MadeMap
+from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs
 from survey.interchange.scans import SensorPath, read_scans, scan_files
 from survey.reconstruction.method import ScanSettings
 from survey.reconstruction.reconstruct import within

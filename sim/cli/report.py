@@ -28,7 +28,7 @@ def report(
     """
     from sim.cli.mission_file import print_summary, run_until
     from survey.core.errors import InputError
-    from survey.core.store import RunFolder
+    from survey.core.runs.store import RunFolder
 
     if source.suffix == ".toml":
         _, run = run_until(source, "report", runs=runs, settings=settings, quiet=quiet, verbose=verbose)

@@ -40,7 +40,7 @@ def run(
     """
     from sim.cli.mission_file import class_met, print_summary, run_until, summary
     from survey.core.errors import ConfigError
-    from survey.core.store import STAGES
+    from survey.core.runs.store import STAGES
 
     for stage in (first, until):
         if stage is not None and stage not in STAGES:

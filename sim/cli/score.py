@@ -168,7 +168,7 @@ def _score_file(
 def _judged(source: Path, truth: Path, area: Path | None, route: Path | None, crs: str | None) -> "Score":
     """Judge in memory, or block by block what is large."""
     import survey
-    from survey.core.geodesy import agreed_crs
+    from survey.core.crs.agreement import agreed_crs
     from survey.io.raster import raster_facts
     from survey.scoring.blocks import score_files
 

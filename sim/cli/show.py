@@ -25,7 +25,7 @@ def show(
       firnline show results/runs/srtm-ridge
     """
     from sim.cli.mission_file import print_summary
-    from survey.core.store import STAGES, RunFolder
+    from survey.core.runs.store import STAGES, RunFolder
 
     folder = RunFolder.find(run)
     done = [stage for stage in STAGES if folder.has(stage)]

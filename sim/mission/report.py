@@ -9,7 +9,7 @@ import survey
 from sim.simulate.preview import animated
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
-from survey.core.store import RunFolder
+from survey.core.runs.store import RunFolder
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.io.tables import read_table

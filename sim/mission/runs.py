@@ -13,10 +13,10 @@ from sim.mission.versions import current_versions
 from sim.world.site import build_world
 from survey.core.arguments import check_types
 from survey.core.config import read_toml, validated, with_overrides
-from survey.core.exchange import refuse_unwritable
-from survey.core.files import existing_file
-from survey.core.manifest import file_sha256
-from survey.core.store import RunFolder
+from survey.core.files.reading import existing_file
+from survey.core.files.replacing import refuse_unwritable
+from survey.core.runs.manifest import file_sha256
+from survey.core.runs.store import RunFolder
 from survey.io.companions import companion_files
 
 

@@ -28,7 +28,7 @@ from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey.core.arguments import check_types
 from survey.core.documents import write_json
-from survey.core.store import STAGES, RunFolder
+from survey.core.runs.store import STAGES, RunFolder
 from survey.core.streams import stream
 from survey.data.recording import Recording
 from survey.data.truth import Truth

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, png_bytes, styled
 from survey.reporting.pictures import Picture
 from survey.reporting.summary_text import number, percent

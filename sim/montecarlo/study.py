@@ -25,8 +25,13 @@ from sim.montecarlo.tables import block_file, write_block, write_tables
 from sim.montecarlo.trials import survey_block
 from survey.core.documents import read_json, write_json
 from survey.core.errors import ConfigError, InputError
-from survey.core.exchange import refuse_unwritable, replacing_files
-from survey.core.manifest import RECORD, is_intact, with_checksum, write_record
+from survey.core.files.replacing import refuse_unwritable, replacing_files
+from survey.core.runs.manifest import (
+    RECORD,
+    is_intact,
+    with_checksum,
+    write_record,
+)
 
 _BEGUN, _BEGUN_SHA256 = "study.json", "study_sha256"
 TrialProgress = Callable[[int, int], None]

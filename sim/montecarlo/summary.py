@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.tables import read_trials
 from survey.core.arrays import FloatArray
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.core.streams import stream
 
 _N_RESAMPLES = 1000

@@ -13,7 +13,9 @@ import pyarrow.parquet as pq
 from sim.montecarlo.blocks import Trial, TrialBlock, as_columns
 from survey.core.checksum import checksum
 from survey.core.errors import InputError
-from survey.core.files import existing_file, first_line, replacing
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
 
 _CRC = b"firnline_crc32"
 _TYPES = {str: pa.string(), int: pa.int32(), float: pa.float64()}

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image as Picture
 
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.data.camera import Frames, Image
 
 _WIDEST_PX = 480

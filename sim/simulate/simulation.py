@@ -7,7 +7,7 @@ from sim.config.mission import AidsConfig, MissionConfig, RoverConfig, SampleTer
 from sim.simulate.ideal import simulate_ideal
 from sim.simulate.statistical import simulate_statistical
 from survey.core.arguments import check_types
-from survey.core.geodesy import same_crs
+from survey.core.crs.agreement import same_crs
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from survey.data.route import Route

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from survey.core.documents import read_json
 from survey.core.errors import InputError
-from survey.core.exchange import exchange, refuse_foreign
-from survey.core.manifest import RECORD, read_record, write_record
+from survey.core.files.exchange import exchange
+from survey.core.files.replacing import refuse_foreign
+from survey.core.runs.manifest import RECORD, read_record, write_record
 
 
 def record(folder: Path, *, quick: bool) -> None:

@@ -12,9 +12,9 @@ from scipy.ndimage import distance_transform_edt
 from sim.config.mission import DemTerrain, MissionConfig, RandomTerrain, SampleTerrain
 from survey import terrain as landforms
 from survey.core.arrays import FloatArray
+from survey.core.crs.checks import projected_crs
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

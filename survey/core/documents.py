@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from survey.core.errors import InputError
-from survey.core.files import existing_file, first_line, read_bytes, replacing
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file, read_bytes
+from survey.core.files.writing import replacing
 
 LARGEST_BYTES = 256 * 2**20
 """Documents beyond this are not read: some 2 GB while they are parsed."""

@@ -12,9 +12,11 @@ from shapely import MultiPolygon, Point, Polygon
 from shapely.validation import explain_validity
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.checks import projected_crs, refuse_far
+from survey.core.crs.transformation import transformed
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs, refuse_far, same_crs, transformed
 from survey.core.map_scale import ground_area_m2
 from survey.data.conversions import to_geodataframe
 from survey.io.vector import Features, read_features, write_features

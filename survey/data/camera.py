@@ -16,7 +16,8 @@ from survey.core.arrays import FloatArray, checked
 from survey.core.config import Section, read_toml, validated
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
 
 Image = npt.NDArray[np.uint8]
 

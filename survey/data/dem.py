@@ -10,9 +10,11 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray, frozen
+from survey.core.crs.agreement import agreed_crs
+from survey.core.crs.checks import projected_crs, refuse_far
+from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, agreed_crs, projected_crs, refuse_far
 from survey.data.conversions import to_dataset
 from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range

@@ -9,9 +9,9 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked, frozen
+from survey.core.crs.checks import projected_crs, refuse_far
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs, refuse_far
 
 
 @dataclass(frozen=True, repr=False)

@@ -9,9 +9,9 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.config import Section
+from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
-from survey.core.files import replacing
-from survey.core.geodesy import projected_crs
+from survey.core.files.writing import replacing
 from survey.data.camera import Camera, Frames, FrameWriter
 from survey.data.sensors import GpsFixes, Odometry, SensorTables, Sightings, table_file, table_types
 

@@ -13,9 +13,9 @@ from pyproj import CRS
 from shapely import LineString
 
 from survey.core.arrays import FloatArray, IntArray, checked
+from survey.core.crs.checks import projected_crs
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs
 from survey.core.map_scale import ground_lengths_m
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe

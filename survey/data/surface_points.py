@@ -10,18 +10,12 @@ import shapely
 from pyproj import CRS
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.crs.agreement import agreed_crs, is_local, same_crs
+from survey.core.crs.checks import known_crs, projected_crs
+from survey.core.crs.transformation import transformed
+from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import (
-    UNSTATED,
-    agreed_crs,
-    is_local,
-    known_crs,
-    projected_crs,
-    same_crs,
-    same_vertical_datum,
-    transformed,
-)
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe
 from survey.data.plots import draw_points, value_range

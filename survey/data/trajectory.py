@@ -9,9 +9,9 @@ import shapely
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked
+from survey.core.crs.checks import projected_crs
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs
 from survey.data.conversions import to_geodataframe
 from survey.data.path_error import PathError
 from survey.data.plots import draw_lines

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
-from survey.core.geodesy import same_crs
+from survey.core.crs.agreement import same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg, Route

@@ -9,8 +9,9 @@ from matplotlib.ticker import PercentFormatter
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route

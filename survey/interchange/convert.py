@@ -6,8 +6,9 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from survey.core.crs.agreement import agreed_crs
+from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import agreed_crs, projected_crs
 from survey.data.area import SurveyArea
 from survey.data.surface_points import projected_table
 from survey.data.trajectory import Trajectory

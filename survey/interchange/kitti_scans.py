@@ -6,7 +6,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core.files.reading import existing_file
 
 _POINT_BYTES = 16
 # No scanner of a rover or car measures farther; what does is no scan.

@@ -16,9 +16,9 @@ from typing import Any
 
 import shapely
 
+from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
-from survey.core.files import existing_file
-from survey.core.geodesy import projected_crs
+from survey.core.files.reading import existing_file
 from survey.data.route import Leg, Route
 from survey.interchange.route_readers import READERS
 from survey.interchange.route_writers import WRITERS

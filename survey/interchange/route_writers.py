@@ -12,9 +12,9 @@ import shapely
 from shapely import LineString
 
 from survey.core.arrays import FloatArray
+from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.core.files import replacing
-from survey.core.geodesy import transformed
+from survey.core.files.writing import replacing
 from survey.data.route import Route
 from survey.io.degrees import WGS84, require_transformation
 from survey.io.vector import write_features

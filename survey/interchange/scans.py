@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core.files.reading import existing_file
 from survey.data.surface_points import SurfacePoints
 from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
 from survey.io.arrays_file import load_npz

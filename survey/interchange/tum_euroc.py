@@ -6,7 +6,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.data.camera import Camera, Frames
 from survey.data.recording import Recording
 from survey.data.sensors import Inertial

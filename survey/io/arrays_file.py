@@ -12,7 +12,9 @@ import numpy as np
 
 from survey.core.checksum import checksum
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line, replacing
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
 
 LARGEST_BYTES = 2**31
 """Largest arrays of one file: 2.1 GB in memory."""
@@ -88,7 +90,7 @@ def load_npz(file: Path, what: str, remedy: str) -> dict[str, Any]:
     Parameters
     ----------
     file : pathlib.Path
-        From `survey.core.files.existing_file`.
+        From `survey.core.files.reading.existing_file`.
     what : str
         What it holds, for messages.
     remedy : str

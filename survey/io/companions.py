@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from survey.core.files import existing_file
+from survey.core.files.reading import existing_file
 from survey.io.vrt import raster_sources
 
 # What stands beside a raster, by the whole name or by the name without its suffix.

@@ -9,8 +9,8 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
+from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.core.geodesy import transformed
 
 WGS84 = CRS("EPSG:4326")
 SURVEY_CRS = "survey_crs"

@@ -12,9 +12,9 @@ from types import MappingProxyType
 from typing import Any
 from xml.parsers import expat
 
+from survey.core.crs.checks import known_crs
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import first_line
-from survey.core.geodesy import known_crs
+from survey.core.files.library_messages import first_line
 from survey.io.ascii_grid import check_ascii_grid
 from survey.io.companions import files_beside
 from survey.io.vrt import raster_sources

@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 from pyproj import CRS
 
+from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import InputError
-from survey.core.files import existing_file
-from survey.core.geodesy import UNSTATED
+from survey.core.files.reading import existing_file
 from survey.io.point_columns import PLACE, in_own_columns
 from survey.io.points import PointTable, read_point_table
 from survey.io.tables import read_table

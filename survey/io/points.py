@@ -16,9 +16,12 @@ from pyproj.exceptions import CRSError
 
 from survey.core.arrays import FloatArray
 from survey.core.checksum import checksum, refuse_altered
+from survey.core.crs.checks import crs_text
+from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line, replacing
-from survey.core.geodesy import UNSTATED, crs_text, vertical_datum_of
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
 from survey.io.las_header import check_claim, check_las_points, check_las_records
 from survey.io.point_columns import PLACE, in_own_columns
 from survey.io.tables import read_table, write_table

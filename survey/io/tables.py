@@ -10,7 +10,9 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line, replacing
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
 from survey.core.text import printable
 
 LARGEST_ROWS = 30_000_000

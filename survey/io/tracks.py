@@ -11,9 +11,10 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.checksum import checksum, refuse_altered
+from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
-from survey.core.geodesy import transformed
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
 from survey.io.vector import read_features, write_features
 
 TUM_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")

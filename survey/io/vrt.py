@@ -5,7 +5,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, first_line
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file
 
 LARGEST_VRT_BYTES = 32 * 2**20
 """Virtual rasters beyond this are not read: some 50,000 tiles, 0.3 GB while they are parsed."""

@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, checked, frozen
+from survey.core.crs.agreement import same_crs
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.files import existing_file, replacing
-from survey.core.geodesy import same_crs
-from survey.core.manifest import is_intact, with_checksum
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
 from survey.core.mappings import ReadOnlyMapping
+from survey.core.runs.manifest import is_intact, with_checksum
 from survey.data.conversions import to_dataset
 from survey.data.dem import Dem
 from survey.data.grid import Grid

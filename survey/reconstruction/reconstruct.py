@@ -8,8 +8,8 @@ from threadpoolctl import threadpool_limits
 
 from survey.core.arguments import check_types
 from survey.core.config import Section
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -6,7 +6,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from survey.core.errors import InputError
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.reporting import summary_text as words
 from survey.reporting.pictures import Picture, pictures_of
 from survey.reporting.surveyed import SurveyResults

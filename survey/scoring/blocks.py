@@ -8,9 +8,10 @@ import numpy as np
 from affine import Affine
 
 from survey.core.arrays import Bounds, FloatArray, IntArray
+from survey.core.crs.agreement import agreed_crs, same_crs
+from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum, vertical_datum_of
 from survey.core.errors import InputError
-from survey.core.files import existing_file
-from survey.core.geodesy import UNSTATED, agreed_crs, same_crs, same_vertical_datum, vertical_datum_of
+from survey.core.files.reading import existing_file
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.raster import opened_raster, read_window, stated_datum

@@ -9,9 +9,10 @@ import numpy as np
 
 from survey.core.arguments import check_types
 from survey.core.arrays import FloatArray
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.plots import html_table

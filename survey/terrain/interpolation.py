@@ -4,8 +4,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from survey.core.arrays import FloatArray
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 

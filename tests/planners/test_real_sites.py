@@ -15,8 +15,8 @@ from planners.ground.transit import FreeGround
 from planners.ground.traversability import RoverLimits, drivable
 from planners.swaths.decomposition import swaths_on, unswept
 from planners.swaths.heading import heading_by
+from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.core.geodesy import transformed
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Leg

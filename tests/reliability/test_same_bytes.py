@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from survey.core.store import STAGES
+from survey.core.runs.store import STAGES
 
 MISSION = """
 schema_version = 1

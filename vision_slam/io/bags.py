@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from survey.core.arrays import FloatArray
+from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
-from survey.core.files import first_line
-from survey.core.geodesy import ELLIPSOIDAL
+from survey.core.files.library_messages import first_line
 from survey.data.camera import Camera, Frames, Image
 from survey.data.sensors import Inertial
 from vision_slam.io.bag_messages import (

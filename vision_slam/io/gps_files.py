@@ -9,9 +9,12 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray
+from survey.core.crs.checks import projected_crs
+from survey.core.crs.transformation import transformed
+from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import ConfigError, InputError
-from survey.core.files import existing_file, first_line
-from survey.core.geodesy import UNSTATED, projected_crs, transformed
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file
 from survey.data.sensors import GpsFixes
 from survey.io.tables import read_table
 from survey.io.tracks import read_track

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.errors import InputError
-from survey.core.files import existing_file
+from survey.core.files.reading import existing_file
 from survey.data.camera import Camera, Image
 
 PICTURES = (".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff")

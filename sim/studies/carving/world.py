@@ -12,7 +12,7 @@ import numpy as np
 from sim.instruments.lidar import Scanner
 from sim.studies.emap.world import RasterHeights
 from survey.core.arrays import FloatArray
-from survey.core.geodesy import projected_crs
+from survey.core.crs.checks import projected_crs
 from survey.core.streams import stream
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints

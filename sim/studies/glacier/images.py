@@ -21,7 +21,7 @@ from sim.studies.glacier.image_measures import METHODS, clahe, relative_corners
 from sim.studies.glacier.photographs import compare_with_photographs, write_picture, write_rows
 from sim.studies.glacier.snow_scenes import SKIES, SnowScene, at_contrast
 from survey.core.arrays import Progress
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.data.camera import Image
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
 

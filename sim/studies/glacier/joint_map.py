@@ -21,7 +21,7 @@ from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SensorC
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
 from survey.core.arrays import FloatArray, Progress
-from survey.core.geodesy import projected_crs
+from survey.core.crs.checks import projected_crs
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

@@ -20,7 +20,7 @@ from sim.montecarlo.study import run_study
 from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths, summary, write_rows
 from survey import Route, SurveyArea
 from survey.core.arrays import FloatArray, Progress
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.core.streams import stream
 from survey.data.route import Leg
 from survey.figures.style import FULL_IN, REFERENCE, png_bytes, styled

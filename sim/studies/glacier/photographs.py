@@ -14,7 +14,7 @@ from sim.config.scene import AppearanceConfig, ImagingConfig
 from sim.studies.glacier.image_measures import Mask, statistics
 from sim.studies.glacier.snow_scenes import SnowScene
 from survey.core.arrays import Progress
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.data.camera import Image, read_image
 
 CHOSEN_ON, JUDGED_ON = "cam1", "cam2"

@@ -21,7 +21,7 @@ from sim.studies.outputs import write_figure
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated
 from survey.core.documents import read_json
-from survey.core.store import RunFolder
+from survey.core.runs.store import RunFolder
 from survey.data.truth import Truth
 from survey.figures.cartography import (
     MapFigure,

@@ -24,7 +24,7 @@ from sim.simulate.statistical import simulate_statistical
 from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray, Progress
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.core.streams import stream
 from survey.data.route import Leg, Route
 from survey.data.surface_points import SurfacePoints

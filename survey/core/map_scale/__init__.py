@@ -1,6 +1,6 @@
 """Local scale factors of map projections, and lengths and areas on the ground.
 
-Transformations between coordinate reference systems live beside this folder, in `survey.core.geodesy`.
+Transformations between coordinate reference systems live beside this folder, in `survey.core.crs`.
 """
 
 from survey.core.map_scale.factors import MapScale, ScaleFactors, ScaleRange, scale_factors

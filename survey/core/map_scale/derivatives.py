@@ -7,8 +7,8 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
 from survey.core.arrays import FloatArray
+from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs
 
 # Half of the distance over which the inverse projection is differentiated.
 _HALF_STEP_M = 10.0

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.core.geodesy import projected_crs
+from survey.core.crs.checks import projected_crs
 from survey.core.map_scale.derivatives import ground_jacobian
 
 NOTABLE = 0.01

@@ -6,7 +6,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from survey.core.files import DamagedError
+from survey.core.files.library_messages import DamagedError
 
 _TIFF = ("GTiff", "COG")
 _SLICE = 1 << 16

@@ -10,7 +10,8 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files import replacing, unwritable, warnings_logged
+from survey.core.files.library_messages import warnings_logged
+from survey.core.files.writing import replacing, unwritable
 from survey.io.companions import stale_files
 
 _FILL = np.float32(-9999.0)

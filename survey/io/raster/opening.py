@@ -10,7 +10,7 @@ import numpy as np
 from pyproj.exceptions import CRSError
 
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import DamagedError, first_line, warnings_logged
+from survey.core.files.library_messages import DamagedError, first_line, warnings_logged
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
 from survey.io.raster.hdf5 import refuse_unreadable
 from survey.io.raster.values import band_scale, refuse_picture

@@ -12,9 +12,10 @@ from pyproj.exceptions import CRSError
 
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.checksum import refuse_altered
+from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
 from survey.core.errors import CapacityError, InputError
-from survey.core.files import existing_file, warnings_logged
-from survey.core.geodesy import UNSTATED, vertical_datum_of
+from survey.core.files.library_messages import warnings_logged
+from survey.core.files.reading import existing_file
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
 from survey.io.raster.deflate_blocks import refuse_damaged_blocks
 from survey.io.raster.hdf5 import refuse_unreadable

@@ -11,9 +11,11 @@ from pyproj.crs import CompoundCRS
 
 from survey.core.arrays import FloatArray
 from survey.core.checksum import checksum
+from survey.core.crs.checks import projected_crs
+from survey.core.crs.vertical_datum import UNSTATED, VERTICAL_CRS
 from survey.core.errors import InputError
-from survey.core.files import replacing, unwritable, warnings_logged
-from survey.core.geodesy import UNSTATED, VERTICAL_CRS, projected_crs
+from survey.core.files.library_messages import warnings_logged
+from survey.core.files.writing import replacing, unwritable
 from survey.io.companions import stale_files
 from survey.io.raster.georeference import check_transform
 from survey.io.raster.opening import gdal_faults

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, IntArray, checked
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import CapacityError, InputError
-from survey.core.geodesy import same_crs
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -11,8 +11,9 @@ from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray, Progress, checked
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, same_crs, same_vertical_datum
 from survey.core.map_scale import scale_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid

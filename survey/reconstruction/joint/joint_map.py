@@ -8,7 +8,8 @@ import numpy as np
 from scipy import sparse
 
 from survey.core.arrays import Bounds, FloatArray, IntArray
-from survey.core.geodesy import same_crs, same_vertical_datum
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError

@@ -7,8 +7,8 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
+from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.core.geodesy import transformed
 from survey.data.dem import Dem
 from survey.reconstruction.gp.config import SatelliteErrors
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import MEASURED, RAY_BOUNDED, Capabilities, local_datum_m, not_fitted

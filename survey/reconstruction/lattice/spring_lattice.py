@@ -11,8 +11,8 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.config import validated
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays

@@ -5,8 +5,9 @@ from shapely import MultiPolygon, Polygon
 
 from survey.core.arguments import check_types
 from survey.core.arrays import BoolArray, FloatArray
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.errors import InputError
-from survey.core.geodesy import same_crs, same_vertical_datum
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.base import ELEVATION, Reconstruction

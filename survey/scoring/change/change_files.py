@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from survey.core.documents import write_json
-from survey.core.files import replacing
+from survey.core.files.writing import replacing
 from survey.core.text import csv_cell
 from survey.io.raster import write_raster
 from survey.scoring.change.results import Change

@@ -7,8 +7,8 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import FloatArray
+from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.errors import InputError
-from survey.core.geodesy import same_vertical_datum
 from survey.core.map_scale import areal_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid

@@ -8,8 +8,9 @@ import shapely
 from shapely import MultiPolygon, Polygon
 from shapely.validation import explain_validity
 
+from survey.core.crs.checks import projected_crs
+from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.core.geodesy import projected_crs, transformed
 from survey.io.vector import read_features
 
 # Columns that carry a name, the first one present is taken: own files, the Randolph inventory, KML.

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, FloatArray, frozen
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, same_crs, same_vertical_datum
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.scoring.covered_area import covered_share

@@ -10,8 +10,10 @@ from pyproj import CRS
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.crs.checks import projected_crs
+from survey.core.crs.transformation import transformed
+from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
 from survey.core.errors import InputError
-from survey.core.geodesy import UNSTATED, projected_crs, same_vertical_datum, transformed
 from survey.core.text import printable
 from survey.io.named_points import read_named_points
 from survey.io.point_columns import PLACE

@@ -19,7 +19,7 @@ from sim.montecarlo.terrains import TrialTerrains
 from sim.montecarlo.trials import _localized, routes, survey_block
 from survey import Dem, Grid, reconstruct
 from survey.core.errors import CapacityError, ConfigError, InputError
-from survey.core.manifest import read_record
+from survey.core.runs.manifest import read_record
 
 STUDY = """
 schema_version = 1

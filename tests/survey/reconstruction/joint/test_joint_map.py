@@ -8,7 +8,8 @@ import pytest
 from scipy import sparse
 
 from survey import Dem, Grid, InputError, SurfacePoints
-from survey.core.geodesy import projected_crs, transformed
+from survey.core.crs.checks import projected_crs
+from survey.core.crs.transformation import transformed
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
 from survey.reconstruction.gp.config import JointConfig, SatelliteErrors

@@ -8,7 +8,7 @@ import shapely
 from pyproj import CRS
 
 from survey import Dem, Grid, InputError, SurveyArea
-from survey.core.geodesy import transformed
+from survey.core.crs.transformation import transformed
 from survey.data.route import Leg, Route
 from survey.io.vector import write_features
 from survey.scoring import Checkpoints, Spread, compare, design_checkpoints

@@ -6,16 +6,10 @@ import pytest
 from pyproj import CRS
 
 from survey import InputError
-from survey.core.geodesy import (
-    ELLIPSOIDAL,
-    MissingGridError,
-    heights_transformed,
-    lacking_grids,
-    projected_crs,
-    same_crs,
-    same_vertical_datum,
-    vertical_datum_of,
-)
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.checks import projected_crs
+from survey.core.crs.transformation import MissingGridError, heights_transformed, lacking_grids
+from survey.core.crs.vertical_datum import ELLIPSOIDAL, same_vertical_datum, vertical_datum_of
 
 PLACE = np.array([[500_000.0, 6_700_000.0, 100.0]])
 
@@ -68,7 +62,8 @@ with rasterio.open(place, "w", driver="GTiff", height=8, width=8, count=1, dtype
     grid.update_tags(TYPE="VERTICAL_OFFSET_GEOGRAPHIC_TO_VERTICAL", AREA_OR_POINT="Point")
     grid.set_band_description(1, "geoid_undulation")
 datadir.append_data_dir(sys.argv[1])
-from survey.core.geodesy import ELLIPSOIDAL, heights_transformed
+from survey.core.crs.transformation import heights_transformed
+from survey.core.crs.vertical_datum import ELLIPSOIDAL
 xyz = np.array([[500000.0, 6700000.0, 100.0]])
 print(heights_transformed(xyz, CRS("EPSG:32608"), ELLIPSOIDAL, "EGM96 height", "the DEM")[0])
 """

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from survey.core.errors import InputError
-from survey.core.exchange import exchange
-from survey.core.files import replacing, synced, write_refusal
-from survey.core.manifest import file_sha256, read_manifest, write_manifest
+from survey.core.files.exchange import exchange
+from survey.core.files.writing import replacing, synced, write_refusal
+from survey.core.runs.manifest import file_sha256, read_manifest, write_manifest
 
 _SYNCED_AT_ONCE = 16
 STAGES = ("plan", "simulate", "localize", "reconstruct", "score", "report")

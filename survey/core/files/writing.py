@@ -1,18 +1,16 @@
-"""Atomic writing and checked reading of files."""
+"""Atomic writing of files: drafts, replacement in one step, refusals."""
 
 import contextlib
 import errno
-import logging
 import os
 import shutil
-import stat
 import tempfile
-import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from survey.core.errors import CapacityError, InputError
+from survey.core.errors import InputError
+from survey.core.files.library_messages import first_line
 
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of the operating system whose remedy is to free space."""
@@ -152,33 +150,6 @@ def write_refusal(path: Path, error: OSError) -> InputError:
     return InputError(f"{path} could not be written ({error.strerror or error}); {remedy}.")
 
 
-class DamagedError(ValueError):
-    """Values that a library has read from a file in spite of damage."""
-
-
-# What GDAL warns of and goes on with a value that the file does not hold.
-_DAMAGE = ("parsed incompletely", "corrupt", "truncated", "unexpected end")
-
-
-@contextmanager
-def warnings_logged() -> Iterator[None]:
-    """Send warnings of libraries that read a file to the log.
-
-    Raises
-    ------
-    DamagedError
-        A warning reports damage: the values that were read are not those of the file.
-    """
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        yield
-    for warning in caught:
-        words = str(warning.message)
-        if any(sign in words.lower() for sign in _DAMAGE):
-            raise DamagedError(words)
-        logging.getLogger(__name__).info("%s", words)
-
-
 def synced(path: Path) -> None:
     """Write a file's content from the operating system's cache to the disk.
 
@@ -192,97 +163,6 @@ def synced(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def existing_file(path: str | Path, what: str) -> Path:
-    """Return the path of a readable, non-empty file, or refuse.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-    what : str
-        What it is, for the message: "the raster".
-
-    Returns
-    -------
-    pathlib.Path
-        `path`, unchanged.
-
-    Raises
-    ------
-    InputError
-        It is missing, a folder, a pipe or a device, empty, or may not be read.
-    """
-    file = Path(path)
-    try:
-        finish_exchange(file)
-        found = file.stat() if file.exists() else None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"{what} {file} cannot be reached ({reason}); check the path.") from error
-    if found is None:
-        raise InputError(f"{what} {file} does not exist; check the path.")
-    if not stat.S_ISREG(found.st_mode):
-        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file"
-        raise InputError(f"{what} {file} is {kind}; name a file.")
-    if found.st_size == 0:
-        raise InputError(f"{what} {file} is empty (0 bytes); get it again from where it came.")
-    if not os.access(file, os.R_OK):
-        raise InputError(f"{what} {file} may not be read; change its permissions.")
-    return file
-
-
-def read_bytes(file: Path, what: str, largest_bytes: int | None = None) -> bytes:
-    """Read a file that `existing_file` has returned, or refuse.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The file.
-    what : str
-        What it is, for the message.
-    largest_bytes : int, optional
-        Larger files are refused.
-
-    Returns
-    -------
-    bytes
-        All of its content.
-
-    Raises
-    ------
-    InputError
-        The device fails, or the file is gone.
-    CapacityError
-        It is larger than `largest_bytes`.
-    """
-    try:
-        n_bytes = file.stat().st_size
-        if largest_bytes is not None and n_bytes > largest_bytes:
-            raise CapacityError(f"{what} {file} has {n_bytes:,} bytes; {largest_bytes:,} can be read.")
-        return file.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"{what} {file} could not be read ({error.strerror or error}); get it again."
-        ) from error
-
-
-def first_line(reason: object) -> str:
-    """Return the first line of a reason without its full stop, or the kind of fault where there are no words.
-
-    Parameters
-    ----------
-    reason : object
-        An exception or a text.
-
-    Returns
-    -------
-    str
-        One line without its full stop.
-    """
-    words = str(reason).strip()
-    return words.splitlines()[0].rstrip(".") if words else type(reason).__name__
 
 
 def unwritable(path: Path, reason: object) -> InputError:

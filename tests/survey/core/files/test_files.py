@@ -14,7 +14,8 @@ from pyproj import CRS
 
 from survey import Dem, Grid, InputError
 from survey.core.documents import read_json, write_json
-from survey.core.files import existing_file, finish_exchange, replacing, unwritable
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import finish_exchange, replacing, unwritable
 from survey.io.vector import read_features, write_features
 
 UTM = "EPSG:32608"
@@ -91,7 +92,7 @@ def test_an_exchange_removes_no_files_of_others(tmp_path: Path) -> None:
 _WRITER = """
 import sys
 from pathlib import Path
-from tests.survey.core.test_files import squares
+from tests.survey.core.files.test_files import squares
 path = Path(sys.argv[1])
 squares(path, 3)
 print("ready", flush=True)

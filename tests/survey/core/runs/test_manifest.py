@@ -5,8 +5,14 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.core.manifest import file_sha256, is_intact, read_manifest, with_checksum, write_manifest
-from survey.core.store import RunFolder
+from survey.core.runs.manifest import (
+    file_sha256,
+    is_intact,
+    read_manifest,
+    with_checksum,
+    write_manifest,
+)
+from survey.core.runs.store import RunFolder
 
 SHA = "0" * 64
 GOOD = {

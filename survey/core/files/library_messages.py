@@ -1,0 +1,50 @@
+"""Errors and warnings of the libraries that read and write files."""
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class DamagedError(ValueError):
+    """Values that a library has read from a file in spite of damage."""
+
+
+# What GDAL warns of and goes on with a value that the file does not hold.
+_DAMAGE = ("parsed incompletely", "corrupt", "truncated", "unexpected end")
+
+
+@contextmanager
+def warnings_logged() -> Iterator[None]:
+    """Send warnings of libraries that read a file to the log.
+
+    Raises
+    ------
+    DamagedError
+        A warning reports damage: the values that were read are not those of the file.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for warning in caught:
+        words = str(warning.message)
+        if any(sign in words.lower() for sign in _DAMAGE):
+            raise DamagedError(words)
+        logging.getLogger(__name__).info("%s", words)
+
+
+def first_line(reason: object) -> str:
+    """Return the first line of a reason without its full stop, or the kind of fault where there are no words.
+
+    Parameters
+    ----------
+    reason : object
+        An exception or a text.
+
+    Returns
+    -------
+    str
+        One line without its full stop.
+    """
+    words = str(reason).strip()
+    return words.splitlines()[0].rstrip(".") if words else type(reason).__name__
