@@ -20,7 +20,7 @@ from sim.instruments.errors import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, gate_fixes

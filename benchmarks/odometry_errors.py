@@ -35,7 +35,7 @@ from sim.simulate.error_model import (
 )
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors import Odometry
+from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from benchmarks.image_surveys import keep
 from benchmarks.report import Row, main
 from survey.core.arrays import FloatArray
-from survey.data.camera import Frames, Image
+from survey.data.camera.frames import Frames, Image
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from survey.data.trajectory import Trajectory

@@ -71,7 +71,7 @@ def localize(
 
     Examples
     --------
-    >>> from survey.data.sensors import GpsFixes
+    >>> from survey.data.sensors.aiding import GpsFixes
     >>> times = np.arange(3.0)
     >>> place = np.column_stack([times, np.zeros(3), np.zeros(3)]) + [5e5, 6e6, 100.0]
     >>> survey = Recording("EPSG:32608", place[0], GpsFixes(times, place), antenna_height_m=1.5)

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Camera, Frames, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames, Image
 from survey.figures.style import ESTIMATE, FULL_IN, styled
 from vision_slam.inertial.attitude import initial_pose
 from vision_slam.inertial.motion import MotionSensors

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated, with_overrides
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera import Camera, Frames, ImageFiles
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames, ImageFiles
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from survey.data.trajectory import Trajectory
 from survey.io.tracks import read_tum
 from vision_slam.comparison import Comparison, compare_from_start, compare_in_crs

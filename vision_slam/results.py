@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.files.writing import replacing
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from survey.figures import error_over_distance, path_map, png_bytes
 from survey.io.tables import write_table
 from survey.io.tracks import write_track, write_tum

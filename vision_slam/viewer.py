@@ -8,7 +8,8 @@ import numpy as np
 
 from survey.core.errors import ConfigError
 from survey.core.files.writing import replacing
-from survey.data.camera import Camera, Frames
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.clahe import grey_of

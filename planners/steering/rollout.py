@@ -12,7 +12,8 @@ from planners.steering.steering import AttitudeSensor, Band, Steering
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 
 
 def rollout(

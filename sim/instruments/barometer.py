@@ -8,7 +8,7 @@ from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.sensors import Barometer
+from survey.data.sensors.aiding import Barometer
 
 
 class PressureAltimeter:

@@ -8,7 +8,8 @@ import numpy as np
 from sim.config.scene import ImagingConfig
 from sim.rendering import Renderer, RoverBox
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
 
 
 class PoseAt(Protocol):

@@ -6,7 +6,7 @@ from sim.config.sensors import CompassConfig
 from sim.instruments.errors import Clock
 from sim.vehicle.motion import RoverMotion
 from survey.core.streams import stream
-from survey.data.sensors import Compass
+from survey.data.sensors.aiding import Compass
 
 
 class MagneticCompass:

@@ -13,7 +13,7 @@ from sim.instruments.sensor import StatisticalDrive, without_carried
 from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 
 
 class GpsProfile(NamedTuple):

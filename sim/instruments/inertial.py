@@ -10,7 +10,7 @@ from sim.vehicle.motion import RoverMotion
 from sim.vehicle.physics import GRAVITY_M_S2
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.sensors import Inertial
+from survey.data.sensors.aiding import Inertial
 from vision_slam.rotation import rotations
 
 _HOUR_S = 3600.0

@@ -8,7 +8,7 @@ from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.streams import stream
 from survey.data.route import Route
-from survey.data.sensors import Stakes, StakeSightings
+from survey.data.sensors.stakes import Stakes, StakeSightings
 from survey.data.trajectory import Trajectory
 from vision_slam.rotation import rotations
 

@@ -10,8 +10,9 @@ from sim.config.faults import FaultConfig, faults_of
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import Instrument, InstrumentSetup, without_carried
 from sim.vehicle.motion import RoverMotion
-from survey.data.camera import Image
-from survey.data.sensors import GpsFixes, SensorTables, table_types
+from survey.data.camera.frames import Image
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.tables import SensorTables, table_types
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -8,7 +8,9 @@ from sim.instruments.sensor import StatisticalDrive
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
-from survey.data.sensors import LoopClosures, Odometry, Sightings
+from survey.data.sensors.loop_closures import LoopClosures
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from survey.data.trajectory import Trajectory
 from vision_slam.rotation import rotations
 

@@ -7,7 +7,7 @@ from sim.instruments.errors import Clock
 from sim.vehicle.motion import RoverMotion
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.sensors import Weather
+from survey.data.sensors.aiding import Weather
 
 
 class WeatherField:

@@ -9,7 +9,7 @@ from sim.config.faults import FaultConfig, faults_of
 from sim.config.sensors import WheelConfig
 from sim.instruments.errors import Clock
 from sim.vehicle.motion import RoverMotion
-from survey.data.sensors import Wheels
+from survey.data.sensors.aiding import Wheels
 
 
 class WheelEncoders:

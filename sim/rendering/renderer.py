@@ -17,7 +17,8 @@ from sim.world.appearance import sun_direction
 from sim.world.scenery import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Camera, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
 
 _MOST_TAPS = 6
 _BLUR_SAMPLES = 5

@@ -11,7 +11,7 @@ from sim.rendering.surface import surface_of
 from sim.world.appearance import Tile, grain_tile, snow_patches, surface_tile
 from sim.world.scenery import FineTerrain
 from survey.core.errors import InputError
-from survey.data.camera import Camera
+from survey.data.camera.calibration import Camera
 
 
 def lens_of(camera: Camera) -> Lens:

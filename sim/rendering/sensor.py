@@ -6,7 +6,8 @@ import numpy as np
 from sim.config.scene import ImagingConfig
 from sim.rendering.compiled import Floats, by_share, f32, hash32, share_out, u32
 from survey.core.streams import stream
-from survey.data.camera import Camera, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
 
 _DRAWS = 1 << 21
 

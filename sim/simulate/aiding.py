@@ -9,8 +9,9 @@ from sim.config.mission import MissionConfig
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
+from survey.data.legs import Leg
 from survey.data.recording import Recording
-from survey.data.route import Leg, Route
+from survey.data.route import Route
 
 
 def with_way_home(route: Route, area: SurveyArea) -> Route:

@@ -11,7 +11,7 @@ from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
 from sim.world.scenery import FineTerrain
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera
+from survey.data.camera.calibration import Camera
 
 
 def rover_physics(ground: HeightField, path: FloatArray, mission: MissionConfig) -> Physics:

@@ -24,7 +24,7 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
 from survey.core.runs.store import RunFolder
 from survey.data.recording import Recording
-from survey.data.sensors import Odometry
+from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam import LocalizationConfig

@@ -12,7 +12,8 @@ from sim.config.scene import AppearanceConfig
 from sim.vehicle.physics import Physics
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.camera import Camera, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
 
 _NOISE_LEVELS = 1.3
 """Standard deviation of the noise of a blank image [grey levels]."""

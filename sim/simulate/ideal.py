@@ -7,7 +7,7 @@ from sim.simulate.statistical import exact_drive
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from survey.data.route import Route
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from survey.data.truth import Truth
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 from sim.instruments.suite import Readings
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera
+from survey.data.camera.calibration import Camera
 from vision_slam.odometry.visual_odometry import VisualOdometry
 
 

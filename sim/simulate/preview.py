@@ -9,7 +9,7 @@ from PIL import Image as Picture
 
 from survey.core.errors import InputError
 from survey.core.files.writing import replacing
-from survey.data.camera import Frames, Image
+from survey.data.camera.frames import Frames, Image
 
 _WIDEST_PX = 480
 _FASTER = 4.0

@@ -26,7 +26,8 @@ from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.scenery import FineTerrain, fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera import Frames, FrameWriter
+from survey.data.camera.frame_writer import FrameWriter
+from survey.data.camera.frames import Frames
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from survey.data.route import Route

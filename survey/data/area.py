@@ -9,22 +9,19 @@ import numpy as np
 import shapely
 from pyproj import CRS
 from shapely import MultiPolygon, Point, Polygon
-from shapely.validation import explain_validity
 
-from survey.core.arrays import BoolArray, FloatArray, checked, frozen
+from survey.core.arrays import BoolArray, FloatArray, checked
 from survey.core.crs.agreement import same_crs
-from survey.core.crs.checks import projected_crs, refuse_far
-from survey.core.crs.transformation import transformed
+from survey.core.crs.checks import projected_crs
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.map_scale import ground_area_m2
+from survey.data.area_parts import ROLES, check_polygon, in_crs, points_of, polygon_parts, roles_of, united
 from survey.data.conversions import to_geodataframe
 from survey.io.vector import Features, read_features, write_features
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
-
-_ROLES = ("area", "no-go", "start")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,9 +62,9 @@ class SurveyArea(DataObject):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "crs", projected_crs(self.crs, "the survey area"))
-        _check_polygon(self.polygon, "the survey area")
+        check_polygon(self.polygon, "the survey area")
         for index, polygon in enumerate(self.no_go, start=1):
-            _check_polygon(polygon, f"no-go zone {index}")
+            check_polygon(polygon, f"no-go zone {index}")
         if self.free.is_empty or self.free.area <= 0.0:
             raise InputError(
                 "the no-go zones cover the whole survey area; nothing is left to survey, make one of them smaller."
@@ -134,22 +131,22 @@ class SurveyArea(DataObject):
         """
         features = read_features(path, layer=layer, what="the area file")
         try:
-            return cls._from_features(_in_crs(features, crs, f"the area file {path}"), _roles(features))
+            return cls._from_features(in_crs(features, crs, f"the area file {path}"), roles_of(features))
         except InputError as error:
             message = str(error)
             raise InputError(message if str(path) in message else f"{path}: {message}") from error
 
     @classmethod
     def _from_features(cls, features: Features, roles: list[str]) -> Self:
-        by_role: dict[str, list[Any]] = {role: [] for role in _ROLES}
+        by_role: dict[str, list[Any]] = {role: [] for role in ROLES}
         for shape, role in zip(features.geometry, roles, strict=True):
             by_role[role].append(shape)
-        polygons = [part for shape in by_role["area"] for part in _polygon_parts(shape, "the survey area")]
+        polygons = [part for shape in by_role["area"] for part in polygon_parts(shape, "the survey area")]
         if not polygons:
             raise InputError("there is no polygon to survey; draw one and save it again.")
-        outline = polygons[0] if len(polygons) == 1 else _united(polygons)
-        no_go = tuple(part for shape in by_role["no-go"] for part in _polygon_parts(shape, "a no-go zone"))
-        starts = [(p.x, p.y) for shape in by_role["start"] for p in _points(shape)]
+        outline = polygons[0] if len(polygons) == 1 else united(polygons)
+        no_go = tuple(part for shape in by_role["no-go"] for part in polygon_parts(shape, "a no-go zone"))
+        starts = [(p.x, p.y) for shape in by_role["start"] for p in points_of(shape)]
         return cls(outline, features.crs, no_go, np.array(starts, dtype=np.float64).reshape(-1, 2))
 
     def write(self, path: str | Path) -> None:
@@ -246,65 +243,3 @@ class SurveyArea(DataObject):
             What has it, for the message.
         """
         same_crs(self.crs, crs, f"the survey area and {what}")
-
-
-def _roles(features: Features) -> list[str]:
-    column = features.attributes.get("role")
-    if column is None:
-        return [
-            "start" if shape is not None and "Point" in shape.geom_type else "area"
-            for shape in features.geometry
-        ]
-    for value in column:
-        if value not in _ROLES:
-            raise InputError(f"a feature has the role {value!r}; one of {', '.join(_ROLES)} was expected.")
-    return [str(value) for value in column]
-
-
-def _in_crs(features: Features, crs: Any, where: str) -> Features:
-    if crs is None:
-        return features._replace(crs=projected_crs(features.crs, where))
-    target = projected_crs(crs, "the wanted CRS")
-    if features.crs is None:
-        raise InputError(f"{where} carries no coordinate reference system; save it with one.")
-    moved = shapely.transform(features.geometry, lambda xy: transformed(xy, features.crs, target, where))
-    return features._replace(geometry=moved, crs=target)
-
-
-def _polygon_parts(shape: Any, what: str) -> list[Polygon]:
-    if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
-        kind = "nothing" if shape is None else f"a {shape.geom_type}"
-        raise InputError(f"{what} is {kind}; a polygon was expected, close the line and save it as one.")
-    return [shapely.force_2d(part) for part in shapely.get_parts(shape)]
-
-
-def _points(shape: Any) -> list[Point]:
-    if shape is None or shape.geom_type not in ("Point", "MultiPoint"):
-        raise InputError("a start is no point; draw it as a point.")
-    return list(shapely.get_parts(shape))
-
-
-def _united(polygons: list[Polygon]) -> Polygon | MultiPolygon:
-    for polygon in polygons:
-        _check_polygon(polygon, "the survey area")
-    union = shapely.union_all(polygons)
-    parts = [part for part in shapely.get_parts(union) if part.geom_type == "Polygon"]
-    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
-
-
-def _check_polygon(polygon: Any, what: str) -> None:
-    if not isinstance(polygon, Polygon | MultiPolygon):
-        raise InputError(f"{what} is a {type(polygon).__name__}; a polygon was expected.")
-    if polygon.is_empty:
-        raise InputError(f"{what} is an empty polygon; draw at least three corners.")
-    if not np.isfinite(frozen(shapely.get_coordinates(polygon))).all():
-        raise InputError(f"{what} has corners that are NaN or infinite; correct them.")
-    refuse_far(shapely.get_coordinates(polygon), what)
-    if not polygon.is_valid:
-        raise InputError(
-            f"{what} is not a simple polygon ({explain_validity(polygon)}); correct it in a GIS."
-        )
-    if polygon.area <= 0.0:
-        raise InputError(
-            f"{what} encloses no ground; draw at least three corners that do not lie on one line."
-        )

@@ -12,8 +12,13 @@ from survey.core.config import Section
 from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
 from survey.core.files.writing import replacing
-from survey.data.camera import Camera, Frames, FrameWriter
-from survey.data.sensors import GpsFixes, Odometry, SensorTables, Sightings, table_file, table_types
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frame_writer import FrameWriter
+from survey.data.camera.frames import Frames
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
+from survey.data.sensors.tables import SensorTables, table_file, table_types
 
 
 class RecordingHeader(Section):

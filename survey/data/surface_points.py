@@ -10,33 +10,31 @@ import shapely
 from pyproj import CRS
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
-from survey.core.crs.agreement import agreed_crs, is_local, same_crs
-from survey.core.crs.checks import known_crs, projected_crs
-from survey.core.crs.transformation import transformed
+from survey.core.crs.checks import projected_crs
 from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe
 from survey.data.plots import draw_points, value_range
-from survey.io.point_columns import PLACE, say_projected, utm_zone
+from survey.data.point_columns import (
+    COVARIANCE,
+    ORIGIN,
+    OWN,
+    SIGMA,
+    one_crs,
+    places_of,
+    projected_table,
+    symmetric,
+    uncertainty_of,
+)
+from survey.io.point_columns import PLACE
 from survey.io.points import PointTable, read_point_table, write_point_table
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
 
-_SIGMA = "sigma_z_m"
-_COVARIANCE = {
-    "cov_xx_m2": (0, 0),
-    "cov_xy_m2": (0, 1),
-    "cov_xz_m2": (0, 2),
-    "cov_yy_m2": (1, 1),
-    "cov_yz_m2": (1, 2),
-    "cov_zz_m2": (2, 2),
-}
-_OWN = {f"own_{name}": place for name, place in _COVARIANCE.items()}
-_ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 _BODY = ("body_x_m", "body_y_m", "body_z_m")
 _RANGE = "range_m"
 _KEYFRAME, _HEADING = "keyframe", "heading_rad"
@@ -214,11 +212,11 @@ class SurfacePoints(DataObject):
     def _from_table(cls, table: PointTable, crs: Any, sigma_m: float | None, datum: str | None) -> Self:
         columns = dict(table.columns)
         xyz = np.column_stack([columns.pop(name) for name in PLACE])
-        covariance, sigma = _uncertainty(columns, sigma_m)
-        origins, body = _places(columns, _ORIGIN), _places(columns, _BODY)
+        covariance, sigma = uncertainty_of(columns, sigma_m)
+        origins, body = places_of(columns, ORIGIN), places_of(columns, _BODY)
         range_m = columns.pop(_RANGE, None)
         keyframe, heading = columns.pop(_KEYFRAME, None), columns.pop(_HEADING, None)
-        own = _symmetric(columns, _OWN) if all(name in columns for name in _OWN) else None
+        own = symmetric(columns, OWN) if all(name in columns for name in OWN) else None
         sigmas = {
             name.removeprefix(_VALUE_SIGMA): columns.pop(name)
             for name in list(columns)
@@ -235,7 +233,7 @@ class SurfacePoints(DataObject):
             range_m,
             columns,
             sigmas,
-            _one_crs(table.crs, crs),
+            one_crs(table.crs, crs),
             stated or datum or UNSTATED,
             own,
             keyframe,
@@ -266,15 +264,15 @@ class SurfacePoints(DataObject):
         """Return every column beside the place, one value for each point."""
         columns: dict[str, FloatArray] = {}
         if self.covariance is not None:
-            columns |= {name: self.covariance[:, i, j] for name, (i, j) in _COVARIANCE.items()}
+            columns |= {name: self.covariance[:, i, j] for name, (i, j) in COVARIANCE.items()}
         else:
-            columns[_SIGMA] = self.sigma_z
+            columns[SIGMA] = self.sigma_z
         if self.origins is not None:
-            columns |= dict(zip(_ORIGIN, self.origins.T, strict=True))
+            columns |= dict(zip(ORIGIN, self.origins.T, strict=True))
         if self.range_m is not None:
             columns[_RANGE] = self.range_m
         if self.keyframe is not None and self.own_covariance is not None and self.heading_rad is not None:
-            columns |= {name: self.own_covariance[:, i, j] for name, (i, j) in _OWN.items()}
+            columns |= {name: self.own_covariance[:, i, j] for name, (i, j) in OWN.items()}
             columns |= {_KEYFRAME: self.keyframe, _HEADING: self.heading_rad}
         if self.body is not None:
             columns |= dict(zip(_BODY, self.body.T, strict=True))
@@ -367,68 +365,3 @@ class SurfacePoints(DataObject):
             pick(self.heading_rad),
             pick(self.body),
         )
-
-
-def _places(columns: dict[str, FloatArray], names: tuple[str, ...]) -> FloatArray | None:
-    """Take the columns of a place out, and return it (N, 3), or None where one of them is missing."""
-    if not all(name in columns for name in names):
-        return None
-    return np.column_stack([columns.pop(name) for name in names])
-
-
-def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
-    """Project places in degrees to the named CRS or to their UTM zone, and log it; leave metres as they are.
-
-    Raises
-    ------
-    InputError
-        A table in degrees with the sensor's places in metres of an unknown CRS, or places beyond the CRS.
-    """
-    stated = None if table.crs is None else known_crs(table.crs, where)
-    if stated is None or not stated.is_geographic:
-        return table
-    if any(name in table.columns for name in _ORIGIN):
-        raise InputError(
-            f"{where} has places in degrees and {_ORIGIN[0]} in metres; write both in one projected CRS."
-        )
-    x, y = (table.columns[name] for name in PLACE[:2])
-    target = utm_zone(x, y) if crs is None else projected_crs(crs, where)
-    east, north = transformed(np.column_stack([x, y]), stated, target, where).T
-    say_projected(where, target)
-    return table._replace(columns={**table.columns, PLACE[0]: east, PLACE[1]: north}, crs=target)
-
-
-def _symmetric(columns: dict[str, FloatArray], names: Mapping[str, tuple[int, int]]) -> FloatArray:
-    """Take the columns of a symmetric matrix out, and return it (N, 3, 3)."""
-    entries = {name: columns.pop(name) for name in names}
-    matrices = np.empty((len(next(iter(entries.values()))), 3, 3))
-    for name, (i, j) in names.items():
-        matrices[:, i, j] = matrices[:, j, i] = entries[name]
-    return matrices
-
-
-def _uncertainty(
-    columns: dict[str, FloatArray], sigma_m: float | None
-) -> tuple[FloatArray | None, FloatArray | float | None]:
-    """Take the columns of the uncertainty out, and return the covariance or the sigma."""
-    found = [name for name in _COVARIANCE if name in columns]
-    sigma = columns.pop(_SIGMA, None)
-    if found and len(found) < len(_COVARIANCE):
-        missing = ", ".join(name for name in _COVARIANCE if name not in found)
-        raise InputError(f"the covariance lacks the columns {missing}; give all six or {_SIGMA}.")
-    if found:
-        return _symmetric(columns, _COVARIANCE), None
-    if sigma is None and sigma_m is None:
-        raise InputError(
-            f"the file states no uncertainty; add a column {_SIGMA} or the six cov_*_m2, or name one sigma for all."
-        )
-    return None, sigma if sigma is not None else sigma_m
-
-
-def _one_crs(stated: Any, named: Any) -> CRS:
-    """Return the CRS of the file or, where it has none, the one that was named."""
-    if stated is None or named is None or is_local(stated):
-        return agreed_crs(stated, named, "the set of surface points")
-    of_file, wanted = (projected_crs(crs, "the set of surface points") for crs in (stated, named))
-    same_crs(of_file, wanted, "the file and the request")
-    return of_file

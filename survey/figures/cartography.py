@@ -24,7 +24,8 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 from survey.figures.style import ELEVATION, INK, MUTED, NO_GO, ROVERS, VEIL, round_number
 
 _MOST_CELLS = 1500

@@ -11,7 +11,8 @@ from survey.core.arrays import FloatArray
 from survey.core.crs.agreement import same_crs
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 from survey.data.trajectory import Trajectory
 from survey.figures.cartography import along
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, PRIOR, REFERENCE, styled

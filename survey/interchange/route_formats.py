@@ -19,7 +19,8 @@ import shapely
 from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 from survey.interchange.route_readers import READERS
 from survey.interchange.route_writers import WRITERS
 

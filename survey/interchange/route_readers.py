@@ -13,7 +13,7 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.data.route import Leg
+from survey.data.legs import Leg
 from survey.io.degrees import WGS84
 from survey.io.vector import read_features
 

@@ -7,9 +7,10 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files.writing import replacing
-from survey.data.camera import Camera, Frames
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors import Inertial
+from survey.data.sensors.aiding import Inertial
 from survey.data.trajectory import Trajectory
 
 

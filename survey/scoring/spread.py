@@ -7,7 +7,8 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.route import Route, RouteSamples
+from survey.data.legs import RouteSamples
+from survey.data.route import Route
 
 SHORTEST_STEP_M = 1.0
 """Cross-track steps below this are left out of Eq. 15 [m]."""

@@ -19,7 +19,7 @@ from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.data.route import Leg
+from survey.data.legs import Leg
 from survey.io.vector import read_features
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[3] / "shared" / "data"))

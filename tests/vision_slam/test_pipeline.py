@@ -10,9 +10,12 @@ from typer.testing import CliRunner
 from sim.cli.main import app
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Camera, Frames
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes, Odometry, Sightings
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam import LocalizationConfig, localize
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.readers import read_sequence

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera import Camera
-from survey.data.sensors import Wheels
+from survey.data.camera.calibration import Camera
+from survey.data.sensors.aiding import Wheels
 from survey.data.trajectory import Trajectory
 from vision_slam.recordings import RecordedDrive, open_recording
 from vision_slam.results import pictures_of, write_localization, write_pictures

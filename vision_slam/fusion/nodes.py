@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.sensors import Odometry
+from survey.data.sensors.odometry import Odometry
 from vision_slam.fusion.normal_equations import PITCH, ROLL, SCALE, YAW
 from vision_slam.rotation import rotations
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import log_evidence
 

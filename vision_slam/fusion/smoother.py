@@ -35,7 +35,7 @@ from scipy import sparse
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
-from survey.data.sensors import Odometry
+from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
 from vision_slam.fusion.error_terms import add_terms

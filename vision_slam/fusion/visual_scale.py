@@ -6,7 +6,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from vision_slam.odometry.scale_drift import scale_sightings
 from vision_slam.odometry.visual_odometry import VisualOdometry
 

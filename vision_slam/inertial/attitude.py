@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.sensors import Compass, GpsFixes
+from survey.data.sensors.aiding import Compass, GpsFixes
 from vision_slam.io.sequence import VisionRecords
 
 _TIME_S = 30.0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.data.sensors import Odometry
+from survey.data.sensors.odometry import Odometry
 from vision_slam.rotation import rotations
 
 

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.data.sensors import Inertial, Odometry
+from survey.data.sensors.aiding import Inertial
+from survey.data.sensors.odometry import Odometry
 
 _GRAVITY_M_S2 = 9.81
 # A reading whose length is further from g than this is a jolt.

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.sensors import Inertial, Odometry
+from survey.data.sensors.aiding import Inertial
+from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
 
 ANY_RATE_RAD_S = 1.0

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.sensors import Inertial, Wheels
+from survey.data.sensors.aiding import Inertial, Wheels
 from vision_slam.io.sequence import VisionRecords
 
 _STANDING_S = 0.5

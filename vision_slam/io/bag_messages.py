@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Camera
-from survey.data.sensors import Wheels
+from survey.data.camera.calibration import Camera
+from survey.data.sensors.aiding import Wheels
 from vision_slam.io.images import decoded
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"

@@ -14,8 +14,9 @@ from survey.core.arrays import FloatArray
 from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
 from survey.core.files.library_messages import first_line
-from survey.data.camera import Camera, Frames, Image
-from survey.data.sensors import Inertial
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames, Image
+from survey.data.sensors.aiding import Inertial
 from vision_slam.io.bag_messages import (
     COMPRESSED,
     IMAGE,

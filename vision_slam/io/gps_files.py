@@ -15,7 +15,7 @@ from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import ConfigError, InputError
 from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from survey.io.tables import read_table
 from survey.io.tracks import read_track
 

@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
-from survey.data.camera import Camera, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
 
 PICTURES = (".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff")
 _END_MARKS = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
-from survey.data.camera import Camera, Frames, ImageFiles
-from survey.data.sensors import Inertial, Wheels
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames, ImageFiles
+from survey.data.sensors.aiding import Inertial, Wheels
 from vision_slam.io.images import PICTURES, images_of, read_pixels, refuse_other_sizes
 from vision_slam.io.sequence import ImageSequence
 

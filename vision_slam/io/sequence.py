@@ -8,9 +8,15 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.errors import InputError
-from survey.data.camera import Camera, Frames
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors import Compass, GpsFixes, Inertial, Wheels
+from survey.data.sensors.aiding import (
+    Compass,
+    GpsFixes,
+    Inertial,
+    Wheels,
+)
 from vision_slam.io.gps_files import GpsLog
 
 _DATED_S = 1e8  # times of images beyond this count from 1970

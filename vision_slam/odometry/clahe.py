@@ -7,7 +7,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Image
+from survey.data.camera.frames import Image
 
 _SHARES = np.linspace(0.05, 0.95, 19)
 _CLIPPED = (4, 250)  # levels beyond are black or white, whatever the exposure

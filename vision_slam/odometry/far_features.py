@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.data.camera import Camera
+from survey.data.camera.calibration import Camera
 from vision_slam.odometry.tracks import Track
 
 _EVERY = 5  # keyframes; nearer ones are redundant, because tracked corners drift slowly

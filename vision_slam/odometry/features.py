@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from survey.data.camera import Image
+from survey.data.camera.frames import Image
 from vision_slam.odometry.config import VisualOdometryConfig
 
 Pixels = npt.NDArray[np.float32]

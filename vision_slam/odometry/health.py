@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera import Image
+from survey.data.camera.frames import Image
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
 _BRIDGED = 0.05  # relative error of the travel by wheels alone, beyond their scale

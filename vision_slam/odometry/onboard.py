@@ -9,8 +9,12 @@ from typing import TypeVar
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera, Frames, Image
-from survey.data.sensors import Compass, Inertial, Odometry, SensorRecords, Sightings, Wheels
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames, Image
+from survey.data.sensors.aiding import Compass, Inertial, Wheels
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.records import SensorRecords
+from survey.data.sensors.sightings import Sightings
 from survey.io.tables import read_table, write_table
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth

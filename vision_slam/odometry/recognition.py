@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera import Camera, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
 from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.resection import resect, resection_information

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.sensors import Sightings
+from survey.data.sensors.sightings import Sightings
 
 # Relative errors over one metre: of scale drift, of the scale by wheels, and of that by the height of the camera.
 _CREEP, _ROLLED, _GROUND = 0.01, 0.015, 0.02

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera import Image
+from survey.data.camera.frames import Image
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.features import Pixels
 

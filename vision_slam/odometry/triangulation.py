@@ -3,8 +3,8 @@
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera import Camera
-from survey.data.sensors import Sightings
+from survey.data.camera.calibration import Camera
+from survey.data.sensors.sightings import Sightings
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track
 

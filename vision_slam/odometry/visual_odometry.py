@@ -7,8 +7,10 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray, IntArray, Progress
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.data.camera import Camera, Image
-from survey.data.sensors import Odometry, Sightings
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam.inertial.attitude import initial_pose, world_attitudes
 from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.sequence import VisionRecords

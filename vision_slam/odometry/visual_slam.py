@@ -6,7 +6,8 @@ import gtsam
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
-from survey.data.camera import Camera, Image
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Image
 from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
 from vision_slam.odometry.config import VisualOdometryConfig

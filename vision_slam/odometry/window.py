@@ -8,7 +8,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera
+from survey.data.camera.calibration import Camera
 from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track

@@ -8,8 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.data.camera import Camera, Frames, Image
-from survey.data.sensors import Odometry, Sightings
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames, Image
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam.odometry.clahe import grey_of
 from vision_slam.rotation import rotations
 

@@ -8,7 +8,7 @@ import numpy as np
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.data.recording import Recording
-from survey.data.sensors import LoopClosures
+from survey.data.sensors.loop_closures import LoopClosures
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.places.ground_view import GroundMosaics
 from vision_slam.places.overlay import Overlay, match_overlay

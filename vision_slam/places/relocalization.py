@@ -15,7 +15,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.recording import Recording
-from survey.data.sensors import Odometry
+from survey.data.sensors.odometry import Odometry
 from vision_slam.inertial.attitude import heading_correction
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.sequence import VisionRecords

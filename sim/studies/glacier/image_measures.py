@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray
-from survey.data.camera import Image
+from survey.data.camera.frames import Image
 
 Mask = npt.NDArray[np.bool_]
 

@@ -22,7 +22,7 @@ from sim.studies.glacier.photographs import compare_with_photographs, write_pict
 from sim.studies.glacier.snow_scenes import SKIES, SnowScene, at_contrast
 from survey.core.arrays import Progress
 from survey.core.files.writing import replacing
-from survey.data.camera import Image
+from survey.data.camera.frames import Image
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, png_bytes, styled
 
 BASELINES_M = 0.1, 0.25, 0.5, 1.0, 2.0, 4.0

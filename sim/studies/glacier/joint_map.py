@@ -26,7 +26,7 @@ from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.sensors import Sightings
+from survey.data.sensors.sightings import Sightings
 from survey.data.trajectory import Trajectory
 from survey.reconstruction import GaussianProcessConfig, Reconstruction, reconstruct
 from survey.reconstruction.gp.config import JointConfig, SatelliteErrors

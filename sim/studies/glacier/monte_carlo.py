@@ -22,7 +22,7 @@ from survey import Route, SurveyArea
 from survey.core.arrays import FloatArray, Progress
 from survey.core.files.writing import replacing
 from survey.core.streams import stream
-from survey.data.route import Leg
+from survey.data.legs import Leg
 from survey.figures.style import FULL_IN, REFERENCE, png_bytes, styled
 from survey.scoring import Coverage
 

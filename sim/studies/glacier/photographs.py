@@ -15,7 +15,7 @@ from sim.studies.glacier.image_measures import Mask, statistics
 from sim.studies.glacier.snow_scenes import SnowScene
 from survey.core.arrays import Progress
 from survey.core.files.writing import replacing
-from survey.data.camera import Image, read_image
+from survey.data.camera.frames import Image, read_image
 
 CHOSEN_ON, JUDGED_ON = "cam1", "cam2"
 CREDIT = "Photographs: Belvedere Glacier, franioli/icepy4d, BSD-3-Clause"

@@ -14,7 +14,7 @@ from sim.studies.glacier.image_measures import Mask, Pair, local_contrast
 from sim.world.scenery import fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
-from survey.data.camera import Image
+from survey.data.camera.frames import Image
 from survey.data.grid import Grid
 from survey.terrain import squared_exponential_field
 

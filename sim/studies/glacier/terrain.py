@@ -26,7 +26,8 @@ from sim.world.site import World, build_world
 from survey.core.arrays import FloatArray, Progress
 from survey.core.files.writing import replacing
 from survey.core.streams import stream
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.figures.cartography import (
     add_colour_bar,

@@ -12,7 +12,8 @@ from planners.driving.fleet import share
 from planners.ground.transit import FreeGround
 from planners.swaths.decomposition import swaths_on
 from survey.core.errors import ConfigError, InputError
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 
 SITE = FreeGround(shapely.box(0.0, 0.0, 600.0, 600.0))
 PLAIN = Mobility(turn_s=0.0)

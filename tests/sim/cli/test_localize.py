@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 
 from sim.cli.main import app
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes, Odometry, Sightings
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 
 
 @pytest.fixture

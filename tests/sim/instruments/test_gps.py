@@ -6,7 +6,7 @@ import pytest
 from sim.config.faults import FaultConfig
 from sim.config.sensors import GpsConfig, InstrumentsConfig
 from sim.instruments.gps import GPS_PROFILES, BaseReceiver, Episodes, GpsFaults, GpsReceiver
-from survey.data.sensors import GpsFixes
+from survey.data.sensors.aiding import GpsFixes
 from tests.sim.instruments.motions import standing
 
 

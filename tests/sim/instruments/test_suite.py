@@ -10,7 +10,8 @@ from sim.config.sensors import GpsConfig, InstrumentsConfig
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import InstrumentSetup
 from sim.instruments.suite import Instruments, ReadingLog, SensorFaults
-from survey.data.sensors import Compass, GpsFixes, table_types
+from survey.data.sensors.aiding import Compass, GpsFixes
+from survey.data.sensors.tables import table_types
 from tests.sim.instruments.motions import circling, parts_of
 
 

@@ -6,7 +6,7 @@ import pytest
 from sim.config.faults import FaultConfig
 from sim.config.sensors import WheelConfig
 from sim.instruments.wheels import WheelEncoders, WheelFaults
-from survey.data.sensors import Wheels
+from survey.data.sensors.aiding import Wheels
 from tests.sim.instruments.motions import circling
 
 

@@ -10,7 +10,7 @@ from sim.instruments.camera import RoverCamera, rover_camera
 from sim.rendering import Renderer, RoverBox
 from sim.world.scenery import FineTerrain, fine_terrain
 from survey.core.errors import InputError
-from survey.data.camera import Camera
+from survey.data.camera.calibration import Camera
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from tests.sim.rendering.plan_view import plan_view

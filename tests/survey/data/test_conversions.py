@@ -10,7 +10,8 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import Reconstruction

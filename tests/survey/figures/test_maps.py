@@ -8,7 +8,8 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.data.route import Leg, Route
+from survey.data.legs import Leg
+from survey.data.route import Route
 from survey.figures import deviation_map, landmark_map, png_bytes, support_map, survey_map, terrain_comparison
 from survey.figures.cartography import elevation_limits, relief_exaggeration, thinned, view
 from survey.figures.style import ROVERS

@@ -7,7 +7,14 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors import Barometer, Compass, GpsFixes, Odometry, Sightings, Wheels
+from survey.data.sensors.aiding import (
+    Barometer,
+    Compass,
+    GpsFixes,
+    Wheels,
+)
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import filter_path, gate_fixes

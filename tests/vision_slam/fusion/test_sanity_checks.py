@@ -6,7 +6,8 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes, Odometry
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.sanity_checks import check_start_by_fixes, fix_delay_s
 from vision_slam.inertial.dead_reckoning import dead_reckoning

@@ -7,7 +7,10 @@ import pytest
 
 from sim.instruments.errors import gauss_markov
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes, Inertial, LoopClosures, Odometry, Stakes, StakeSightings
+from survey.data.sensors.aiding import GpsFixes, Inertial
+from survey.data.sensors.loop_closures import LoopClosures
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.stakes import Stakes, StakeSightings
 from vision_slam import LocalizationConfig
 from vision_slam.fusion.smoother import SmoothedPath, smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning

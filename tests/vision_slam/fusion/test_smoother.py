@@ -5,7 +5,9 @@ import pytest
 
 from survey import InputError
 from survey.data.recording import Recording
-from survey.data.sensors import Barometer, GpsFixes, Inertial, Odometry, Sightings
+from survey.data.sensors.aiding import Barometer, GpsFixes, Inertial
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam import LocalizationConfig, localize
 from vision_slam.fusion.smoother import SmoothedPath, smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from survey.core.errors import InputError
-from survey.data.sensors import GpsFixes, Odometry, Sightings
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam.fusion.visual_scale import (
     refuse_short_fixes,
     refuse_untracked,

@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from survey.data.camera import Camera, Frames
-from survey.data.sensors import Inertial
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
+from survey.data.sensors.aiding import Inertial
 from vision_slam.inertial.attitude import world_attitudes
 from vision_slam.io.sequence import ImageSequence
 

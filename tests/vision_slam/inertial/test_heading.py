@@ -7,7 +7,8 @@ import pytest
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors import Compass, GpsFixes, Inertial, Odometry
+from survey.data.sensors.aiding import Compass, GpsFixes, Inertial
+from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.evaluation import consistency
 from vision_slam.fusion.online import filter_path

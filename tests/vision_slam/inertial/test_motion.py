@@ -4,8 +4,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
-from survey.data.camera import Camera, Frames
-from survey.data.sensors import Inertial, Wheels
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
+from survey.data.sensors.aiding import Inertial, Wheels
 from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.sequence import ImageSequence
 

@@ -8,7 +8,7 @@ import pytest
 from pyproj import CRS
 
 from survey.core.errors import ConfigError, InputError
-from survey.data.camera import Camera
+from survey.data.camera.calibration import Camera
 from survey.io.tracks import write_track
 from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.gps_files import read_gps

@@ -15,9 +15,10 @@ from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Camera, Frames
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes, Inertial, Wheels
+from survey.data.sensors.aiding import GpsFixes, Inertial, Wheels
 from vision_slam.config import LocalizationConfig
 from vision_slam.inertial.motion import RelativeMotion
 from vision_slam.io.readers import read_sequence

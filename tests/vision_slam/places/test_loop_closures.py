@@ -7,9 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.camera import Camera, Frames
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes, Odometry, Sightings
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam.places.ground_view import GroundMosaics, GroundView
 from vision_slam.places.loop_closures import detect_loop_closures
 from vision_slam.places.overlay import match_overlay

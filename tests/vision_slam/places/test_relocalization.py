@@ -8,7 +8,9 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
-from survey.data.sensors import GpsFixes, Odometry, Sightings, Wheels
+from survey.data.sensors.aiding import GpsFixes, Wheels
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
