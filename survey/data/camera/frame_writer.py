@@ -29,6 +29,8 @@ class FrameWriter:
     Examples
     --------
     >>> import tempfile
+    >>> import numpy as np
+    >>> from survey.data.camera.frames import Frames
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with FrameWriter(folder) as writer:
     ...         writer.add(0.0, np.zeros((4, 6), np.uint8))
