@@ -49,7 +49,7 @@ map_step_m = 25.0
 [[terrains]]
 source = "random"
 name = "smooth"
-family = "squared_exponential"
+family = "squared-exponential"
 size_m = 200.0
 length_scale_m = 80.0
 [[planners]]

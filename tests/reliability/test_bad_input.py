@@ -307,7 +307,7 @@ TOOLS: list[tuple[str, Callable[[Path], None], list[str], int, str]] = [
     ("empty points", points(""), RECONSTRUCT, 3, "is empty"),
     ("header alone", points(POINTS.splitlines()[0] + "\n"), RECONSTRUCT, 3, "no rows"),
     ("cut off in a row", points(POINTS[:-12]), RECONSTRUCT, 3, "line 10"),
-    ("missing column", points(POINTS.replace("z_m,", "height,", 1)), RECONSTRUCT, 3, "z_m"),
+    ("missing column", points(POINTS.replace("z_m,", "of_what,", 1)), RECONSTRUCT, 3, "z_m"),
     ("words for numbers", points(POINTS.replace("50.0,40.0", "fifty,40.0")), RECONSTRUCT, 3, "fifty"),
     ("NaN height", points(POINTS.replace("50.0,40.0,90.0", "50.0,40.0,nan")), RECONSTRUCT, 3, "NaN"),
     ("zero sigma", points(POINTS.replace("0.1", "0.0")), RECONSTRUCT, 3, "0 or less"),

@@ -59,7 +59,7 @@ def test_a_full_disk_is_told_and_the_mission_goes_on_afterwards(
     (tmp_path / "m.toml").write_text(MISSION)
     # 9 kB hold no GeoPackage, 150 kB hold everything but the report's pictures.
     sentence = said(run(tmp_path, largest_file_bytes=largest_file_bytes))
-    assert "free space" in sentence
+    assert "space" in sentence
     folder = next(p for p in (tmp_path / "runs" / "small").iterdir() if not p.is_symlink())
     stages = sorted(p.name for p in folder.iterdir() if p.is_dir())
     assert stages == [f"{n}-{name}" for n, name in enumerate(STAGES[:last_whole_stage], start=1)]

@@ -184,5 +184,9 @@ def unwritable(path: Path, reason: object) -> InputError:
     full = "space" in words.lower() or (
         path.parent.is_dir() and shutil.disk_usage(path.parent).free < _LITTLE_SPACE_BYTES
     )
-    remedy = "free space or choose another place" if full else "choose another place"
+    remedy = (
+        "free space or choose another place"
+        if full
+        else "check the space on that disk, or choose another place"
+    )
     return InputError(f"{path} could not be written ({words}); {remedy}.")

@@ -23,7 +23,7 @@ SMOOTH = WeightedKernel(Cell.of("squared-exponential", 80.0, -12.0), 25.0, 0.1, 
 
 def smooth_terrain(seed: int = 3) -> Dem:
     grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
-    return random_dem("squared_exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
+    return random_dem("squared-exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
 
 
 def coarse(terrain: Dem) -> Dem:
