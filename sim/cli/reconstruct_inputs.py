@@ -58,7 +58,7 @@ class MapRequest:
 
     def grid_over(self, bounds: tuple[float, float, float, float], crs: CRS) -> survey.Grid:
         """Return the nodes over bounds [m], or refuse more of them than fit into memory."""
-        require_nodes(bounds, self.step_m, self.method.bytes_per_node)
+        self.method.require_room(bounds, self.step_m, self.config.configs_of(self.method))
         return survey.Grid.over(bounds, self.step_m, crs)
 
 

@@ -256,6 +256,15 @@ class MissionConfig(Section):
     score: ScoreConfig = ScoreConfig()
     """Scoring of the map."""
 
+    @model_validator(mode="after")
+    def _sees_lines_of_sight(self) -> "MissionConfig":
+        if self.fidelity == "ideal" and self.reconstruction.uses_sight_lines:
+            raise ValueError(
+                "the ideal fidelity samples the ground where it stands and has no lines of sight; set fidelity = "
+                "'statistical', or leave out rays, reconstruction.field.rays and the method carving"
+            )
+        return self
+
     @property
     def assumed(self) -> LocalizationConfig:
         """What the estimator assumes of its sensors: the ideal sensor is exact to a millimetre."""

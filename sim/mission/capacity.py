@@ -11,7 +11,7 @@ from sim.config.mission import DemTerrain, MissionConfig, RandomTerrain, SampleT
 from survey.core.arrays import Bounds
 from survey.core.errors import CapacityError
 from survey.data.dem import Dem
-from survey.reconstruction.capacity import require_nodes, smallest_step_m
+from survey.reconstruction.capacity import smallest_step_m
 from survey.reconstruction.registry import method_named
 
 MOST_TERRAIN_CELLS = 50_000_000
@@ -106,7 +106,8 @@ def require_survey(mission: MissionConfig, bounds: Bounds) -> None:
             math.ceil(width / mission.satellite.cell_m + 1) * math.ceil(height / mission.satellite.cell_m + 1)
         )
     config = mission.reconstruction
-    require_nodes(bounds, config.grid_step_m, method_named(config.method).bytes_per_node)
+    method = method_named(config.method)
+    method.require_room(bounds, config.grid_step_m, config.configs_of(method))
     sample_m = mission.score.sample_step_m
     n_places = width * height / sample_m**2
     _require("score.sample_step_m", sample_m, n_places, MOST_SAMPLE_CELLS, "possible samples", power=-0.5)

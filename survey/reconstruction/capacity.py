@@ -7,6 +7,8 @@ from survey.core.errors import CapacityError, InputError
 
 MAP_MEMORY_MB = 4000.0
 """Memory that the arrays of one map may take [MB]."""
+# At a hundredth of a step the correlation of a node with all points but those upon it is below the rounding.
+_LEAST_STEPS = 0.01
 
 
 def require_nodes(
@@ -53,7 +55,37 @@ def require_nodes(
         )
 
 
-def smallest_step_m(width_m: float, height_m: float, most_nodes: float) -> float:
+def require_length_scale(length_m: float | None, step_m: float) -> None:
+    """Refuse a length scale far below the step of the map, with which no point would reach a node.
+
+    Parameters
+    ----------
+    length_m : float, optional
+        Shortest length scale that the settings state [m].
+    step_m : float
+        Distance between the nodes of the map [m].
+
+    Raises
+    ------
+    InputError
+        The length scale is shorter than a hundredth of the step.
+
+    Examples
+    --------
+    >>> require_length_scale(17.75, 2.0)
+    >>> require_length_scale(1e-9, 2.0)
+    Traceback (most recent call last):
+    survey.core.errors.InputError: the kernel's length scale of 1e-09 m is ...
+    """
+    least_m = _LEAST_STEPS * step_m
+    if length_m is not None and length_m < least_m:
+        raise InputError(
+            f"the kernel's length scale of {length_m:g} m is less than a hundredth of the map's step of {step_m:g} m, so "
+            f"that no point would reach a node; set length_scale_m to {least_m:g} m or more."
+        )
+
+
+def smallest_step_m(width_m: float, height_m: float, most_nodes: float, spare_nodes: float = 1.0) -> float:
     """Return the smallest step, to three digits, at which a rectangle has no more nodes than allowed [m].
 
     Parameters
@@ -61,7 +93,9 @@ def smallest_step_m(width_m: float, height_m: float, most_nodes: float) -> float
     width_m, height_m : float
         Sides of the rectangle [m].
     most_nodes : float
-        Number of nodes allowed.
+        Number of nodes allowed, more than the square of the spare ones.
+    spare_nodes : float
+        Nodes of a row and of a column beyond the number of steps along the side.
 
     Returns
     -------
@@ -73,8 +107,19 @@ def smallest_step_m(width_m: float, height_m: float, most_nodes: float) -> float
     >>> smallest_step_m(99.0, 99.0, 10_000)
     1.0
     """
-    # (w / s + 1) (h / s + 1) = n, solved for s
-    a, b, c = most_nodes - 1.0, width_m + height_m, width_m * height_m
-    step = (b + math.sqrt(b * b + 4.0 * a * c)) / (2.0 * a)
-    unit = 10.0 ** (math.floor(math.log10(step)) - 2)
-    return float(f"{math.ceil(step / unit - 1e-6) * unit:.12g}")
+    # (w / s + k) (h / s + k) = n, solved for s
+    a = most_nodes - spare_nodes**2
+    b, c = spare_nodes * (width_m + height_m), width_m * height_m
+    return rounded_up((b + math.sqrt(b * b + 4.0 * a * c)) / (2.0 * a))
+
+
+def rounded_up(value: float) -> float:
+    """Return a positive number rounded up to three digits.
+
+    Examples
+    --------
+    >>> rounded_up(0.012341)
+    0.0124
+    """
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.ceil(value / unit - 1e-6) * unit:.12g}")

@@ -12,6 +12,7 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, Reconstruction
+from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.gp.mean import Mean
 
 if TYPE_CHECKING:
@@ -193,6 +194,8 @@ class ReconstructionMethod:
         Whether it maps other quantities than elevation.
     bytes_per_node : float
         Memory of a map for every node of its grid [bytes].
+    check : callable, optional
+        Refuses settings that do not fit the extent and the step of a map, before any work.
     """
 
     name: str
@@ -206,3 +209,25 @@ class ReconstructionMethod:
     uses_prior: bool = True
     maps_values: bool = False
     bytes_per_node: float = 120.0
+    check: Callable[[ScanSettings], None] | None = None
+
+    def require_room(self, bounds: Bounds, step_m: float, configs: Sequence[Section] = ()) -> None:
+        """Refuse a map that would not fit into memory, or settings that do not fit the map.
+
+        Parameters
+        ----------
+        bounds : (xmin, ymin, xmax, ymax)
+            Extent of the map [m].
+        step_m : float
+            Distance between the nodes [m].
+        configs : sequence of Section
+            Settings of the method.
+
+        Raises
+        ------
+        InputError
+            A length scale or a step that the map cannot have; the message names the smallest that passes.
+        """
+        require_nodes(bounds, step_m, self.bytes_per_node)
+        if self.check is not None:
+            self.check(ScanSettings(step_m, bounds, configs=configs))

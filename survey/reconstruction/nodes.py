@@ -21,6 +21,7 @@ from survey.reconstruction.base import (
     TerrainModel,
     not_fitted,
 )
+from survey.reconstruction.capacity import smallest_step_m
 
 
 @dataclass(frozen=True)
@@ -235,14 +236,28 @@ def bilinear(values: FloatArray, uv: FloatArray) -> FloatArray:
     return np.where(inside, south * (1 - t) + north * t, np.nan)
 
 
-def require_room(window: NodeWindow, bytes_per_node: float, memory_mb: float) -> None:
-    """Refuse a lattice that would not fit the memory allowed."""
+def require_room(window: NodeWindow, bytes_per_node: float, memory_mb: float, spare_nodes: int = 0) -> None:
+    """Refuse a lattice that would not fit the memory allowed, and name the smallest step that does.
+
+    So many nodes of every row and column are spare: their number stays when the step changes.
+    """
     needed = window.rows * window.columns * bytes_per_node / 1e6
     if needed > memory_mb:
+        remedy = _step_that_fits(window, memory_mb * 1e6 / bytes_per_node, spare_nodes)
         raise CapacityError(
-            f"the points span {window.rows} × {window.columns} nodes of {window.step_m:g} m, which take {needed:.0f} MB "
-            f"of the {memory_mb:g} MB allowed; take a larger step, cut the points, or let the map follow the sensor."
+            f"the map spans {window.rows:.6g} × {window.columns:.6g} nodes of {window.step_m:g} m, which take "
+            f"{needed:.6g} MB of the {memory_mb:g} MB allowed; {remedy}, cut the points, or let the map follow the sensor."
         )
+
+
+def _step_that_fits(window: NodeWindow, most_nodes: float, spare_nodes: int) -> str:
+    """Return the remedy: the step with which a window has no more nodes than allowed, or more memory."""
+    # A window ends on nodes, up to a step beyond its rectangle on either side.
+    beyond = spare_nodes + 3
+    width_m, height_m = (window.step_m * max(n - 1 - spare_nodes, 1) for n in (window.columns, window.rows))
+    if most_nodes <= beyond**2:
+        return "allow more memory"
+    return f"take a step of {smallest_step_m(width_m, height_m, most_nodes, beyond):g} m or more"
 
 
 def sensor_place(origins: FloatArray | None) -> FloatArray:

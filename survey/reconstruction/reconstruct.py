@@ -16,7 +16,6 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, UNSEEN, Reconstruction
-from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.mean import Mean
@@ -131,7 +130,7 @@ def run(method: ReconstructionMethod, task: MappingTask) -> MappedTerrain:
     """
     same_crs(task.points.crs, task.grid.crs, "the points and the grid")
     _require_fit(method, task)
-    require_nodes(task.grid.bounds, task.grid.step_m, method.bytes_per_node)
+    method.require_room(task.grid.bounds, task.grid.step_m, task.configs)
     uses_sight_lines = task.rays or method.begin is not None
     points, n_low = without_low_returns(task.points) if uses_sight_lines else (task.points, 0)
     task = replace(task, points=points)

@@ -111,6 +111,12 @@ class ReconstructionConfig(Section):
     carving: SpaceCarvingConfig = SpaceCarvingConfig()
     """Settings of the space-carving kernels."""
 
+    @property
+    def uses_sight_lines(self) -> bool:
+        """Whether the map is made or bounded by lines of sight."""
+        own = {"field": self.field.rays, "carving": self.carving.carve}
+        return self.rays or own.get(self.method, False)
+
     def configs_of(self, method: ReconstructionMethod) -> tuple[Section, ...]:
         """Return the settings that a method reads.
 

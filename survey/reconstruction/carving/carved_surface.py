@@ -10,9 +10,10 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.carving.bases import Bases, Fresh, LevelCells
 from survey.reconstruction.carving.cloud import SightLines
 from survey.reconstruction.carving.descent import MOST_PER_POINT, Rasters, Step, Tally, Visited, descend
+from survey.reconstruction.carving.room import raster_step_m
 
-# Nodes per length scale: of a pass's own raster, and of the one that holds all passes.
-_NODES, _NODES_OF_LAST = 8.0, 4.0
+# Nodes per length scale of a pass's own raster.
+_NODES = 8.0
 _DEGREE = 3
 
 
@@ -33,11 +34,6 @@ class Frame(NamedTuple):
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the raster; one node more than the rectangle needs on two sides."""
         return int(np.ceil(self.height_m / self.step_m)) + 2, int(np.ceil(self.width_m / self.step_m)) + 2
-
-
-def raster_step_m(lengths_m: FloatArray) -> float:
-    """Return the step of the raster on which lines of sight are searched [m]."""
-    return float(lengths_m[-1]) / _NODES_OF_LAST
 
 
 class RasterBlock(NamedTuple):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, IntArray, checked
 from survey.core.crs.agreement import same_crs
-from survey.core.errors import CapacityError, InputError
+from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -25,12 +25,13 @@ from survey.reconstruction.base import (
     not_fitted,
 )
 from survey.reconstruction.carving.bases import BY_POINT, BY_RAY
-from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame, raster_step_m
+from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame
 from survey.reconstruction.carving.carving_file import CarvingState, read_carving, write_carving
 from survey.reconstruction.carving.cloud import CarvingFrame, Cloud
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.descent import Step
 from survey.reconstruction.carving.record import Pass, pass_of, rms
+from survey.reconstruction.carving.room import raster_step_m, require_room
 from survey.reconstruction.carving.support import Codes, support_codes
 from survey.reconstruction.line_of_sight.ghost_returns import ghosts
 from survey.reconstruction.line_of_sight.sight_lines import checked_origins
@@ -40,7 +41,6 @@ MEAN, LOWER, UPPER = "mean", "lower", "upper"
 _METHOD = "carving"
 # η falls by √2 after so many passes; λ is that of a step among so many points.
 _PASSES_TO_SLOW, _N_OF_DECAY = 4.0, 10_000.0
-_BYTES_PER_NODE, _BYTES_PER_CELL, _BYTES_PER_POINT = 24.0, 16.0, 700.0
 _NOTE = "learned without bounds; the band holds the root mean square distance of the points from the surface"
 
 
@@ -361,28 +361,16 @@ class SpaceCarvingKernel(TerrainModel):
         if self.surfaces_:
             low, high = np.minimum(low, corner), np.maximum(high, corner + size)
         west, south = (int(n) for n in np.floor(low / place.step_m + 1e-6))
-        self.place = place._replace(west=west, south=south)
-        width_m, height_m = (float(side) for side in high - self.place.corner[:2])
+        moved = place._replace(west=west, south=south)
+        width_m, height_m = (float(side) for side in high - moved.corner[:2])
+        require_room(self.config, width_m, height_m, len(self.cloud) + len(xy))
         frame = Frame.over(width_m, height_m, self.config.lengths_m())
-        self._require_room(frame, len(self.cloud) + len(xy))
         if self.surfaces_:
             shift = place.west - west, place.south - south
             self.cloud.move(np.array(shift) * place.step_m)
             for surface in self.surfaces_.values():
                 surface.move(frame, *shift)
-        self.frame = frame
-
-    def _require_room(self, frame: Frame, n_points: int) -> None:
-        """Refuse ground and points that would not fit the memory allowed."""
-        n_surfaces = 3 if self.config.bounds else 1
-        rows, columns = frame.shape if self.config.carve else (0, 0)
-        cells = _BYTES_PER_CELL * frame.cells.n_cells
-        needed = n_surfaces * (_BYTES_PER_NODE * rows * columns + cells + _BYTES_PER_POINT * n_points) / 1e6
-        if needed > self.config.memory_mb:
-            raise CapacityError(
-                f"{n_points} points over {frame.width_m:.0f} × {frame.height_m:.0f} m take {needed:.0f} MB of the "
-                f"{self.config.memory_mb:g} MB allowed; cut the points, or take longer length scales."
-            )
+        self.place, self.frame = moved, frame
 
     def _validation_m(self) -> float:
         """Return the root mean square error at the points held back [m]; NaN without any."""

@@ -104,6 +104,15 @@ class GaussianProcessConfig(Section):
             )
         return self
 
+    @property
+    def stated_length_m(self) -> float | None:
+        """Shortest length scale that the settings state [m]; None where all are left out."""
+        if self.kernel is not None:
+            return self.kernel.length_scales_m[0]
+        second_m = self.second_length_scale_m if "-scale" in self.family else None
+        stated = [length for length in (self.length_scale_m, second_m) if length is not None]
+        return min(stated) / max(self.anisotropy, 1.0) if stated else None
+
     def stated_kernel(self) -> Kernel:
         """Return the covariance function that the settings state.
 

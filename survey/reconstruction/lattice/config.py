@@ -8,6 +8,8 @@ from survey.core.config import Section
 
 NODE_STEP_M = 0.25
 """Distance between the nodes of a lattice where none is stated: 16 nodes per square metre [m]."""
+# A draw is a 32-bit number.
+_BYTES_OF_FIELD, _BYTES_PER_DRAW = 230.0, 4.0
 
 
 class FieldLatticeConfig(Section):
@@ -56,6 +58,11 @@ class FieldLatticeConfig(Section):
     def node_step_m(self) -> float:
         """Distance between the nodes [m], 0.25 m unless stated."""
         return self.step_m or NODE_STEP_M
+
+    @property
+    def bytes_per_node(self) -> float:
+        """Memory of a node: stencil, right-hand side, heights, the solver's work, and the draws [bytes]."""
+        return _BYTES_OF_FIELD + _BYTES_PER_DRAW * self.n_draws
 
     @property
     def learns(self) -> bool:

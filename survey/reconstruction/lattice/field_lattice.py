@@ -35,8 +35,6 @@ from survey.reconstruction.nodes import (
 _METHOD = "field"
 # A growing map takes on so many nodes more than the points need, so that it seldom grows.
 _SPARE_NODES = 16
-# Stencil, right-hand side, heights and the solver's work; a draw is a 32-bit number.
-_BYTES, _BYTES_PER_DRAW = 230.0, 4.0
 _UNTOLD = Stiffness(100.0, 100.0)
 
 
@@ -269,7 +267,8 @@ class FieldLattice(LatticeModel):
             spare = _SPARE_NODES * step_m
             window = NodeWindow.over((xmin - spare, ymin - spare, xmax + spare, ymax + spare), step_m)
             window = window if old is None else old.joined(window)
-        require_room(window, _BYTES + _BYTES_PER_DRAW * self.config.n_draws, self.config.memory_mb)
+        spare_nodes = 2 * _SPARE_NODES if self.bounds is None and self.config.side_m is None else 0
+        require_room(window, self.config.bytes_per_node, self.config.memory_mb, spare_nodes)
         return window
 
     def _move(self, window: NodeWindow) -> None:

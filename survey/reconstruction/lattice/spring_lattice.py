@@ -193,7 +193,7 @@ class SpringLattice(LatticeModel):
             spare = _SPARE_NODES * step_m if old else 0.0
             window = NodeWindow.over((xmin - spare, ymin - spare, xmax + spare, ymax + spare), step_m)
             window = window if old is None else old.joined(window)
-        require_room(window, _BYTES, self.config.memory_mb)
+        require_room(window, _BYTES, self.config.memory_mb, 0 if old is None else 2 * _SPARE_NODES)
         return window
 
     def _nodes(self) -> FloatArray:

@@ -24,6 +24,16 @@ def _begin(settings: ScanSettings) -> "FieldLattice":
     return FieldLattice(config.model_copy(update=changes), settings.bounds)
 
 
+def _check(settings: ScanSettings) -> None:
+    """Refuse a lattice with more nodes than fit into memory."""
+    from survey.reconstruction.nodes import NodeWindow, require_room
+
+    config = config_of(settings.configs, FieldLatticeConfig)
+    if settings.bounds is not None:
+        step_m = config.step_m or settings.step_m or config.node_step_m
+        require_room(NodeWindow.over(settings.bounds, step_m), config.bytes_per_node, config.memory_mb)
+
+
 def _run(task: MappingTask) -> MappedTerrain:
     xmin, ymin, xmax, ymax = task.grid.bounds
     x, y = task.points.xy.T
@@ -44,4 +54,5 @@ FIELD = ReconstructionMethod(
     sight_lines="own",
     uses_prior=False,
     bytes_per_node=500.0,
+    check=_check,
 )

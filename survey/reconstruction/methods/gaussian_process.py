@@ -2,9 +2,23 @@
 
 from functools import partial
 
+from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.process import EngineName
-from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
+from survey.reconstruction.method import (
+    MappedTerrain,
+    MappingTask,
+    ReconstructionMethod,
+    ScanSettings,
+    config_of,
+)
+
+
+def check_length_scale(settings: ScanSettings) -> None:
+    """Refuse stated length scales far below the step of the map."""
+    if settings.step_m is not None:
+        config = config_of(settings.configs, GaussianProcessConfig)
+        require_length_scale(config.stated_length_m, settings.step_m)
 
 
 def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
@@ -23,6 +37,7 @@ GP = ReconstructionMethod(
     partial(_run, engine="gp"),
     {"gp": GaussianProcessConfig},
     maps_values=True,
+    check=check_length_scale,
 )
 DENSE = ReconstructionMethod(
     "dense",
@@ -30,4 +45,5 @@ DENSE = ReconstructionMethod(
     partial(_run, engine="dense"),
     {"gp": GaussianProcessConfig},
     maps_values=True,
+    check=check_length_scale,
 )

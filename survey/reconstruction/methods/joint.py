@@ -4,6 +4,7 @@ from survey.core.errors import InputError
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
+from survey.reconstruction.methods.gaussian_process import check_length_scale
 
 
 def _run(task: MappingTask) -> MappedTerrain:
@@ -29,4 +30,5 @@ JOINT = ReconstructionMethod(
     _run,
     {"gp": GaussianProcessConfig, "joint": JointConfig},
     needs_path=True,
+    check=check_length_scale,
 )

@@ -5,7 +5,7 @@ import pytest
 from sim.config.mission import MissionConfig
 from sim.mission.capacity import require_survey, require_terrain
 from survey.core.config import validated, with_overrides
-from survey.core.errors import CapacityError
+from survey.core.errors import ConfigError, InputError
 
 MISSION = {
     "schema_version": 1,
@@ -37,20 +37,36 @@ LARGE = {
     "instruments.frame_rate_hz": ("1e6", ("fidelity=vision",)),
     "imaging.width": ("1000000", ("fidelity=vision",)),
     "satellite.cell_m": ("1e-6", ()),
+    "reconstruction.gp.length_scale_m": ("1e-9", ()),
+    "reconstruction.field.step_m": ("1e-9", ("reconstruction.method=field",)),
 }
 
 
 @pytest.mark.parametrize("setting", LARGE)
 def test_a_size_that_does_not_fit_is_refused_with_one_that_does(setting):
     value, others = LARGE[setting]
-    with pytest.raises(CapacityError) as caught:
+    with pytest.raises(InputError) as caught:
         check(f"{setting}={value}", *others)
     assert "\n" not in str(caught.value)
     if setting == "satellite.cell_m":  # names how many times wider
         return
     (bound,) = re.findall(
-        r"(?:at most|at least|step_m =|a step of) ([0-9.e+-]*[0-9])(?: or more| m or more|\.$)",
+        r"(?:at most|at least|step_m =|a step of|length_scale_m to) ([0-9.e+-]*[0-9])(?: or more| m or more|\.$)",
         str(caught.value),
     )
     bound = str(int(float(bound))) if setting == "imaging.width" else bound
     check(f"{setting}={bound}", *others)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("reconstruction.rays=true",),
+        ("reconstruction.method=carving",),
+        ("reconstruction.method=field", "reconstruction.field.rays=true"),
+    ],
+)
+def test_a_sensor_without_lines_of_sight_is_refused_where_the_map_needs_them(settings):
+    with pytest.raises(ConfigError, match="the ideal fidelity samples the ground where it stands"):
+        check("fidelity=ideal", *settings)
+    check("fidelity=statistical", *settings)
