@@ -24,7 +24,8 @@ from survey.scoring.standards.formulas import (
     vva_limit_m,
 )
 from survey.scoring.standards.intervals import rmse_factors
-from survey.scoring.standards.standards import CONTOURS, SPOT_HEIGHTS, map_classes
+from survey.scoring.standards.map_classes import map_classes
+from survey.scoring.standards.standards import CONTOURS, SPOT_HEIGHTS
 
 
 class Example(NamedTuple):

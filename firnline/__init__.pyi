@@ -103,7 +103,7 @@ from survey.scoring.coverage import Coverage as Coverage
 from survey.scoring.covered_area import NodeCounts as NodeCounts
 from survey.scoring.score import Score as Score
 from survey.scoring.score import score as score
-from survey.scoring.standards.standards import Verdict as Verdict
+from survey.scoring.standards.map_classes import Verdict as Verdict
 from vision_slam.config import ImageOdometryErrors as ImageOdometryErrors
 from vision_slam.config import LocalizationConfig as LocalizationConfig
 from vision_slam.evaluation import TrajectoryError as TrajectoryError

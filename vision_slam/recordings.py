@@ -16,7 +16,7 @@ from survey.data.camera.frames import Frames, ImageFiles
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.trajectory import Trajectory
-from survey.io.tracks import read_tum
+from survey.io.pose_files import read_tum
 from vision_slam.comparison import Comparison, compare_from_start, compare_in_crs
 from vision_slam.config import LocalizationConfig
 from vision_slam.drive_estimate import DriveEstimate

@@ -10,8 +10,9 @@ from survey.core.arrays import FloatArray
 from survey.core.files.writing import replacing
 from survey.data.sensors.aiding import GpsFixes
 from survey.figures import error_over_distance, path_map, png_bytes
+from survey.io.pose_files import write_tum
 from survey.io.tables import write_table
-from survey.io.tracks import write_track, write_tum
+from survey.io.tracks import write_track
 from vision_slam.comparison import Comparison
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.io.sequence import VisionRecords

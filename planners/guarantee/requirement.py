@@ -7,7 +7,7 @@ import numpy as np
 from survey.core.errors import ConfigError
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.kernel_search import ALL
-from survey.scoring.standards.standards import map_classes
+from survey.scoring.standards.map_classes import map_classes
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,8 @@ def print_summary(run: RunFolder, *, as_json: bool) -> None:
 
 def best_class(score: dict[str, Any]) -> str:
     """Return a sentence about the strictest row of the standard that a map meets, from the plain values of a score."""
-    from survey.scoring.standards.standards import LEAST_COVERED, uncovered_sentence
+    from survey.scoring.standards.map_classes import uncovered_sentence
+    from survey.scoring.standards.standards import LEAST_COVERED
 
     verdicts: list[dict[str, Any]] = score["verdicts"]
     if score["covered_share"] < LEAST_COVERED:

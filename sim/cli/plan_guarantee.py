@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def limit_of(require: str) -> float:
     """Return the widest limit of a class of the paper's tables [m], or the number of metres that was given."""
     from survey.core.errors import ConfigError
-    from survey.scoring.standards.standards import map_classes
+    from survey.scoring.standards.map_classes import map_classes
 
     widest = {row.map_class.lower().replace(" ", "-"): row.limit_m for row in reversed(map_classes())}
     if require in widest:

@@ -23,7 +23,7 @@ from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.registry import METHODS, LandmarkErrors, MethodName, ReconstructionConfig
-from survey.scoring.standards.standards import map_classes
+from survey.scoring.standards.map_classes import map_classes
 from vision_slam import LocalizationConfig
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.,/()<=-]*$")]

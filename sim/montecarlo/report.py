@@ -14,8 +14,8 @@ from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths
 from survey.core.files.writing import replacing
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, png_bytes, styled
 from survey.reporting.pictures import Picture
-from survey.reporting.summary_text import number, percent
-from survey.scoring.standards.standards import map_classes
+from survey.reporting.quantities import number, percent
+from survey.scoring.standards.map_classes import map_classes
 
 _DASHES = ("-", (0, (4, 1.5)), ":", (0, (6, 1, 1, 1)))
 

@@ -12,7 +12,7 @@ from survey.core.crs.checks import known_crs, projected_crs
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.io.point_columns import PLACE, say_projected, utm_zone
-from survey.io.points import PointTable
+from survey.io.points.table import PointTable
 
 SIGMA = "sigma_z_m"
 COVARIANCE = {

@@ -29,7 +29,8 @@ from survey.data.point_columns import (
     uncertainty_of,
 )
 from survey.io.point_columns import PLACE
-from survey.io.points import PointTable, read_point_table, write_point_table
+from survey.io.points.formats import read_point_table, write_point_table
+from survey.io.points.table import PointTable
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame

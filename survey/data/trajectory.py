@@ -15,8 +15,8 @@ from survey.core.errors import InputError
 from survey.data.conversions import to_geodataframe
 from survey.data.path_error import PathError
 from survey.data.plots import draw_lines
+from survey.io.pose_files import TUM_COLUMNS, read_tum, write_tum
 from survey.io.tables import read_table, write_table
-from survey.io.tracks import TUM_COLUMNS, read_tum, write_tum
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame

@@ -3,10 +3,10 @@
 Every figure has one style, states its units, and uses colours that the colour-blind can distinguish. Files are written by `survey.reporting`.
 """
 
+from survey.figures.calibration import calibration_plot
 from survey.figures.curves import terrain_profile, trajectory_error
 from survey.figures.drives import deviation_from_route, executed_route
 from survey.figures.errors import (
-    calibration_plot,
     error_against_distance,
     error_histogram,
     error_map,

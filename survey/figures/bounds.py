@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from survey.figures.cartography import add_colour_bar, draw_raster, map_figure, view
+from survey.figures.cartography.layout import add_colour_bar, map_figure, view
+from survey.figures.cartography.relief import draw_raster
 from survey.figures.style import DEVIATION, HALF_IN, styled
 from survey.reconstruction.base import UNSEEN, Reconstruction
 

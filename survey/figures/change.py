@@ -8,15 +8,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from shapely import MultiPolygon, Polygon
 
-from survey.figures.cartography import (
-    add_colour_bar,
-    draw_raster,
-    draw_scale_and_north,
-    map_figure,
-    outline_path,
-    thinned,
-    view,
-)
+from survey.figures.cartography.layout import add_colour_bar, map_figure, view
+from survey.figures.cartography.relief import draw_raster, thinned
+from survey.figures.cartography.routes import outline_path
+from survey.figures.cartography.scale_bar import draw_scale_and_north
 from survey.figures.style import ERROR, FULL_IN, INK, VEIL, styled, symmetric_limits
 from survey.scoring.change.results import Change
 

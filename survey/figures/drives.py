@@ -9,7 +9,9 @@ from matplotlib.lines import Line2D
 from survey.core.arrays import FloatArray
 from survey.data.area import SurveyArea
 from survey.data.route import Route
-from survey.figures.cartography import draw_area, draw_scale_and_north, map_figure, widened
+from survey.figures.cartography.layout import map_figure, widened
+from survey.figures.cartography.routes import draw_area
+from survey.figures.cartography.scale_bar import draw_scale_and_north
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, styled
 
 

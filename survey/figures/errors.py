@@ -1,9 +1,8 @@
-"""Figures of the error: where it is, how large, how it grows off the route, and if the claim fits it."""
+"""Figures of the error: map, histogram, growth with the distance from the route."""
 
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from scipy.spatial import cKDTree
@@ -15,22 +14,20 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.figures.cartography import add_colour_bar, draw_raster, map_figure, view
+from survey.figures.cartography.layout import add_colour_bar, map_figure, view
+from survey.figures.cartography.relief import draw_raster
 from survey.figures.maps import draw_outline_and_route
 from survey.figures.style import (
     CLAIM,
     ERROR,
     ESTIMATE,
-    FULL_IN,
     HALF_IN,
     INK,
-    MUTED,
-    REFERENCE,
     styled,
     symmetric_limits,
 )
 from survey.reconstruction.base import Reconstruction
-from survey.scoring import Calibration, ErrorStatistics
+from survey.scoring import ErrorStatistics
 
 _HALF_HEIGHT_IN = 3.3
 
@@ -232,76 +229,3 @@ def _distance_to(route: Route, xy: FloatArray, step_m: float) -> FloatArray:
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-@styled
-def calibration_plot(
-    reconstruction: Reconstruction,
-    reference: Dem,
-    calibration: Calibration,
-    *,
-    area: SurveyArea | None = None,
-) -> Figure:
-    r"""Draw if the claimed uncertainty is honest.
-
-    Left: the share of nodes whose error lies within the claimed interval, against the
-    interval's nominal level; on the diagonal the claim is right, below it too confident.
-    Right: the size of the error in claimed standard deviations, beside the half-normal
-    density :math:`\sqrt{2/\pi} \exp(-z^2/2)` that it should follow.
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        The survey's map.
-    reference : Dem
-        The terrain as it is.
-    calibration : Calibration
-        Nominal levels and observed shares.
-    area : SurveyArea, optional
-        Only nodes inside count.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        As wide as a page.
-    """
-    error = height_error(reconstruction, reference, area)
-    figure = Figure(figsize=(FULL_IN, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    _draw_coverage(left, calibration)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a claim of no error at all is infinitely exceeded
-        ratio = np.abs(error) / reconstruction.std.elevation
-    _draw_standardized(right, ratio)
-    return figure
-
-
-def _draw_coverage(axes: Axes, calibration: Calibration) -> None:
-    levels, shares = np.asarray(calibration.levels), np.asarray(calibration.shares)
-    axes.plot([0, 1], [0, 1], color=MUTED, linewidth=1.0, linestyle="--", label="Honest")
-    axes.fill_between([0, 1], [0, 1], 0, color=ESTIMATE, alpha=0.07, linewidth=0)
-    axes.fill_between([0, 1], [0, 1], 1, color=CLAIM, alpha=0.07, linewidth=0)
-    axes.plot(levels, shares, color=REFERENCE, marker="o", markersize=3.5, label="This survey")
-    axes.text(0.97, 0.05, "too confident", ha="right", color=ESTIMATE, fontsize=8)
-    axes.text(0.03, 0.92, "too cautious", color=CLAIM, fontsize=8)
-    axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    axes.set(xlabel="Claimed level of the interval", ylabel="Errors inside it")
-    axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.9))
-    axes.set_title("Coverage")
-
-
-def _draw_standardized(axes: Axes, ratio: FloatArray) -> None:
-    z = ratio[~np.isnan(ratio)]
-    edges = np.linspace(0.0, 4.0, 33)
-    counts, _ = np.histogram(z, edges)
-    density = counts / (z.size * np.diff(edges))
-    axes.bar(edges[:-1], density, np.diff(edges), align="edge", color="#a9b7c2", label="Observed")
-    at = np.linspace(0.0, 4.0, 200)
-    axes.plot(at, np.sqrt(2.0 / np.pi) * np.exp(-0.5 * at**2), color=CLAIM, label="Honest (normal)")
-    axes.set(xlim=(0, 4), xlabel="|error| / claimed σ", ylabel="Density")
-    axes.legend(loc="upper right", reverse=True)
-    axes.text(
-        0.97, 0.68, f"{np.mean(z > 4.0):.2%} beyond 4 σ", transform=axes.transAxes, ha="right", fontsize=8
-    )
-    axes.set_title("Error in claimed standard deviations")

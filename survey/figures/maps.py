@@ -12,21 +12,21 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
-from survey.figures.cartography import (
+from survey.figures.cartography.layout import (
     add_colour_bar,
-    draw_area,
-    draw_contours,
-    draw_raster,
-    draw_route,
-    draw_route_lines,
-    draw_scale_and_north,
-    draw_terrain,
-    elevation_limits,
     grouped,
     map_figure,
-    relief_exaggeration,
     view,
 )
+from survey.figures.cartography.relief import (
+    draw_contours,
+    draw_raster,
+    draw_terrain,
+    elevation_limits,
+    relief_exaggeration,
+)
+from survey.figures.cartography.routes import draw_area, draw_route, draw_route_lines
+from survey.figures.cartography.scale_bar import draw_scale_and_north
 from survey.figures.style import DENSITY, DEVIATION, FULL_IN, HALF_IN, INK, round_number, styled
 from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
 

@@ -8,7 +8,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.figures.cartography import MapFigure, add_colour_bar, draw_scale_and_north, grouped, map_figure
+from survey.figures.cartography.layout import (
+    MapFigure,
+    add_colour_bar,
+    grouped,
+    map_figure,
+)
+from survey.figures.cartography.scale_bar import draw_scale_and_north
 from survey.figures.style import (
     CLAIM,
     DEVIATION,

@@ -15,21 +15,17 @@ from shapely import Polygon
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.figures.cartography import (
-    add_colour_bar,
-    draw_area,
+from survey.figures.cartography.layout import add_colour_bar, map_figure, widened
+from survey.figures.cartography.relief import (
     draw_contours,
     draw_raster,
     draw_relief,
-    draw_route,
-    draw_scale_and_north,
     elevation_limits,
-    map_figure,
-    outline_path,
     relief_exaggeration,
     thinned,
-    widened,
 )
+from survey.figures.cartography.routes import draw_area, draw_route, outline_path
+from survey.figures.cartography.scale_bar import draw_scale_and_north
 from survey.figures.style import DEVIATION, ELEVATION, FULL_IN, MUTED, styled
 
 

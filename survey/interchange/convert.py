@@ -12,9 +12,10 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.point_columns import projected_table
 from survey.data.trajectory import Trajectory
-from survey.io.points import read_point_table, write_point_table
+from survey.io.points.formats import read_point_table, write_point_table
+from survey.io.pose_files import write_kitti, write_tum
 from survey.io.raster import band_count, band_names, read_raster, write_raster
-from survey.io.tracks import write_kitti, write_track, write_tum
+from survey.io.tracks import write_track
 
 FileKind = Literal["raster", "points", "track", "area"]
 _RASTERS = (".tif", ".tiff", ".asc", ".nc")

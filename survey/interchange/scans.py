@@ -14,8 +14,8 @@ from survey.data.surface_points import SurfacePoints
 from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
 from survey.io.arrays_file import load_npz
 from survey.io.point_columns import PLACE
-from survey.io.points import read_point_table
-from survey.io.tracks import read_tum
+from survey.io.points.formats import read_point_table
+from survey.io.pose_files import read_tum
 
 _NPZ, _TABLES, _BAGS, _KITTI = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap"), (".bin",)
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")

@@ -12,7 +12,8 @@ from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.io.point_columns import PLACE, in_own_columns
-from survey.io.points import PointTable, read_point_table
+from survey.io.points.formats import read_point_table
+from survey.io.points.table import PointTable
 from survey.io.tables import read_table
 from survey.io.vector import read_features
 

@@ -9,6 +9,8 @@ from survey.core.errors import InputError
 from survey.core.files.writing import replacing
 from survey.reporting import summary_text as words
 from survey.reporting.pictures import Picture, pictures_of
+from survey.reporting.quantities import named_values, setting
+from survey.reporting.score_rows import score_rows
 from survey.reporting.surveyed import SurveyResults
 
 
@@ -58,7 +60,7 @@ def write_report(
     page = _render(
         title=title,
         pictures=pictures,
-        localization=words.named_values(localization or {}),
+        localization=named_values(localization or {}),
         config_text=config_text,
         provenance=dict(provenance or {}),
         **_said(survey),
@@ -78,10 +80,10 @@ def _said(survey: SurveyResults) -> dict[str, object]:
         "classes": words.classes_by_standard(score),
         "key_numbers": words.key_numbers(score, route),
         "calibration_sentence": words.calibration_sentence(score.calibration),
-        "scores": words.score_rows(score),
-        "prediction": words.named_values(route.prediction),
+        "scores": score_rows(score),
+        "prediction": named_values(route.prediction),
         "method": reconstruction.method,
-        "hyperparameters": {name: words.setting(v) for name, v in reconstruction.hyperparameters.items()},
+        "hyperparameters": {name: setting(v) for name, v in reconstruction.hyperparameters.items()},
         "crs": f"{reconstruction.mean.crs.name}, heights above {datum}",
     }
 

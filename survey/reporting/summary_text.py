@@ -1,77 +1,17 @@
-"""Summary sentences and tables of the numbers of a survey."""
+"""Summary sentences and key numbers of a survey."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from survey.data.route import Route
-from survey.scoring import Calibration, Coverage, ErrorStatistics, Score, Verdict
+from survey.reporting.quantities import TableRow, number, percent
+from survey.scoring import Calibration, Score, Verdict
 
-MINUS = "\u2212"
-
-_UNITS = {
-    "m": "m",
-    "m2": "m²",
-    "s": "s",
-    "h": "h",
-    "j": "J",
-    "wh": "Wh",
-    "deg": "°",
-    "rad": "rad",
-    "hz": "Hz",
-    "percent": "%",
-    "per_cent": "%",
-}
 _STANDARDS = {
     "asprs-1990-as-in-paper": "ASPRS 1990 as read in the glacier paper",
     "asprs-1990-spot-heights": "ASPRS 1990, spot heights",
     "asprs-1990-contours": "ASPRS 1990, contours",
 }
-_MEANINGS = {
-    "horizontal_rms_m": "error of the position on the map, over all poses",
-    "vertical_rms_m": "error of the height, over all poses",
-    "end_m": "error where the drive ended",
-    "end_per_cent": "the same, of the distance travelled",
-    "worst_m": "largest error of any pose",
-    "normalised_squared": "squared error over claimed variance; 3 when the claim is honest",
-}
-_ACRONYMS = {"ate", "gps", "nmad", "rmse", "rms", "rpe"}
-
-
-class TableRow(NamedTuple):
-    """One line of a table: what, how much, and what that means."""
-
-    name: str
-    value: str
-    meaning: str = ""
-
-
-def number(value: float | None, unit: str = "", decimals: int = 3) -> str:
-    """Write a number and, behind a space that does not break, its unit; a dash when there is none.
-
-    Examples
-    --------
-    >>> number(0.31249, "m").split(), number(None, "m")
-    (['0.312', 'm'], '–')
-    """
-    if value is None or math.isnan(value):
-        return "–"
-    if math.isinf(value):
-        return "∞"
-    return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", MINUS) + (
-        f"\u00a0{unit}" if unit else ""
-    )
-
-
-def percent(share: float | None) -> str:
-    """Write a share as a percentage.
-
-    Examples
-    --------
-    >>> percent(0.9481)
-    '94.8%'
-    """
-    return "–" if share is None or math.isnan(share) else f"{100.0 * share:.1f}%"
 
 
 def standard_name(standard: str) -> str:
@@ -188,115 +128,3 @@ def key_numbers(score: Score, route: Route) -> list[TableRow]:
 def _fleet(route: Route) -> str:
     swaths = f"{len(route.swaths)} swath{'s' if len(route.swaths) != 1 else ''}"
     return swaths if route.n_rovers == 1 else f"{swaths}, {route.n_rovers} rovers"
-
-
-def score_rows(score: Score) -> dict[str, list[TableRow]]:
-    """Return the table of scores, grouped, each with a line that explains it."""
-    return {
-        "Elevation": _elevation_rows(score.elevation),
-        "Uncertainty": _calibration_rows(score.calibration),
-        "Coverage": _coverage_rows(score.coverage),
-        "Nodes of the map": [
-            TableRow(
-                "Compared",
-                number(score.elevation.n, decimals=0),
-                "inside the area, with reference and height",
-            ),
-            TableRow(
-                "Silent",
-                number(score.n_silent, decimals=0),
-                "inside the area, but without a height in the map",
-            ),
-            TableRow(
-                "Unknown", number(score.n_unknown, decimals=0), "inside the area, but without reference"
-            ),
-            TableRow("Outside", number(score.n_outside, decimals=0), "outside the area, never scored"),
-        ],
-    }
-
-
-def _elevation_rows(e: ErrorStatistics) -> list[TableRow]:
-    return [
-        TableRow("RMSE", number(e.rmse_m, "m"), "root mean square error; what the standards judge"),
-        TableRow("Bias", number(e.bias_m, "m"), "mean error; positive: the map lies too high"),
-        TableRow("Standard deviation", number(e.std_m, "m"), "spread of the errors about the bias"),
-        TableRow("Median", number(e.median_m, "m"), "half of the errors are above, half below"),
-        TableRow(
-            "NMAD",
-            number(e.nmad_m, "m"),
-            "spread without regard to outliers; for normal errors the standard deviation",
-        ),
-        TableRow("95th percentile of |error|", number(e.p95_m, "m"), "95 of 100 nodes err by less"),
-        TableRow("Largest |error|", number(e.worst_m, "m"), "the worst node"),
-        TableRow("Skewness", number(e.skewness, decimals=2), "0 for symmetric errors"),
-        TableRow(
-            "Excess kurtosis",
-            number(e.kurtosis, decimals=2),
-            "0 for normal errors, above 0 for rare large ones",
-        ),
-    ]
-
-
-def _calibration_rows(k: Calibration) -> list[TableRow]:
-    return [
-        TableRow("Errors within the 95% interval", percent(k.coverage_95), "95% when the claim is honest"),
-        TableRow(
-            "RMS of error over claimed σ", number(k.z_rms, decimals=2), "1 when honest, above 1 too confident"
-        ),
-    ]
-
-
-def _coverage_rows(c: Coverage) -> list[TableRow]:
-    return [
-        TableRow(
-            "Science-centric coverage (SCC)",
-            percent(c.scc),
-            "share of the possible samples, far ones counting more",
-        ),
-        TableRow("Cells visited", percent(c.cells_share), "plain share of the possible samples"),
-        TableRow(
-            "Robot-centric coverage",
-            number(c.robot_centric),
-            "distance driven over that of visiting every cell in lines",
-        ),
-        TableRow(
-            "Centeredness α", number(c.alpha), "0 when the samples are balanced about the centre, 1 at worst"
-        ),
-        TableRow("Distributedness β", number(c.beta), "0 for straight swaths; – where it is not defined"),
-    ]
-
-
-def named_values(values: Mapping[str, float | None]) -> list[TableRow]:
-    """Turn names with unit suffixes into table rows; names that begin with ``n_`` are counts.
-
-    Examples
-    --------
-    >>> [(row.name, *row.value.split()) for row in named_values({"drift_rmse_m": 0.25, "n_loops": 3})]
-    [('Drift RMSE', '0.250', 'm'), ('Loops', '3')]
-    """
-    return [_named_value(key, value) for key, value in values.items()]
-
-
-def _named_value(key: str, value: float | None) -> TableRow:
-    meaning = _MEANINGS.get(key, "")
-    if key.startswith("n_"):
-        return TableRow(_label(key.removeprefix("n_")), number(value, decimals=0), meaning)
-    decimals = 3 if value is None or abs(value) < 100.0 else 0
-    for suffix, unit in _UNITS.items():
-        stem = key.removesuffix(f"_{suffix}")
-        if stem != key:
-            return TableRow(_label(stem), number(value, unit, decimals), meaning)
-    return TableRow(_label(key), number(value, decimals=decimals), meaning)
-
-
-def _label(key: str) -> str:
-    words = [word.upper() if word in _ACRONYMS else word for word in key.split("_")]
-    text = " ".join(words)
-    return text[:1].upper() + text[1:]
-
-
-def setting(value: object) -> str:
-    """Write a hyperparameter: six digits of a float, lists joined by commas."""
-    if isinstance(value, list | tuple):
-        return ", ".join(setting(item) for item in value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

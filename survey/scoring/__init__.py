@@ -8,12 +8,19 @@ from survey.scoring.change.results import Change, MassBalance, VolumeChange
 from survey.scoring.coverage import Coverage, SampleCells, science_coverage
 from survey.scoring.score import Score, score
 from survey.scoring.spread import centeredness, distribution
-from survey.scoring.standards.assessment import Assessment, CheckpointScore, score_at
+from survey.scoring.standards.assessment import CheckpointScore, score_at
 from survey.scoring.standards.checkpoint_design import design_checkpoints
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread, compare
 from survey.scoring.standards.checkpoints import Checkpoints
+from survey.scoring.standards.findings import Assessment
 from survey.scoring.standards.intervals import RmseInterval
-from survey.scoring.standards.standards import MapClass, Standard, Verdict, judge, map_classes
+from survey.scoring.standards.map_classes import (
+    MapClass,
+    Verdict,
+    judge,
+    map_classes,
+)
+from survey.scoring.standards.standards import Standard
 
 __all__ = [
     "Assessment",

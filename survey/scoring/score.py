@@ -21,7 +21,7 @@ from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.scoring.accuracy import Calibration, ErrorStatistics
 from survey.scoring.coverage import Coverage
 from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
-from survey.scoring.standards.standards import Verdict, judge
+from survey.scoring.standards.map_classes import Verdict, judge
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,7 +5,6 @@ from survey.terrain.landforms import (
     cosine_surface,
     diamond_square,
     gaussian_hills,
-    random_dem,
     slope_and_waves,
 )
 from survey.terrain.micro_relief import ice_micro_relief
@@ -15,6 +14,7 @@ from survey.terrain.random_fields import (
     spectral_field,
     squared_exponential_field,
 )
+from survey.terrain.random_terrain import random_dem
 from survey.terrain.real import SampleSite, real_sample, sample_site
 from survey.terrain.satellite import SatelliteDem, satellite_copy
 

@@ -23,17 +23,19 @@ from survey.core.config import validated
 from survey.core.documents import read_json
 from survey.core.runs.store import RunFolder
 from survey.data.truth import Truth
-from survey.figures.cartography import (
+from survey.figures.cartography.layout import (
     MapFigure,
     add_colour_bar,
-    draw_area,
+    grouped,
+    map_figure,
+)
+from survey.figures.cartography.relief import (
     draw_raster,
     draw_terrain,
     elevation_limits,
-    grouped,
-    map_figure,
     relief_exaggeration,
 )
+from survey.figures.cartography.routes import draw_area
 from survey.figures.errors import height_error
 from survey.figures.style import ERROR, ESTIMATE, FULL_IN, INK, styled, symmetric_limits
 

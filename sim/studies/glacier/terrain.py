@@ -29,15 +29,14 @@ from survey.core.streams import stream
 from survey.data.legs import Leg
 from survey.data.route import Route
 from survey.data.surface_points import SurfacePoints
-from survey.figures.cartography import (
-    add_colour_bar,
-    draw_area,
+from survey.figures.cartography.layout import add_colour_bar, map_figure
+from survey.figures.cartography.relief import (
     draw_raster,
     draw_terrain,
     elevation_limits,
-    map_figure,
     relief_exaggeration,
 )
+from survey.figures.cartography.routes import draw_area
 from survey.figures.maps import survey_map
 from survey.figures.style import ERROR, ESTIMATE, FULL_IN, INK, MUTED, png_bytes, styled, symmetric_limits
 from survey.reconstruction import GaussianProcessConfig, Reconstruction

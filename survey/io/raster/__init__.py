@@ -1,18 +1,15 @@
 """Elevation rasters: reading with scale, units and nodata, and writing as GeoTIFF, ASCII grid or NetCDF."""
 
-from survey.io.raster.opening import LARGEST_CELLS
-from survey.io.raster.reading import (
-    NODATA,
-    Raster,
+from survey.io.raster.facts import (
     RasterFacts,
     band_count,
     band_names,
-    opened_raster,
     raster_facts,
-    read_raster,
-    read_window,
     stated_datum,
 )
+from survey.io.raster.opening import LARGEST_CELLS
+from survey.io.raster.reading import NODATA, Raster, read_raster
+from survey.io.raster.strips import opened_raster, read_window
 from survey.io.raster.writing import reprojected, write_raster
 
 __all__ = [

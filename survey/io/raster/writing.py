@@ -17,9 +17,15 @@ from survey.core.errors import InputError
 from survey.core.files.library_messages import warnings_logged
 from survey.core.files.writing import replacing, unwritable
 from survey.io.companions import stale_files
+from survey.io.raster.facts import VERTICAL_TAG
 from survey.io.raster.georeference import check_transform
 from survey.io.raster.opening import gdal_faults
-from survey.io.raster.reading import CRC_TAG, NODATA, VERTICAL_TAG, Raster, checksum_parts
+from survey.io.raster.reading import (
+    CRC_TAG,
+    NODATA,
+    Raster,
+    checksum_parts,
+)
 
 _COG = {
     "driver": "COG",

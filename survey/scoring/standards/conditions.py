@@ -7,11 +7,7 @@ from survey.scoring.standards.formulas import (
     checkpoints_2014,
     checkpoints_edition_2,
 )
-from survey.scoring.standards.standards import (
-    ASPRS_2014,
-    LEAST_COVERED,
-    Standard,
-)
+from survey.scoring.standards.standards import ASPRS_2014, LEAST_COVERED, Standard
 
 BLUNDER_FACTOR = 3.0
 """Errors beyond this many times the limit of the RMSE are to be investigated."""

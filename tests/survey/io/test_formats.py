@@ -18,9 +18,10 @@ from survey import Dem, Grid, InputError, SurveyArea
 from survey.core.errors import FirnlineError
 from survey.data.trajectory import Trajectory
 from survey.interchange.convert import convert, kind_of
-from survey.io.points import read_point_table
+from survey.io.points.formats import read_point_table
+from survey.io.pose_files import read_kitti, read_tum
 from survey.io.raster import read_raster, write_raster
-from survey.io.tracks import read_kitti, read_track, read_tum
+from survey.io.tracks import read_track
 
 UTM = "EPSG:32608"
 GRID = Grid((500_000.0, 6_700_000.0, 500_090.0, 6_700_050.0), 10.0, UTM)

@@ -3,7 +3,7 @@
 import pytest
 
 from survey import InputError
-from survey.io.tracks import read_tum
+from survey.io.pose_files import read_tum
 
 
 def test_a_quaternion_of_length_zero_is_refused(tmp_path):

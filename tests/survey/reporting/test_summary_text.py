@@ -5,16 +5,14 @@ from dataclasses import replace
 
 import pytest
 
-from survey.reporting.summary_text import (
-    calibration_sentence,
-    conditions,
+from survey.reporting.quantities import (
     named_values,
     number,
     percent,
-    score_rows,
     setting,
-    verdict_sentence,
 )
+from survey.reporting.score_rows import score_rows
+from survey.reporting.summary_text import calibration_sentence, conditions, verdict_sentence
 from survey.scoring import Calibration, judge
 
 

@@ -1,0 +1,83 @@
+"""Point files: CSV, GeoPackage, LAS/LAZ and PLY, as named columns of numbers."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from survey.core.errors import InputError
+from survey.io.points.las import read_las, write_las
+from survey.io.points.ply import read_ply, write_ply
+from survey.io.points.table import PointTable
+from survey.io.points.vector import read_csv, read_vector, write_csv, write_vector
+
+# No coordinate, covariance or temperature is larger; what is comes of flipped bits.
+_LARGEST = 1e15
+
+
+def read_point_table(path: str | Path) -> PointTable:
+    """Read the format that the file's ending names.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    PointTable
+        Columns of numbers, with CRS and vertical datum where the file names them.
+
+    Raises
+    ------
+    InputError
+        Another ending; a file that is missing, empty or damaged; a column that is missing
+        or holds something that is no number.
+    """
+    table = _format(path).read(Path(path))
+    for name, column in table.columns.items():
+        if (np.abs(column) > _LARGEST).any():
+            raise InputError(
+                f"the point file {path} holds {np.abs(column).max():.3g} in {name}; it is damaged, get it again."
+            )
+    return table
+
+
+def write_point_table(path: str | Path, table: PointTable) -> None:
+    """Write the format that the file's ending names, or leave what was there; equal tables give equal bytes.
+
+    CSV carries no CRS. LAS and LAZ round coordinates to 0.1 mm; the others are exact.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file; its suffix names the format.
+    table : PointTable
+        The points; LAS, PLY and vector formats need a CRS.
+    """
+    _format(path).write(Path(path), table)
+
+
+class _Format(NamedTuple):
+    read: Callable[[Path], PointTable]
+    write: Callable[[Path, PointTable], None]
+
+
+def _format(path: str | Path) -> _Format:
+    suffix = Path(path).suffix.lower()
+    if suffix not in _FORMATS:
+        raise InputError(
+            f"{Path(path).name} ends in {suffix!r}; one of {', '.join(sorted(_FORMATS))} was expected."
+        )
+    return _FORMATS[suffix]
+
+
+_FORMATS: Mapping[str, _Format] = {
+    ".csv": _Format(read_csv, write_csv),
+    ".gpkg": _Format(read_vector, write_vector),
+    ".geojson": _Format(read_vector, write_vector),
+    ".las": _Format(read_las, write_las),
+    ".laz": _Format(read_las, write_las),
+    ".ply": _Format(read_ply, write_ply),
+}

@@ -1,0 +1,104 @@
+"""LAS and LAZ point files."""
+
+import datetime
+import struct
+from pathlib import Path
+
+import laspy
+import lazrs
+import numpy as np
+from pyproj.exceptions import CRSError
+
+from survey.core.checksum import checksum, refuse_altered
+from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
+from survey.core.errors import InputError
+from survey.core.files.reading import existing_file
+from survey.core.files.writing import replacing
+from survey.io.las_header import check_las_points, check_las_records
+from survey.io.point_columns import PLACE
+from survey.io.points.table import CRC, DATUM, PointTable, add_column, check_count, damaged
+
+# LAS stores coordinates as whole numbers of this many metres.
+_LAS_STEP_M = 1e-4
+_LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
+_LAS_FAULTS = (
+    laspy.errors.LaspyException,
+    lazrs.LazrsError,
+    CRSError,
+    ValueError,
+    RuntimeError,
+    struct.error,
+    OSError,
+    MemoryError,
+    ArithmeticError,
+    KeyError,
+    IndexError,
+    TypeError,
+)
+
+
+def read_las(path: Path) -> PointTable:
+    """Read a LAS or LAZ file, and check its checksum where firnline wrote it."""
+    file = existing_file(path, "the point file")
+    try:
+        check_las_records(file)
+        # One thread: the same work in the same order.
+        with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs) as reader:
+            check_las_points(file, reader.header)
+            check_count(file, reader.header.point_count)
+            las = reader.read()
+        crs = las.header.parse_crs()
+    except InputError:
+        raise
+    except _LAS_FAULTS as error:
+        raise damaged(file, "LAS", error) from error
+    except BaseException as error:
+        # The decompressor's Rust panics derive from no Exception and have no name to import.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise damaged(file, "LAS", error) from error
+    if len(las.points) == 0:
+        raise InputError(f"the point file {file} holds no points; get it again.")
+    if len(las.points) != las.header.point_count:
+        raise InputError(
+            f"the point file {file} holds {len(las.points)} of {las.header.point_count} points; it was cut off."
+        )
+    columns = dict(
+        zip(PLACE, (np.asarray(axis, dtype=np.float64) for axis in (las.x, las.y, las.z)), strict=True)
+    )
+    for name in las.point_format.extra_dimension_names:
+        column = np.asarray(las[name])
+        if column.ndim == 1:
+            add_column(columns, name, column, file)
+    datum = vertical_datum_of(crs) if crs is not None else UNSTATED
+    for record in las.header.vlrs:
+        if record.user_id == _LAS_OWNER and record.record_id == _LAS_DATUM:
+            datum = record.record_data.decode("utf-8", "replace")
+        elif record.user_id == _LAS_OWNER and record.record_id == _LAS_CRC:
+            crc = record.record_data.decode("utf-8", "replace")
+            refuse_altered(file, crc, columns.values(), f"its record {_LAS_OWNER} {_LAS_CRC}")
+    return PointTable(columns, crs, datum)
+
+
+def write_las(path: Path, table: PointTable) -> None:
+    """Write a LAS or LAZ file with a checksum."""
+    xyz = np.column_stack([table.columns[name] for name in PLACE])
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.offsets = np.floor(xyz.min(axis=0))
+    header.scales = np.full(3, _LAS_STEP_M)
+    header.generating_software = _LAS_OWNER
+    # A fixed day, so that equal points give equal bytes.
+    header.creation_date = datetime.date(2000, 1, 1)
+    header.add_crs(table.crs)
+    extra = {name: column for name, column in table.columns.items() if name not in PLACE}
+    header.add_extra_dims([laspy.ExtraBytesParams(name=name, type=np.float64) for name in extra])
+    if table.vertical_datum:
+        header.vlrs.append(laspy.VLR(_LAS_OWNER, _LAS_DATUM, DATUM, table.vertical_datum.encode("utf-8")))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = xyz.T
+    for name, column in extra.items():
+        las[name] = column
+    stored = [*(np.asarray(axis, dtype=np.float64) for axis in (las.x, las.y, las.z)), *extra.values()]
+    las.vlrs.append(laspy.VLR(_LAS_OWNER, _LAS_CRC, CRC, checksum(stored).encode("utf-8")))
+    with replacing(path) as draft:
+        las.write(str(draft))

@@ -1,0 +1,50 @@
+"""Points as a table: places, other columns, CRS, vertical datum; checks common to all formats."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.errors import CapacityError, InputError
+from survey.core.files.library_messages import first_line
+
+LARGEST_POINTS = 30_000_000
+"""Most points that are read at once: some 3 GB from LAS with its attributes."""
+DATUM = "vertical_datum"
+CRC = "crc32"
+# Coordinates that stand in a file twice may be rounded once.
+_SAME_PLACE_M = 0.01
+
+
+class PointTable(NamedTuple):
+    """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them."""
+
+    columns: dict[str, FloatArray]
+    crs: Any = None
+    vertical_datum: str = UNSTATED
+
+
+def add_column(columns: dict[str, FloatArray], name: str, values: Any, path: Path) -> None:
+    """Add a column; one that is named like a coordinate and says something else is refused."""
+    numbers: FloatArray = np.asarray(values).astype(np.float64)
+    if name not in columns:
+        columns[name] = numbers
+    elif not np.allclose(numbers, columns[name], rtol=0.0, atol=_SAME_PLACE_M):
+        raise InputError(
+            f"the point file {path} has a column {name} that differs from the points' own coordinates; rename or remove it."
+        )
+
+
+def check_count(file: Path, n_points: int) -> None:
+    """Refuse a file of more points than can be read at once."""
+    if n_points > LARGEST_POINTS:
+        raise CapacityError(
+            f"the point file {file} has {n_points:,} points; {LARGEST_POINTS:,} can be read at once, cut it into tiles or thin it."
+        )
+
+
+def damaged(file: Path, kind: str, error: BaseException) -> InputError:
+    """Return the refusal of a file that a library could not read."""
+    return InputError(f"the point file {file} is damaged or no {kind} ({first_line(error)}); get it again.")

@@ -1,0 +1,112 @@
+"""Facts of a raster that are read without its cells: bands, size, vertical datum."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.files.library_messages import warnings_logged
+from survey.core.files.reading import existing_file
+from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
+from survey.io.raster.hdf5 import refuse_unreadable
+from survey.io.raster.opening import LARGEST_CELLS, damaged, gdal_faults
+from survey.io.raster.strips import opened_raster
+
+VERTICAL_TAG = "VERTICAL_DATUM"
+
+
+class RasterFacts(NamedTuple):
+    """Rows and columns of a raster, and its CRS where it names one."""
+
+    shape: tuple[int, int]
+    crs: Any
+
+
+def stated_datum(source: Any) -> str:
+    """Return the vertical datum that an open raster's tags name, or ``""``.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster.
+
+    Returns
+    -------
+    str
+        Name of the datum.
+    """
+    tags = source.tags()
+    return str(tags.get(VERTICAL_TAG) or tags.get(f"NC_GLOBAL#{VERTICAL_TAG.lower()}") or UNSTATED)
+
+
+def raster_facts(path: str | Path) -> RasterFacts:
+    """Return what a raster's header says, without reading its cells.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    RasterFacts
+        Shape and CRS.
+
+    Raises
+    ------
+    InputError
+        As in `read_raster`.
+    """
+    with opened_raster(existing_file(path, "the raster")) as source:
+        crs = source.crs.to_wkt() if source.crs else None
+        return RasterFacts((int(source.height), int(source.width)), crs)
+
+
+def band_count(path: str | Path) -> int:
+    """Return the number of bands of a raster, or of variables of a NetCDF file.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    int
+        At least 1.
+    """
+    return len(band_names(path))
+
+
+def band_names(path: str | Path) -> list[str]:
+    """Return the names of the bands of a raster; numbered where it gives none.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    list of str
+        One name per band.
+    """
+    import rasterio
+
+    file = existing_file(path, "the raster")
+    check_raster_file(file)
+    if file.suffix.lower() == ".nc":
+        refuse_unreadable(file, LARGEST_CELLS)
+    try:
+        with (
+            warnings_logged(),
+            rasterio.Env(**OFFLINE),
+            rasterio.open(str(file.absolute()), driver=RASTER_DRIVERS[file.suffix.lower()]) as source,
+        ):
+            if source.subdatasets:
+                return [part.rsplit(":", 1)[1] for part in source.subdatasets]
+            described = [d or "" for d in source.descriptions]
+    except gdal_faults() as error:
+        raise damaged(file, error) from error
+    if len(described) == 1 and not described[0]:
+        return ["elevation"]
+    return [name or f"band_{k}" for k, name in enumerate(described, start=1)]
