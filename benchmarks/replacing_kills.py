@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from survey.core.store import RunFolder
 
 from benchmarks.fork_server import ForkServer
 from benchmarks.small_inputs import MISSION, STUDY, UTM
 from survey import Dem, Grid, SurfacePoints, SurveyArea
 from survey.core.files.reading import existing_file
+from survey.core.runs.store import RunFolder
 
 RESULT = Path(__file__).resolve().parents[1] / "results" / "benchmarks" / "replacing_kills.json"
 KILLED = 9
