@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import survey
+from benchmarks.small_inputs import STUDY
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
@@ -40,21 +41,6 @@ MISSION = {
     "sensors": {"landmarks_per_m": 0.5},
     "reconstruction": {"grid_step_m": 5.0, "gp": {"fit": False, "variance_m2": 4.0, "length_scale_m": 40.0}},
 }
-STUDY = """
-schema_version = 1
-name = "small"
-trials = 3
-swaths = [2]
-map_step_m = 25.0
-[[terrains]]
-source = "random"
-name = "smooth"
-family = "squared-exponential"
-size_m = 200.0
-length_scale_m = 80.0
-[[planners]]
-pattern = "lawnmower"
-"""
 
 
 class Reading(NamedTuple):

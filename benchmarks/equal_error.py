@@ -1,6 +1,6 @@
 """Distance at equal error: how far each pattern drives for a map of the same mean error.
 
-Every survey is mapped by a Gaussian process that is fitted anew to its own samples
+Every survey is mapped by a Gaussian process that is fitted to its own samples
 (squared exponential, Matérn 5/2 or 3/2, by likelihood). Curves of mean error against
 distance are compared at equal errors, interpolated in logarithms, so that no pattern is
 punished for whole numbers of swaths.

@@ -155,9 +155,9 @@ def update(quick: bool) -> Iterator[Row]:
     def add() -> Maps:
         return before.update(xy[new], residual[new], sigma[new]).predict_on_axes(AXIS, AXIS)
 
-    anew, slow = fastest(refit, 1 if quick else 3)
+    refitted, slow = fastest(refit, 1 if quick else 3)
     maps, fast = fastest(add, 1 if quick else 3)
-    gap = max(float(np.abs(a - b).max()) for a, b in zip(maps, anew, strict=True))
+    gap = max(float(np.abs(a - b).max()) for a, b in zip(maps, refitted, strict=True))
     yield Row("100 more points and a map", fast, "s")
     yield Row.of("100 more points, faster than a refit", slow / fast, "x", ">=", 5)
     yield Row.of("100 more points, difference from a refit", gap, "m", "<=", 1e-6)

@@ -1,4 +1,4 @@
-"""What the benchmarks of surveys in images share: drives read, receivers read anew, maps judged and told of."""
+"""Shared functions of the benchmarks of surveys in images: drives, receivers, scores of maps, tables."""
 
 import hashlib
 import pickle
@@ -59,7 +59,7 @@ class Outcome:
 
 
 def fixes_along(survey: Survey, profile: Profile, seed: int) -> GpsFixes | None:
-    """Read a receiver anew along the way that was really driven."""
+    """Simulate the fixes of a receiver along the true path."""
     path = survey.real.trajectory
     still = np.zeros_like(path.position)
     motion = RoverMotion(path.time_s, path.position, path.quaternion, still, still, still[:, :2])
@@ -93,7 +93,7 @@ def judged(result: Reconstruction, real: Truth, path: Trajectory) -> Outcome:
 
 
 def rows_of(name: str, done: Sequence[Outcome]) -> Iterator[Row]:
-    """Tell of several surveys: errors, coverage, path."""
+    """Return rows for several surveys: errors, coverage, path."""
     rmse, coverage = np.array([out.rmse_m for out in done]), np.array([out.coverage for out in done])
     yield Row(f"{name}: RMSE, median", float(np.median(rmse)), "m")
     yield Row(f"{name}: RMSE, worst", float(rmse.max()), "m")

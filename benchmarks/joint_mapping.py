@@ -1,4 +1,4 @@
-"""What one estimate of map and path is worth: error and coverage of surveys of 2.7 km, and its cost.
+"""Error, coverage and cost of a joint estimate of map and path: surveys of 2.7 km.
 
 Run with ``python -m benchmarks.joint_mapping``. The seeds were used for nothing else; no error is debiased.
 The scenario is that of `firnline reproduce joint-map-comparison`; the estimator takes the errors of the receiver

@@ -1,9 +1,9 @@
-"""What one estimate of map and path is worth where landmarks come from images: missions of 2.85 km, seen by a camera.
+"""Error and coverage of a joint estimate of map and path with landmarks from images: missions of 2.85 km.
 
 Run with ``python -m benchmarks.joint_mapping_images``. The drives are the lawnmower missions of
 ``benchmarks.vision_mission``, with seeds that no setting was chosen on (``FIRNLINE_SURVEY_SEEDS=71,72`` takes fewer);
 what the rover's computer made of the images is read, and not done again. On every drive a receiver of either memory is
-read anew. The cases are those of ``benchmarks.joint_mapping``, but for gravity: the odometry of images is levelled by it
+simulated again. The cases are those of ``benchmarks.joint_mapping``, but for gravity: the odometry of images is levelled by it
 in all of them. No error is debiased, and no place is recognised. Beside them stands what the landmarks give on the path
 that was really driven: no estimate of the path can map the gaps between the swaths better.
 """
@@ -111,7 +111,7 @@ def _mapped(survey: Survey, case: Case, trajectory: Trajectory, points: SurfaceP
 
 
 def _floor(survey: Survey) -> Outcome:
-    """Map the landmarks as they lie when the path is known: no more can be told of the gaps between the swaths."""
+    """Map the landmarks as they lie when the path is known: the lower bound for the gaps between the swaths."""
     points = on_the_real_path(survey, LASTING)
     return judged(reconstruct(points, survey.nodes), survey.real, survey.real.trajectory)
 

@@ -1,4 +1,4 @@
-"""Thinning of landmarks: equally many, chosen by range as in the glacier paper or by what they tell a map.
+"""Thinning of landmarks: equally many, chosen by range as in the glacier paper or by their information for the map.
 
     python -m benchmarks.landmark_thinning [--json FILE] [--quick]
 

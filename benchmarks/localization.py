@@ -2,7 +2,7 @@
 
 Run with ``python -m benchmarks.localization``. Missions are of the statistical fidelity, on seeds used for nothing
 else, and the estimator assumes what is drawn, as if datasheets were right. Two levels of odometry are shown: what the
-statistical fidelity draws unless told otherwise, and what `benchmarks.odometry_errors` measures of images and wheels,
+statistical fidelity draws by default, and what `benchmarks.odometry_errors` measures of images and wheels,
 whose heading walks away unless a gyro holds it.
 Nothing is aligned. Errors are over all poses of a run; rows are over runs.
 """

@@ -4,7 +4,7 @@
 
 The figure is 100 random DEMs × 1 to 10 swaths × 2 patterns with a perfect sensor and a Gaussian process fitted
 to every survey. scikit-learn fits and maps a stated subset of the same surveys, one by one, with its own
-optimizer, from one start; both are told the same families (here the squared exponential) and the ratio is per survey of the same
+optimizer, from one start; both use the same families (here the squared exponential) and the ratio is per survey of the same
 sizes, in CPU time of one process. Wall times are of this machine as it was; CPU times stand beside them.
 """
 

@@ -245,34 +245,42 @@ def kills(server: ForkServer, folder: Path, name: str, n_kills: int) -> Counter[
     counts: Counter[str] = Counter()
     n = 0
     while n < n_kills:
-        outcome = trial.kill(n % len(PHASES), moments.random())
+        outcome = trial.kill(n % len(PHASES), 0.8 * moments.random())
         counts[outcome or "ended before the kill"] += 1
         n += outcome is not None
         if outcome == OUTCOMES[3]:
             return counts
-    for variant, output in zip(trial.command.variants, trial.outputs, strict=True):  # the next runs succeed
+    for variant, output in zip(trial.command.variants, trial.outputs, strict=True):
         succeed(server, variant)
         if trial.found() != output:
             raise RuntimeError(f"after the kills, {variant} succeeded with another output than before.")
     return counts
 
 
+def store(name: str, counts: Counter[str], n_kills: int) -> dict[str, int]:
+    """Put the counts of a command into the stored table and return them; other commands stay as they are."""
+    stored = json.loads(RESULT.read_text()) if RESULT.exists() else {"kills": {}}
+    row = {outcome: counts[outcome] for outcome in (*OUTCOMES, "ended before the kill")}
+    rows = {**stored["kills"], name: row}
+    content = {
+        "command": f"python -m benchmarks.replacing_kills --kills {n_kills}",
+        "kills": {command: rows[command] for command in COMMANDS if command in rows},
+    }
+    RESULT.write_text(json.dumps(content, indent=2) + "\n")
+    return row
+
+
 def main() -> None:
     """Print and store the counts of every command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=50, help="kills of each command")
-    parser.add_argument("--command", choices=COMMANDS, action="append", help="only this command; not stored")
+    parser.add_argument("--command", choices=COMMANDS, action="append", help="only this command")
     options = parser.parse_args()
-    table: dict[str, dict[str, int]] = {}
     with tempfile.TemporaryDirectory() as place, prepared(Path(place)) as server:
         for name in options.command or COMMANDS:
             began = time.monotonic()
-            counts = kills(server, Path(place), name, options.kills)
-            table[name] = {outcome: counts[outcome] for outcome in (*OUTCOMES, "ended before the kill")}
-            print(f"{name:<12} {time.monotonic() - began:6.1f} s  {table[name]}", flush=True)
-    if not options.command:
-        content = {"command": f"python -m benchmarks.replacing_kills --kills {options.kills}", "kills": table}
-        RESULT.write_text(json.dumps(content, indent=2) + "\n")
+            row = store(name, kills(server, Path(place), name, options.kills), options.kills)
+            print(f"{name:<12} {time.monotonic() - began:6.1f} s  {row}", flush=True)
 
 
 if __name__ == "__main__":

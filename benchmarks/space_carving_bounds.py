@@ -181,7 +181,7 @@ def _steepness(model: FieldLattice, trial: ScanTrial) -> tuple[float, float, flo
 
 
 def _steep(ground: FloatArray) -> BoolArray:
-    """Tell where the ground rises or falls too steeply to one of the eight nodes around."""
+    """Return where the ground rises or falls too steeply to one of the eight nodes around."""
     steep = np.zeros(ground.shape, dtype=bool)
     padded = np.pad(ground, 1, mode="edge")
     rows, columns = ground.shape
@@ -267,7 +267,7 @@ def _read(file: Path) -> tuple[SurfacePoints, BoolArray]:
 
 
 def _opened(xyz: FloatArray) -> BoolArray:
-    """Tell ground by a progressive morphological filter (Zhang et al. 2003): openings of 1.5, 2.5, 4.5 and 8.5 m.
+    """Classify ground by a progressive morphological filter (Zhang et al. 2003): openings of 1.5, 2.5, 4.5 and 8.5 m.
 
     What stands more than 0.3 m above an opening, 0.3 more for every metre that the window grew, and 1 m at most, goes.
     """

@@ -126,7 +126,7 @@ def _real_scans() -> dict[str, FloatArray]:
 
 
 def _near_minima(xyz: FloatArray, near: BoolArray) -> BoolArray:
-    """Tell which points lie within 0.4 m of the median of the lowest points of the 1 m cells around."""
+    """Return which points lie within 0.4 m of the median of the lowest points of the 1 m cells around."""
     cells = np.floor(xyz[:, :2] + REAL_REACH_M).astype(np.int64)
     n = int(2 * REAL_REACH_M)
     lowest = np.full((n, n), np.inf)

@@ -2,8 +2,8 @@
 
 Run with ``python -m benchmarks.vision_mission``. The missions are those of ``examples/mendenhall_like.toml``, by four
 lawnmower swaths and by two piecewise-continuous ones, with seeds that no setting was chosen on (``FIRNLINE_MISSION_SEEDS``
-names others, or fewer: ``71,72``). Each is run once, with two processes, and kept in the system's folder for temporary
-files; whole runs that stand there are read. Along every driven path receivers are read anew: 3 m without memory, and 3 m
+names others, or fewer: ``71,72``). Each is run once, with two processes, and stored in the system's folder for temporary
+files; whole runs that stand there are read. Along every driven path receivers are simulated again: 3 m without memory, and 3 m
 that last a minute, assumed to last five. No error is debiased, and no place is recognised by hand.
 
 ``independent`` is the paper's treatment, around the satellite's elevations; ``landmarks on the real path`` is what that

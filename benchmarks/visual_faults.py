@@ -2,8 +2,8 @@
 
 Run with ``python -m benchmarks.visual_faults``. The route is a hook of 62 m that crosses its own first leg. Faults
 of camera, receiver and calibration do not move the rover, so that they are put into the records of one drive by
-what puts them there while driving; those of tracks and scenery are driven anew. What images show and what then
-passes is looked at until 15 s later, all else to the end of the drive. Places that images recognise are
+what puts them there while driving; those of tracks and scenery need drives of their own. Faults of
+images that pass are judged until 15 s later, all else to the end of the drive. Places that images recognise are
 judged on a longer drive, a knot with crossings, a repeated leg and a way back. Recordings are made once and kept
 in the system's folder for temporary files. A row holds if 95 % of the poses lie within their claimed 3σ ellipse
 and none is off by more than 5 m but where the rover declares itself lost, and it is not lost at the end.
@@ -125,10 +125,10 @@ class Outcome:
     @property
     def holds(self) -> bool:
         """Whether the error is bounded and within the claim, but where lost is declared, and not for good."""
-        told = ~self.is_lost
-        if not told.any() or self.is_lost[-1]:
+        not_lost = ~self.is_lost
+        if not not_lost.any() or self.is_lost[-1]:
             return False
-        return bool(self.is_within[told].mean() >= 0.95 and self.error_m[told].max() <= BOUNDED_M)
+        return bool(self.is_within[not_lost].mean() >= 0.95 and self.error_m[not_lost].max() <= BOUNDED_M)
 
 
 def measure(quick: bool) -> Iterator[Row]:
@@ -148,8 +148,8 @@ def rows_of(seeds: Sequence[int], names: Sequence[str]) -> Iterator[Row]:
 
 
 def _rows(name: str, outcomes: list[Outcome]) -> Iterator[Row]:
-    told = [outcome.error_m[~outcome.is_lost] for outcome in outcomes]
-    yield Row(f"{name}: largest error where not lost", max(float(e.max(initial=0.0)) for e in told), "m")
+    errors_m = [outcome.error_m[~outcome.is_lost] for outcome in outcomes]
+    yield Row(f"{name}: largest error where not lost", max(float(e.max(initial=0.0)) for e in errors_m), "m")
     yield Row(f"{name}: end error", max(float(o.error_m[-1]) for o in outcomes), "m")
     yield Row(f"{name}: largest claimed 3 sigma", max(float(o.claimed_m.max()) for o in outcomes), "m")
     yield Row(
@@ -244,8 +244,8 @@ def driven_once(
     seed: int, faults: tuple[dict[str, Any], ...], route: Sequence[tuple[float, float]] = HOOK
 ) -> Path:
     """Return the folder of a drive, which is driven if it has not been before."""
-    told = "-".join(f"{f['failure']}_{f.get('from_s', 0)}_{f.get('strength', '')}" for f in faults)
-    folder = DRIVES / f"{len(route)}-{seed}-{told or 'plain'}"
+    faults_name = "-".join(f"{f['failure']}_{f.get('from_s', 0)}_{f.get('strength', '')}" for f in faults)
+    folder = DRIVES / f"{len(route)}-{seed}-{faults_name or 'plain'}"
     if (folder / "recording" / "recording.json").exists():
         return folder
     shutil.rmtree(folder, ignore_errors=True)  # what was cut off

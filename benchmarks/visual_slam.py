@@ -180,7 +180,7 @@ def _blindly(recording: Recording, turn: FloatArray) -> FloatArray:
 
 
 class _Clocked:
-    """Images that tell the CPU time of what is done between them, without their own reading [s]."""
+    """Image sequence that records the CPU time between its images, without their reading [s]."""
 
     def __init__(self, images: Frames) -> None:
         self.seconds: list[float] = []

@@ -43,7 +43,7 @@ def cosine_hill() -> Dem:
 
 @pytest.fixture(scope="session")
 def real_data() -> Path:
-    """The folder of measured data, told by FIRNLINE_DATA or beside the checkout."""
+    """Return the folder of measured data, named by FIRNLINE_DATA or beside the checkout."""
     default = Path(__file__).resolve().parents[2] / "shared" / "data"
     folder = Path(os.environ.get("FIRNLINE_DATA", default))
     if not folder.is_dir():

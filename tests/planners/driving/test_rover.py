@@ -195,8 +195,8 @@ def test_swaths_run_up_the_slope_where_that_is_wanted():
 
 
 def test_progress_is_told_to_the_end():
-    told = []
+    calls = []
     plan(SITE, None, BestConfig(swaths=2, heading_deg=0.0), kernel=KERNEL, sample_step_m=30.0,
-         progress=lambda what, done, total: told.append((what, done, total)))  # fmt: skip
-    assert [done for _, done, _ in told] == list(range(1, len(told) + 1))
-    assert told[-1][1] == told[-1][2]
+         progress=lambda what, done, total: calls.append((what, done, total)))  # fmt: skip
+    assert [done for _, done, _ in calls] == list(range(1, len(calls) + 1))
+    assert calls[-1][1] == calls[-1][2]

@@ -47,7 +47,7 @@ def test_the_prior_gives_the_length_scale():
     cells = CoarseCells(coarse(smooth_terrain()), 0.5)
     posterior = posterior_from_prior(cells, noise_m=0.1)
     assert sum(one.weight for one in posterior.kernels) == pytest.approx(1.0)
-    # 36 cells of one field tell the scale to within a factor of two.
+    # 36 cells of one field give the scale to within a factor of two.
     assert 40.0 < posterior.slope_length_m < 160.0
 
 

@@ -96,7 +96,7 @@ def test_few_good_samples_stand_for_many_on_long_routes():
     route = plan(SITE, None, LawnmowerConfig(swaths=6))
     few = ErrorModel.of(SITE, KERNEL, noise_m=0.3, sample_step_m=5.0)
     many = ErrorModel.of(SITE, KERNEL, noise_m=0.3 * np.sqrt(5.0), sample_step_m=1.0)
-    # Five times the samples with five times the variance tell the same, up to how samples meet at ends.
+    # Five times the samples with five times the variance carry the same information, up to how samples meet at ends.
     assert many.rmse_m(route) == pytest.approx(few.rmse_m(route), rel=0.01)
 
 
@@ -128,7 +128,7 @@ def test_a_kernel_is_fitted_to_the_prior():
     grid = Grid((0.0, 0.0, 600.0, 600.0), 10.0, CRS)
     dem = squared_exponential_field(grid, np.random.default_rng(3), length_scale_m=150.0)
     kernel = terrain_kernel(dem.block_mean(60.0), SITE)
-    # One field of sixteen patches of a length scale tells it to a factor of about two.
+    # One field of sixteen patches of a length scale gives it to a factor of about two.
     assert 75.0 < kernel.length_scales_m[0] < 450.0
 
 

@@ -40,10 +40,10 @@ def test_writes_path_and_health_of_a_foreign_sequence(street: Path, tmp_path: Pa
     words = ["localize", str(street), "--scale-from", "1", "-o", str(out), "-q", "--json"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert told["poses"] == 5
-    # A wall tells little of sideways motion from turning: a tenth of the 2 m.
-    assert told["end_error_m"] < 0.2
+    summary = json.loads(result.stdout)
+    assert summary["poses"] == 5
+    # A wall hardly distinguishes sideways motion from turning: a tenth of the 2 m.
+    assert summary["end_error_m"] < 0.2
     assert {file.name for file in out.iterdir()} == {
         *("trajectory.tum", "landmarks.csv", "health.csv", "map.png", "tracks.png", "errors.png")
     }
@@ -166,8 +166,8 @@ def test_localizes_an_own_recording(recording: Path, tmp_path: Path) -> None:
             "localization.landmarks_per_m=0.5",
         ),
     ]
-    told = json.loads(CliRunner().invoke(app, thinned).stdout)
-    assert told["landmarks"] == round(0.5 * told["length_m"])
+    summary = json.loads(CliRunner().invoke(app, thinned).stdout)
+    assert summary["landmarks"] == round(0.5 * summary["length_m"])
     names = {file.name for file in out.iterdir()}
     assert {"trajectory.tum", "trajectory.csv", "track.gpkg", "landmarks.csv", "map.png"} <= names
     wrong = CliRunner().invoke(

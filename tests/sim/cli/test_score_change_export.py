@@ -33,7 +33,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def told(*args: str, code: int = 0) -> str:
+def output_of(*args: str, code: int = 0) -> str:
     done = CliRunner().invoke(app, list(args))
     assert done.exit_code == code, done.output
     return done.stdout if code == 0 else done.stderr
@@ -42,31 +42,31 @@ def told(*args: str, code: int = 0) -> str:
 def test_checkpoints_are_judged_by_a_named_edition(site: Path) -> None:
     args = ("--class", "0.10", "--datum", "EGM96 height", "--json")
     for file, n, outcome in (("few.csv", 29, "not assessed to the standard"), ("all.csv", None, "met")):
-        found = json.loads(told("score", "map.tif", "--checkpoints", file, *args))
+        found = json.loads(output_of("score", "map.tif", "--checkpoints", file, *args))
         finding = found["assessments"][0]
         assert finding["outcome"] == outcome
         assert "Edition 2" in finding["edition"]
         assert finding["n"] == (n or len(Path(file).read_text().splitlines()) - 1)
         assert found["elevation"]["rmse_m"] == pytest.approx(0.05, abs=1e-5)
-    words = told("score", "map.tif", "--checkpoints", "few.csv", "--standard", "nssda-1998")
+    words = output_of("score", "map.tif", "--checkpoints", "few.csv", "--standard", "nssda-1998")
     assert "tested accuracy at 95 % 0.098 m" in words
     assert "tens of metres" in words
 
 
 def test_checkpoints_that_are_control_unknown_standards_and_other_datums_are_refused(site: Path) -> None:
     score = ("score", "map.tif", "--checkpoints", "all.csv")
-    assert "within 0.1 m of control" in told(*score, "--control", "few.csv", code=3)
-    assert "asprs-2014" in told(*score, "--standard", "asprs-2020", code=4)
-    assert "vertical datums" in told(*score, "--datum", "ellipsoidal height", code=3)
+    assert "within 0.1 m of control" in output_of(*score, "--control", "few.csv", code=3)
+    assert "asprs-2014" in output_of(*score, "--standard", "asprs-2020", code=4)
+    assert "vertical datums" in output_of(*score, "--datum", "ellipsoidal height", code=3)
 
 
 def test_a_map_goes_through_every_format_and_back(site: Path) -> None:
-    told("export", "map.tif", "map.nc")
-    told("export", "map.nc", "map.asc")
-    told("export", "map.asc", "again.tif", "--crs", UTM)
+    output_of("export", "map.tif", "map.nc")
+    output_of("export", "map.nc", "map.asc")
+    output_of("export", "map.asc", "again.tif", "--crs", UTM)
     np.testing.assert_array_equal(Dem.read("again.tif").elevation, Dem.read("map.tif").elevation)
-    told("export", "all.csv", "points.laz", "--crs", UTM, code=3)
-    assert "not known" in told("export", "map.tif", "x.gpkg", "--as", "poem", code=4)
+    output_of("export", "all.csv", "points.laz", "--crs", UTM, code=3)
+    assert "not known" in output_of("export", "map.tif", "x.gpkg", "--as", "poem", code=4)
 
 
 LOCAL = 'LOCAL_CS["site grid",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
@@ -75,36 +75,36 @@ LOCAL = 'LOCAL_CS["site grid",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
 def test_score_assigns_the_named_crs_to_rasters_in_a_local_one(site: Path) -> None:
     plane = Dem.read("map.tif")
     Dem(plane.elevation, plane.transform, LOCAL).write("local.tif")
-    refusal = told("score", "local.tif", "--truth", "map.tif", code=3)
+    refusal = output_of("score", "local.tif", "--truth", "map.tif", code=3)
     assert "is a local one (LOCAL_CS) that cannot be reprojected" in refusal
     assert "--crs" in refusal
-    assert "rmse_m       0.0000" in told("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
-    assert "was named" in told("score", "local.tif", "--truth", "map.tif", "--crs", "EPSG:32609", code=3)
+    assert "rmse_m       0.0000" in output_of("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
+    assert "was named" in output_of("score", "local.tif", "--truth", "map.tif", "--crs", "EPSG:32609", code=3)
 
 
 def test_score_in_blocks_assigns_the_named_crs_too(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.cli.score._LARGE", 100)
     plane = Dem.read("map.tif")
     Dem(plane.elevation, plane.transform, LOCAL).write("local.tif")
-    assert "rmse_m       0.0000" in told("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
+    assert "rmse_m       0.0000" in output_of("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
 
 
 def test_an_export_replaces_nothing_without_force_and_never_its_input(site: Path) -> None:
     before = Path("map.tif").read_bytes()
     Path("map.nc").write_text("mine")
-    assert "map.nc exists" in told("export", "map.tif", "map.nc", code=3)
+    assert "map.nc exists" in output_of("export", "map.tif", "map.nc", code=3)
     assert Path("map.nc").read_text() == "mine"
-    assert "is or contains the input" in told("export", "map.tif", "map.tif", "--force", code=3)
+    assert "is or contains the input" in output_of("export", "map.tif", "map.tif", "--force", code=3)
     Path("other.prj").write_text("mine")
-    assert "other.prj exists" in told("export", "map.tif", "other.asc", code=3)
+    assert "other.prj exists" in output_of("export", "map.tif", "other.asc", code=3)
     assert (Path("other.prj").read_text(), Path("other.asc").exists()) == ("mine", False)
-    told("export", "map.tif", "map.nc", "--force")
+    output_of("export", "map.tif", "map.nc", "--force")
     assert Path("map.tif").read_bytes() == before
 
 
 def test_a_refused_export_leaves_what_was_there(site: Path) -> None:
     Path("points.laz").write_text("mine")
-    told("export", "all.csv", "points.laz", "--crs", UTM, "--force", code=3)
+    output_of("export", "all.csv", "points.laz", "--crs", UTM, "--force", code=3)
     assert Path("points.laz").read_text() == "mine"
 
 
@@ -119,32 +119,32 @@ def _surveys(folder: Path) -> list[str]:
 
 def test_change_replaces_nothing_without_force_and_no_file_of_others(site: Path) -> None:
     args = _surveys(site)
-    told(*args)
+    output_of(*args)
     old = Path("out/change.csv").read_bytes()
-    assert "out exists" in told(*args, code=3)
-    told(*args, "--force", "--no-level")
+    assert "out exists" in output_of(*args, code=3)
+    output_of(*args, "--force", "--no-level")
     assert Path("out/change.csv").read_bytes() != old
     Path("out/notes.txt").write_text("mine")
-    assert "notes.txt" in told(*args, "--force", code=3)
+    assert "notes.txt" in output_of(*args, "--force", code=3)
     assert Path("out/notes.txt").read_text() == "mine"
-    assert "contains the input" in told(*args[:-1], ".", "--force", code=3)
+    assert "contains the input" in output_of(*args[:-1], ".", "--force", code=3)
 
 
 def test_a_change_that_fails_leaves_the_old_one(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     args = _surveys(site)
-    told(*args)
+    output_of(*args)
     old = {file.name: file.read_bytes() for file in Path("out").iterdir()}
 
     def full(*_: object) -> bytes:
         raise InputError("the disk is full")
 
     monkeypatch.setattr("survey.figures.style.png_bytes", full)
-    told(*args, "--force", "--no-level", code=3)
+    output_of(*args, "--force", "--no-level", code=3)
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == old
 
 
 def test_names_of_outlines_are_escaped_in_tables_and_on_the_terminal(site: Path) -> None:
-    said = told(*_surveys(site))
+    said = output_of(*_surveys(site))
     assert "\x1b" not in said
     table = Path("out/change.csv").read_text(encoding="utf-8")
     assert "\x1b" not in table

@@ -57,11 +57,11 @@ def tables(folder):
 
 
 def test_a_study_makes_tables_a_summary_and_a_page(study, tmp_path):
-    told = []
-    page = run_study(study, tmp_path / "out", engine="serial", watch=lambda *n: told.append(n))
+    calls = []
+    page = run_study(study, tmp_path / "out", engine="serial", watch=lambda *n: calls.append(n))
     table = pq.read_table(tmp_path / "out" / "trials.parquet")
     assert table.num_rows == 3 * 2 * 2
-    assert told[-1] == (3, 3)
+    assert calls[-1] == (3, 3)
     assert page.read_text().count("<figure>") == 1
     with (tmp_path / "out" / "summary.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -97,7 +97,7 @@ def test_any_reconstruction_and_fidelity_can_be_studied(tmp_path):
     (block,) = blocks_of(study)
     lawnmower, steered = survey_block(study, block)
     assert lawnmower.map == steered.map == "tin"
-    # Triangles end at the hull of the landmarks, and the rest of the site is told as silent.
+    # Triangles end at the hull of the landmarks, and the rest of the site is reported as silent.
     assert 0.0 <= lawnmower.silent_share < 0.5
     assert lawnmower.n_samples > 100
 
@@ -257,17 +257,17 @@ def greet(listener, words):
         peer.sendall(words)
 
 
-def test_a_listener_that_is_no_scheduler_is_told(monkeypatch):
+def test_a_listener_that_is_no_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("sim.executors._REACH_S", 0.5)
     # One that waits to be spoken to, as a web server does, and one that speaks another tongue.
-    for words, told in ((b"", "no dask scheduler answers"), (b"220 mail.example", "is no dask scheduler")):
+    for words, reason in ((b"", "no dask scheduler answers"), (b"220 mail.example", "is no dask scheduler")):
         with socket.create_server(("127.0.0.1", 0)) as listener:
             greeter = threading.Thread(target=greet, args=(listener, words))
             if words:
                 greeter.start()
             address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
-            with pytest.raises(InputError, match=told):
+            with pytest.raises(InputError, match=reason):
                 list(run_all(partial(pow, 3), [1], engine="dask", scheduler=address))
             if words:
                 greeter.join()

@@ -34,7 +34,7 @@ def drive(rng: np.random.Generator, length_m: float = 6000.0, walk_deg: float = 
 
 def test_what_was_drawn_is_found(rng):
     found = fitted([drive(rng), drive(rng)])
-    # 200 independent stretches of attitude tell a deviation to 5 %; the others have thousands of draws.
+    # 200 independent stretches of attitude give a deviation to 5 %; the others have thousands of draws.
     assert found.yaw_sigma_deg == pytest.approx(0.3, rel=0.15)
     assert found.tilt_sigma_deg == pytest.approx(0.1, rel=0.15)
     assert found.tilt_bias_sigma_deg == pytest.approx(0.2, rel=0.1)
@@ -49,7 +49,7 @@ def test_what_was_drawn_is_found(rng):
 
 def test_a_heading_that_walks_is_found_where_drives_are_long(rng):
     found = fitted([drive(rng, walk_deg=WALK_DEG) for _ in range(4)])
-    # 80 stretches of 300 m tell their mean square to 16 %, the walk to half of that and what noise of 0.3 deg adds.
+    # 80 stretches of 300 m give their mean square to 16 %, the walk to half of that and what noise of 0.3 deg adds.
     assert found.heading_walk_deg_sqrt_m == pytest.approx(WALK_DEG, rel=0.3)
     assert found.yaw_sigma_deg == pytest.approx(0.3, rel=0.2)
     assert fitted([drive(rng, 500.0, WALK_DEG)]).heading_walk_deg_sqrt_m == 0.0

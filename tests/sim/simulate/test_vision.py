@@ -188,16 +188,16 @@ def test_a_carried_rover_records_nothing_and_its_wheels_stand(tmp_path):
     ]
     usual = {"physics": {"engine": "kinematic"}}
     plain = simulate_vision(ground(), SHORT, mission(**usual), tmp_path / "plain").recording
-    told = simulate_vision(ground(), SHORT, mission(**usual, faults=faults), tmp_path / "carried").recording
+    faulty = simulate_vision(ground(), SHORT, mission(**usual, faults=faults), tmp_path / "carried").recording
     for name in ("frames", "gps", "inertial", "wheels", "compass", "barometer"):
-        times, all_times = getattr(told, name).time_s, getattr(plain, name).time_s
+        times, all_times = getattr(faulty, name).time_s, getattr(plain, name).time_s
         np.testing.assert_array_equal(times, all_times[(all_times < 2.0) | (all_times >= 4.0)])
-    left = np.interp([1.9, 4.1], told.wheels.time_s, told.wheels.left_m)
+    left = np.interp([1.9, 4.1], faulty.wheels.time_s, faulty.wheels.left_m)
     real = np.interp([1.9, 1.95, 4.0, 4.1], plain.wheels.time_s, plain.wheels.left_m)
     # Ticks of 1 mm, and the step of 5 cm between the last reading and the lifting, bound what may differ.
     assert left[1] - left[0] == pytest.approx(1.1 * (real[1] - real[0] + real[3] - real[2]), abs=0.06)
-    assert told.wheels.left_m[-1] < 1.1 * (plain.wheels.left_m[-1] - 1.5)
-    ahead = [recording.camera.T_body_camera[:3, 2] for recording in (plain, told)]
+    assert faulty.wheels.left_m[-1] < 1.1 * (plain.wheels.left_m[-1] - 1.5)
+    ahead = [recording.camera.T_body_camera[:3, 2] for recording in (plain, faulty)]
     assert np.degrees(np.arccos(ahead[0] @ ahead[1])) == pytest.approx(2.0)
     assert ahead[1][2] < ahead[0][2]
 

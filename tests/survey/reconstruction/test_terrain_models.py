@@ -97,7 +97,7 @@ def test_it_comes_back_from_its_file(model: TerrainModel, tmp_path: Path) -> Non
     fitted = model.fit(points()).update(points(seed=1))
     fitted.save(tmp_path / "model.npz")
     back = type(fitted).load(tmp_path / "model.npz")
-    # The Gaussian process is conditioned anew on all its points, where it was updated: 1e-5 of a length of 0.3 m.
+    # The Gaussian process is conditioned again on all its points, where it was updated: 1e-5 of a length of 0.3 m.
     np.testing.assert_allclose(back.predict(PLACES), fitted.predict(PLACES), atol=1e-5)
     # And goes on from there as if it had never left.
     again = points(seed=2)

@@ -46,8 +46,8 @@ def _drive(seed: int = 1, n: int = 240) -> tuple[Recording, FloatArray]:
     memory = float(np.exp(-1.0 / CONFIG.attitude_correlation_m))
     wrong = _gauss_markov(n, 1.0, memory, rng)
     wrong = wrong * np.radians([CONFIG.tilt_sigma_deg, CONFIG.tilt_sigma_deg, CONFIG.yaw_sigma_deg])
-    told = step * (1.0 + CONFIG.scale_sigma * rng.standard_normal())
-    told = told + CONFIG.step_sigma_m * rng.standard_normal(told.shape)
+    measured = step * (1.0 + CONFIG.scale_sigma * rng.standard_normal())
+    measured = measured + CONFIG.step_sigma_m * rng.standard_normal(measured.shape)
     level = np.array([1.0, 1.0, CONFIG.gps_vertical_factor])
     memory = float(np.exp(-1.0 / CONFIG.gps_correlation_time_s))
     error = _gauss_markov(n, CONFIG.gps_bias_sigma_m, memory, rng)
@@ -59,7 +59,7 @@ def _drive(seed: int = 1, n: int = 240) -> tuple[Recording, FloatArray]:
         "EPSG:32608",
         place[0],
         GpsFixes(times, place + error),
-        odometry=Odometry(times, told, attitude + wrong),
+        odometry=Odometry(times, measured, attitude + wrong),
         barometer=Barometer(times, height),
     )
     return recording, place
@@ -148,7 +148,7 @@ def test_estimates_an_unknown_heading(with_compass: bool) -> None:
     recording = replace(recording, odometry=turned, compass=compass if with_compass else None)
     config = CONFIG.model_copy(update={"heading_sigma_deg": 5.0})
     online = filter_path(recording, _reckoned(recording), config)
-    # Sixty metres under a receiver of one metre tell the heading to a degree or two.
+    # Sixty metres under a receiver of one metre give the heading to a degree or two.
     assert np.degrees(abs(online.turn_rad[-1] + 0.8)) < 3.0
     assert np.hypot(*(online.position - place)[60:, :2].T).max() < 3.0
 
@@ -185,13 +185,13 @@ def test_a_rover_that_reverses_does_not_contradict_its_wheels() -> None:
     ahead = np.where(np.arange(len(odometry.step)) // 20 % 3 == 1, -1.0, 1.0)
     rng = np.random.default_rng(2)
     wander = _gauss_markov(len(ahead), 0.05, float(np.exp(-1.0 / 6.0)), rng, 1)
-    told = replace(odometry, step=odometry.step * ahead[:, None] * (1.0 + wander))
+    slipping = replace(odometry, step=odometry.step * ahead[:, None] * (1.0 + wander))
     moved = np.diff(place, axis=0) * ahead[:, None]
     shift = np.vstack([np.zeros(3), np.cumsum(moved, axis=0)]) - place
     fixes = replace(recording.gps, position=recording.gps.position + shift)
     travel = 1.02 * np.r_[0.0, np.cumsum(ahead)]
     config = CONFIG.model_copy(update={"scale_wander_sigma": 0.05, "scale_sigma": 0.02})
-    without = replace(recording, odometry=told, gps=fixes, barometer=None)
+    without = replace(recording, odometry=slipping, gps=fixes, barometer=None)
     with_wheels = replace(without, wheels=Wheels(odometry.time_s, travel, travel))
     variance = []
     for sensed in (without, with_wheels):
@@ -202,7 +202,7 @@ def test_a_rover_that_reverses_does_not_contradict_its_wheels() -> None:
             off = (path.position - place - shift)[20:, 0] / np.sqrt(path.covariance[20:, 0, 0])
             # Four standard deviations of the worst of 240 places that share most of their error.
             assert np.abs(off).max() < 4.0
-    # Wheels that were taken for spinning would tell nothing in the filter, and doubt the odometry in the smoother.
+    # Wheels taken for spinning would add no information to the filter, and doubt the odometry in the smoother.
     assert (np.array(variance[1]) < 0.95 * np.array(variance[0])).all()
 
 

@@ -54,8 +54,8 @@ def test_a_start_elsewhere_is_taken_for_unknown(caplog: pytest.LogCaptureFixture
     recording, path = _drive()
     assert recording.odometry is not None
     away = np.array([18.0, -24.0, 0.0])
-    told = Recording(SITE, path[0] + away, recording.gps, odometry=recording.odometry)
-    kept, config = check_start_by_fixes(told, path + away, recording.odometry.time_s, CONFIG)
+    displaced = Recording(SITE, path[0] + away, recording.gps, odometry=recording.odometry)
+    kept, config = check_start_by_fixes(displaced, path + away, recording.odometry.time_s, CONFIG)
     assert config.start == "unknown"
     # The slow error of the fixes, 1 m, and what the heading of the fit adds at the start.
     assert np.hypot(*(kept.start - path[0])[:2]) < 3.0
@@ -90,5 +90,5 @@ def test_late_fixes_are_moved_back() -> None:
     recording, _ = _drive(late_s=2.0)
     assert recording.odometry is not None
     path = dead_reckoning(recording.odometry, recording.start)
-    # Half a second at 1 m/s is what fixes of 1 m with a memory of two minutes can tell apart here.
+    # Half a second at 1 m/s is what fixes of 1 m with a memory of two minutes can distinguish here.
     assert fix_delay_s(recording, path, CONFIG) == pytest.approx(2.0, abs=0.5)

@@ -1,4 +1,4 @@
-"""What else constraints a path: gravity, stakes, closures, a base station; and what tells that a model is wrong."""
+"""Further constraints of a path (gravity, stakes, loop closures, a base station) and tests of the error model."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_gravity_halves_the_tilt_in_spite_of_its_bias_and_says_how_far():
     with_gravity = replace(recording, inertial=gravity_of(attitude, (0.05, -0.05, 0.0)))
     before, after = smoothed(recording), smoothed(with_gravity)
     assert tilt_rms_deg(before, attitude) > 0.25
-    # Jolts of 0.1 m/s² are 0.6° a reading, 0.1° after ten readings a node and a few nodes; the bias is told from an
+    # Jolts of 0.1 m/s² are 0.6° a reading, 0.1° after ten readings a node and a few nodes; the bias is estimated from an
     # odometry whose 0.4° average out over 2,400 m, to 0.09°: together 0.14°, give or take a quarter.
     assert tilt_rms_deg(after, attitude) < 0.18
     claimed = np.degrees(np.sqrt(after.covariance[:, [4, 5], [4, 5]].mean()))

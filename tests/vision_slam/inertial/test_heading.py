@@ -37,7 +37,7 @@ def _drive(seed: int = 1, n: int = 600) -> tuple[Recording, FloatArray]:
     moves = np.einsum("nij,nj->ni", rotations(attitude[:-1]), step)
     place = np.vstack([np.zeros(3), np.cumsum(moves, axis=0)])
     walk = np.radians(WALK_DEG) * np.cumsum(np.r_[0.0, rng.standard_normal(n - 1)])
-    told = step + CONFIG.step_sigma_m * rng.standard_normal(step.shape)
+    measured = step + CONFIG.step_sigma_m * rng.standard_normal(step.shape)
     noise = np.radians(CONFIG.gyro_noise_deg_sqrt_h) / 60.0 * HZ**0.5 * rng.standard_normal(n * HZ)
     rates = np.zeros((n * HZ, 3))
     rates[:, 2] = np.diff(heading, prepend=0.0) * HZ + BIAS_RAD_S + noise
@@ -50,7 +50,7 @@ def _drive(seed: int = 1, n: int = 600) -> tuple[Recording, FloatArray]:
         "EPSG:32608",
         place[0],
         GpsFixes(times, place + error * level),
-        odometry=Odometry(times, told, attitude + walk[:, None] * [0.0, 0.0, 1.0]),
+        odometry=Odometry(times, measured, attitude + walk[:, None] * [0.0, 0.0, 1.0]),
         inertial=Inertial(fine, rates, np.tile([0.0, 0.0, 9.81], (n * HZ, 1))),
     )
     return recording, place
@@ -129,5 +129,5 @@ def test_a_start_far_off_the_heading_does_not_bend_the_path(with_compass: bool) 
     )
     config = CONFIG.model_copy(update={"heading_sigma_deg": 5.0})
     found = smooth(turned, _reckoned(turned), config)
-    # Linear in the 12° the path would be 0.96 m off; turned anew it keeps what bends within the 10 m between nodes.
+    # Linear in the 12° the path would be 0.96 m off; turned again it retains the bends within the 10 m between nodes.
     assert _level_m(found.position, place) < 0.3

@@ -33,23 +33,25 @@ def test_mean_rates_sum_up_to_the_turn_whatever_the_moments(camera: Camera) -> N
     bias = np.array([0.01, -0.02, 0.03])
     sensors = MotionSensors(_sensed(camera, bias))
     first, last = 1.5, 3.1375
-    told = sensors.between(first, last)
+    measured = sensors.between(first, last)
     real = (_rocking(np.array([first])).inv() * _rocking(np.array([last])))[0]
-    assert told.rotation is not None
-    assert told.travel_m is not None
+    assert measured.rotation is not None
+    assert measured.travel_m is not None
     # The bias is that of the standing second; it is taken out half before the turn and half after it,
     # which leaves bias × time × turn² / 12 = 2e-3 of it.
-    assert (Rotation.from_matrix(told.rotation).inv() * real).magnitude() < 4e-3
+    assert (Rotation.from_matrix(measured.rotation).inv() * real).magnitude() < 4e-3
     short = sensors.between(2.0, 2.25)
     real = (_rocking(np.array([2.0])).inv() * _rocking(np.array([2.25])))[0]
     assert short.rotation is not None
     assert (Rotation.from_matrix(short.rotation).inv() * real).magnitude() < 1e-3
-    assert abs(told.travel_m - (last - first)) < 1e-9
+    assert abs(measured.travel_m - (last - first)) < 1e-9
 
 
 def test_what_images_see_teaches_the_bias(camera: Camera) -> None:
     sensors = MotionSensors(_sensed(camera, np.zeros(3)))
-    turned = Rotation.from_rotvec([0.0, 0.0, 0.005 * 0.25])  # by images the gyro tells 0.005 rad/s too little
+    turned = Rotation.from_rotvec(
+        [0.0, 0.0, 0.005 * 0.25]
+    )  # against images the gyro reads 0.005 rad/s too little
     for _ in range(1200):
         motion = sensors.between(0.25, 0.5)
         sensors.learn(motion, turned.as_matrix())

@@ -94,11 +94,11 @@ class Bag:
         return self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
     def fix(self, second: float, latitude: float, status: int) -> None:
-        told = self.make("sensor_msgs/msg/NavSatStatus", status=status, service=1)
+        fix_status = self.make("sensor_msgs/msg/NavSatStatus", status=status, service=1)
         message = self.make(
             "sensor_msgs/msg/NavSatFix",
             header=self.header(second),
-            status=told,
+            status=fix_status,
             latitude=latitude,
             longitude=-135.0,
             altitude=7.0,

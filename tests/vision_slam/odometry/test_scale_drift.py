@@ -1,4 +1,4 @@
-"""Lengths of a map that creeps, told by wheels and by the ground below the body."""
+"""Correction of scale drift by wheels and by the ground below the body."""
 
 import numpy as np
 import pytest
@@ -26,9 +26,9 @@ def _poses(length: FloatArray, heading_rad: FloatArray | None = None) -> FloatAr
 
 
 def _ground(too_large: FloatArray) -> FloatArray:
-    """What the ground tells of a map that is too large by these factors, step by step."""
-    told: FloatArray = np.r_[np.nan, -np.log(too_large)]
-    return told
+    """Return the log scale from the ground for a map that is too large by these factors, step by step."""
+    log_scale: FloatArray = np.r_[np.nan, -np.log(too_large)]
+    return log_scale
 
 
 def test_a_map_that_creeps_gets_its_size_from_wheels_and_ground() -> None:
@@ -113,8 +113,8 @@ def _seen(points: FloatArray, poses: FloatArray) -> tuple[Sightings, IntArray]:
 
 def test_the_ground_below_the_body_gives_the_scale_of_the_map() -> None:
     poses = _poses(np.full(100, STEP_M))
-    told = camera_height_ratio(poses, *_seen(_strip(-0.07), poses), HEIGHT_M)
-    np.testing.assert_allclose(told[5:-5], np.log(0.7 / 0.77))
+    log_scale = camera_height_ratio(poses, *_seen(_strip(-0.07), poses), HEIGHT_M)
+    np.testing.assert_allclose(log_scale[5:-5], np.log(0.7 / 0.77))
     raised = camera_height_ratio(poses, *_seen(np.vstack([_strip(0.0), _strip(-0.36)]), poses), HEIGHT_M)
     np.testing.assert_allclose(raised[5:-5], 0.0)  # what lies deeper than half the height is no ground
 
@@ -129,9 +129,9 @@ def test_what_was_seen_long_ago_or_hardly_is_no_ground() -> None:
     poses = _poses(np.full(100, STEP_M))
     sightings, k = _seen(_strip(0.0), poses)
     early = Sightings(0 * k, sightings.offset + poses[k, :3, 3], sightings.covariance, sightings.range_m)
-    told = camera_height_ratio(poses, early, 0 * k, HEIGHT_M)
-    assert np.isfinite(told[5:41]).all()
-    assert np.isnan(told[41:]).all()
+    log_scale = camera_height_ratio(poses, early, 0 * k, HEIGHT_M)
+    assert np.isfinite(log_scale[5:41]).all()
+    assert np.isnan(log_scale[41:]).all()
     few = Sightings(k[:3], sightings.offset[:3], sightings.covariance[:3], sightings.range_m[:3])
     assert np.isnan(camera_height_ratio(poses, few, k[:3], HEIGHT_M)).all()
 

@@ -57,7 +57,7 @@ def test_follows_a_straight_drive_and_maps_the_ground(plane_world: object, camer
     poses = [_pose(0.2 * k) for k in range(20)]
     slam = _driven(plane_world, camera, poses)
     end = slam.pose(slam.frames[-1])
-    # The wheels are exact here; sideways and in height only images tell: 1 % of the path.
+    # The wheels are exact here; sideways and in height only images measure: 1 % of the path.
     assert np.linalg.norm(end[:3, 3] - poses[-1][:3, 3]) < 0.01 * 3.8
     known = np.array(
         [track.point for track in slam.live_tracks if track.point is not None and not track.is_far]
@@ -78,7 +78,7 @@ def test_wheels_that_slip_for_a_while_do_not_stretch_the_path(plane_world: objec
 
 
 def test_without_wheels_the_first_step_is_the_unit(plane_world: object, camera: Camera) -> None:
-    """Images and gyro alone, no place and no scale given: the shape of the path is all that they tell."""
+    """Images and gyro alone, no place and no scale given: they give only the shape of the path."""
     poses = [_pose(0.2 * k) for k in range(16)]
     slam = _driven(plane_world, camera, poses, travel=False)
     path = np.array([slam.pose(frame)[:3, 3] for frame in slam.frames])

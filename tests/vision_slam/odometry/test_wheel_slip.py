@@ -1,4 +1,4 @@
-"""Wheels that spin, and the size of the map that tells."""
+"""Detection of spinning wheels by the scale of the map."""
 
 import numpy as np
 import pytest
@@ -41,27 +41,27 @@ def test_after_blind_frames_slip_is_unknown() -> None:
 
 
 def test_while_wheels_spin_the_height_of_the_camera_mends_the_size() -> None:
-    """The map is a third too small when the wheels begin to spin; it grows with what is told of each step."""
+    """The map is a third too small when the wheels begin to spin; it grows with the travel of each step."""
     watch, size = _settled(), 2.0 / 3.0
     for _ in range(300):
         seen = 0.1 * size
-        told = watch.travel_m(0.25, seen)
-        size *= told / seen
-        watch.observe(GROUND + [0.0, 0.0, 0.7 * (1.0 - size)], told)
+        travel_m = watch.travel_m(0.25, seen)
+        size *= travel_m / seen
+        watch.observe(GROUND + [0.0, 0.0, 0.7 * (1.0 - size)], travel_m)
     assert watch.is_slipping
     # Three times 10 m later; the mean of the height lags behind, and the size swings about its goal.
-    assert told == pytest.approx(0.1, rel=0.06)
+    assert travel_m == pytest.approx(0.1, rel=0.06)
 
 
 def test_the_height_of_the_camera_gives_the_scale_of_the_wheels() -> None:
     """Wheels count 3 % too much; the map follows them, and the ground lies 3 % too low in it."""
     watch = WheelSlipDetector(0.7)
     for _ in range(1200):
-        told = watch.travel_m(0.2575, 0.25)
-        size = told / 0.25
-        watch.observe(GROUND - [0.0, 0.0, 0.7 * (size - 1.0)], told)
+        travel_m = watch.travel_m(0.2575, 0.25)
+        size = travel_m / 0.25
+        watch.observe(GROUND - [0.0, 0.0, 0.7 * (size - 1.0)], travel_m)
     # Known to 3 % before, to 1.6 % / √12 by 300 m: 0.016² / 12 / 0.03² = 2.4 % of the error is left.
-    assert told == pytest.approx(0.25, rel=0.03 * 0.05)
+    assert travel_m == pytest.approx(0.25, rel=0.03 * 0.05)
 
 
 def test_a_height_that_cannot_be_is_not_believed() -> None:

@@ -92,7 +92,7 @@ def test_without_fixes_or_known_ground_it_stays_lost() -> None:
 def test_the_smoother_lets_a_torn_path_come_apart_there_and_only_there() -> None:
     recording, found, place = _carried()
     whole = relocalize_segments(recording, found).odometry
-    # Laid 12 m off, as fixes of the time may be: the rest of the fixes, and nothing else, tells.
+    # A segment may be 12 m off, as fixes of that time may be: only the other fixes show it.
     step = whole.step.copy()
     step[79] += [9.0, -8.0, 0.0]
     off = Odometry(whole.time_s, step, whole.attitude_rad, whole.step_sigma_m, whole.turn_sigma_rad)

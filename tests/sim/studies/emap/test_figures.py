@@ -40,7 +40,7 @@ def test_a_mean_over_no_node_is_refused() -> None:
 
 
 def test_the_hits_study_writes_its_products(tmp_path: Path) -> None:
-    told: list[tuple[str, int, int]] = []
-    study("emap-fig2")(tmp_path, quick=True, progress=lambda *what: told.append(what))
+    calls: list[tuple[str, int, int]] = []
+    study("emap-fig2")(tmp_path, quick=True, progress=lambda *what: calls.append(what))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["hits.csv", "hits.png"]
-    assert told[-1] == ("scans", 5, 5)
+    assert calls[-1] == ("scans", 5, 5)

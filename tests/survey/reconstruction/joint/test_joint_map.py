@@ -152,9 +152,9 @@ def test_the_satellite_tells_the_offset_of_the_path_and_the_path_that_of_the_sat
     error = found.reconstruction.mean.elevation - hill(GRID.xy).reshape(GRID.shape)
     assert np.abs(error / found.reconstruction.std.elevation).max() < 4.0
     assert abs(error.mean()) < 0.15
-    told = mapped(path_error(0.01), seen_points(), cells_of(hill, offset_m=3.0)).reconstruction
-    assert told.diagnostics["satellite_offset_m"] == pytest.approx(3.0, abs=0.15)
-    assert told.diagnostics["satellite_offset_sigma_m"] < 0.15
+    offset_map = mapped(path_error(0.01), seen_points(), cells_of(hill, offset_m=3.0)).reconstruction
+    assert offset_map.diagnostics["satellite_offset_m"] == pytest.approx(3.0, abs=0.15)
+    assert offset_map.diagnostics["satellite_offset_sigma_m"] < 0.15
 
 
 def test_roll_tilts_what_lies_to_the_side():

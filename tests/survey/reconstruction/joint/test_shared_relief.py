@@ -18,10 +18,10 @@ def test_a_dense_swath_knows_its_level_as_well_as_the_shared_relief_lets_it() ->
     noise = with_shared_relief(xy, own, relief, constant_alone, relief.variance_m2)
     weight = (1.0 / own) / (1.0 / own).sum()
     exact = weight @ (np.diag(own) + relief.covariance(xy, xy)) @ weight
-    told = weight**2 @ noise
+    variance_m2 = weight**2 @ noise
     # Places are rounded to a fifth of the relief's length, and the kept constant takes a tenth of the strip's mean.
-    assert 0.8 < told / exact < 1.2
-    assert told > 10.0 * (weight**2 @ (own + relief.variance_m2))
+    assert 0.8 < variance_m2 / exact < 1.2
+    assert variance_m2 > 10.0 * (weight**2 @ (own + relief.variance_m2))
 
 
 def test_points_far_apart_share_nothing_and_order_does_not_matter() -> None:

@@ -156,7 +156,7 @@ def test_a_single_ghost_moves_no_cell_beyond_a_metre_by_two_centimetres() -> Non
 
 
 def test_two_ghost_rays_that_no_gate_sees_leave_the_ceiling_as_it_is() -> None:
-    """The third-lowest ray counts: rays with nothing beside their ends cannot be told from others, but are outvoted."""
+    """The third-lowest ray counts: rays with nothing beside their ends cannot be distinguished from others, but are outvoted."""
     window = NodeWindow.over(BOUNDS, 0.25)
     ground = rings()
     ghosts = np.array([[9.0, 3.0, -10.0], [9.0, 3.0, -9.0]])

@@ -39,7 +39,7 @@ def test_a_rough_map_has_the_spread_of_the_dense_one() -> None:
     mean, variance = fast.predict(places)
     exact_mean, exact_variance = dense.predict(places)
     ratio = np.sqrt(fast.surface_variance(variance, places) / exact_variance)
-    # The box of three quarters of the site costs a few per cent; twelve neighbours tell nearly all.
+    # The box of three quarters of the site costs a few per cent; twelve neighbours carry nearly all information.
     assert 0.97 < np.median(ratio) < 1.03
     assert np.quantile(ratio, 0.01) > 0.85
     assert np.quantile(ratio, 0.99) < 1.15
