@@ -37,23 +37,13 @@ pattern = "lawnmower"
 [[planners]]
 pattern = "piecewise-continuous"
 """
+MONTECARLO = (sys.executable, "-m", "sim.cli.main", "montecarlo", "s.toml", "--runs", "runs", "-q")
 TABLES = ("trials.parquet", "trials.csv", "summary.csv", "minimum_swaths.csv", "index.html")
 
 
 def started(folder: Path) -> subprocess.Popen[bytes]:
     """Start the study in two processes."""
-    command = [
-        sys.executable,
-        "-m",
-        "sim.cli.main",
-        "montecarlo",
-        "s.toml",
-        "--runs",
-        "runs",
-        "-q",
-        "--workers",
-        "2",
-    ]
+    command = [*MONTECARLO, "--workers", "2"]
     return subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
@@ -157,11 +147,11 @@ def test_a_scheduler_that_dies_is_named(tmp_path):
         for part, arguments in (("scheduler", place), ("worker", [address, "--nthreads", "1"]))
     ]
     (tmp_path / "s.toml").write_text(STUDY.format(trials=5000))
-    command = ["montecarlo", "s.toml", "--runs", "runs", "-q", "--scheduler", address]
+    command = [*MONTECARLO, "--scheduler", address]
     try:
         while not list((tmp_path / "runs").rglob("*.parquet")):
             study = subprocess.Popen(
-                [sys.executable, "-m", "sim.cli.main", *command],
+                command,
                 cwd=tmp_path,
                 stderr=subprocess.PIPE,
                 text=True,
@@ -188,18 +178,7 @@ def test_a_full_disk_is_refused_and_the_study_goes_on_afterwards(tmp_path):
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 
-    command = [
-        sys.executable,
-        "-m",
-        "sim.cli.main",
-        "montecarlo",
-        "s.toml",
-        "--runs",
-        "runs",
-        "-q",
-        "--engine",
-        "serial",
-    ]
+    command = [*MONTECARLO, "--engine", "serial"]
     result = subprocess.run(
         command, cwd=tmp_path, preexec_fn=limit, capture_output=True, text=True, check=False
     )

@@ -2,20 +2,20 @@
 
 import os
 import random
-import signal
 import time
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from benchmarks.fork_server import ForkServer
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.simulate.simulated_drive import Ending
 from survey.core.config import validated
 from survey.core.documents import read_json
-from tests.reliability.test_same_bytes import Nursery, products
+from tests.reliability.test_same_bytes import products, whole_run
 
 pytestmark = [
     pytest.mark.reliability,
@@ -70,36 +70,24 @@ FAULTS = {
 
 def test_a_mission_killed_at_random_has_the_same_products(tmp_path):
     (tmp_path / "m.toml").write_text(SMALL)
-    nursery = Nursery(tmp_path / "m.toml")
-    try:
+    with ForkServer(tmp_path) as server:
         began = time.monotonic()
-        expected = whole_run(nursery, tmp_path / "whole")
+        expected = whole_run(server, tmp_path / "whole", within_s=1200.0)
         whole_s, moments = time.monotonic() - began, random.Random(20261121)
         kills = 0
         while kills < int(os.environ["FIRNLINE_DRIVES"]):
-            run = nursery.start(tmp_path / "killed")
-            if nursery.ended(within_s=moments.uniform(0.0, 0.9) * whole_s) is not None:
+            run = server.start(f"run m.toml --runs {tmp_path / 'killed'} -q")
+            if server.ended(within_s=moments.uniform(0.0, 0.9) * whole_s) is not None:
                 # It came to its end first: the next kills hit a new run of the same mission.
                 assert products(tmp_path / "killed") == expected
                 (tmp_path / "killed").rename(tmp_path / f"done-{kills}")
                 continue
             computers = onboard_computers(run) if kills % 2 else []
-            os.kill(computers[0] if computers else run, signal.SIGKILL)
             # Without its computer a run ends by itself, and names why.
-            assert nursery.ended(within_s=60.0) != 0
+            assert server.killed(computers[0] if computers else run) != 0
             kills += 1
-        assert whole_run(nursery, tmp_path / "killed") == expected
-    finally:
-        nursery.process.stdin.close()
-        nursery.process.wait()
-        nursery.process.stdout.close()
+        assert whole_run(server, tmp_path / "killed", within_s=1200.0) == expected
     assert not [p for p in (tmp_path / "killed").rglob("*") if p.name.endswith(".partial")]
-
-
-def whole_run(nursery: Nursery, runs: Path) -> dict[str, bytes]:
-    nursery.start(runs)
-    assert nursery.ended(within_s=1200.0) == 0
-    return products(runs)
 
 
 def onboard_computers(run: int) -> list[int]:
