@@ -20,10 +20,12 @@ from planners.planning import plan
 from planners.prediction.choose import Choice, choose
 from planners.prediction.predict import ErrorModel, PredictedError, predict_error, terrain_kernel
 from planners.registry import PLANNERS, PlannerConfig, pattern_names, planner_config, planner_of, steering_of
+from planners.steering.attitude import Attitude, attitude_sensor
+from planners.steering.band import Band
 from planners.steering.piecewise_continuous import PiecewiseContinuousSteering
 from planners.steering.random_wander import RandomWanderSteering
 from planners.steering.rollout import rollout
-from planners.steering.steering import Attitude, Band, Steering, SteeringState, attitude_sensor
+from planners.steering.steering import Steering, SteeringState
 
 __all__ = [
     "PLANNERS",

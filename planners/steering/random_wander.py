@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.steering.steering import Attitude, ConfiguredSteering, SteeringState
+from planners.steering.attitude import Attitude
+from planners.steering.steering import ConfiguredSteering, SteeringState
 from survey.core.arrays import FloatArray
 
 

@@ -8,7 +8,9 @@ import shapely
 
 from planners.capacity import require_waypoints
 from planners.driving.energy import Mobility, predicted
-from planners.steering.steering import AttitudeSensor, Band, Steering
+from planners.steering.attitude import AttitudeSensor
+from planners.steering.band import Band
+from planners.steering.steering import Steering
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
