@@ -19,9 +19,11 @@ from scipy.stats import norm
 import planners
 from benchmarks.report import Row, main
 from planners import LawnmowerConfig
-from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SensorConfig
+from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
+from sim.config.terrain import RandomTerrain
 from sim.simulate.statistical import simulate_statistical
-from sim.studies.glacier.joint_map import AREA, site
+from sim.studies.glacier.joint_cases import AREA
+from sim.studies.glacier.joint_map import site
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.path_error import POSE
@@ -29,7 +31,7 @@ from survey.data.recording import Recording
 from survey.data.sensors.aiding import Inertial
 from survey.data.trajectory import Trajectory
 from vision_slam.config import ImageOdometryErrors, LocalizationConfig
-from vision_slam.evaluation import consistency
+from vision_slam.consistency import consistency
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes
 from vision_slam.fusion.particle_filter import ParticleFilter
 from vision_slam.fusion.smoother import SmoothedPath, smooth

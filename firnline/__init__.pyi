@@ -15,12 +15,8 @@ from sim.config.drive import PhysicsConfig as PhysicsConfig
 from sim.config.faults import FaultConfig as FaultConfig
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import AreaConfig as AreaConfig
-from sim.config.mission import DemTerrain as DemTerrain
 from sim.config.mission import MissionConfig as MissionConfig
-from sim.config.mission import RandomTerrain as RandomTerrain
 from sim.config.mission import RoverConfig as RoverConfig
-from sim.config.mission import SampleTerrain as SampleTerrain
-from sim.config.mission import SatelliteConfig as SatelliteConfig
 from sim.config.mission import ScoreConfig as ScoreConfig
 from sim.config.mission import SensorConfig as SensorConfig
 from sim.config.scene import AppearanceConfig as AppearanceConfig
@@ -34,6 +30,10 @@ from sim.config.sensors import InstrumentsConfig as InstrumentsConfig
 from sim.config.sensors import StakeConfig as StakeConfig
 from sim.config.sensors import WeatherConfig as WeatherConfig
 from sim.config.sensors import WheelConfig as WheelConfig
+from sim.config.terrain import DemTerrain as DemTerrain
+from sim.config.terrain import RandomTerrain as RandomTerrain
+from sim.config.terrain import SampleTerrain as SampleTerrain
+from sim.config.terrain import SatelliteConfig as SatelliteConfig
 from sim.mission.runs import open_run as open_run
 from sim.mission.runs import read_mission as read_mission
 from sim.mission.stages import run_mission as run_mission

@@ -7,15 +7,8 @@ import numpy as np
 import shapely
 
 from planners.driving.reeds_shepp import Pose
-from planners.driving.tours import (
-    Transits,
-    boustrophedon,
-    improved,
-    nearest_next,
-    tour_length,
-    transit_length,
-    transits,
-)
+from planners.driving.tours import boustrophedon, improved, nearest_next, tour_length, transit_length
+from planners.driving.transits import Transits, transits
 from planners.driving.turns import Turning, Turns, turn_length_m
 from planners.ground.transit import FreeGround
 from planners.swaths.decomposition import ends_of

@@ -8,7 +8,8 @@ import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
-from planners.ground.shortest_paths import Bends, Links, Network, Walls, links, sights, walls, way
+from planners.ground.shortest_paths import Bends, Links, Network, links, sights, way
+from planners.ground.walls import Walls, walls
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 

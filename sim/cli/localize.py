@@ -13,7 +13,7 @@ from sim.cli.outcome import with_exit_codes
 if TYPE_CHECKING:
     from vision_slam.comparison import Comparison
     from vision_slam.drive_estimate import DriveEstimate
-    from vision_slam.recordings import RecordedDrive
+    from vision_slam.recorded_drive import RecordedDrive
 
 
 _Source = Annotated[

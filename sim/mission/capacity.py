@@ -7,7 +7,8 @@ reconstruction methods stand in `planners.capacity` and `survey.reconstruction.c
 import math
 
 from planners.capacity import require_cells
-from sim.config.mission import DemTerrain, MissionConfig, RandomTerrain, SampleTerrain
+from sim.config.mission import MissionConfig
+from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain
 from survey.core.arrays import Bounds
 from survey.core.errors import CapacityError
 from survey.data.dem import Dem

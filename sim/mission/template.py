@@ -9,7 +9,8 @@ from pydantic import BaseModel
 from tomlkit.items import Table
 
 from planners import LawnmowerConfig
-from sim.config.mission import DemTerrain, MissionConfig, RandomTerrain
+from sim.config.mission import MissionConfig
+from sim.config.terrain import DemTerrain, RandomTerrain
 
 
 def mission_template(name: str, dem: Path | None = None) -> str:

@@ -16,7 +16,8 @@ from pydantic import (
 )
 
 from planners import PlannerConfig, planner_config
-from sim.config.mission import RoverConfig, SatelliteConfig, SensorConfig, TerrainFamily
+from sim.config.mission import RoverConfig, SensorConfig
+from sim.config.terrain import SatelliteConfig, TerrainFamily
 from survey.core.config import Section, read_toml, validated, with_overrides
 from survey.core.errors import ConfigError
 from survey.reconstruction import GaussianProcessConfig

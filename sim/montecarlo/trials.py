@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from planners.prediction.predict import places
-from sim.config.mission import MissionConfig, RandomTerrain
+from sim.config.mission import MissionConfig
+from sim.config.terrain import RandomTerrain
 from sim.montecarlo.blocks import Trial, TrialBlock
 from sim.montecarlo.config import (
     Design,

@@ -3,7 +3,8 @@
 from typing import Literal
 
 from planners import LawnmowerConfig
-from sim.config.mission import AidsConfig, MissionConfig, RoverConfig, SampleTerrain, SensorConfig
+from sim.config.mission import AidsConfig, MissionConfig, RoverConfig, SensorConfig
+from sim.config.terrain import SampleTerrain
 from sim.simulate.ideal import simulate_ideal
 from sim.simulate.statistical import simulate_statistical
 from survey.core.arguments import check_types

@@ -9,7 +9,8 @@ from affine import Affine
 from rasterio.features import shapes
 from scipy.ndimage import distance_transform_edt
 
-from sim.config.mission import DemTerrain, MissionConfig, RandomTerrain, SampleTerrain
+from sim.config.mission import MissionConfig
+from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain
 from survey import terrain as landforms
 from survey.core.arrays import FloatArray
 from survey.core.crs.checks import projected_crs

@@ -11,7 +11,8 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from survey.data.sensors.aiding import Wheels
 from survey.data.trajectory import Trajectory
-from vision_slam.recordings import RecordedDrive, open_recording
+from vision_slam.recorded_drive import RecordedDrive
+from vision_slam.recordings import open_recording
 from vision_slam.results import pictures_of, write_localization, write_pictures
 from vision_slam.viewer import refuse_without_rerun, write_rrd
 

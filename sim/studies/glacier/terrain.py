@@ -17,8 +17,9 @@ from PIL import Image
 
 import planners
 import survey
-from sim.config.mission import AreaConfig, MissionConfig, RandomTerrain
+from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.scene import SceneryConfig
+from sim.config.terrain import RandomTerrain
 from sim.montecarlo.summary import SummaryRow, write_rows
 from sim.simulate.statistical import simulate_statistical
 from sim.simulate.vision import simulate_vision

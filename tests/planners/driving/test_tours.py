@@ -2,14 +2,8 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.driving.tours import (
-    boustrophedon,
-    improved,
-    nearest_next,
-    tour_length,
-    transit_length,
-    transits,
-)
+from planners.driving.tours import boustrophedon, improved, nearest_next, tour_length, transit_length
+from planners.driving.transits import transits
 from planners.ground.transit import FreeGround
 
 ENDS = np.array([[x, y] for x in (10.0, 30.0, 50.0, 70.0) for y in (10.0, 90.0)])

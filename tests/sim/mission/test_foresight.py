@@ -7,7 +7,8 @@ import typer
 
 from planners import LawnmowerConfig, RandomWanderConfig
 from sim.cli.plan_foresight import print_options_of
-from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SatelliteConfig
+from sim.config.mission import AidsConfig, MissionConfig
+from sim.config.terrain import RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, predicted_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from planners import LawnmowerConfig
-from sim.config.mission import AidsConfig, MissionConfig, RandomTerrain, SensorConfig
+from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
+from sim.config.terrain import RandomTerrain
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
 from survey import Dem, Grid, Leg, Route, SurveyArea

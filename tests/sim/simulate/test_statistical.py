@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from planners import LawnmowerConfig
-from sim.config.mission import MissionConfig, RandomTerrain
+from sim.config.mission import MissionConfig
+from sim.config.terrain import RandomTerrain
 from sim.simulate.statistical import simulate_statistical
 from survey import Dem, Grid, InputError, Leg, Route
 from survey.reconstruction.line_of_sight.sight_lines import checked_origins

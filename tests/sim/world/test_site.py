@@ -2,14 +2,8 @@ import numpy as np
 import pytest
 
 from planners import LawnmowerConfig
-from sim.config.mission import (
-    AreaConfig,
-    DemTerrain,
-    MissionConfig,
-    RandomTerrain,
-    SampleTerrain,
-    SatelliteConfig,
-)
+from sim.config.mission import AreaConfig, MissionConfig
+from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
 from sim.world.site import build_world
 from survey import Dem, Grid, InputError
 

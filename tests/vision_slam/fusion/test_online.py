@@ -16,7 +16,7 @@ from survey.data.sensors.aiding import (
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
-from vision_slam.evaluation import consistency
+from vision_slam.consistency import consistency
 from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning

@@ -10,7 +10,7 @@ from survey.data.recording import Recording
 from survey.data.sensors.aiding import Compass, GpsFixes, Inertial
 from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
-from vision_slam.evaluation import consistency
+from vision_slam.consistency import consistency
 from vision_slam.fusion.online import filter_path
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning

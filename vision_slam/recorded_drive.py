@@ -1,0 +1,184 @@
+"""Recorded drive: images, fixes and inertial measurements with their localization."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from survey.core.arrays import FloatArray, Progress
+from survey.core.config import validated, with_overrides
+from survey.core.errors import ConfigError
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
+from survey.data.recording import Recording
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.trajectory import Trajectory
+from survey.io.pose_files import read_tum
+from vision_slam.comparison import Comparison, compare_from_start, compare_in_crs
+from vision_slam.config import LocalizationConfig
+from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.fusion.visual_scale import refuse_untracked
+from vision_slam.io.gps_files import is_receiver_file, read_gps
+from vision_slam.io.sequence import ImageSequence
+from vision_slam.odometry.visual_odometry import visual_odometry
+from vision_slam.pipeline import localize
+
+
+@dataclass(frozen=True)
+class RecordedDrive:
+    """A recording that is ready to be localized.
+
+    Parameters
+    ----------
+    records : Recording or ImageSequence
+        A recording has fixes in a CRS; a sequence of images has none.
+    notes : tuple of str
+        What its reader did or assumed, one sentence each.
+    reference_time_s, reference : (R,) and (R, 4, 4) ndarray, optional
+        Reference poses of the layout, in a frame of their own.
+    """
+
+    records: Recording | ImageSequence
+    notes: tuple[str, ...] = ()
+    reference_time_s: FloatArray | None = None
+    reference: FloatArray | None = None
+
+    @property
+    def start_is_surveyed(self) -> bool:
+        """Whether the recording has a surveyed start."""
+        return isinstance(self.records, Recording) and self.records.start_is_surveyed
+
+    @property
+    def frames(self) -> Frames | None:
+        """Images."""
+        return self.records.frames
+
+    @property
+    def camera(self) -> Camera | None:
+        """Calibration."""
+        return self.records.camera
+
+    @property
+    def gps(self) -> GpsFixes | None:
+        """Fixes, in the working CRS."""
+        return self.records.gps if isinstance(self.records, Recording) else None
+
+    def config(self, overrides: Sequence[str] = ()) -> LocalizationConfig:
+        """Return the errors assumed of the sensors.
+
+        Parameters
+        ----------
+        overrides : sequence of str
+            As in a mission file: ``localization.gps_bias_sigma_m=3.0``.
+
+        Returns
+        -------
+        LocalizationConfig
+            Defaults with the overrides.
+
+        Raises
+        ------
+        ConfigError
+            An unknown key, a value of another kind, or a surveyed start that the recording lacks.
+        """
+        values = with_overrides({"localization": {}}, overrides)
+        unknown = next((key for key in values if key != "localization"), None)
+        if unknown is not None:
+            raise ConfigError(f"--set names {unknown!r}; localize knows localization.KEY=VALUE alone.")
+        if values["localization"].get("start") == "surveyed" and not self.start_is_surveyed:
+            raise ConfigError(
+                "--set names localization.start=surveyed, and the start of this recording was not surveyed; leave it out."
+            )
+        return validated(LocalizationConfig, values["localization"], "--set")
+
+    def localize(
+        self, config: LocalizationConfig | None = None, progress: Progress | None = None
+    ) -> DriveEstimate:
+        """Estimate path and landmarks.
+
+        With fixes this is `vision_slam.localize`; without, the path is that of visual odometry.
+
+        Parameters
+        ----------
+        config : LocalizationConfig, optional
+            Errors assumed of the sensors.
+        progress : callable, optional
+            Progress callback (stage, done, total).
+
+        Returns
+        -------
+        DriveEstimate
+            Path and landmarks.
+
+        Raises
+        ------
+        InputError
+            The images or the fixes do not suffice.
+        """
+        if isinstance(self.records, Recording):
+            return DriveEstimate.in_crs(localize(self.records, config, progress=progress))
+        visual = visual_odometry(self.records, progress=progress)
+        if self.records.wheels is None:
+            refuse_untracked(visual)
+        return DriveEstimate.in_first_frame(visual)
+
+    def compare(
+        self, estimate: DriveEstimate, reference: Trajectory | FloatArray | None
+    ) -> Comparison | None:
+        """Compare an estimate with a reference from a file, or with that of the layout.
+
+        Parameters
+        ----------
+        estimate : DriveEstimate
+            Result of `localize`.
+        reference : Trajectory or (R, 8) ndarray, optional
+            Result of `read_reference`.
+
+        Returns
+        -------
+        Comparison or None
+            None without any reference.
+        """
+        if estimate.trajectory is not None:
+            if not isinstance(reference, Trajectory):
+                return None
+            return compare_in_crs(estimate.trajectory, reference)
+        if reference is not None:
+            rows = np.asarray(reference)
+            poses = np.tile(np.eye(4), (len(rows), 1, 1))
+            poses[:, :3, 3] = rows[:, 1:4]
+            poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:8]).as_matrix()
+            return compare_from_start(estimate, rows[:, 0], poses)
+        if self.reference is None or self.reference_time_s is None:
+            return None
+        return compare_from_start(estimate, self.reference_time_s, self.reference)
+
+    def read_reference(self, path: Path) -> Trajectory | FloatArray:
+        """Read a reference path.
+
+        Parameters
+        ----------
+        path : Path
+            ``.csv`` or ``.tum`` in the CRS of the recording, or the file of a receiver that
+            `vision_slam.io.gps_files.read_gps` reads, such as a table of RTK fixes on the clock of
+            the recording; for images alone ``.tum`` in a frame of its own.
+
+        Returns
+        -------
+        Trajectory or (R, 8) ndarray
+            Rows of time, position and quaternion for images alone.
+
+        Raises
+        ------
+        InputError
+            Missing or damaged.
+        """
+        if not isinstance(self.records, Recording):
+            return read_tum(path)
+        if not is_receiver_file(path):
+            return Trajectory.read(path, self.records.crs)
+        fixes, crs = read_gps(path).fixes(self.records.crs)
+        level = np.tile([0.0, 0.0, 0.0, 1.0], (len(fixes), 1))
+        return Trajectory(fixes.time_s, fixes.position, level, np.zeros((len(fixes), 3, 3)), crs)
