@@ -22,7 +22,8 @@ from threadpoolctl import threadpool_limits
 from benchmarks.report import Row, cpu_seconds, main
 from sim.executors import Engine, run_all
 from sim.montecarlo.blocks import TrialBlock, blocks_of
-from sim.montecarlo.config import RandomKind, SearchedMap, StudyConfig
+from sim.montecarlo.config import RandomKind, StudyConfig
+from sim.montecarlo.map_config import SearchedMap
 from sim.montecarlo.study import run_study
 from sim.montecarlo.terrains import TrialTerrains
 from sim.montecarlo.trials import routes, samples_of, survey_block

@@ -42,7 +42,7 @@ from planners.guarantee.adaptive_state import AdaptiveConfig
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.kernel_posterior import posterior_from_prior
 from planners.guarantee.requirement import MapRequirement
-from planners.prediction.predict import places
+from planners.prediction.error_model import places
 from planners.swaths.heading import across_marked_grain
 from sim.executors import run_all
 from survey import Dem, Grid, Route, SurveyArea

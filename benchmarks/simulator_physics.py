@@ -15,7 +15,8 @@ from sim.instruments.inertial import InertialUnit
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
-from sim.world.scenery import FineTerrain, fine_terrain
+from sim.world.fine_terrain import FineTerrain
+from sim.world.scenery import fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem

@@ -20,7 +20,8 @@ from sim.studies.glacier.images import clahe_yields, gains, mountain_trap
 from sim.studies.glacier.photographs import compare_with_photographs
 from sim.studies.glacier.snow_scenes import SKIES, SnowScene, at_contrast
 from sim.world.appearance import grain_tile, surface_tile
-from sim.world.scenery import FineTerrain, fine_terrain
+from sim.world.fine_terrain import FineTerrain
+from sim.world.scenery import fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem

@@ -14,11 +14,13 @@ from planners.config import (
 )
 from planners.driving.energy import Mobility
 from planners.driving.rover import Fleet, Rover
-from planners.ground.traversability import Drivable, LeftOut, RoverLimits, drivable
+from planners.ground.drivable_area import Drivable, LeftOut
+from planners.ground.traversability import RoverLimits, drivable
 from planners.patterns.planner import LayoutTask, Planner
 from planners.planning import plan
 from planners.prediction.choose import Choice, choose
-from planners.prediction.predict import ErrorModel, PredictedError, predict_error, terrain_kernel
+from planners.prediction.error_model import ErrorModel, PredictedError
+from planners.prediction.predict import predict_error, terrain_kernel
 from planners.registry import PLANNERS, PlannerConfig, pattern_names, planner_config, planner_of, steering_of
 from planners.steering.attitude import Attitude, attitude_sensor
 from planners.steering.band import Band

@@ -12,10 +12,12 @@ from planners.config import PatternConfig
 from planners.driving.departures import departures
 from planners.driving.energy import predicted
 from planners.driving.rover import Crew, Fleet, Rover, crew_in_grid_metres, depots
-from planners.ground.traversability import Drivable, drivable
+from planners.ground.drivable_area import Drivable
+from planners.ground.traversability import drivable
 from planners.ground_metres import in_grid_metres, settings_factor
 from planners.patterns.planner import LayoutTask, Planner
-from planners.prediction.predict import ErrorModel, terrain_kernel
+from planners.prediction.error_model import ErrorModel
+from planners.prediction.predict import terrain_kernel
 from planners.prediction.prior_cover import require_cover
 from planners.registry import PLANNERS, PlannerConfig, planner_of
 from survey.core.arguments import check_types
@@ -25,7 +27,7 @@ from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.covariance.stationary import Kernel
 
 logger = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from planners.driving.energy import Mobility
 from planners.driving.fleet_rows import FleetRows
-from planners.driving.ordering import Tours
+from planners.driving.swath_tours import Tours
 from planners.driving.turns import Turning
 from planners.ground.transit import FreeGround
 from survey.core.arrays import FloatArray, IntArray

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from planners.driving.energy import Mobility, effort
-from planners.driving.ordering import Tours
+from planners.driving.swath_tours import Tours
 from survey.core.arrays import IntArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem

@@ -1,7 +1,6 @@
 """Traversability: ground within a rover's limits of slope, roughness and width, reachable from its starts."""
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -9,6 +8,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 from shapely import MultiPolygon, Polygon
 
 from planners.capacity import require_cells
+from planners.ground.drivable_area import Drivable, LeftOut, Reason, listed
 from planners.ground.raster_cells import cell_outline, roughness
 from planners.ground.transit import FreeGround
 from planners.ground_metres import dem_in_grid_metres, in_grid_metres, settings_factor
@@ -19,8 +19,6 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 
 _ROUNDING_M = 1e-6
-
-Reason = Literal["too steep", "too rough", "height unknown", "too narrow", "cut off"]
 
 
 class RoverLimits(Section):
@@ -55,88 +53,6 @@ class RoverLimits(Section):
     def needs_heights(self) -> bool:
         """Whether heights of the ground are needed to find where the rover can drive."""
         return self.max_slope_deg is not None or self.max_roughness_m is not None
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """Piece of the area where the rover cannot be, and why.
-
-    Parameters
-    ----------
-    polygon : shapely.Polygon
-        Outline in the area's CRS [m].
-    reason : {"too steep", "too rough", "height unknown", "too narrow", "cut off"}
-        Why it is left out.
-    map_scale : float
-        Grid metres for each metre on the ground, where this differs from 1 by more than 1 %.
-    """
-
-    polygon: Polygon
-    reason: Reason
-    map_scale: float = 1.0
-
-    @property
-    def area_m2(self) -> float:
-        """Area on the ground [m²]."""
-        return float(self.polygon.area) / self.map_scale**2
-
-    def __str__(self) -> str:
-        """Return area, place and reason in half a sentence."""
-        x, y = self.polygon.representative_point().coords[0]
-        return f"{self.area_m2:.0f} m² around ({x:.1f}, {y:.1f}) ({self.reason})"
-
-
-@dataclass(frozen=True)
-class Drivable:
-    """Ground that can be surveyed, and the pieces of the area that cannot.
-
-    Parameters
-    ----------
-    ground : FreeGround
-        Where rovers may be.
-    left_out : tuple of LeftOut
-        The rest of the area, by reason.
-    """
-
-    ground: FreeGround
-    left_out: tuple[LeftOut, ...]
-
-    def within(self, area: SurveyArea) -> SurveyArea:
-        """Return the area cut to the ground.
-
-        Parameters
-        ----------
-        area : SurveyArea
-            The area that the ground was found in.
-
-        Returns
-        -------
-        SurveyArea
-            Starts on the border move a millimetre inwards.
-        """
-        if self.ground.polygon.equals(area.free):
-            return area
-        starts = self.ground.inside(area.starts) if len(area.starts) else area.starts
-        return SurveyArea(self.ground.polygon, area.crs, (), starts, area.reference)
-
-    def left_out_share(self, area: SurveyArea) -> float:
-        """Return the share of the area's free ground that is left out.
-
-        Parameters
-        ----------
-        area : SurveyArea
-            The area that the ground was found in.
-
-        Returns
-        -------
-        float
-            Between 0 and 1.
-        """
-        return float(sum(piece.polygon.area for piece in self.left_out)) / float(area.free.area)
-
-    def __str__(self) -> str:
-        """List the three largest pieces that are left out, with place and reason."""
-        return _listed(list(self.left_out))
 
 
 def drivable(
@@ -213,12 +129,12 @@ def drivable(
         free = _polygonal(free.buffer(-_ROUNDING_M, join_style="mitre"))
     if free.is_empty:
         raise InputError(
-            f"no ground is left to drive on: {_listed(left_out)}; relax the limits or move the area."
+            f"no ground is left to drive on: {listed(left_out)}; relax the limits or move the area."
         )
     ground, cut_off = _reached(free, area, left_out)
     if cut_off and reach_all:
         raise InputError(
-            f"not all of the area can be reached from its starts: {_listed(cut_off)}; start a rover there or leave it out of the area."
+            f"not all of the area can be reached from its starts: {listed(cut_off)}; start a rover there or leave it out of the area."
         )
     return Drivable(ground, tuple(replace(piece, map_scale=factor) for piece in left_out + cut_off))
 
@@ -255,12 +171,6 @@ def _polygonal(shape: shapely.Geometry) -> Polygon | MultiPolygon:
 def _pieces(shape: shapely.Geometry, reason: Reason) -> list[LeftOut]:
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1.0]
     return [LeftOut(part, reason) for part in sorted(parts, key=lambda part: -part.area)]
-
-
-def _listed(pieces: list[LeftOut]) -> str:
-    largest = sorted(pieces, key=lambda piece: -piece.polygon.area)
-    rest = f" and {len(pieces) - 3} more" if len(pieces) > 3 else ""
-    return ", ".join(str(piece) for piece in largest[:3]) + rest
 
 
 def _closed_ground(dem: Dem, limits: RoverLimits, area: SurveyArea) -> dict[Reason, shapely.Geometry]:

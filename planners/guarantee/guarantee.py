@@ -15,8 +15,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from planners.config import LawnmowerConfig, WavyConfig
+from planners.ground.drivable_area import Drivable
 from planners.ground.transit import FreeGround
-from planners.ground.traversability import Drivable, drivable
+from planners.ground.traversability import drivable
 from planners.ground_metres import settings_factor
 from planners.guarantee.kernel_posterior import KernelPosterior, cautious_posterior, posterior_from_prior
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
@@ -24,7 +25,7 @@ from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.search import fewest
 from planners.guarantee.simulation import SimulatedSurveys
 from planners.planning import planned_on
-from planners.prediction.predict import places
+from planners.prediction.error_model import places
 from planners.prediction.prior_cover import require_cover
 from planners.swaths.heading import across_marked_grain
 from survey.core.arrays import FloatArray

@@ -5,7 +5,7 @@ import numpy as np
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.guarantee.requirement import MapRequirement
-from planners.prediction.predict import places
+from planners.prediction.error_model import places
 from planners.prediction.prior_cover import cell_centres
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from planners.config import PatternConfig
 from planners.driving.rover import Crew
-from planners.prediction.predict import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from planners.steering.steering import Steering
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import Progress

@@ -8,7 +8,7 @@ from itertools import count
 from planners.config import BestConfig, LawnmowerConfig, WavyConfig
 from planners.driving.rover import Crew
 from planners.layout import straight_route, wavy_route
-from planners.prediction.predict import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from planners.swaths.swaths import narrowest_heading
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import Progress

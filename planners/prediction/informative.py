@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from planners.config import VarianceDrivenConfig
-from planners.prediction.predict import ErrorModel
+from planners.prediction.error_model import ErrorModel
 from planners.swaths.swaths import towards
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError

@@ -6,7 +6,8 @@ To add a sensor: declare its record type and table in `survey.data.sensors`, its
 
 from sim.instruments.barometer import PressureAltimeter, draw_barometer, draw_base_barometer
 from sim.instruments.compass import MagneticCompass
-from sim.instruments.gps import BaseReceiver, GpsFaults, GpsReceiver, draw_base_fixes, draw_fixes
+from sim.instruments.gps import BaseReceiver, GpsReceiver, draw_base_fixes, draw_fixes
+from sim.instruments.gps_faults import GpsFaults
 from sim.instruments.inertial import InertialUnit, draw_inertial
 from sim.instruments.sensor import Sensor
 from sim.instruments.stakes import StakeSpotter, draw_stake_sightings, draw_stakes

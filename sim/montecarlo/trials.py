@@ -12,18 +12,12 @@ from threadpoolctl import threadpool_limits
 
 import planners
 import survey
-from planners.prediction.predict import places
+from planners.prediction.error_model import places
 from sim.config.mission import MissionConfig
 from sim.config.terrain import RandomTerrain
 from sim.montecarlo.blocks import Trial, TrialBlock
-from sim.montecarlo.config import (
-    Design,
-    GivenMap,
-    Map,
-    ReconstructedMap,
-    SearchedMap,
-    StudyConfig,
-)
+from sim.montecarlo.config import Design, StudyConfig
+from sim.montecarlo.map_config import GivenMap, Map, ReconstructedMap, SearchedMap
 from sim.montecarlo.terrains import TrialTerrains
 from sim.simulate.statistical import simulate_statistical
 from survey import Route

@@ -8,7 +8,7 @@ import numpy as np
 from sim.config.scene import AppearanceConfig
 from sim.rendering.compiled import Doubles, Floats, Ints, Words, by_share, f32, scalar, share_out, u32
 from sim.world.appearance import sun_direction
-from sim.world.scenery import FineTerrain
+from sim.world.fine_terrain import FineTerrain
 
 DIRECT_UNIT = 2048.0
 AMBIENT_UNIT = 4096.0

@@ -14,7 +14,7 @@ from sim.rendering.scene import edge_rays, lens_of, scene_of
 from sim.rendering.sensor import ImageSensor
 from sim.rendering.sweep import row_slopes, sample_ranges, sweep, view_of
 from sim.world.appearance import sun_direction
-from sim.world.scenery import FineTerrain
+from sim.world.fine_terrain import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera

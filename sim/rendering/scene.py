@@ -9,7 +9,7 @@ from sim.rendering.ground_map import ground_map
 from sim.rendering.rows import Lens, RenderScene, Texture
 from sim.rendering.surface import surface_of
 from sim.world.appearance import Tile, grain_tile, snow_patches, surface_tile
-from sim.world.scenery import FineTerrain
+from sim.world.fine_terrain import FineTerrain
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from sim.rendering.compiled import Doubles, Floats, scalar
-from sim.world.scenery import FineTerrain
+from sim.world.fine_terrain import FineTerrain
 
 FINE_BLOCK = 16
 COARSE_BLOCK = 64

@@ -9,7 +9,7 @@ from sim.rendering import Renderer, RoverBox
 from sim.vehicle.physics import HeightField, KinematicRover, Physics
 from sim.vehicle.pursuit import PurePursuit
 from sim.vehicle.rover import ContactRover
-from sim.world.scenery import FineTerrain
+from sim.world.fine_terrain import FineTerrain
 from survey.core.arrays import FloatArray
 from survey.data.camera.calibration import Camera
 

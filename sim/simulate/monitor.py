@@ -8,7 +8,7 @@ from sim.config.mission import MissionConfig
 from sim.simulate.simulated_drive import Ending
 from sim.vehicle.physics import RoverState
 from sim.vehicle.pursuit import PurePursuit
-from sim.world.scenery import FineTerrain
+from sim.world.fine_terrain import FineTerrain
 from survey.core.arrays import FloatArray
 
 LOGGED_HZ = 80

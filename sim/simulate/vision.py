@@ -23,7 +23,8 @@ from sim.simulate.navigation import Navigator, PoseEstimate, Start
 from sim.simulate.simulated_drive import Ending, SimulatedDrive
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import BackingOff, PurePursuit
-from sim.world.scenery import FineTerrain, fine_terrain
+from sim.world.fine_terrain import FineTerrain
+from sim.world.scenery import fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera.frame_writer import FrameWriter

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.driving.ordering import Tours, connect
+from planners.driving.ordering import connect
+from planners.driving.swath_tours import Tours
 from planners.ground.transit import FreeGround
 from survey import InputError
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.world.scenery import FineTerrain
+from sim.world.fine_terrain import FineTerrain
 from survey.core.arrays import BoolArray, FloatArray
 
 

@@ -8,7 +8,8 @@ import pytest
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.instruments.camera import RoverCamera, rover_camera
 from sim.rendering import Renderer, RoverBox
-from sim.world.scenery import FineTerrain, fine_terrain
+from sim.world.fine_terrain import FineTerrain
+from sim.world.scenery import fine_terrain
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.dem import Dem

@@ -6,7 +6,8 @@ import shapely
 
 from sim.config.scene import SceneryConfig
 from sim.world.band_limited import band_limited_field
-from sim.world.scenery import FineTerrain, fine_terrain
+from sim.world.fine_terrain import FineTerrain
+from sim.world.scenery import fine_terrain
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid

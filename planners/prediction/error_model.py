@@ -1,0 +1,206 @@
+"""Error model: predicted error of a map from the places of its samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.capacity import require_nodes, require_samples
+from survey.core.arrays import BoolArray, FloatArray
+from survey.core.errors import ConfigError, InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.route import Route
+from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+
+_N_NODES_ALONG = 30
+_MOST_SAMPLES = 2000
+# Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.
+_LEAST_NOISE = 1e-3
+
+
+@dataclass(frozen=True)
+class PredictedError:
+    """Predicted error of a map, given the covariance of the terrain.
+
+    Parameters
+    ----------
+    std : Dem
+        Standard deviation at the nodes of a coarse grid [m]; NaN off the free ground.
+    rmse_m : float
+        Its root mean square: the expected error over the area [m].
+    p95_m, worst_m : float
+        Its 95th percentile and its largest value [m].
+    """
+
+    std: Dem
+    rmse_m: float
+    p95_m: float
+    worst_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    r"""Predictor of the error of maps over one area, for many routes.
+
+    .. math::  v(x) = k(x, x) - k(x, X) [K(X, X) + \sigma^2 I]^{-1} k(X, x) + \ldots
+
+    at the nodes x for samples X along the route (glacier paper, Eq. 5); the dots stand
+    for the unknown constant mean, which is integrated out. Nodes lie at the centres of
+    square cells.
+
+    Parameters
+    ----------
+    grid : Grid
+        The nodes.
+    inside : (N,) ndarray of bool
+        Which nodes are on the free ground.
+    kernel : Kernel
+        Covariance of the terrain [m²], with lengths in grid metres.
+    noise_m : float
+        Standard deviation of a sample [m].
+    sample_step_m : float
+        Distance between samples, in grid metres.
+    """
+
+    grid: Grid
+    inside: BoolArray
+    kernel: Kernel
+    noise_m: float
+    sample_step_m: float
+
+    @classmethod
+    def of(
+        cls,
+        area: SurveyArea,
+        kernel: Kernel,
+        *,
+        noise_m: float,
+        sample_step_m: float = 10.0,
+        cell_m: float | None = None,
+    ) -> "ErrorModel":
+        """Create the model with nodes over an area.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            Where the map is wanted.
+        kernel : Kernel
+            Covariance of the terrain [m²], with lengths in grid metres.
+        noise_m : float
+            Standard deviation of a sample [m].
+        sample_step_m : float
+            Distance between samples, in grid metres.
+        cell_m : float, optional
+            Distance between nodes; a thirtieth of the longer side by default.
+
+        Returns
+        -------
+        ErrorModel
+            For routes over this area.
+
+        Raises
+        ------
+        ConfigError
+            A negative noise, a sample spacing that is not greater than 0.
+        InputError
+            Cells too large for the area.
+        CapacityError
+            More nodes than can be computed.
+        """
+        if not (np.isfinite(noise_m) and noise_m >= 0.0):
+            raise ConfigError(f"the noise of a sample is {noise_m} m; it must be 0 or greater.")
+        if not (np.isfinite(sample_step_m) and sample_step_m > 0.0):
+            raise ConfigError(f"the sample spacing is {sample_step_m} m; it must be greater than 0.")
+        xmin, ymin, xmax, ymax = area.bounds
+        cell = cell_m or max(xmax - xmin, ymax - ymin) / _N_NODES_ALONG
+        require_nodes(((xmax - xmin) / cell) * ((ymax - ymin) / cell), cell)
+        n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
+        x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
+        grid = Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
+        inside = area.contains(grid.xy)
+        if not inside.any():
+            raise InputError(f"no node of {cell:g} m cells lies on the free ground; take smaller cells.")
+        return cls(grid, inside, kernel, noise_m, sample_step_m)
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Nodes (M, 2) on the free ground [m]."""
+        nodes: FloatArray = self.grid.xy[self.inside]
+        return nodes
+
+    def variance(self, xy: FloatArray, noise_m: float | None = None) -> FloatArray:
+        """Return the predicted variance at the nodes, given samples at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Easting and northing of the samples [m].
+        noise_m : float, optional
+            Standard deviation of a sample [m]; that of the model by default.
+
+        Returns
+        -------
+        (M,) ndarray
+            Variance at the nodes on the free ground [m²].
+        """
+        least = _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
+        sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, least))
+        gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
+        return gp.predict(self.nodes)[1]
+
+    def _variance_of(self, route: Route, most_samples: int) -> FloatArray:
+        """Return the variance at the nodes; fewer, better samples stand for all where there would be too many."""
+        step = max(self.sample_step_m, route.length_m / most_samples)
+        noise = self.noise_m * float(np.sqrt(self.sample_step_m / step))
+        return self.variance(places(route, step), noise)
+
+    def rmse_m(self, route: Route, most_samples: int = _MOST_SAMPLES) -> float:
+        """Return the expected root-mean-square error over the area [m].
+
+        Where the route has more than `most_samples` samples, fewer stand for all: their
+        noise is that of the mean of those that each replaces.
+
+        Parameters
+        ----------
+        route : Route
+            Samples are taken along swaths and transits.
+        most_samples : int
+            Largest number of samples to compute with.
+
+        Returns
+        -------
+        float
+            Root of the mean variance over the nodes [m].
+        """
+        return float(np.sqrt(self._variance_of(route, most_samples).mean()))
+
+    def error(self, route: Route) -> PredictedError:
+        """Return the predicted error of a route, node by node.
+
+        Parameters
+        ----------
+        route : Route
+            Samples are taken along swaths and transits.
+
+        Returns
+        -------
+        PredictedError
+            The map of the standard deviation with its summary.
+        """
+        std = np.full(self.grid.shape, np.nan)
+        std[self.inside.reshape(self.grid.shape)] = np.sqrt(self._variance_of(route, _MOST_SAMPLES))
+        known = std[np.isfinite(std)]
+        return PredictedError(
+            Dem.on(self.grid, std),
+            float(np.sqrt(np.mean(known**2))),
+            float(np.percentile(known, 95.0)),
+            float(known.max()),
+        )
+
+
+def places(route: Route, step_m: float) -> FloatArray:
+    """Return the samples (N, 2) that all rovers take along everything they drive [m]."""
+    require_samples(route.length_m, step_m)
+    return np.vstack([route.sample(step_m, rover).xy for rover in range(route.n_rovers)])

@@ -1,0 +1,62 @@
+"""Image sequences in the KITTI layout."""
+
+from pathlib import Path
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.camera.calibration import Camera
+from vision_slam.io.images import read_pixels
+from vision_slam.io.sequence import ImageSequence
+from vision_slam.io.sequence_files import (
+    FORWARD,
+    assemble_sequence,
+    image_files,
+    read_numbers,
+    require_as_many,
+)
+
+_KITTI_HEIGHT_M = 1.65
+_KITTI_PERIOD_S = 0.1
+
+
+def read_kitti_sequence(place: Path, camera: Camera | None) -> ImageSequence:
+    """Read images and reference poses in the layout of KITTI odometry."""
+    names = next((name for name in ("image_0", "image_l", "image_2") if (place / name).is_dir()), None)
+    if names is None:
+        raise InputError(f"{place} has calib.txt and no image_0, image_l or image_2; get the images.")
+    files = image_files(place / names)
+    if not files:
+        raise InputError(f"{place / names} holds no images; get the complete sequence.")
+    if (place / "times.txt").is_file():
+        times = read_numbers(place / "times.txt", 1)[:, 0]
+    else:
+        times = _KITTI_PERIOD_S * np.arange(float(len(files)))
+    require_as_many(times, files, place)
+    if camera is None:
+        mounted = FORWARD.copy()
+        mounted[2, 3] = _KITTI_HEIGHT_M
+        height, width = read_pixels(files[0]).shape[:2]
+        camera = Camera("pinhole", width, height, _kitti_matrix(place / "calib.txt"), np.zeros(5), mounted)
+    reference = None
+    if (place / "poses.txt").is_file():
+        poses = np.tile(np.eye(4), (len(files), 1, 1))
+        rows = read_numbers(place / "poses.txt", 12)
+        require_as_many(rows, files, place / "poses.txt")
+        poses[:, :3] = rows.reshape(-1, 3, 4)
+        reference = (times, camera.T_body_camera @ poses @ np.linalg.inv(camera.T_body_camera))
+    return assemble_sequence(camera, times, files, reference=reference)
+
+
+def _kitti_matrix(file: Path) -> FloatArray:
+    """Left camera of a KITTI calibration: the first projection, with or without its label."""
+    words = file.read_text(encoding="utf-8").splitlines()[0].split() if file.stat().st_size else []
+    try:
+        numbers = [float(word) for word in words if not word.endswith(":")]
+    except ValueError:
+        numbers = []
+    if len(numbers) < 12:
+        raise InputError(f"{file} gives no projection in its first line; 12 numbers (3 × 4) were expected.")
+    matrix: FloatArray = np.array(numbers[:12]).reshape(3, 4)[:, :3]
+    return matrix

@@ -1,0 +1,94 @@
+"""Assembly of an image sequence from files: images, times and tables of numbers."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.files.reading import existing_file
+from survey.data.camera.calibration import Camera
+from survey.data.camera.frames import Frames
+from survey.data.sensors.aiding import Inertial
+from vision_slam.io.images import PICTURES, images_of, refuse_other_sizes
+from vision_slam.io.sequence import ImageSequence
+
+# Where x right, y down, z forward lie on a body with x forward, y left, z up.
+FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def assemble_sequence(
+    camera: Camera,
+    times: FloatArray,
+    files: list[Path],
+    inertial: Inertial | None = None,
+    reference: tuple[FloatArray, FloatArray] | None = None,
+) -> ImageSequence:
+    """Assemble a sequence after checking all images for completeness and size."""
+    images = images_of(files)
+    refuse_other_sizes(files, camera)
+    time_s, poses = reference or (None, None)
+    try:
+        frames = Frames(times, images)
+    except InputError as error:
+        raise InputError(f"{files[0].parent}: {error}") from error
+    return ImageSequence(
+        camera,
+        frames,
+        inertial=inertial,
+        reference_time_s=time_s,
+        reference=poses,
+        notes=images.notes,
+    )
+
+
+def calibrated_camera(place: Path) -> Camera:
+    """Read the calibration beside the images of a folder."""
+    if not (place / "camera.toml").is_file():
+        raise InputError(
+            f"{place} holds images and no camera.toml; calibrate the camera and put it there, or name it with --camera."
+        )
+    return Camera.read(place / "camera.toml")
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Return the image files of a folder in the order of their names."""
+    files = folder.iterdir() if folder.is_dir() else ()
+    return sorted(file for file in files if file.suffix.lower() in PICTURES)
+
+
+def poses_of(place: FloatArray, quaternion: FloatArray, where: Path) -> FloatArray:
+    """Return poses (N, 4, 4) of places (N, 3) [m] and unit quaternions (N, 4)."""
+    if (np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 1e-3).any():
+        raise InputError(f"{where} holds orientations that are no unit quaternions; correct them.")
+    poses = np.tile(np.eye(4), (len(place), 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    poses[:, :3, 3] = place
+    return poses
+
+
+def read_numbers(path: Path, n_columns: int) -> FloatArray:
+    """Read a table of numbers with as many columns as expected."""
+    try:
+        rows: FloatArray = np.loadtxt(existing_file(path, "the table"), ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{path} holds something that is no number ({error}); correct it.") from error
+    if rows.shape[1] != n_columns:
+        raise InputError(f"{path} has {rows.shape[1]} numbers a line; {n_columns} were expected.")
+    return rows
+
+
+def require_as_many(rows: FloatArray, files: list[Path], where: Path) -> None:
+    """Refuse a table that has not one row for each image."""
+    if len(rows) != len(files):
+        raise InputError(f"{where}: {len(rows)} lines and {len(files)} images; they must be as many.")
+
+
+def require_all_there(files: list[Path]) -> None:
+    """Refuse a list that names an image that does not exist."""
+    missing = next((file for file in files if not file.is_file()), None)
+    if missing is not None:
+        raise InputError(
+            f"the list of images names {missing}, which is not there; get the complete recording."
+        )
