@@ -24,8 +24,7 @@ from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.multigrid.solver import solve
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.solver import Operator, solve
 from survey.reconstruction.lattice.spring_lattice import nearest_nodes
 from survey.reconstruction.lattice.stiffness import Stiffness
 

@@ -10,7 +10,8 @@ from scipy.linalg import lapack
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.gp.covariance.families import SearchedFamily
-from survey.reconstruction.gp.covariance.stationary import Kernel, Stationary
+from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.covariance.stationary import Stationary
 from survey.reconstruction.gp.selection.kernel_search import ALL, Cell, KernelSearch
 from survey.terrain.conditional import CoarseCells
 

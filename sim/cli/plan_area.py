@@ -10,7 +10,7 @@ from sim.cli.plan_request import PlanRequest, write_plan
 if TYPE_CHECKING:
     import planners
     import survey
-    from survey.reconstruction.gp.covariance.stationary import Kernel
+    from survey.reconstruction.gp.covariance.kernels import Kernel
 
 _DEFAULT_SWATHS = 4
 

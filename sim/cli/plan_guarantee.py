@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import survey
     from planners.guarantee.guarantee import Guarantee
     from planners.guarantee.requirement import MapRequirement
-    from survey.reconstruction.gp.covariance.stationary import Kernel
+    from survey.reconstruction.gp.covariance.kernels import Kernel
 
 
 def limit_of(require: str) -> float:

@@ -10,7 +10,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.terrain.random_fields import kernel_field
 
 _MOST_CELLS = 1600

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from survey.core.config import Section
 from survey.reconstruction.gp.covariance.families import KernelFamily, KernelSetting, kernel_of
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 
 
 class SatelliteErrors(Section):

@@ -5,7 +5,7 @@ from typing import Literal
 from survey.core.arrays import Bounds, FloatArray, Progress
 from survey.core.errors import CapacityError
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential, Sum
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel, SquaredExponential, Sum
 from survey.reconstruction.gp.selection.families import Hyperparameters
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import fft
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 
 # Cells per length scale, and how many there may be along a side: beyond that points of one cell count as one place.

@@ -15,8 +15,7 @@ from survey.reconstruction.lattice.information import Information, plane_heights
 from survey.reconstruction.lattice.multigrid import stencil as kernel
 from survey.reconstruction.lattice.multigrid.banded import band_cholesky, band_of, exact_variance
 from survey.reconstruction.lattice.multigrid.obstacle import Ceiling, solve_below
-from survey.reconstruction.lattice.multigrid.solver import FREE, Rim, VCyclePreconditioner, solve
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.solver import FREE, Operator, Rim, VCyclePreconditioner, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.nodes import NodeWindow
 

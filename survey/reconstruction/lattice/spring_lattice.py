@@ -18,8 +18,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
 from survey.reconstruction.base import Capabilities, local_datum_m
 from survey.reconstruction.lattice.config import SpringLatticeConfig
-from survey.reconstruction.lattice.multigrid.solver import solve
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.solver import Operator, solve
 from survey.reconstruction.nodes import LatticeFrame, LatticeModel, NodeWindow, require_room, sensor_place
 
 _FORMAT = "firnline spring lattice 1"

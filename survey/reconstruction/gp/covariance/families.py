@@ -10,12 +10,12 @@ from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerialize
 from survey.core.errors import ConfigError
 from survey.reconstruction.gp.covariance.kernels import (
     KINDS,
+    Kernel,
     Matern32,
     RationalQuadratic,
     SquaredExponential,
     Sum,
 )
-from survey.reconstruction.gp.covariance.stationary import Kernel
 
 _SCALES: dict[str, tuple[type[SquaredExponential | Matern32], ...]] = {
     "two-scale": (SquaredExponential, SquaredExponential),

@@ -9,7 +9,7 @@ from scipy.linalg import cho_solve, lapack, solve_triangular
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.fourier_basis import FourierBox
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues

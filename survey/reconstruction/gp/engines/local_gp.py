@@ -14,7 +14,7 @@ from scipy.linalg import cho_solve, lapack
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import Bounds, FloatArray, IntArray, Progress
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues

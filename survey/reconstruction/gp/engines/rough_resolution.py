@@ -4,7 +4,7 @@ import numpy as np
 
 from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.errors import CapacityError
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
 from survey.reconstruction.gp.engines.resolution import (
     LARGEST_HALF,

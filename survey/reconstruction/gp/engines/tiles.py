@@ -8,7 +8,7 @@ import numpy as np
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
 from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess

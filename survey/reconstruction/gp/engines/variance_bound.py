@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 
 _N_NEAREST = 12

@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.solver import Operator
 
 # Couplings reach two nodes in every direction.
 _REACH = 2

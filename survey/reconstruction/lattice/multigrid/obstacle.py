@@ -14,8 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.lattice.multigrid.solver import FREE, Rim, Solution, VCyclePreconditioner, solve
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.solver import (
+    FREE,
+    Operator,
+    Rim,
+    Solution,
+    VCyclePreconditioner,
+    solve,
+)
 
 _MOST_STEPS = 40
 # Until the same nodes touch again, a solution need not be as good.

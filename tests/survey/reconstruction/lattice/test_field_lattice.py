@@ -14,8 +14,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
-from survey.reconstruction.lattice.multigrid.solver import Rim, VCyclePreconditioner, solve
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.solver import Operator, Rim, VCyclePreconditioner, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.line_of_sight.ghost_returns import ghosts
 

@@ -15,8 +15,7 @@ from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.hidden_ground import Scenes, hidden_from, imagined_sensors
 from survey.reconstruction.lattice.multigrid.obstacle import Ceiling, solve_below
-from survey.reconstruction.lattice.multigrid.solver import solve
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.solver import Operator, solve
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.line_of_sight.ceiling import LowestRays
 from survey.reconstruction.nodes import NodeWindow

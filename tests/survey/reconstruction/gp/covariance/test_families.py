@@ -18,8 +18,14 @@ from survey.reconstruction.gp.covariance.families import (
     kernel_from,
     kernel_of,
 )
-from survey.reconstruction.gp.covariance.kernels import KINDS, Matern32, RationalQuadratic, Sum, Whittle
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import (
+    KINDS,
+    Kernel,
+    Matern32,
+    RationalQuadratic,
+    Sum,
+    Whittle,
+)
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 
 CRS = "EPSG:32608"

@@ -7,13 +7,13 @@ from scipy.special import j0
 
 from survey.core.errors import ConfigError
 from survey.reconstruction.gp.covariance.kernels import (
+    Kernel,
     Matern32,
     Matern52,
     RationalQuadratic,
     SquaredExponential,
     Sum,
 )
-from survey.reconstruction.gp.covariance.stationary import Kernel
 
 ISOTROPIC: list[Kernel] = [
     SquaredExponential(10.0, 17.75),

@@ -8,13 +8,13 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
 from survey.reconstruction.gp.covariance.kernels import (
+    Kernel,
     Matern32,
     Matern52,
     RationalQuadratic,
     SquaredExponential,
     Sum,
 )
-from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.gp.engines.polynomial_trend import TrendName
 from survey.reconstruction.gp.slopes import steepness_on_axes

@@ -6,8 +6,7 @@ import pytest
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
-from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, SquaredExponential
 from survey.reconstruction.gp.selection.families import likeliest
 
 N = 400
