@@ -9,6 +9,7 @@ import select
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -79,7 +80,8 @@ class ForkServer:
 
     def killed(self, process: int) -> int | None:
         """Kill the command and return its exit status: 9, or another one when it ended before."""
-        os.kill(process, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
         return self.ended(within_s=60.0)
 
     def run(self, command: str, within_s: float = 300.0) -> int | None:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.signal import welch
 
 from benchmarks.report import Row, cpu_seconds, main
+from benchmarks.small_inputs import BARE_SCENERY
 from planners import Rover
 from sim.config.drive import PhysicsConfig
 from sim.config.scene import SceneryConfig
@@ -25,15 +26,7 @@ from survey.terrain import random_dem
 from tests.sim.vehicle.energy_balance import EnergyBalance
 
 ROVER = Rover(mass_kg=18.0, idle_w=20.0)
-SMOOTH = SceneryConfig(
-    dune_sd_m=0.0,
-    sastrugi_sd_m=0.0,
-    hummock_sd_m=0.0,
-    crevasses_per_ha=0.0,
-    pools_per_ha=0.0,
-    channels_per_ha=0.0,
-    dirt_cones_per_ha=0.0,
-)
+SMOOTH = SceneryConfig(**BARE_SCENERY)
 
 
 def rows(quick: bool) -> Iterator[Row]:

@@ -13,6 +13,7 @@ import numpy as np
 import pybullet
 
 from benchmarks.report import Row, cpu_seconds, main
+from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.instruments.camera import rover_camera
 from sim.rendering import Renderer, RoverBox
@@ -261,15 +262,7 @@ def _flow_rows(n_pairs: int) -> Iterator[Row]:
 
 
 def _repeat_rows(n: int) -> Iterator[Row]:
-    bare = SceneryConfig(
-        dune_sd_m=0.0,
-        sastrugi_sd_m=0.0,
-        hummock_sd_m=0.0,
-        crevasses_per_ha=0.0,
-        pools_per_ha=0.0,
-        channels_per_ha=0.0,
-        dirt_cones_per_ha=0.0,
-    )
+    bare = SceneryConfig(**BARE_SCENERY)
     flat = Dem.on(Grid((0.0, 0.0, 180.0, 180.0), 1.0), np.zeros((181, 181)))
     camera = rover_camera(ImagingConfig(width=80, height=60))
     renderer = Renderer(fine_terrain(flat, bare, SEED), AppearanceConfig(), camera, SEED)

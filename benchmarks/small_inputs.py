@@ -1,4 +1,4 @@
-"""A small mission and a small Monte Carlo study, each done in about a second."""
+"""Small inputs: a mission and a Monte Carlo study of about a second, and scenery without features."""
 
 UTM = "EPSG:32608"
 MISSION = """
@@ -40,3 +40,13 @@ length_scale_m = 80.0
 [[planners]]
 pattern = "lawnmower"
 """
+BARE_SCENERY = {
+    "dune_sd_m": 0.0,
+    "sastrugi_sd_m": 0.0,
+    "hummock_sd_m": 0.0,
+    "crevasses_per_ha": 0.0,
+    "pools_per_ha": 0.0,
+    "channels_per_ha": 0.0,
+    "dirt_cones_per_ha": 0.0,
+}
+"""Settings of `sim.config.scene.SceneryConfig` for terrain without any scenery."""

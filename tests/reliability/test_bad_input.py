@@ -12,27 +12,10 @@ from affine import Affine
 from pyproj import CRS
 from typer.testing import CliRunner
 
+from benchmarks.bad_input.good import DEM_MISSION, MISSION, UTM, hills
 from sim.cli.main import app
 from survey import Dem, Grid, SurveyArea
 from survey.io.vector import write_features
-
-UTM = "EPSG:32608"
-RANDOM = """
-schema_version = 1
-name = "m"
-[terrain]
-source = "random"
-size_m = 150.0
-step_m = 3.0
-[satellite]
-cell_m = 75.0
-[planner]
-pattern = "lawnmower"
-swaths = 2
-"""
-FROM_DEM = RANDOM.replace(
-    'source = "random"\nsize_m = 150.0\nstep_m = 3.0', 'source = "dem"\nfile = "dem.tif"'
-)
 
 
 def write_raw(path: Path, values: np.ndarray, crs: str | None = UTM, transform: Affine | None = None) -> None:
@@ -42,11 +25,6 @@ def write_raw(path: Path, values: np.ndarray, crs: str | None = UTM, transform: 
     place = transform or Affine(3.0, 0.0, 0.0, 0.0, -3.0, 150.0)
     with rasterio.open(path, "w", driver="GTiff", crs=crs, transform=place, **profile) as target:
         target.write(values.astype(np.float32), 1)
-
-
-def hills(n: int = 50) -> np.ndarray:
-    x, y = np.meshgrid(np.arange(n) / 8.0, np.arange(n) / 11.0)
-    return 100.0 + 3.0 * np.sin(x) * np.cos(y)
 
 
 def good_dem(folder: Path) -> None:
@@ -141,10 +119,10 @@ def truncated_area(folder: Path) -> None:
     (folder / "area.gpkg").write_bytes(content[:5000])
 
 
-WITH_AREA = FROM_DEM + '[area]\nfile = "area.gpkg"\n'
+WITH_AREA = DEM_MISSION + '[area]\nfile = "area.gpkg"\n'
 
 
-def edited(old: str, new: str, text: str = RANDOM) -> str:
+def edited(old: str, new: str, text: str = MISSION) -> str:
     assert old in text
     return text.replace(old, new)
 
@@ -152,21 +130,21 @@ def edited(old: str, new: str, text: str = RANDOM) -> str:
 RUN = ["run", "m.toml", "--runs", "runs", "-q"]
 BOWTIE = shapely.Polygon([(0, 0), (100, 100), (100, 0), (0, 100)])
 MISSIONS: list[Case] = [
-    ("truncated raster", FROM_DEM, truncated, RUN, 3, "dem.tif is damaged"),
-    ("empty raster", FROM_DEM, empty, RUN, 3, "is empty"),
-    ("missing raster", FROM_DEM, nothing, RUN, 3, "does not exist"),
-    ("text instead of a raster", FROM_DEM, text_as_raster, RUN, 3, "damaged or no raster"),
-    ("folder instead of a raster", FROM_DEM, folder_as_raster, RUN, 3, "is a folder"),
-    ("raster without CRS", FROM_DEM, without_crs, RUN, 3, "no coordinate reference system"),
-    ("raster in degrees", FROM_DEM, in_degrees, RUN, 3, "metres"),
-    ("raster in feet", FROM_DEM, in_feet, RUN, 3, "foot"),
-    ("all nodata", FROM_DEM, all_nodata, RUN, 3, "no height at all"),
-    ("1 × 1 raster", FROM_DEM, one_cell, RUN, 3, "at least 2 × 2"),
-    ("rotated raster", FROM_DEM, rotated, RUN, 3, "rotated"),
-    ("south-up raster", FROM_DEM, south_up, RUN, 3, "northern"),
-    ("oblong cells", FROM_DEM, oblong_cells, RUN, 3, "square"),
-    ("nodata inside the area", FROM_DEM, hole_inside, RUN, 3, "no known terrain"),
-    ("NaN inside the area", FROM_DEM, not_a_number_inside, RUN, 3, "no known terrain"),
+    ("truncated raster", DEM_MISSION, truncated, RUN, 3, "dem.tif is damaged"),
+    ("empty raster", DEM_MISSION, empty, RUN, 3, "is empty"),
+    ("missing raster", DEM_MISSION, nothing, RUN, 3, "does not exist"),
+    ("text instead of a raster", DEM_MISSION, text_as_raster, RUN, 3, "damaged or no raster"),
+    ("folder instead of a raster", DEM_MISSION, folder_as_raster, RUN, 3, "is a folder"),
+    ("raster without CRS", DEM_MISSION, without_crs, RUN, 3, "no coordinate reference system"),
+    ("raster in degrees", DEM_MISSION, in_degrees, RUN, 3, "metres"),
+    ("raster in feet", DEM_MISSION, in_feet, RUN, 3, "foot"),
+    ("all nodata", DEM_MISSION, all_nodata, RUN, 3, "no height at all"),
+    ("1 × 1 raster", DEM_MISSION, one_cell, RUN, 3, "at least 2 × 2"),
+    ("rotated raster", DEM_MISSION, rotated, RUN, 3, "rotated"),
+    ("south-up raster", DEM_MISSION, south_up, RUN, 3, "northern"),
+    ("oblong cells", DEM_MISSION, oblong_cells, RUN, 3, "square"),
+    ("nodata inside the area", DEM_MISSION, hole_inside, RUN, 3, "no known terrain"),
+    ("NaN inside the area", DEM_MISSION, not_a_number_inside, RUN, 3, "no known terrain"),
     (
         "area outside the raster",
         WITH_AREA,
@@ -198,7 +176,7 @@ MISSIONS: list[Case] = [
     ("missing area", WITH_AREA, good_dem, RUN, 3, "does not exist"),
     ("prior cells that do not fit", edited("cell_m = 75.0", "cell_m = 20.0"), nothing, RUN, 3, "20 m"),
     ("unknown key", edited("swaths = 2", "swathes = 2"), nothing, RUN, 4, "did you mean swaths"),
-    ("unknown section", RANDOM + "[sensor]\n", nothing, RUN, 4, "did you mean sensors"),
+    ("unknown section", MISSION + "[sensor]\n", nothing, RUN, 4, "did you mean sensors"),
     ("wrong unit", edited("size_m", "size_km"), nothing, RUN, 4, "size_km"),
     (
         "negative noise",
@@ -211,9 +189,9 @@ MISSIONS: list[Case] = [
     ("zero swaths", edited("swaths = 2", "swaths = 0"), nothing, RUN, 4, "swaths"),
     ("half a swath", edited("swaths = 2", "swaths = 2.5"), nothing, RUN, 4, "swaths"),
     ("text for a number", edited("150.0", '"150"'), nothing, RUN, 4, "size_m"),
-    ("negative seed", "seed = -1\n" + RANDOM, nothing, RUN, 4, "seed"),
+    ("negative seed", "seed = -1\n" + MISSION, nothing, RUN, 4, "seed"),
     ("later schema", edited("schema_version = 1", "schema_version = 2"), nothing, RUN, 4, "schema_version"),
-    ("no planner", RANDOM[: RANDOM.index("[planner]")], nothing, RUN, 4, "planner"),
+    ("no planner", MISSION[: MISSION.index("[planner]")], nothing, RUN, 4, "planner"),
     ("name with a slash", edited('"m"', '"../m"'), nothing, RUN, 4, "name"),
     ("unknown terrain", edited('"random"', '"moon"'), nothing, RUN, 4, "moon"),
     (
@@ -226,10 +204,10 @@ MISSIONS: list[Case] = [
     ),
     ("broken TOML", "schema_version = ", nothing, RUN, 4, "not valid TOML"),
     ("empty mission", "", nothing, RUN, 3, "is empty"),
-    ("malformed override", RANDOM, nothing, [*RUN, "--set", "planner.swaths"], 4, "section.key=value"),
-    ("unknown stage", RANDOM, nothing, [*RUN, "--until", "scor"], 4, "no stage 'scor'"),
-    ("missing mission", RANDOM, nothing, ["run", "other.toml", "--runs", "runs"], 3, "does not exist"),
-    ("a file where runs should go", RANDOM, lambda f: (f / "runs").write_text("x"), RUN, 3, "runs"),
+    ("malformed override", MISSION, nothing, [*RUN, "--set", "planner.swaths"], 4, "section.key=value"),
+    ("unknown stage", MISSION, nothing, [*RUN, "--until", "scor"], 4, "no stage 'scor'"),
+    ("missing mission", MISSION, nothing, ["run", "other.toml", "--runs", "runs"], 3, "does not exist"),
+    ("a file where runs should go", MISSION, lambda f: (f / "runs").write_text("x"), RUN, 3, "runs"),
 ]
 
 

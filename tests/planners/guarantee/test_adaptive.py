@@ -9,25 +9,11 @@ from planners.guarantee.kernel_posterior import (
     posterior_from_prior,
 )
 from planners.swaths.heading import across_marked_grain
-from survey import Dem, Grid, SurveyArea
+from survey import Dem, Grid
 from survey.core.streams import stream
 from survey.reconstruction.gp.selection.kernel_search import Cell, FoundKernel, mapped
-from survey.terrain import random_dem, satellite_copy
 from survey.terrain.conditional import CoarseCells
-
-CRS = "EPSG:32608"
-SIDE_M = 300.0
-AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
-SMOOTH = WeightedKernel(Cell.of("squared-exponential", 80.0, -12.0), 25.0, 0.1, 1.0)
-
-
-def smooth_terrain(seed: int = 3) -> Dem:
-    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
-    return random_dem("squared-exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
-
-
-def coarse(terrain: Dem) -> Dem:
-    return satellite_copy(terrain, rng=stream(4), cell_m=50.0, sigma_m=0.5)
+from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
 
 def test_an_adaptive_survey_stops_when_its_guarantee_holds():

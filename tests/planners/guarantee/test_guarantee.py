@@ -5,23 +5,9 @@ import pytest
 
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
-from survey import Dem, Grid, SurveyArea
+from survey import Dem, Grid
 from survey.core.errors import InputError
-from survey.core.streams import stream
-from survey.terrain import random_dem, satellite_copy
-
-CRS = "EPSG:32608"
-SIDE_M = 300.0
-AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
-
-
-def smooth_terrain(seed: int = 3) -> Dem:
-    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
-    return random_dem("squared-exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
-
-
-def coarse(terrain: Dem) -> Dem:
-    return satellite_copy(terrain, rng=stream(4), cell_m=50.0, sigma_m=0.5)
+from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, coarse, smooth_terrain
 
 
 def test_a_guarantee_holds_on_simulated_terrain_and_states_its_assumptions():

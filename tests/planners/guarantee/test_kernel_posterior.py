@@ -10,30 +10,10 @@ from planners.guarantee.kernel_posterior import (
     posterior_from_survey,
 )
 from survey import Dem, Grid
-from survey.core.streams import stream
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.selection.kernel_search import Cell
-from survey.terrain import random_dem, satellite_copy
 from survey.terrain.conditional import CoarseCells
-
-CRS = "EPSG:32608"
-SIDE_M = 300.0
-SMOOTH = WeightedKernel(Cell.of("squared-exponential", 80.0, -12.0), 25.0, 0.1, 1.0)
-
-
-def smooth_terrain(seed: int = 3) -> Dem:
-    grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS)
-    return random_dem("squared-exponential", grid, stream(seed), 12.0, length_scale_m=80.0)
-
-
-def coarse(terrain: Dem) -> Dem:
-    return satellite_copy(terrain, rng=stream(4), cell_m=50.0, sigma_m=0.5)
-
-
-def lines(n: int) -> np.ndarray:
-    along = np.arange(0.0, SIDE_M + 1.0, 10.0)
-    offsets = (np.arange(n) + 0.5) * SIDE_M / n
-    return np.array([(x, y) for y in offsets for x in along])
+from tests.planners.guarantee.smooth_site import CRS, SMOOTH, coarse, lines, smooth_terrain
 
 
 def test_errors_of_place_count_by_the_slope():

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 
+from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.mission import MissionConfig
 from sim.simulate.navigation import PoseEstimate
 from sim.simulate.simulated_drive import Ending
@@ -21,15 +22,6 @@ from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_euroc
 
 SIZE_M = 24.0
-FLAT = {
-    "dune_sd_m": 0.0,
-    "sastrugi_sd_m": 0.0,
-    "hummock_sd_m": 0.0,
-    "crevasses_per_ha": 0.0,
-    "pools_per_ha": 0.0,
-    "channels_per_ha": 0.0,
-    "dirt_cones_per_ha": 0.0,
-}
 
 
 def mission(**sections):
@@ -41,7 +33,7 @@ def mission(**sections):
         "terrain": {"source": "random"},
         "planner": {"pattern": "lawnmower", "swaths": 1},
         "rover": {"mass_kg": 18.0, "idle_w": 20.0},
-        "scenery": FLAT,
+        "scenery": BARE_SCENERY,
         "imaging": {"width": 96, "height": 72},
     }
     for name, section in sections.items():

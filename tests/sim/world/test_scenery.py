@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
+from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.scene import SceneryConfig
 from sim.world.band_limited import band_limited_field
 from sim.world.fine_terrain import FineTerrain
@@ -11,16 +12,6 @@ from sim.world.scenery import fine_terrain
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-
-BARE = {
-    "dune_sd_m": 0.0,
-    "sastrugi_sd_m": 0.0,
-    "hummock_sd_m": 0.0,
-    "crevasses_per_ha": 0.0,
-    "pools_per_ha": 0.0,
-    "channels_per_ha": 0.0,
-    "dirt_cones_per_ha": 0.0,
-}
 
 
 def site(size_m: float = 60.0) -> Dem:
@@ -30,7 +21,7 @@ def site(size_m: float = 60.0) -> Dem:
 
 
 def fine(**settings: float) -> FineTerrain:
-    return fine_terrain(site(), SceneryConfig(**{**BARE, **settings}), seed=3)
+    return fine_terrain(site(), SceneryConfig(**{**BARE_SCENERY, **settings}), seed=3)
 
 
 def test_without_detail_the_surface_runs_through_the_terrain() -> None:
@@ -49,7 +40,7 @@ def test_surface_and_dem_agree_between_the_nodes(rng: np.random.Generator) -> No
 def test_normals_are_those_of_the_slope() -> None:
     grid = Grid((0.0, 0.0, 20.0, 20.0), 1.0)
     x, y = np.meshgrid(grid.x, grid.y)
-    ground = fine_terrain(Dem.on(grid, 0.3 * x - 0.1 * y), SceneryConfig(**BARE), seed=0)
+    ground = fine_terrain(Dem.on(grid, 0.3 * x - 0.1 * y), SceneryConfig(**BARE_SCENERY), seed=0)
     expected = np.array([-0.3, 0.1, 1.0]) / np.sqrt(1.1)
     assert ground.normal(np.array([[7.3, 4.1]]))[0] == pytest.approx(expected, abs=1e-5)
 
