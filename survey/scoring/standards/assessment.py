@@ -91,6 +91,7 @@ def score_at(
     Examples
     --------
     >>> import numpy as np
+    >>> from survey.scoring.standards.checkpoint_errors import Spread
     >>> rng = np.random.default_rng(1)
     >>> here = Spread((0.25, 0.25, 0.25, 0.25), 0.1, 1e6)
     >>> def found(n):
