@@ -86,29 +86,6 @@ def run_guarded(run: Callable[[], None]) -> None:
             raise SystemExit(ending.exit_code) from error
 
 
-def printable(text: str) -> str:
-    r"""Return a text with its control characters escaped, so that a name from a file cannot steer a terminal.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        One line; letters of all languages stay as they are.
-
-    Examples
-    --------
-    >>> print(printable("glacier" + chr(27) + "[2J é"))
-    glacier\x1b[2J é
-    """
-    return "".join(
-        letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii") for letter in text
-    )
-
-
 def _end(error: BaseException) -> NoReturn:
     """Say what happened and leave with the exit code that belongs to it."""
     if isinstance(error, KeyboardInterrupt):  # first, as it may have interrupted the imports of what follows
@@ -117,17 +94,20 @@ def _end(error: BaseException) -> NoReturn:
         _discard_output()
         raise typer.Exit(OUTPUT_CLOSED) from error
     from survey.core.errors import FirnlineError
+    from survey.core.text import printable
 
     if isinstance(error, FirnlineError):
-        _leave(str(error), error.exit_code, error)
+        _leave(printable(str(error)), error.exit_code, error)
     sentence = _sentence(error)
     if sentence is not None:
-        _leave(sentence, UNUSABLE, error)
+        _leave(printable(sentence), UNUSABLE, error)
     logging.getLogger("firnline").debug("%s", traceback.format_exc())
     if "-vv" in sys.argv:
         traceback.print_exception(error)
     _leave(
-        f"internal fault, {type(error).__name__}: {error}; report it with the traceback that -vv prints.",
+        printable(
+            f"internal fault, {type(error).__name__}: {error}; report it with the traceback that -vv prints."
+        ),
         1,
         error,
     )
@@ -156,7 +136,7 @@ def _sentence(error: BaseException) -> str | None:
 
 
 def _leave(sentence: str, code: int, error: BaseException) -> NoReturn:
-    typer.echo(printable(f"firnline: {sentence}"), err=True)
+    typer.echo(f"firnline: {sentence}", err=True)
     raise typer.Exit(code) from error
 
 

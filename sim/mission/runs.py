@@ -17,6 +17,7 @@ from survey.core.files.reading import existing_file
 from survey.core.files.replacing import refuse_unwritable
 from survey.core.runs.manifest import file_sha256
 from survey.core.runs.store import RunFolder
+from survey.core.text import printable
 from survey.io.companions import companion_files
 
 
@@ -113,13 +114,8 @@ def input_checksums(files: dict[str, Path]) -> dict[str, str]:
         found[name] = file_sha256(file)
         for companion in companion_files(file):
             place = os.path.relpath(companion, file.parent)
-            found[f"{name}/{_printable(place)}"] = file_sha256(companion)
+            found[f"{name}/{printable(place)}"] = file_sha256(companion)
     return found
-
-
-def _printable(name: str) -> str:
-    """Escape the bytes of a file name that are no UTF-8."""
-    return name.encode("utf-8", errors="surrogateescape").decode("utf-8", errors="backslashreplace")
 
 
 def resolved_text(mission: MissionConfig) -> str:

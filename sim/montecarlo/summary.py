@@ -13,6 +13,7 @@ from sim.montecarlo.tables import read_trials
 from survey.core.arrays import FloatArray
 from survey.core.files.writing import replacing
 from survey.core.streams import stream
+from survey.core.text import csv_cell
 
 _N_RESAMPLES = 1000
 _WANTED_SHARE = 0.9
@@ -103,8 +104,11 @@ def curves(rows: Sequence[SummaryRow]) -> dict[tuple[str, str, str], list[Summar
 
 
 def write_rows(path: Path, rows: Sequence[SummaryRow]) -> None:
-    """Write rows as CSV; numbers read back as they were, nothing stands for None."""
+    """Write rows as CSV; numbers read back as they were, names are escaped, nothing stands for None."""
     with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows(
+            {key: csv_cell(value) if isinstance(value, str) else value for key, value in row.items()}
+            for row in rows
+        )

@@ -16,6 +16,7 @@ from survey.core.errors import InputError
 from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
+from survey.core.text import csv_cell
 
 _CRC = b"firnline_crc32"
 _TYPES = {str: pa.string(), int: pa.int32(), float: pa.float64()}
@@ -46,7 +47,7 @@ def write_tables(draft: Path, folder: Path, blocks: Sequence[TrialBlock]) -> Non
     _write(draft / "trials.parquet", _tables(folder, blocks))
     with pa_csv.CSVWriter(draft / "trials.csv", SCHEMA) as text:
         for table in _tables(folder, blocks):
-            text.write_table(table)
+            text.write_table(_with_escaped_names(table))
 
 
 def read_trials(path: Path) -> pa.Table:
@@ -93,6 +94,15 @@ def _write(path: Path, tables: Sequence[pa.Table] | Iterator[pa.Table]) -> None:
 def _tables(folder: Path, blocks: Sequence[TrialBlock]) -> Iterator[pa.Table]:
     for block in blocks:
         yield read_trials(block_file(folder, block))
+
+
+def _with_escaped_names(table: pa.Table) -> pa.Table:
+    """Escape the columns of names for a CSV table."""
+    for place, field in enumerate(SCHEMA):
+        if pa.types.is_string(field.type):
+            names = [csv_cell(name) for name in table.column(place).to_pylist()]
+            table = table.set_column(place, field, pa.array(names, field.type))
+    return table
 
 
 def _crc(before: str, table: pa.Table) -> str:

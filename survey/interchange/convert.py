@@ -23,7 +23,7 @@ _CLOUDS = (".las", ".laz", ".ply")
 
 
 def kind_of(source: str | Path, out: str | Path) -> FileKind | None:
-    """Tell what a file holds where the endings say so: ``None`` for those that hold many kinds.
+    """Return what a file holds by its ending; ``None`` for endings that stand for many kinds.
 
     Examples
     --------

@@ -169,6 +169,6 @@ def _mixed(z: FloatArray, index: IntArray, share: FloatArray, *, axis: int) -> F
 
 
 def _inside(area: SurveyArea, xy: tuple[FloatArray, FloatArray]) -> Any:
-    """Tell which nodes of two axes lie on free ground."""
+    """Return which nodes of two axes lie on free ground."""
     east, north = np.meshgrid(*xy)
     return area.contains(np.column_stack([east.ravel(), north.ravel()])).reshape(east.shape)

@@ -111,7 +111,7 @@ class ConditionalTerrain:
     Parameters
     ----------
     cells : CoarseCells
-        What is known.
+        Mean elevations of coarse cells [m], as measured.
     kernel : Kernel
         Covariance of the terrain about an unknown constant [m²].
     grid : Grid

@@ -199,7 +199,7 @@ def control_places(path: str | Path, crs: Any) -> FloatArray:
 
 
 def within_reach(xy: FloatArray, route_line: Any, reach_m: float) -> BoolArray:
-    """Tell which places (N, 2) lie within a distance [m] of a line."""
+    """Return which places (N, 2) lie within a distance [m] of a line."""
     near: BoolArray = shapely.dwithin(shapely.points(xy), route_line, reach_m)
     return near
 

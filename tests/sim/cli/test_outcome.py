@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from sim.cli.outcome import INTERRUPTED, OUTPUT_CLOSED, printable, with_exit_codes
+from sim.cli.outcome import INTERRUPTED, OUTPUT_CLOSED, with_exit_codes
 from survey.core.errors import CapacityError, ConfigError, InputError
 
 FIRNLINE = [sys.executable, "-m", "firnline"]
@@ -63,7 +63,7 @@ def test_only_a_full_disk_asks_for_space():
 
 def test_control_characters_of_names_do_not_reach_the_terminal():
     assert ended(InputError("the area 'a\x1b[2J\r\nb' is empty."))[1].count("\n") == 1
-    assert printable("é\x1b\x07\udcff") == "é\\x1b\\x07\\udcff"
+    assert "é\\x1b\\x07\\udcff" in ended(InputError("é\x1b\x07\udcff"))[1]
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["reproduce", "--list"]])
