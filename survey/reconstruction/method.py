@@ -186,8 +186,6 @@ class ReconstructionMethod:
         How it uses lines of sight.
     needs_path : bool
         Whether it needs the error that points share through the path.
-    needs_origins : bool
-        Whether it needs the sensor's place of every point.
     uses_prior : bool
         Whether a prior changes the map.
     maps_values : bool
@@ -205,7 +203,6 @@ class ReconstructionMethod:
     begin: Callable[[ScanSettings], ScanModel] | None = None
     sight_lines: SightLines = "truncation"
     needs_path: bool = False
-    needs_origins: bool = False
     uses_prior: bool = True
     maps_values: bool = False
     bytes_per_node: float = 120.0

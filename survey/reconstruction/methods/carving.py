@@ -41,7 +41,6 @@ CARVING = ReconstructionMethod(
     {"carving": SpaceCarvingConfig},
     _begin,
     sight_lines="own",
-    needs_origins=True,
     uses_prior=False,
     bytes_per_node=200.0,
 )
