@@ -12,7 +12,13 @@ from survey.figures.errors import (
     error_map,
     height_error,
 )
-from survey.figures.maps import deviation_map, landmark_map, support_map, survey_map, terrain_comparison
+from survey.figures.landmarks import landmark_map
+from survey.figures.maps import (
+    deviation_map,
+    support_map,
+    survey_map,
+    terrain_comparison,
+)
 from survey.figures.paths import error_over_distance, path_map
 from survey.figures.plans import plan_map
 from survey.figures.style import png_bytes

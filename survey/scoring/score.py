@@ -3,24 +3,20 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple, Self
-
-import numpy as np
+from typing import Any, Self
 
 from survey.core.arguments import check_types
-from survey.core.arrays import FloatArray
-from survey.core.crs.agreement import same_crs
-from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.plots import html_table
 from survey.data.route import Route
-from survey.reconstruction.base import ELEVATION, Reconstruction
+from survey.reconstruction.base import Reconstruction
 from survey.scoring.accuracy import Calibration, ErrorStatistics
+from survey.scoring.comparison import check_systems, compare, mean_and_std
 from survey.scoring.coverage import Coverage
-from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
+from survey.scoring.covered_area import NodeCounts
 from survey.scoring.standards.map_classes import Verdict, judge
 
 
@@ -194,6 +190,7 @@ def score(
 
     Examples
     --------
+    >>> import numpy as np
     >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 10.0)
     >>> flat, sure = Dem.on(grid, np.zeros(grid.shape)), Dem.on(grid, np.full(grid.shape, 0.1))
@@ -202,61 +199,16 @@ def score(
     >>> result.elevation.rmse_m, result.calibration.z_rms, result.verdicts[0].met
     (0.2, 2.0, True)
     """
-    mean, std = _mean_and_std(reconstruction)
-    _check_systems(mean, truth, area)
+    mean, std = mean_and_std(reconstruction)
+    check_systems(mean, truth, area)
     ground = area or SurveyArea.rectangle(mean.grid().bounds, mean.crs)
-    compared = _compare(mean, std, truth, area)
+    compared = compare(mean, std, truth, area)
     return Score.judged(
         Coverage() if route is None else Coverage.of(route, ground, sample_step_m),
         ErrorStatistics.of(compared.errors),
         Calibration.of(compared.errors, compared.std),
         compared.nodes,
     )
-
-
-class _Comparison(NamedTuple):
-    """Errors and stated deviations (N,) [m] where they exist, and the nodes that were left out."""
-
-    errors: FloatArray
-    std: FloatArray
-    nodes: NodeCounts
-
-
-def _mean_and_std(reconstruction: Reconstruction | Dem) -> tuple[Dem, FloatArray]:
-    """Return the heights and their claimed deviations (H, W) [m], NaN where nothing is claimed."""
-    if isinstance(reconstruction, Dem):
-        return reconstruction, np.full(reconstruction.shape, np.nan)
-    if reconstruction.quantity != ELEVATION:
-        raise InputError(f"the map shows {reconstruction.quantity}; only maps of {ELEVATION} can be scored.")
-    return reconstruction.mean, reconstruction.std.elevation
-
-
-def _compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> _Comparison:
-    """Return the errors of the map at the nodes where area, reference and map have a value."""
-    nodes = mean.xy
-    heights, reference = mean.elevation.ravel(), np.full(len(nodes), np.nan)
-    inside = np.ones(len(nodes), dtype=bool) if area is None else area.contains(nodes)
-    reference[inside] = truth.at(nodes[inside])
-    scored = inside & np.isfinite(reference) & np.isfinite(heights)
-    if not scored.any():
-        n_known = int(np.isfinite(reference).sum())
-        raise InputError(
-            f"there is nothing to score: of {len(nodes)} nodes of the map {int(inside.sum())} lie in the area, "
-            f"{n_known} of those on the reference and {int(scored.sum())} have a height in both; check that the three overlap."
-        )
-    counts = counted(heights, reference, inside, has_area=area is not None)
-    beyond = 0 if area is None else nodes_beyond(mean.bounds, mean.step_m, area)
-    return _Comparison(
-        (heights - reference)[scored], std.ravel()[scored], counts._replace(silent=counts.silent + beyond)
-    )
-
-
-def _check_systems(mean: Dem, truth: Dem, area: SurveyArea | None) -> None:
-    """Refuse what cannot be compared."""
-    same_crs(mean.crs, truth.crs, "the map and the reference")
-    same_vertical_datum(mean.vertical_datum, truth.vertical_datum, "the map and the reference")
-    if area is not None:
-        area.require_crs(mean.crs, "the map")
 
 
 def _calibration(values: Mapping[str, Any]) -> Calibration:
