@@ -223,7 +223,9 @@ def _put_in_place(drafts: Path, main: Path, companions: Collection[Path]) -> Non
     for file in written:
         synced(file)
     for companion in companions:
-        if not companion.is_dir():
+        if companion.is_dir():
+            companion.replace(drafts / f".{companion.name}.old")
+        else:
             companion.unlink(missing_ok=True)
     (drafts / main.name).replace(main)
     for file in written:

@@ -148,3 +148,19 @@ def test_a_place_that_cannot_be_made_is_refused():
         pass
     with pytest.raises(InputError, match="could not be written"), replacing_files("/proc/x/route.geojson"):
         pass
+
+
+def test_an_old_folder_beside_a_main_file_is_removed_before_the_main_file_is_replaced(tmp_path):
+    (tmp_path / "page").mkdir()  # a folder in the place of the main file stops the exchange there
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "old.png").write_bytes(b"old")
+    with pytest.raises(InputError):
+        write_page_with_figures(tmp_path)
+    assert not (tmp_path / "figures").exists()
+
+
+def write_page_with_figures(folder):
+    with replacing_files(folder / "page", folder / "figures") as (page, figures):
+        page.write_text("new")
+        figures.mkdir()
+        (figures / "new.png").write_bytes(b"new")
