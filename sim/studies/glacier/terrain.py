@@ -3,17 +3,11 @@
 The paper does not print its traverse; ours crosses a site of its kind once, from the south-west to the north-east.
 """
 
-import io
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import shapely
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from PIL import Image
 
 import planners
 import survey
@@ -23,23 +17,22 @@ from sim.config.terrain import RandomTerrain
 from sim.montecarlo.summary import SummaryRow, write_rows
 from sim.simulate.statistical import simulate_statistical
 from sim.simulate.vision import simulate_vision
-from sim.world.site import World, build_world
-from survey.core.arrays import FloatArray, Progress
-from survey.core.files.writing import replacing
+from sim.studies.glacier.terrain_figures import (
+    SAMPLE_M,
+    Traverse,
+    convex_hull,
+    draw_coverages,
+    draw_errors,
+    draw_terrains,
+    map_error,
+    write_quantized,
+)
+from sim.world.site import build_world
+from survey.core.arrays import Progress
 from survey.core.streams import stream
 from survey.data.legs import Leg
 from survey.data.route import Route
-from survey.data.surface_points import SurfacePoints
-from survey.figures.cartography.layout import add_colour_bar, map_figure
-from survey.figures.cartography.relief import (
-    draw_raster,
-    draw_terrain,
-    elevation_limits,
-    relief_exaggeration,
-)
-from survey.figures.cartography.routes import draw_area
 from survey.figures.maps import survey_map
-from survey.figures.style import ERROR, ESTIMATE, FULL_IN, INK, MUTED, png_bytes, styled, symmetric_limits
 from survey.reconstruction import GaussianProcessConfig, Reconstruction
 from survey.scoring import Coverage, map_classes
 from vision_slam import localize
@@ -48,16 +41,6 @@ SEED = 20_112
 PAPERS_SHARE = 0.258
 _TRAVERSE_M = ((60.0, 90.0), (330.0, 170.0), (470.0, 400.0), (540.0, 550.0))
 _STEP_M = 5.0
-_SAMPLE_M = 50.0
-
-
-@dataclass(frozen=True)
-class Traverse:
-    """Drive over the site and its landmarks."""
-
-    world: World
-    route: Route
-    points: SurfacePoints
 
 
 def glacier_fig5(folder: Path, *, quick: bool, progress: Progress) -> None:
@@ -72,14 +55,14 @@ def glacier_fig5(folder: Path, *, quick: bool, progress: Progress) -> None:
         maps[name] = _mapped(done, name)
         progress("maps", index, 4)
     write_rows(folder / "reconstructions.csv", [_judged(name, result, done) for name, result in maps.items()])
-    _write(folder / "reconstructions.png", _terrains(maps, done))
-    _write(folder / "errors.png", _errors(maps, done))
+    write_quantized(folder / "reconstructions.png", draw_terrains(maps, done))
+    write_quantized(folder / "errors.png", draw_errors(maps, done))
 
 
 def glacier_fig6(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa: ARG001
     """Draw the real terrain of Fig. 5."""
     world = build_world(_mission("statistical"))
-    _write(folder / "terrain.png", survey_map(world.terrain, area=world.area))
+    write_quantized(folder / "terrain.png", survey_map(world.terrain, area=world.area))
     progress("maps", 1, 1)
 
 
@@ -93,7 +76,9 @@ def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
         raise TypeError("the piecewise-continuous pattern is steered")
     sense = planners.attitude_sensor(world.terrain)
     driven = planners.rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
-    _write(folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven))
+    write_quantized(
+        folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven)
+    )
     progress("maps", 1, 1)
 
 
@@ -101,7 +86,7 @@ def glacier_fig8(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
     """Draw robot-centric and science-centric coverage: distance driven, and samples."""
     area = survey.SurveyArea.rectangle((0.0, 0.0, 600.0, 600.0), "EPSG:32608")
     route = planners.plan(area, None, planners.LawnmowerConfig(swaths=4))
-    coverage = Coverage.of(route, area, sample_step_m=_SAMPLE_M)
+    coverage = Coverage.of(route, area, sample_step_m=SAMPLE_M)
     row: SummaryRow = {
         "swaths": 4,
         "driven_m": route.length_m,
@@ -111,7 +96,7 @@ def glacier_fig8(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
         "beta": coverage.beta,
     }
     write_rows(folder / "coverage.csv", [row])
-    _write(folder / "coverage.png", _two_coverages(area, route, coverage))
+    write_quantized(folder / "coverage.png", draw_coverages(area, route, coverage))
     progress("figures", 1, 1)
 
 
@@ -166,15 +151,9 @@ def _mapped(done: Traverse, name: str) -> Reconstruction:
     return survey.reconstruct(done.points, grid, prior=done.world.prior)
 
 
-def _error(result: Reconstruction, done: Traverse) -> FloatArray:
-    mean = result.mean
-    error: FloatArray = mean.elevation - done.world.terrain.at(mean.xy).reshape(mean.shape)
-    return error
-
-
 def _judged(name: str, result: Reconstruction, done: Traverse) -> SummaryRow:
-    error = _error(result, done)
-    hull = _hull(done.points)
+    error = map_error(result, done)
+    hull = convex_hull(done.points)
     inside = shapely.contains_xy(hull, *result.mean.xy.T).reshape(error.shape)
     return {
         "map": name,
@@ -185,80 +164,3 @@ def _judged(name: str, result: Reconstruction, done: Traverse) -> SummaryRow:
         "rmse_m": float(np.sqrt(np.nanmean(error**2))),
         "worst_m": float(np.nanmax(np.abs(error))),
     }
-
-
-def _hull(points: SurfacePoints) -> shapely.Geometry:
-    return shapely.convex_hull(shapely.multipoints(points.xy))
-
-
-@styled
-def _terrains(maps: dict[str, Reconstruction], done: Traverse) -> Figure:
-    area = done.world.area
-    drawing = map_figure(FULL_IN, area.bounds, n_maps=len(maps))
-    inner = done.world.terrain.window(area.bounds)
-    limits, exaggeration = elevation_limits(inner), relief_exaggeration(inner)
-    for axes, (name, result) in zip(drawing.maps, maps.items(), strict=True):
-        image = draw_terrain(axes, result.mean, limits, exaggeration=exaggeration)
-        _draw_traverse(axes, done)
-        axes.set_title(name)
-    add_colour_bar(image, drawing, "Elevation [m]", extend="both")
-    return drawing.figure
-
-
-@styled
-def _errors(maps: dict[str, Reconstruction], done: Traverse) -> Figure:
-    area = done.world.area
-    drawing = map_figure(FULL_IN, area.bounds, n_maps=len(maps))
-    errors = [_error(result, done) for result in maps.values()]
-    limits = symmetric_limits(errors[-1])
-    for axes, name, error in zip(drawing.maps, maps, errors, strict=True):
-        image = draw_raster(axes, error, maps[name].mean, ERROR, limits)
-        _draw_traverse(axes, done)
-        axes.set_title(name)
-    add_colour_bar(image, drawing, "Error [m]", extend="both")
-    return drawing.figure
-
-
-def _draw_traverse(axes: Axes, done: Traverse) -> None:
-    """Draw the path as a solid line and the landmarks' convex hull as a dashed one, as the paper does."""
-    draw_area(axes, done.world.area, veil=False)
-    axes.plot(*done.route.path().T, color=INK, linewidth=1.3, zorder=5)
-    axes.plot(
-        *np.array(_hull(done.points).exterior.coords).T, color=INK, linestyle="--", linewidth=0.9, zorder=5
-    )
-
-
-@styled
-def _two_coverages(area: survey.SurveyArea, route: Route, coverage: Coverage) -> Figure:
-    """Draw a route as the distance driven, and as samples with their distances to the centre."""
-    figure = Figure(figsize=(FULL_IN, 4.4), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    xmin, ymin, xmax, ymax = area.bounds
-    for axes in (left, right):
-        axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xlabel="Easting [m]")
-        axes.spines[:].set_visible(True)
-    left.plot(*route.path().T, color=ESTIMATE, linewidth=2.0)
-    left.set(ylabel="Northing [m]", title=f"Robot-centric: {route.length_m:,.0f} m driven")
-    half = 0.5 * _SAMPLE_M
-    centres = np.arange(xmin + half, xmax, _SAMPLE_M), np.arange(ymin + half, ymax, _SAMPLE_M)
-    possible = np.column_stack([axis.ravel() for axis in np.meshgrid(*centres)])
-    right.plot(*possible.T, ".", color=MUTED, markersize=2)
-    within = np.clip(route.sample(10.0).xy, [xmin, ymin], [xmax - 1e-6, ymax - 1e-6])
-    samples = np.unique(np.floor((within - [xmin, ymin]) / _SAMPLE_M), axis=0)
-    for corner in samples * _SAMPLE_M + [xmin, ymin]:
-        right.add_patch(
-            Rectangle(tuple(corner), _SAMPLE_M, _SAMPLE_M, color=ESTIMATE, alpha=0.35, linewidth=0)
-        )
-    centre = np.array([0.5 * (xmin + xmax), 0.5 * (ymin + ymax)])
-    for corner in samples[::3] * _SAMPLE_M + [xmin + half, ymin + half]:
-        right.plot(*np.array([centre, corner]).T, color=INK, linewidth=0.4, alpha=0.5)
-    right.plot(*centre, "+", color=INK, markersize=9)
-    right.set_title(f"Science-centric: SCC {coverage.scc:.1%} of {_SAMPLE_M:g} m cells")
-    return figure
-
-
-def _write(path: Path, figure: Figure) -> None:
-    """Write a map in 192 colours, which shading does not need more of: a fifth of the bytes."""
-    image = Image.open(io.BytesIO(png_bytes(figure))).convert("RGB")
-    with replacing(path) as draft:
-        image.quantize(192, dither=Image.Dither.NONE).save(draft, "PNG", optimize=True)
