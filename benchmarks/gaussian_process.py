@@ -17,7 +17,7 @@ from benchmarks.report import Row, cpu_seconds, fastest, main, peak_memory_mb
 from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
 
 KERNEL = SquaredExponential(variance_m2=10.0, length_scale_m=17.75)
 AXIS = np.linspace(0.0, SIZE_M, 601)

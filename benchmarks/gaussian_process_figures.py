@@ -9,7 +9,7 @@ from benchmarks.gaussian_process_peers import Points
 from benchmarks.report import RESULTS, cpu_seconds
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
 
 mpl.use("Agg")
 

@@ -49,7 +49,8 @@ from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.reconstruction.gp.covariance.families import SearchedFamily
-from survey.reconstruction.gp.selection.kernel_search import KernelSearch, mapped
+from survey.reconstruction.gp.selection.common_maps import mapped
+from survey.reconstruction.gp.selection.kernel_search import KernelSearch
 from survey.terrain import satellite_copy
 from survey.terrain.conditional import CoarseCells
 

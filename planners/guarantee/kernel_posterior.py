@@ -12,7 +12,8 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.covariance.stationary import Stationary
-from survey.reconstruction.gp.selection.kernel_search import ALL, Cell, KernelSearch
+from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
 from survey.terrain.conditional import CoarseCells
 
 _LENGTHS_PER_DOUBLING = 2

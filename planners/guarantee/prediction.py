@@ -24,7 +24,7 @@ from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.reconstruction.gp.selection.kernel_search import Cell
+from survey.reconstruction.gp.selection.cells import Cell
 
 _N_NODES = 300
 

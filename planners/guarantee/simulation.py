@@ -13,7 +13,8 @@ from survey.core.streams import stream
 from survey.data.area import SurveyArea
 from survey.data.grid import Grid
 from survey.data.route import Route
-from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch, mapped
+from survey.reconstruction.gp.selection.common_maps import mapped
+from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 
 _STEP_M = 10.0

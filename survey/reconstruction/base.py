@@ -1,29 +1,26 @@
 """Terrain maps with uncertainty (`Reconstruction`), and the interface of terrain models."""
 
 import json
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from survey.core.arrays import FloatArray, checked, frozen
+from survey.core.arrays import FloatArray, frozen
 from survey.core.crs.agreement import same_crs
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
 from survey.core.mappings import ReadOnlyMapping
-from survey.core.runs.manifest import is_intact, with_checksum
+from survey.core.runs.manifest import with_checksum
 from survey.data.conversions import to_dataset
 from survey.data.dem import Dem
-from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
-from survey.data.surface_points import SurfacePoints
 from survey.io.raster import read_raster, write_raster
+from survey.reconstruction.reconstruction_file import FACTS_SHA256, plain_facts, read_facts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,14 +29,10 @@ if TYPE_CHECKING:
 UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
 """Codes of `Reconstruction.support`: what stands behind the height of a node."""
 
-Quantity = Literal["mean", "std", "lower", "upper", "support"]
 
 ELEVATION = "elevation_m"
 SIGMAS_95 = 1.959964
 """Standard deviations on either side of the mean that hold 95 %."""
-
-
-_FACTS_SHA256 = "facts_sha256"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,6 +69,7 @@ class Reconstruction(DataObject):
 
     Examples
     --------
+    >>> from survey.data.grid import Grid
     >>> grid = Grid((0.0, 0.0, 2.0, 1.0), 1.0)
     >>> flat = Dem.on(grid, np.zeros(grid.shape))
     >>> Reconstruction(flat, flat, np.full(grid.shape, MEASURED), "tin", {}).share_of(MEASURED)
@@ -108,7 +102,7 @@ class Reconstruction(DataObject):
             if dem.shape != self.mean.shape or not dem.transform.almost_equals(self.mean.transform):
                 raise InputError(f"the mean and the {name} do not lie on one grid; compute both on the same.")
         for name in ("hyperparameters", "diagnostics"):
-            object.__setattr__(self, name, ReadOnlyMapping(_plain(getattr(self, name), name)))
+            object.__setattr__(self, name, ReadOnlyMapping(plain_facts(getattr(self, name), name)))
 
     def share_of(self, code: int) -> float:
         """Return the share of nodes with this support code.
@@ -241,7 +235,7 @@ class Reconstruction(DataObject):
             "diagnostics": dict(self.diagnostics),
         }
         with replacing(place / "reconstruction.json") as draft:
-            text = json.dumps(with_checksum(facts, _FACTS_SHA256), indent=2, sort_keys=True)
+            text = json.dumps(with_checksum(facts, FACTS_SHA256), indent=2, sort_keys=True)
             draft.write_text(text + "\n", encoding="utf-8")
 
     @classmethod
@@ -264,7 +258,7 @@ class Reconstruction(DataObject):
             When a file is missing, empty or damaged.
         """
         place = Path(folder)
-        facts = _facts(place / "reconstruction.json")
+        facts = read_facts(place / "reconstruction.json")
         mean, std = (Dem.read(place / "dem.tif", band=band) for band in (1, 2))
         support = read_raster(place / "support.tif").values
         if not np.isin(support, (0, 1, 2, 3)).all():
@@ -282,223 +276,3 @@ class Reconstruction(DataObject):
             facts["quantity"],
             facts["diagnostics"],
         )
-
-
-class Capabilities(NamedTuple):
-    """What a terrain model can be asked."""
-
-    std: bool = True
-    """It states a standard deviation, and with it lower and upper bounds."""
-    samples: bool = True
-    """It draws surfaces that agree with the points."""
-    online: bool = True
-    """New points cost what they are, not what all points before them were."""
-    rays: bool = False
-    """It uses the sensor's place: lines of sight, or a map that follows the sensor."""
-
-
-class TerrainModel(ABC):
-    """A surface that learns from points and can be asked anywhere.
-
-    The constructor stores settings; `fit` checks, learns, and returns the model; `update`
-    returns a model that knows more points. Ask the model returned: large ones take the
-    points into their own arrays, so that the one before has changed too.
-
-    Points carry their standard deviations and, where they have them, the sensor's origins.
-    They hold no NaN and neither do places. Where a model is silent, beyond the ground that
-    it covers, it answers NaN, and `UNSEEN` for the support. Heights are kept relative to a
-    local datum (`local_datum_m`), so that adding 1,000 m to every point adds it to the map
-    and changes nothing else.
-    """
-
-    capabilities: ClassVar[Capabilities]
-
-    @abstractmethod
-    def fit(self, points: SurfacePoints) -> Self:
-        """Learn from points, and return the model.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            Measured points.
-
-        Returns
-        -------
-        TerrainModel
-            The fitted model.
-        """
-
-    @abstractmethod
-    def update(self, points: SurfacePoints) -> Self:
-        """Return a model that also knows these points.
-
-        Parameters
-        ----------
-        points : SurfacePoints
-            Further points.
-
-        Returns
-        -------
-        TerrainModel
-            Fitted to all points so far.
-        """
-
-    def predict(self, xy: npt.ArrayLike, what: Quantity = "mean") -> FloatArray:
-        """Return one quantity at places.
-
-        Parameters
-        ----------
-        xy : (N, 2) array_like
-            Easting and northing [m].
-        what : {"mean", "std", "lower", "upper", "support"}
-            Height [m], its standard deviation [m], the bounds of a 95 % interval [m], or
-            the support code.
-
-        Returns
-        -------
-        (N,) ndarray
-            NaN where the model is silent.
-
-        Raises
-        ------
-        InputError
-            Before `fit`, NaN among the places, an unknown quantity, or one that the model
-            does not have.
-        """
-        places = checked(xy, (None, 2), "the places to predict")
-        if what not in get_args(Quantity):
-            raise InputError(f"{what!r} is not known; ask for {', '.join(get_args(Quantity))}.")
-        if what == "mean":
-            return self._height(places)
-        if what == "support":
-            return self._support(places).astype(np.float64)
-        if not self.capabilities.std:
-            raise InputError(
-                f"a {type(self).__name__} states no {what}; ask it for mean or support, or take another model."
-            )
-        return self._std(places) if what == "std" else self._bound(places, what)
-
-    @abstractmethod
-    def grid(self, grid: Grid) -> Reconstruction:
-        """Return the map on the nodes of a grid.
-
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the map.
-
-        Returns
-        -------
-        Reconstruction
-            Mean, standard deviation and support.
-        """
-
-    @abstractmethod
-    def sample(self, grid: Grid, n: int, rng: np.random.Generator) -> FloatArray:
-        """Draw n surfaces (n, H, W) [m] that agree with the points.
-
-        Parameters
-        ----------
-        grid : Grid
-            Nodes of the surfaces.
-        n : int
-            Number of surfaces.
-        rng : numpy.random.Generator
-            Source of the draws.
-
-        Returns
-        -------
-        (n, H, W) ndarray
-            Elevations [m].
-        """
-
-    @abstractmethod
-    def save(self, path: str | Path) -> None:
-        """Write the model to one file.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            File to write.
-        """
-
-    @classmethod
-    @abstractmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            File that `save` wrote.
-
-        Returns
-        -------
-        TerrainModel
-            The fitted model.
-        """
-
-    @abstractmethod
-    def _height(self, xy: FloatArray) -> FloatArray:
-        """Return the most likely height (N,) [m]."""
-
-    @abstractmethod
-    def _std(self, xy: FloatArray) -> FloatArray:
-        """Return the standard deviation (N,) [m]."""
-
-    @abstractmethod
-    def _support(self, xy: FloatArray) -> npt.NDArray[np.uint8]:
-        """Return the support codes (N,)."""
-
-    def _bound(self, xy: FloatArray, what: Literal["lower", "upper"]) -> FloatArray:
-        """Return one end of the 95 % interval (N,) [m]."""
-        sign = 1.0 if what == "upper" else -1.0
-        return self._height(xy) + sign * SIGMAS_95 * self._std(xy)
-
-
-def local_datum_m(z: FloatArray) -> float:
-    """Return the level that heights are counted from while a model works: their median, in whole metres.
-
-    Examples
-    --------
-    >>> local_datum_m(np.array([4012.2, 4013.1, 4099.0]))
-    4013.0
-    """
-    return float(np.round(np.median(z)))
-
-
-def not_fitted() -> InputError:
-    """Return the refusal of a model that was asked too early."""
-    return InputError("the terrain model knows no points yet; call fit first.")
-
-
-def _plain(values: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return a copy of numbers, texts and lists as JSON has them."""
-    try:
-        text = json.dumps(dict(values), default=_number, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the {name} hold what JSON cannot ({error}); give numbers, texts and lists."
-        ) from error
-    result: dict[str, Any] = json.loads(text)
-    return result
-
-
-def _number(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"a {type(value).__name__}")
-
-
-def _facts(path: Path) -> dict[str, Any]:
-    file = existing_file(path, "the reconstruction's description")
-    try:
-        facts: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        missing = {"method", "quantity", "hyperparameters", "diagnostics"} - set(facts)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{file} is damaged ({error}); reconstruct again.") from error
-    if missing:
-        raise InputError(f"{file} lacks {', '.join(sorted(missing))}; reconstruct again.")
-    if not is_intact(facts, _FACTS_SHA256):
-        raise InputError(f"{file} was changed, or was written by an older version; reconstruct again.")
-    return facts

@@ -13,15 +13,9 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import CapacityError, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
-from survey.reconstruction.base import (
-    INTERPOLATED,
-    MEASURED,
-    UNSEEN,
-    Reconstruction,
-    TerrainModel,
-    not_fitted,
-)
+from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN, Reconstruction
 from survey.reconstruction.capacity import smallest_step_m
+from survey.reconstruction.terrain_model import TerrainModel, not_fitted
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,7 @@ from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import (
-    SIGMAS_95,
-    UNSEEN,
-    Capabilities,
-    Reconstruction,
-    TerrainModel,
-    local_datum_m,
-    not_fitted,
-)
+from survey.reconstruction.base import SIGMAS_95, UNSEEN, Reconstruction
 from survey.reconstruction.carving.bases import BY_POINT, BY_RAY
 from survey.reconstruction.carving.carved_surface import CarvedSurface, Frame
 from survey.reconstruction.carving.carving_file import CarvingState, read_carving, write_carving
@@ -36,6 +28,7 @@ from survey.reconstruction.carving.support import Codes, support_codes
 from survey.reconstruction.line_of_sight.ghost_returns import ghosts
 from survey.reconstruction.line_of_sight.sight_lines import checked_origins
 from survey.reconstruction.nodes import NodeWindow
+from survey.reconstruction.terrain_model import Capabilities, TerrainModel, local_datum_m, not_fitted
 
 MEAN, LOWER, UPPER = "mean", "lower", "upper"
 _METHOD = "carving"

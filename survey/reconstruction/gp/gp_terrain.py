@@ -18,7 +18,7 @@ from survey.core.map_scale import scale_factors
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import ELEVATION, Capabilities, Reconstruction, TerrainModel, not_fitted
+from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engines.base import Process
@@ -33,6 +33,7 @@ from survey.reconstruction.gp.slopes import steepness_on_axes
 from survey.reconstruction.gp.volume import Volume, quadrature
 from survey.reconstruction.observations import Observations
 from survey.reconstruction.outliers import Outliers, distrusted
+from survey.reconstruction.terrain_model import Capabilities, TerrainModel, not_fitted
 
 logger = logging.getLogger(__name__)
 _N_LEAST = 3

@@ -15,7 +15,7 @@ from survey.io.arrays_file import read_npz, write_npz
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.families import kernel_of
-from survey.reconstruction.gp.covariance.kernels import Sum
+from survey.reconstruction.gp.covariance.kernel_sum import Sum
 from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.process import EngineName, conditioned

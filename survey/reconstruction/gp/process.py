@@ -65,8 +65,8 @@ def _in_waves(
 ) -> Process | None:
     """Condition the whole site in Fourier waves; None where they do not fit, or their mean does not settle."""
     # Here, because compiling support costs half a second that other methods need not pay.
-    from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
-    from survey.reconstruction.gp.engines.rough_resolution import resolution_for
+    from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
+    from survey.reconstruction.gp.engines.fourier.rough_resolution import resolution_for
 
     limits = {"tolerance_m": config.tolerance_m, "memory_mb": config.memory_mb}
     try:

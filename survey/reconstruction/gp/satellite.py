@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.reconstruction.gp.covariance.kernels import Kernel, SquaredExponential, Sum
+from survey.reconstruction.gp.covariance.kernel_sum import Sum
+from survey.reconstruction.gp.covariance.kernels import Kernel, SquaredExponential
 from survey.reconstruction.gp.selection.families import Hyperparameters
 
 

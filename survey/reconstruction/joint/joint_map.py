@@ -14,19 +14,18 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import local_datum_m
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.covariance.families import KernelFamily
-from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
-from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.engines.resolution import (
+from survey.reconstruction.gp.engines.fourier.resolution import (
     affordable_basis,
     amplitudes,
     modes_within,
     sharpest_std_m,
     tail_variance,
 )
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest, stated_family
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
@@ -34,6 +33,7 @@ from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.joint.solution import JointMap, JointSolution
+from survey.reconstruction.terrain_model import local_datum_m
 
 CANDIDATES: tuple[KernelFamily, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 """What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,

@@ -22,10 +22,10 @@ from scipy.linalg import blas
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import factorized
+from survey.reconstruction.gp.engines.fourier.mean_solver import PointSums
+from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior, precision
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
-from survey.reconstruction.gp.engines.mean_solver import PointSums
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior, precision
 
 # Points whose waves are evaluated at once: bounds the memory.
 _AT_ONCE = 512

@@ -12,7 +12,7 @@ from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import MEASURED, RAY_BOUNDED, Capabilities, local_datum_m, not_fitted
+from survey.reconstruction.base import MEASURED, RAY_BOUNDED
 from survey.reconstruction.lattice.calibration import LatticeCalibration
 from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_file import FieldState, read_field, write_field
@@ -31,6 +31,7 @@ from survey.reconstruction.nodes import (
     require_room,
     sensor_place,
 )
+from survey.reconstruction.terrain_model import Capabilities, local_datum_m, not_fitted
 
 _METHOD = "field"
 # A growing map takes on so many nodes more than the points need, so that it seldom grows.

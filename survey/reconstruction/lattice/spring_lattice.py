@@ -16,10 +16,10 @@ from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.io.arrays_file import read_arrays, write_arrays
-from survey.reconstruction.base import Capabilities, local_datum_m
 from survey.reconstruction.lattice.config import SpringLatticeConfig
 from survey.reconstruction.lattice.multigrid.solver import Operator, solve
 from survey.reconstruction.nodes import LatticeFrame, LatticeModel, NodeWindow, require_room, sensor_place
+from survey.reconstruction.terrain_model import Capabilities, local_datum_m
 
 _FORMAT = "firnline spring lattice 1"
 _NOTE = "springs state none; the band holds the root mean square distance of a node's points from the surface, or of all points where it has none"

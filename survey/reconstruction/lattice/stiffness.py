@@ -18,8 +18,8 @@ from scipy.optimize import minimize_scalar
 from survey.core.arrays import FloatArray
 from survey.reconstruction.lattice.information import Information
 from survey.reconstruction.lattice.multigrid.banded import band_cholesky, band_of, log_determinant
+from survey.reconstruction.lattice.multigrid.plate_prior import Weights
 from survey.reconstruction.lattice.multigrid.solver import Operator
-from survey.reconstruction.lattice.multigrid.stencil import Weights
 from survey.reconstruction.nodes import NodeWindow
 
 # Patches of nodes from which it is learned: the ones with most points, side by side.

@@ -11,7 +11,8 @@ from planners.guarantee.kernel_posterior import (
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid
 from survey.core.streams import stream
-from survey.reconstruction.gp.selection.kernel_search import Cell, FoundKernel, mapped
+from survey.reconstruction.gp.selection.cells import Cell, FoundKernel
+from survey.reconstruction.gp.selection.common_maps import mapped
 from survey.terrain.conditional import CoarseCells
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from planners.guarantee.correlogram import Correlogram
-from survey.reconstruction.gp.selection.kernel_search import ALL, Cell
+from survey.reconstruction.gp.selection.cells import Cell
+from survey.reconstruction.gp.selection.kernel_search import ALL
 
 
 @pytest.mark.parametrize("family", ALL)

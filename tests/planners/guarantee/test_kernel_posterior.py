@@ -11,7 +11,7 @@ from planners.guarantee.kernel_posterior import (
 )
 from survey import Dem, Grid
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.selection.kernel_search import Cell
+from survey.reconstruction.gp.selection.cells import Cell
 from survey.terrain.conditional import CoarseCells
 from tests.planners.guarantee.smooth_site import CRS, SMOOTH, coarse, lines, smooth_terrain
 

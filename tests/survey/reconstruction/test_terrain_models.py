@@ -9,7 +9,6 @@ import pytest
 from survey.core.errors import InputError
 from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import TerrainModel
 from survey.reconstruction.carving.config import SpaceCarvingConfig
 from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 from survey.reconstruction.gp.config import GaussianProcessConfig
@@ -17,6 +16,7 @@ from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.spring_lattice import SpringLattice
+from survey.reconstruction.terrain_model import TerrainModel
 from survey.reconstruction.triangulation import TriangulatedTerrain
 
 CRS = "EPSG:32608"

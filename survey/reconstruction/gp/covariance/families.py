@@ -8,14 +8,9 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer
 
 from survey.core.errors import ConfigError
-from survey.reconstruction.gp.covariance.kernels import (
-    KINDS,
-    Kernel,
-    Matern32,
-    RationalQuadratic,
-    SquaredExponential,
-    Sum,
-)
+from survey.reconstruction.gp.covariance.kernel_sum import Sum
+from survey.reconstruction.gp.covariance.kernels import KINDS, Kernel, Matern32, SquaredExponential
+from survey.reconstruction.gp.covariance.rational_quadratic import RationalQuadratic
 
 _SCALES: dict[str, tuple[type[SquaredExponential | Matern32], ...]] = {
     "two-scale": (SquaredExponential, SquaredExponential),

@@ -13,15 +13,14 @@ Formulae: Rasmussen and Williams, *Gaussian Processes for Machine Learning* (200
 """
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
-from scipy.special import gammaln, k1, kve
+from scipy.special import k1
 
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
+from survey.reconstruction.gp.covariance.rational_quadratic import RationalQuadratic
 from survey.reconstruction.gp.covariance.stationary import Kernel, Stationary
 
 __all__ = [
@@ -29,9 +28,7 @@ __all__ = [
     "Kernel",
     "Matern32",
     "Matern52",
-    "RationalQuadratic",
     "SquaredExponential",
-    "Sum",
     "Whittle",
 ]
 
@@ -203,200 +200,6 @@ class Whittle(_Matern):
         s = np.maximum(np.sqrt(2 * s2), 1e-8)
         correlation: FloatArray = s * k1(s)
         return correlation
-
-
-@dataclass(frozen=True)
-class RationalQuadratic(Stationary):
-    r"""Rational quadratic covariance: squared exponentials of a gamma-distributed range of scales.
-
-    .. math::  k(h) = v \left(1 + \frac{s^2}{2 a}\right)^{-a}, \qquad
-               S(\omega) = \frac{4 \pi v \, l_a l_b}{\Gamma(a)} a^a (b / a)^{(a - 1) / 2}
-               K_{a - 1}(2 \sqrt{a b}), \quad b = q^2 / 2
-
-    Parameters are those of `SquaredExponential`, and
-
-    shape : float, optional
-        The exponent a, above 1.  Below that the spectrum has no finite value at frequency 0.
-
-    Notes
-    -----
-    Its covariance decays as a power of the distance.  The Fourier engine makes it periodic on a box of
-    limited size, which changes the longest scales when `shape` is below about 3; compare with a `Sum` of
-    squared exponentials, or use the dense engine.
-
-    Examples
-    --------
-    >>> RationalQuadratic(1.0, 10.0, shape=2.0).covariance_of_lag(np.array([20.0, 0.0]))
-    np.float64(0.25)
-    """
-
-    family: ClassVar = "rational-quadratic"
-
-    shape: float = 2.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not (np.isfinite(self.shape) and self.shape > 1):
-            raise ConfigError(
-                f"RationalQuadratic.shape is {self.shape}; a finite number above 1 was expected."
-            )
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """What each entry of `log_parameters` is."""
-        return (*super().parameter_names, "log(shape - 1)")
-
-    @property
-    def log_parameters(self) -> FloatArray:
-        """Free parameters: logarithms, and an angle in radians."""
-        return np.append(super().log_parameters, np.log(self.shape - 1))
-
-    def with_log_parameters(self, log_parameters: npt.ArrayLike) -> Self:
-        """Return the same family with other parameters."""
-        theta = np.asarray(log_parameters, dtype=np.float64)
-        return replace(super().with_log_parameters(theta[:-1]), shape=1 + float(np.exp(theta[-1])))
-
-    def _correlation(self, s2: FloatArray) -> FloatArray:
-        correlation: FloatArray = (1 + s2 / (2 * self.shape)) ** -self.shape
-        return correlation
-
-    def _log_spectrum(self, q2: FloatArray) -> FloatArray:
-        return _log_rational_quadratic_spectrum(q2, self.shape)
-
-    def _log_spectrum_slope(self, q2: FloatArray) -> FloatArray:
-        # d/dz [z^n K_n(z)] = -z^n K_{n-1}(z) with z² = 2 a q²
-        a = self.shape
-        z = np.sqrt(2 * a * np.maximum(q2, _Q2_FLOOR))
-        slope: FloatArray = -a / z * kve(a - 2, z) / kve(a - 1, z)
-        return slope
-
-    def log_spectral_gradient(self, omega: FloatArray) -> FloatArray:
-        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
-        q_a, q_b = self._scaled_frequencies(omega)
-        q2 = q_a**2 + q_b**2
-        # The Bessel function has no elementary derivative in its order: a central difference, good to 1e-8.
-        step = 1e-4
-        above, below = (1 + (self.shape - 1) * np.exp(sign * step) for sign in (1, -1))
-        of_shape = _log_rational_quadratic_spectrum(q2, above) - _log_rational_quadratic_spectrum(q2, below)
-        return np.concatenate([super().log_spectral_gradient(omega), of_shape[None] / (2 * step)])
-
-
-# The spectrum at frequency 0 is the limit of a product 0 · ∞; this close to it the limit is reached.
-_Q2_FLOOR = 1e-12
-
-
-def _log_rational_quadratic_spectrum(q2: FloatArray, shape: float) -> FloatArray:
-    """Logarithm of σ of the rational quadratic, by the scaled Bessel function."""
-    b = 0.5 * np.maximum(q2, _Q2_FLOOR)
-    z = 2 * np.sqrt(shape * b)
-    log_bessel = np.log(kve(shape - 1, z)) - z
-    result: FloatArray = (
-        np.log(4 * np.pi)
-        - gammaln(shape)
-        + shape * np.log(shape)
-        + 0.5 * (shape - 1) * np.log(b / shape)
-        + log_bessel
-    )
-    return result
-
-
-@dataclass(frozen=True, init=False)
-class Sum(Kernel):
-    """Sum of independent kernels, such as a long and a short scale; their spectra add.
-
-    Parameters
-    ----------
-    *parts : Kernel
-        At least one kernel.
-
-    Examples
-    --------
-    >>> kernel = Sum(SquaredExponential(11.6, 39.9), SquaredExponential(0.18, 13.0))
-    >>> kernel.variance_m2
-    11.78
-    >>> kernel.length_scales_m
-    (13.0, 39.9)
-    """
-
-    parts: tuple[Kernel, ...]
-    variance_m2: float
-
-    def __init__(self, *parts: Kernel) -> None:
-        if not parts:
-            raise ConfigError("A Sum of no kernels was given; at least one kernel was expected.")
-        object.__setattr__(self, "parts", tuple(parts))
-        object.__setattr__(self, "variance_m2", float(sum(part.variance_m2 for part in parts)))
-
-    @property
-    def length_scales_m(self) -> tuple[float, float]:
-        """Shortest and longest length scale in any direction [m]."""
-        scales = [scale for part in self.parts for scale in part.length_scales_m]
-        return min(scales), max(scales)
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """What each entry of `log_parameters` is."""
-        return tuple(
-            f"{name} {k}" for k, part in enumerate(self.parts, start=1) for name in part.parameter_names
-        )
-
-    @property
-    def log_parameters(self) -> FloatArray:
-        """Free parameters: logarithms, and an angle in radians."""
-        return np.concatenate([part.log_parameters for part in self.parts])
-
-    @property
-    def variance_gradient(self) -> FloatArray:
-        """Derivative (P,) of `variance_m2` with respect to `log_parameters`."""
-        return np.concatenate([part.variance_gradient for part in self.parts])
-
-    def with_log_parameters(self, log_parameters: npt.ArrayLike) -> Self:
-        """Return the same family with other parameters."""
-        theta = np.asarray(log_parameters, dtype=np.float64)
-        sizes = [len(part.parameter_names) for part in self.parts]
-        pieces = np.split(theta, np.cumsum(sizes)[:-1])
-        changed = (part.with_log_parameters(piece) for part, piece in zip(self.parts, pieces, strict=True))
-        return type(self)(*changed)
-
-    def covariance_of_lag(self, lag_m: FloatArray) -> FloatArray:
-        """Covariance [m²] at the lags (..., 2) [m]."""
-        total: FloatArray = np.sum([part.covariance_of_lag(lag_m) for part in self.parts], axis=0)
-        return total
-
-    def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
-        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
-        total = self.parts[0].covariance(xy_a, xy_b)
-        for part in self.parts[1:]:
-            total += part.covariance(xy_a, xy_b)
-        return total
-
-    def spectral_density(self, omega: FloatArray) -> FloatArray:
-        """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
-        total: FloatArray = np.sum([part.spectral_density(omega) for part in self.parts], axis=0)
-        return total
-
-    def log_spectral_gradient(self, omega: FloatArray) -> FloatArray:
-        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
-        densities = [part.spectral_density(omega) for part in self.parts]
-        total = np.sum(densities, axis=0)
-        # Where the whole spectrum has underflowed no part matters, and 0 / 0 must not appear.
-        shares = [np.divide(d, total, out=np.zeros_like(d), where=total > 0) for d in densities]
-        return np.concatenate(
-            [
-                share * part.log_spectral_gradient(omega)
-                for share, part in zip(shares, self.parts, strict=True)
-            ]
-        )
-
-    def decay_m(self, ratio: float) -> float:
-        """Distance [m] beyond which every part is below `ratio` times the variance of the sum."""
-        shares = [part.variance_m2 / self.variance_m2 for part in self.parts]
-        reaches = [
-            part.decay_m(ratio / share)
-            for share, part in zip(shares, self.parts, strict=True)
-            if share > ratio
-        ]
-        return max(reaches)
 
 
 KINDS: dict[str, type[Stationary]] = {

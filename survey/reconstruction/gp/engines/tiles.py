@@ -11,10 +11,10 @@ from survey.core.errors import CapacityError, InputError
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
-from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier.resolution import resolve, sharpest_std_m
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
-from survey.reconstruction.gp.engines.resolution import resolve, sharpest_std_m
 
 HALO_LENGTHS = 7.0
 """Width of the halo in length scales; at 7 the map differs from the whole one's by less than a centimetre."""

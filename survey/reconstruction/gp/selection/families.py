@@ -13,7 +13,8 @@ from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.families import KernelFamily, family_of, kernel_of
-from survey.reconstruction.gp.covariance.kernels import Kernel, Sum
+from survey.reconstruction.gp.covariance.kernel_sum import Sum
+from survey.reconstruction.gp.covariance.kernels import Kernel
 
 CANDIDATES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-3/2", "two-scale", "two-scale-matern")
 """What ``family = "auto"`` chooses from."""

@@ -4,7 +4,8 @@ import numpy as np
 from numba import njit
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.lattice.multigrid.stencil import Weights, apply
+from survey.reconstruction.lattice.multigrid.plate_prior import Weights
+from survey.reconstruction.lattice.multigrid.stencil import apply
 
 
 @njit(cache=True)

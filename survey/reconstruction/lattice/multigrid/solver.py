@@ -14,7 +14,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.reconstruction.lattice.multigrid import v_cycle as multigrid
-from survey.reconstruction.lattice.multigrid.v_cycle import Operator
+from survey.reconstruction.lattice.multigrid.levels import Operator, hierarchy, rooms
 
 
 class Rim(NamedTuple):
@@ -43,12 +43,12 @@ class VCyclePreconditioner:
 
     def __init__(self, operator: Operator, rim: Rim = FREE) -> None:
         self.operator = operator
-        self.levels = multigrid.hierarchy(operator, (rim.south, rim.north, rim.west, rim.east))
+        self.levels = hierarchy(operator, (rim.south, rim.north, rim.west, rim.east))
 
     def __call__(self, residual: FloatArray) -> FloatArray:
         """Return roughly A⁻¹ times a residual."""
         z = np.zeros_like(residual)
-        room = multigrid.rooms(self.levels.shapes)
+        room = rooms(self.levels.shapes)
         multigrid.cycle(self.operator, self.levels, residual, z, room)
         return z
 

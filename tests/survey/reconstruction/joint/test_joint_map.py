@@ -14,9 +14,9 @@ from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
 from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.engines.fourier.resolution import amplitudes, resolve
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.resolution import amplitudes, resolve
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior, fill_waves
 from survey.reconstruction.joint.satellite_cells import SatelliteCells

@@ -18,14 +18,9 @@ from survey.reconstruction.gp.covariance.families import (
     kernel_from,
     kernel_of,
 )
-from survey.reconstruction.gp.covariance.kernels import (
-    KINDS,
-    Kernel,
-    Matern32,
-    RationalQuadratic,
-    Sum,
-    Whittle,
-)
+from survey.reconstruction.gp.covariance.kernel_sum import Sum
+from survey.reconstruction.gp.covariance.kernels import KINDS, Kernel, Matern32, Whittle
+from survey.reconstruction.gp.covariance.rational_quadratic import RationalQuadratic
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 
 CRS = "EPSG:32608"

@@ -5,7 +5,7 @@ import pytest
 
 from survey.core.errors import CapacityError
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.gp.engines.tiles import TiledGaussianProcess
 
 KERNEL = SquaredExponential(4.0, 5.0)

@@ -7,10 +7,10 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.covariance.stationary import Kernel
+from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,14 @@ import numpy as np
 from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.errors import CapacityError
 from survey.reconstruction.gp.covariance.kernels import Kernel
-from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
-from survey.reconstruction.gp.engines.resolution import (
+from survey.reconstruction.gp.engines.fourier.resolution import (
     LARGEST_HALF,
     Resolution,
     modes_within,
     resolve,
     sharpest_std_m,
 )
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
 
 # A rough surface forgets its far side through the waves in between: three quarters of the site suffice.
 _LARGEST_HALO = 0.75

@@ -7,11 +7,11 @@ import numpy as np
 from survey.core.arrays import FloatArray, checked
 from survey.core.errors import InputError
 from survey.reconstruction.gp.engines.base import Process
+from survey.reconstruction.gp.engines.fourier.mean_solver import MeanSystem, put_real_weights
+from survey.reconstruction.gp.engines.fourier.resolution import Resolution
+from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior
 from survey.reconstruction.gp.engines.fourier_basis import ComplexArray
-from survey.reconstruction.gp.engines.mean_solver import MeanSystem, put_real_weights
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.engines.resolution import Resolution
-from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 
 class FourierProducts(Process):

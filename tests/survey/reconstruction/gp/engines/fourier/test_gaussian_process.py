@@ -7,15 +7,10 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.gp.covariance.kernels import (
-    Kernel,
-    Matern32,
-    Matern52,
-    RationalQuadratic,
-    SquaredExponential,
-    Sum,
-)
-from survey.reconstruction.gp.engines.gaussian_process import FourierGaussianProcess
+from survey.reconstruction.gp.covariance.kernel_sum import Sum
+from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
+from survey.reconstruction.gp.covariance.rational_quadratic import RationalQuadratic
+from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.gp.engines.polynomial_trend import TrendName
 from survey.reconstruction.gp.slopes import steepness_on_axes
 

@@ -14,9 +14,9 @@ from scipy import fft
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import CapacityError
+from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior
 from survey.reconstruction.gp.engines.fourier_basis import ComplexArray, FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 MAX_ITERATIONS = 200
 TOLERABLE = 0.05

@@ -13,21 +13,21 @@ import numpy as np
 from survey.core.arrays import Bounds, FloatArray, checked
 from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.stationary import Kernel
-from survey.reconstruction.gp.engines.evidence import MarginalLikelihood
-from survey.reconstruction.gp.engines.fourier_basis import ComplexArray
-from survey.reconstruction.gp.engines.fourier_products import FourierProducts
-from survey.reconstruction.gp.engines.mean_solver import MeanSystem, PointSums, inner
-from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
-from survey.reconstruction.gp.engines.resolution import (
+from survey.reconstruction.gp.engines.fourier.evidence import MarginalLikelihood
+from survey.reconstruction.gp.engines.fourier.fourier_products import FourierProducts
+from survey.reconstruction.gp.engines.fourier.mean_solver import MeanSystem, PointSums, inner
+from survey.reconstruction.gp.engines.fourier.resolution import (
     Resolution,
     amplitudes,
     line_variances,
     resolve,
     sharpest_std_m,
 )
+from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior
+from survey.reconstruction.gp.engines.fourier_basis import ComplexArray
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
 from survey.reconstruction.gp.engines.variance_bound import variance_from_nearest
-from survey.reconstruction.gp.engines.weight_posterior import WeightPosterior
 
 MEMORY_MB = 300.0
 """Memory that one covariance may take unless said otherwise: 6,100 modes."""
