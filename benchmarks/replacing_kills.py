@@ -216,8 +216,7 @@ class Trial:
         """Return the times of change of the folders around the outputs, and those of the outputs."""
         paths = [self._folder / name for name in (*self.command.outputs, *self.command.companions)]
         parents = [path.parent.stat().st_mtime_ns for path in paths if path.parent.exists()]
-        stats = [path.stat() for path in paths if path.exists()]
-        return parents, [(stat.st_ino, stat.st_mtime_ns) for stat in stats]
+        return parents, [mark for path in paths for mark in _mark(path)]
 
     def _wait(self, phase: int, seconds: float, marks: tuple[object, object]) -> int | None:
         """Wait for the phase and so many seconds more; return the exit status when the command ends before."""
@@ -239,6 +238,15 @@ class Trial:
             raise RuntimeError(f"firnline {self.command.variants[variant]} ended with the status {status}.")
         ended = time.monotonic()
         return self.found(), tuple(ended - began for began in begins)
+
+
+def _mark(path: Path) -> list[tuple[int, int]]:
+    """Return number and time of change of a file, or nothing when it is absent at this moment."""
+    try:
+        stat = path.stat()
+    except FileNotFoundError:
+        return []
+    return [(stat.st_ino, stat.st_mtime_ns)]
 
 
 def kills(server: ForkServer, folder: Path, name: str, n_kills: int) -> Counter[str]:
