@@ -82,7 +82,7 @@ class NodeWindow:
         return xy / self.step_m - np.array([self.west, self.south], dtype=np.float64)
 
     def covers(self, bounds: tuple[float, float, float, float]) -> bool:
-        """Tell whether the rectangle [m] lies within the nodes, to a thousandth of a step."""
+        """Return whether the rectangle [m] lies within the nodes, to a thousandth of a step."""
         slack = 1e-3 * self.step_m
         mine = self.bounds
         return all(mine[k] <= bounds[k] + slack for k in (0, 1)) and all(

@@ -61,7 +61,7 @@ class Observations:
         return type(self)(places, np.bincount(index, self.z / self.variance) / weight, 1.0 / weight)
 
     def on_one_line(self) -> bool:
-        """Tell whether all places lie on one line, or on one spot, to a millionth of their extent."""
+        """Return whether all places lie on one line, or on one spot, to a millionth of their extent."""
         centred = self.xy - self.xy.mean(axis=0)
         extents = np.linalg.svd(centred, compute_uv=False)
         return len(self.xy) < 3 or bool(extents[1] <= 1e-6 * max(float(extents[0]), 1e-9))

@@ -82,7 +82,7 @@ class TriangulatedTerrain(TerrainModel):
 
     Notes
     -----
-    An update triangulates all points anew. A place is measured when a point lies within
+    An update triangulates all points again. A place is measured when a point lies within
     half the diagonal of the grid's cell, or a metre when no grid is given.
 
     Examples
@@ -106,7 +106,7 @@ class TriangulatedTerrain(TerrainModel):
         return self
 
     def update(self, points: SurfacePoints) -> Self:
-        """Take in more points, and triangulate all anew."""
+        """Take in more points, and triangulate all again."""
         if self._surface is None or self.crs_ is None:
             return self.fit(points)
         same_crs(self.crs_, points.crs, "the map and the points")

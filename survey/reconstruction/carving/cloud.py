@@ -54,7 +54,7 @@ class SightLines(NamedTuple):
     gated: bool
 
     def believed(self, heights: FloatArray) -> BoolArray:
-        """Tell which lines of sight (N,) are believed, given the surface's heights at their ends (N,) [m]."""
+        """Return which lines of sight (N,) are believed, given the surface's heights at their ends (N,) [m]."""
         if not self.gated:
             return np.ones(len(heights), dtype=bool)
         return ~ends_far_below(heights - self.xyz[:, 2], self.sigma_m)

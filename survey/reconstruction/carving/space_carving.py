@@ -371,7 +371,7 @@ class SpaceCarvingKernel(TerrainModel):
         return rms(self.mean_surface.heights(held[:, :2]) - held[:, 2]) if len(held) else np.nan
 
     def _has_converged(self) -> bool:
-        """Tell whether violations are small enough, or the error of the points held back has grown."""
+        """Return whether violations are small enough, or the error of the points held back has grown."""
         latest = self.passes_[-1]
         grown = len(self.passes_) > 1 and latest.validation_rmse_m > self.passes_[-2].validation_rmse_m
         return latest.gradient_m < self.config.gradient_tolerance_m or grown

@@ -94,7 +94,7 @@ def _fold(
 
 
 def left_out_blocks(xy: FloatArray, side_m: float, share: float, number: int) -> BoolArray:
-    """Tell which points (N,) lie in blocks that are left out; always the same ones for one number."""
+    """Return which points (N,) lie in blocks that are left out; always the same ones for one number."""
     blocks, index = np.unique(np.floor(xy / side_m).astype(np.int64), axis=0, return_inverse=True)
     chosen = stream(number, "lattice", "blocks left out").random(len(blocks)) < share
     out: BoolArray = chosen[index.ravel()]

@@ -34,7 +34,7 @@ class FieldLatticeConfig(Section):
     rays: bool = False
     """Whether lines of sight hold the surface down and bound it; the points then need origins."""
     side_m: float | None = Field(default=None, gt=0)
-    """Side of a map that follows the sensor [m]; left out, the map grows with the points and forgets nothing."""
+    """Side of a map that follows the sensor [m]; left out, the map grows with the points and drops nothing."""
     window_nodes: int | None = Field(default=None, ge=16)
     """Solve only so many nodes a side about the sensor at every update; left out, all."""
     n_draws: int = Field(default=32, ge=0, le=64)

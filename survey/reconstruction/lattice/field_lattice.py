@@ -209,7 +209,7 @@ class FieldLattice(LatticeModel):
         return scan
 
     def _ends_low(self, scan: FloatArray) -> BoolArray:
-        """Tell which points of a scan lie so far below the surface that their lines of sight are not believed."""
+        """Return which points of a scan lie so far below the surface that their lines of sight are not believed."""
         low = bilinear(self._nodes(), self.where.window.coordinates(scan[:, :2])) - scan[:, 2]
         # Beyond the map nothing tells.
         return ends_far_below(low, 1.0 / np.sqrt(scan[:, 3])) | np.isnan(low)

@@ -208,7 +208,7 @@ class FieldPosterior:
 
 
 def is_small(shape: tuple[int, int]) -> bool:
-    """Tell whether the exact inverse's diagonal is cheap."""
+    """Return whether the exact inverse's diagonal is cheap."""
     rows, columns = shape
     return rows * columns * (_REACH * columns) ** 2 <= _EXACT_WORK
 

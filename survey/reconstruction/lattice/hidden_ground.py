@@ -170,7 +170,7 @@ def imagined_sensors(scenes: Scenes) -> Iterator[tuple[FloatArray, float]]:
 
 
 def hidden_from(sensor: FloatArray, blind_m: float, scenes: Scenes) -> BoolArray:
-    """Tell which points (N,) a sensor at a place (3,) [m] would not see."""
+    """Return which points (N,) a sensor at a place (3,) [m] would not see."""
     uv = scenes.window.coordinates(scenes.points[:, :2])
     u, v = scenes.window.coordinates(sensor[None, :2])[0]
     far = np.hypot(*(scenes.points[:, :2] - sensor[:2]).T)

@@ -117,7 +117,7 @@ class LowestRays:
         return LowestRays(self.height[:, rows, columns], self.offset[:, rows, columns])
 
     def covered(self) -> BoolArray:
-        """Tell over which nodes (H, W) enough rays passed."""
+        """Return over which nodes (H, W) enough rays passed."""
         covered: BoolArray = np.isfinite(self.height[-1])
         return covered
 

@@ -16,7 +16,7 @@ _QUARTILES_TO_SIGMA = 1.349
 
 
 def ghosts(xyz: FloatArray) -> BoolArray:
-    """Tell which points of a scan (N, 3) [m] are ghosts (N,).
+    """Return which points of a scan (N, 3) [m] are ghosts (N,).
 
     A ghost lies farther from the median height of its neighbours, within 1 to 2 m, than
     0.3 m and four of their standard deviations, taken from their quartiles, and fewer than

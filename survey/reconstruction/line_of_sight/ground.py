@@ -22,7 +22,7 @@ _N_SWEEPS = 2
 
 
 def ground(xyz: FloatArray) -> BoolArray:
-    """Tell which points (N, 3) [m] are ground (N,), by their heights over the lowest ones around.
+    """Return which points (N, 3) [m] are ground (N,), by their heights over the lowest ones around.
 
     A point is ground up to 0.3 m above cones that rise by 1.2 (50°) from the lowest point in every cell
     of 0.25 m. Distances run along the cells in eight directions, which makes them up to 8 % too long.

@@ -64,7 +64,7 @@ def checked_origins(points: SurfacePoints) -> FloatArray:
 
 
 def ends_far_below(low_m: FloatArray, sigma_m: FloatArray) -> BoolArray:
-    """Tell which lines of sight end so far below a map that they went somewhere else.
+    """Return which lines of sight end so far below a map that they went somewhere else.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ class TiledGaussianProcess(Process):
         )
 
     def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
-        """Return the process that knows more points; tiles are conditioned anew when asked."""
+        """Return the process that knows more points; tiles are conditioned again when asked."""
         return replace(self, data=self.data + NoisyValues.of(xy, values, sigma_m))
 
     def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -34,7 +34,7 @@ from survey.reconstruction.gp.selection.cells import (
 from survey.reconstruction.gp.selection.likelihoods import LikelihoodView
 
 SEARCHED: tuple[SearchedFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
-"""Families that a search compares unless told otherwise."""
+"""Families that a search compares by default."""
 
 ALL: tuple[SearchedFamily, ...] = SEARCHABLE
 """Every family that can be searched, the smoothest first."""

@@ -142,7 +142,7 @@ class FourierGaussianProcess(FourierProducts):
         """Return the process that knows more points, with the waves of this one.
 
         Costs two products of the covariance with as many vectors as there are new points (Woodbury), and
-        equals a refit with the same waves to rounding.  For many points, or denser ones than before, fit anew.
+        equals a refit with the same waves to rounding.  For many points, or denser ones than before, fit again.
         """
         added = NoisyValues.of(xy, values, sigma_m)
         self.refuse_outside(added.xy)
