@@ -62,7 +62,7 @@ def test_settings_reach_every_method_as_in_a_mission(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("setting", "said"),
     [
-        ("reconstruction.gp.famly=auto", "did you mean family"),
+        ("reconstruction.gp.familyy=auto", "did you mean family"),
         ("planner.swaths=6", "planner is not known"),
         ("reconstruction.method=kriging", "gp, joint, dense"),
         ("reconstruction.grid_step_m=-1.0", "greater than 0"),
