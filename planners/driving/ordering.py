@@ -58,6 +58,8 @@ def connect(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import shapely
     >>> ground = FreeGround(shapely.box(0.0, 0.0, 40.0, 100.0))
     >>> lines = [np.array([[x, 0.0], [x, 100.0]]) for x in (10.0, 30.0)]
     >>> [leg.kind for leg in connect(lines, ground)]

@@ -104,6 +104,7 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     --------
     >>> area = SurveyArea.rectangle((0.0, 0.0, 90.0, 90.0), "EPSG:32608")
     >>> heights = np.add.outer(np.sin(np.arange(7.0)), np.cos(np.arange(7.0)))
+    >>> from survey.data.grid import Grid
     >>> kernel = terrain_kernel(Dem.on(Grid((0.0, 0.0, 90.0, 90.0), 15.0, "EPSG:32608"), heights), area)
     >>> 5.0 < kernel.length_scales_m[0] < 100.0
     True

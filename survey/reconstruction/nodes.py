@@ -255,7 +255,7 @@ def _step_that_fits(window: NodeWindow, most_nodes: float, spare_nodes: int) -> 
 
 
 def sensor_place(origins: FloatArray | None) -> FloatArray:
-    """Return the middle (2,) [m] between a scan's first and last origin, or refuse a scan that does not tell."""
+    """Return the middle (2,) [m] between a scan's first and last origin, or refuse a scan without origins."""
     if origins is None:
         raise InputError(
             "the scan does not say where its sensor stood, and the map is to follow it; give origins or a map of fixed bounds."

@@ -14,7 +14,7 @@ from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
 
 
-class Comparison(NamedTuple):
+class NodeComparison(NamedTuple):
     """Errors and stated deviations (N,) [m] where they exist, and the nodes that were left out."""
 
     errors: FloatArray
@@ -31,7 +31,7 @@ def mean_and_std(reconstruction: Reconstruction | Dem) -> tuple[Dem, FloatArray]
     return reconstruction.mean, reconstruction.std.elevation
 
 
-def compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> Comparison:
+def compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> NodeComparison:
     """Return the errors of the map at the nodes where area, reference and map have a value."""
     nodes = mean.xy
     heights, reference = mean.elevation.ravel(), np.full(len(nodes), np.nan)
@@ -46,7 +46,7 @@ def compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> 
         )
     counts = counted(heights, reference, inside, has_area=area is not None)
     beyond = 0 if area is None else nodes_beyond(mean.bounds, mean.step_m, area)
-    return Comparison(
+    return NodeComparison(
         (heights - reference)[scored], std.ravel()[scored], counts._replace(silent=counts.silent + beyond)
     )
 

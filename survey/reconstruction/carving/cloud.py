@@ -43,7 +43,7 @@ class Vote(NamedTuple):
 class SightLines(NamedTuple):
     """Hits and sensors (N, 3) [m], errors of the heights (N,) [m], how deep under a surface each line of sight may run (N,) [m], and the vote.
 
-    `gated` tells whether lines of sight have to earn belief.
+    `gated` says whether lines of sight have to earn belief.
     """
 
     xyz: FloatArray

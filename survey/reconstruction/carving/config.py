@@ -10,7 +10,7 @@ from survey.core.config import Section
 
 
 class SpaceCarvingConfig(Section):
-    """How space-carving kernels learn; where the paper gives no number, the reading is told.
+    """How space-carving kernels learn; where the paper gives no number, our choice is stated.
 
     Examples
     --------

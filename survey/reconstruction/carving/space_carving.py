@@ -58,7 +58,7 @@ class SpaceCarvingKernel(TerrainModel):
     Notes
     -----
     The paper leaves open how σ shrinks, η₀, λ and the size of a violation that counts; the
-    configuration tells the readings. Wu's kernel is divided by 4, so that it is 1 at 0.
+    configuration states our choices. Wu's kernel is divided by 4, so that it is 1 at 0.
 
     The bounds are no bounds in the sense of a probability: in gaps all three surfaces are drawn
     by the same kernels and share their error; of the study's piles of rubble 77 % lies

@@ -57,7 +57,7 @@ class SigmaCalibration:
     ) -> Self:
         r"""Leave out whole discs of points and single ones, predict them, and compare.
 
-        A swath's points vouch for one another, so leaving out one at a time tells nothing
+        A swath's points vouch for one another, so leaving out one at a time shows nothing
         about the ground between swaths: discs as wide as the gaps of the survey do. Within
         each range of distance to the nearest remaining point the scale s maximises
 

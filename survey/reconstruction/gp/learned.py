@@ -86,7 +86,7 @@ class Learned:
         return self.process.gradient(xy) + self.mean.gradient(xy)
 
     def updated(self, xy: FloatArray, z: FloatArray, variance: FloatArray) -> Self:
-        """Return what is known with more points, at the same hyperparameters and calibration."""
+        """Return the posterior with more points, at the same hyperparameters and calibration."""
         noise = np.sqrt(variance + self.found.nugget_m**2)
         return replace(self, process=self.process.update(xy, z - self.mean.at(xy), noise))
 

@@ -37,7 +37,7 @@ from survey.reconstruction.terrain_model import local_datum_m
 
 CANDIDATES: tuple[KernelFamily, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 """What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,
-of which landmarks tell so much that two scales go to these, and gaps between swaths would be mapped too boldly."""
+which landmarks constrain so well that two scales go to these, and gaps between swaths would be mapped too boldly."""
 
 # A slope needs fewer waves than a map.
 _ROUGH_MB = 12.0

@@ -25,7 +25,7 @@ def with_shared_relief(
     r"""Return noise variances (N,) [m²] of points that amount to their own noise and the relief between them.
 
     With own variances d and the covariance t of the relief that the waves leave out, n points
-    of one place tell it with the variance ``1 / Σ 1/d + t``. Independent variances
+    of one place determine it with the variance ``1 / Σ 1/d + t``. Independent variances
 
     .. math::  D_i = d_i \left( 1 + \sum_j t(x_i - x_j) / d_j \right)
 

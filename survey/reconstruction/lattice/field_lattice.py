@@ -211,7 +211,7 @@ class FieldLattice(LatticeModel):
     def _ends_low(self, scan: FloatArray) -> BoolArray:
         """Return which points of a scan lie so far below the surface that their lines of sight are not believed."""
         low = bilinear(self._nodes(), self.where.window.coordinates(scan[:, :2])) - scan[:, 2]
-        # Beyond the map nothing tells.
+        # Beyond the map there is no information.
         return ends_far_below(low, 1.0 / np.sqrt(scan[:, 3])) | np.isnan(low)
 
     def _on_lattice(self, scan: FloatArray) -> FloatArray:
@@ -236,7 +236,7 @@ class FieldLattice(LatticeModel):
     def _ceiling(self, part: Part) -> FloatArray:
         """Return the greatest heights above the datum (h, w) that lines of sight allow in a part of the map [m]."""
         if self.rays is None:
-            raise InputError("the field lattice was not told to mind lines of sight; set rays.")
+            raise InputError("the field lattice was set up without lines of sight; set rays.")
         slope = steepness(self._nodes()[part], self.where.window.step_m)
         return self.rays.within(*part).ceiling(slope)
 
@@ -296,7 +296,7 @@ class FieldLattice(LatticeModel):
 
     @property
     def posterior(self) -> FieldPosterior:
-        """What is known of the nodes."""
+        """Posterior of the nodes."""
         if self._posterior is None:
             raise not_fitted()
         return self._posterior

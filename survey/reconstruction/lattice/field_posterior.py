@@ -75,7 +75,7 @@ class FieldPosterior:
 
     @classmethod
     def empty(cls, shape: tuple[int, int], n_draws: int) -> Self:
-        """Return what is known without points."""
+        """Return the prior."""
         return cls(Information.empty(shape, n_draws), np.full(shape, np.nan))
 
     def carried(self, new: NodeWindow, old: NodeWindow) -> "FieldPosterior":

@@ -1,6 +1,6 @@
-r"""How far hidden ground lies from its estimate, told by ground that another sensor would not have seen.
+r"""Error of hidden ground, estimated from ground that another sensor would not have seen.
 
-Points that are left out at random do not tell how wrong a map is behind a hill: there the ground is
+Points that are left out at random do not show how wrong a map is behind a hill: there the ground is
 hidden because it is low. So sensors are imagined where the map is known, away from the real ones and as
 high above the ground; what they would not see, behind rises and in the blind circle at their feet, is
 left out, and the map without it is compared with what was measured there. Single points and small

@@ -1,4 +1,4 @@
-"""What a lattice has been told: every scan's points, summed into a stencil that can be added to for ever."""
+"""Information of a lattice: the points of all scans, summed into a stencil to which more can be added."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -81,7 +81,7 @@ class Information:
     def plane(self) -> FloatArray:
         """Return the best plane (3,): height [m] at node (0, 0) and rise [m] per step eastwards and northwards.
 
-        Where the points do not tell a slope, it is level.
+        Where the points determine no slope, it is level.
         """
         total = self.moments[0, 0]
         if total <= 0:
@@ -97,7 +97,7 @@ def _inverse_of_spread(spread: FloatArray) -> FloatArray:
     """Return the pseudo-inverse of a covariance of places; across a line of points it is 0."""
     trace = spread[0, 0] + spread[1, 1]
     determinant = spread[0, 0] * spread[1, 1] - spread[0, 1] ** 2
-    # A hundredth of a step across or less tells no slope.
+    # A hundredth of a step across or less determines no slope.
     if trace < 1e-4:
         return np.zeros((2, 2))
     if determinant < 1e-6 * trace**2:

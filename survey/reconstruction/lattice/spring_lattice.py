@@ -49,7 +49,7 @@ class SpringLattice(LatticeModel):
 
     Notes
     -----
-    A node forgets: points of earlier scans are in the surface, but do not hold it. There is
+    Points of earlier scans are in the surface, but do not hold it. There is
     no standard deviation, and no use of the points' own.
 
     Examples

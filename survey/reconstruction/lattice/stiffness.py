@@ -122,7 +122,7 @@ class _Joint:
 
 
 def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None) -> Stiffness | None:
-    """Return the likeliest stiffness, range and noise factor; None when the points are too few to tell.
+    """Return the likeliest stiffness, range and noise factor; None when the points are too few.
 
     Parameters
     ----------

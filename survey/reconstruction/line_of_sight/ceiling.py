@@ -68,7 +68,7 @@ class LowestRays:
 
     @classmethod
     def empty(cls, shape: tuple[int, int]) -> Self:
-        """Return what is known without rays."""
+        """Return an empty set of rays."""
         return cls(np.full((N_LOWEST, *shape), np.inf), np.zeros((N_LOWEST, *shape)))
 
     def add(self, window: NodeWindow, start: FloatArray, end: FloatArray, sigma_m: FloatArray) -> None:

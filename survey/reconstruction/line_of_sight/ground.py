@@ -53,7 +53,7 @@ def ground(xyz: FloatArray) -> BoolArray:
     n_east, n_north = (int(n) for n in cell.max(axis=0) + 1)
     if n_east * n_north > _MOST_CELLS:
         raise CapacityError(
-            f"ground is told apart on cells of {_CELL_M:g} m, and the points spread over {n_east} × {n_north} of them; "
+            f"ground is classified on cells of {_CELL_M:g} m, and the points spread over {n_east} × {n_north} of them; "
             "cut off the points that are far from the others."
         )
     lowest = np.full((n_east, n_north), np.inf)

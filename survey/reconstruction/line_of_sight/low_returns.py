@@ -66,7 +66,7 @@ def isolated_low(xyz: FloatArray) -> BoolArray:
 
     Notes
     -----
-    A pit that gave fewer than four returns cannot be told from faulty ranges and is left out.
+    A pit that gave fewer than four returns cannot be distinguished from faulty ranges and is left out.
 
     Examples
     --------

@@ -69,7 +69,7 @@ def ends_far_below(low_m: FloatArray, sigma_m: FloatArray) -> BoolArray:
     Parameters
     ----------
     low_m : (N,) ndarray
-        How far their ends lie below the map [m]; NaN where it does not reach, of which nothing is told.
+        How far their ends lie below the map [m]; NaN where it does not reach, where nothing is known.
     sigma_m : (N,) ndarray
         Standard deviations of the ends' heights [m].
 

@@ -9,7 +9,7 @@ however it runs in between. A point pins the bounds at A, rays keep B low: so th
 known to be steep before it is seen (Fig. 4 of the space-carving paper, where A has to be the highest
 place of its surroundings because no lower bound is at hand).
 
-A chord of one step tells of both its nodes, and one of two steps of the node between, whichever of its
+A chord of one step applies to both its nodes, and one of two steps of the node between, whichever of its
 halves is the steep one. Of a longer one some node is steep, and which is not known; it marks all between
 its ends where it falls by 15 % more for every step beyond two, so that most of them have to be.
 """
@@ -21,7 +21,7 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.reconstruction.base import Reconstruction
 
-# Chords longer than this tell that the ground is steep, and not where [m].
+# Chords longer than this show that the ground is steep, and not where [m].
 _REACH_M = 1.0
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 # By so much more a chord has to fall for every step beyond two.
@@ -66,7 +66,7 @@ def steep_ground(reconstruction: Reconstruction, limit_deg: float) -> Dem:
     """
     if reconstruction.lower is None or reconstruction.upper is None:
         raise InputError(
-            f"the map by {reconstruction.method} has no bounds of its own, which steep ground is told from; map it with rays."
+            f"the map by {reconstruction.method} has no bounds of its own, which steep ground is found from; map it with rays."
         )
     if not 0.0 < limit_deg < 90.0:
         raise InputError(f"a slope of {limit_deg:g}° is no limit to stay below; give one between 0 and 90°.")

@@ -64,8 +64,8 @@ def likeliest(
 ) -> Hyperparameters:
     """Fit the families that `config` allows to at most 640 of the points, and return the likeliest.
 
-    Half of them come in clusters of neighbours, which tell the short scales and the
-    nugget; the others are spread over all, which tells the long scale.
+    Half of them come in clusters of neighbours, which determine the short scales and the
+    nugget; the others are spread over all, which determines the long scale.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def _parts(kernel: Kernel) -> tuple[Kernel, ...]:
 def _well_spread(xy: FloatArray) -> IntArray:
     """Return the indices of at most 640 points: half spread at random, half in clusters of neighbours; always the same."""
     if len(xy) < 3:
-        raise InputError(f"{len(xy)} points cannot tell a covariance; give more, or set fit = false.")
+        raise InputError(f"{len(xy)} points are too few for a covariance; give more, or set fit = false.")
     if len(xy) <= _N_SEARCHED:
         return np.arange(len(xy))
     order = stream(0, "hyperparameters").permutation(len(xy))

@@ -49,7 +49,7 @@ _TOLD = 60.0
 """How much less likely than the best a family can be beside its top and yet be the likeliest at its top [nats].
 
 On smooth terrain a step of length beside the top costs tens of nats, an octave hundreds: which family is the
-likeliest is told near the tops alone.
+likeliest is decided near the maxima alone.
 """
 
 
@@ -95,7 +95,7 @@ class KernelSearch:
 
     def __post_init__(self) -> None:
         if len(self.xy) < 3:
-            raise InputError(f"{len(self.xy)} samples cannot tell a covariance; take more of them.")
+            raise InputError(f"{len(self.xy)} samples are too few for a covariance; take more of them.")
         unknown = int((~np.isfinite(self.heights)).sum())
         if unknown:
             raise InputError(f"{unknown} heights are NaN or infinite; leave their samples out.")

@@ -14,7 +14,7 @@ from survey.reconstruction.gp.engines.fourier.resolution import (
 )
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, FourierBox
 
-# A rough surface forgets its far side through the waves in between: three quarters of the site suffice.
+# On a rough surface the far side is uncorrelated: three quarters of the site suffice.
 _LARGEST_HALO = 0.75
 _FORGOTTEN = 1e-6
 _MEMORY_MB = 90.0

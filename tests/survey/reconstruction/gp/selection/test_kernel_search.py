@@ -83,8 +83,8 @@ def test_maps_of_one_kernel_are_those_of_each_survey_alone():
         assert claimed[b] == pytest.approx(its_claim[0])
 
 
-def test_samples_that_tell_no_covariance_are_refused():
-    with pytest.raises(InputError, match="2 samples cannot tell"):
+def test_too_few_samples_for_a_covariance_are_refused():
+    with pytest.raises(InputError, match="2 samples are too few"):
         KernelSearch(np.zeros((2, 2)), np.zeros((2, 1)), 0.1)
     with pytest.raises(InputError, match="1 heights are NaN"):
         KernelSearch(np.eye(3)[:, :2], np.array([[0.0], [1.0], [np.nan]]), 0.1)
