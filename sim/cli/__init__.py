@@ -1,1 +1,4 @@
-"""The command line: one file a command, heavy imports inside the commands."""
+"""The command line: the program in `main`, what its commands share, and a folder of commands.
+
+Heavy imports are inside the commands, so that ``--help`` starts fast.
+"""

@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from sim.cli import (
+from sim.cli.commands import (
     change,
     doctor,
     export,

@@ -6,7 +6,7 @@ import shapely
 import typer
 
 from planners import LawnmowerConfig, RandomWanderConfig
-from sim.cli.plan_foresight import print_options_of
+from sim.cli.planning.foresight import print_options_of
 from sim.config.mission import AidsConfig, MissionConfig
 from sim.config.terrain import RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, predicted_survey, surveys_within

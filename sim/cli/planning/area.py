@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sim.cli.plan_request import PlanRequest, write_plan
+from sim.cli.planning.request import PlanRequest, write_plan
 
 if TYPE_CHECKING:
     import planners

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import survey
+from sim.cli.mapping.inputs import MapRequest
+from sim.cli.mapping.outputs import MadeMap
 from sim.cli.progress import counted
-from sim.cli.reconstruct_inputs import MapRequest
-from sim.cli.reconstruct_outputs import MadeMap
 from survey.core.errors import InputError
 from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.policy import map_landmarks

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.plan_guarantee import found_guarantee, picture, prior_of, requirement_of
-from sim.cli.plan_request import PlanRequest, write_plan
+from sim.cli.planning.guarantee import found_guarantee, picture, prior_of, requirement_of
+from sim.cli.planning.request import PlanRequest, write_plan
 from sim.config.mission import MissionConfig
 
 if TYPE_CHECKING:

@@ -130,7 +130,7 @@ def _models_compared(
 
 def _surface(source: Path, crs: str | None) -> "Reconstruction | Dem":
     """Read a map that is no terrain model."""
-    from sim.cli.score import map_of
+    from sim.cli.commands.score import map_of
 
     if source.suffix == ".npz":
         from survey.core.errors import InputError

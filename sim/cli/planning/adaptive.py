@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.plan_guarantee import picture, prior_of, requirement_of
-from sim.cli.plan_request import PlanRequest, write_plan
+from sim.cli.planning.guarantee import picture, prior_of, requirement_of
+from sim.cli.planning.request import PlanRequest, write_plan
 
 if TYPE_CHECKING:
     import survey

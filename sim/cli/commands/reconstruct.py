@@ -9,7 +9,7 @@ from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import with_exit_codes
 
 if TYPE_CHECKING:
-    from sim.cli.reconstruct_inputs import MapRequest
+    from sim.cli.mapping.inputs import MapRequest
 
 _Sources = Annotated[
     list[Path],
@@ -110,7 +110,7 @@ def reconstruct(
         )
         print_summary(run, as_json=as_json)
         return
-    from sim.cli.reconstruct_inputs import map_request
+    from sim.cli.mapping.inputs import map_request
 
     _refuse_max_slope(max_slope, rays=rays)
     request = map_request(
@@ -134,10 +134,10 @@ def _map(
     request: "MapRequest", out: Path, *, max_slope_deg: float | None, force: bool, as_json: bool
 ) -> None:
     """Check the output, make the map, write and print it."""
+    from sim.cli.mapping.outputs import OWN_FILES, print_map, write_map
+    from sim.cli.mapping.points import map_points
+    from sim.cli.mapping.scans import map_scan_files
     from sim.cli.outputs import refuse_existing
-    from sim.cli.reconstruct_outputs import OWN_FILES, print_map, write_map
-    from sim.cli.reconstruct_points import map_points
-    from sim.cli.reconstruct_scans import map_scan_files
 
     refuse_existing([out], force=force, inputs=request.inputs, own=OWN_FILES)
     made = map_scan_files(request) if request.is_of_scans else map_points(request)

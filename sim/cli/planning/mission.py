@@ -1,6 +1,6 @@
 """``firnline plan MISSION``: the plan stage of a mission, or the numbers of swaths and stakes that it needs."""
 
-from sim.cli.plan_request import PlanRequest
+from sim.cli.planning.request import PlanRequest
 
 
 def plan_mission(request: PlanRequest) -> None:
@@ -20,8 +20,8 @@ def plan_mission(request: PlanRequest) -> None:
 
 def required_swaths(request: PlanRequest) -> None:
     """Print the numbers of swaths and stakes with which the mission's map meets the class."""
-    from sim.cli.plan_foresight import print_options_of
-    from sim.cli.plan_guarantee import limit_of
+    from sim.cli.planning.foresight import print_options_of
+    from sim.cli.planning.guarantee import limit_of
     from sim.mission.runs import read_mission
 
     mission = read_mission(request.source, list(request.settings))

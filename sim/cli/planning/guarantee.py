@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.plan_request import PlanRequest, write_plan
+from sim.cli.planning.request import PlanRequest, write_plan
 
 if TYPE_CHECKING:
     import survey

@@ -7,8 +7,8 @@ import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import with_exit_codes
-from sim.cli.plan_modes import mode_of
-from sim.cli.plan_request import PlanRequest
+from sim.cli.planning.modes import mode_of
+from sim.cli.planning.request import PlanRequest
 
 _Source = Annotated[
     Path, typer.Argument(help="Area (GeoJSON, GeoPackage, KML, Shapefile) or mission file (TOML).")

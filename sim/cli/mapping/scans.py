@@ -1,9 +1,9 @@
 """``firnline reconstruct SCANS --method carving|emap|field``: a map from LiDAR scans, one by one."""
 
 import survey
+from sim.cli.mapping.inputs import MapRequest
+from sim.cli.mapping.outputs import MadeMap
 from sim.cli.progress import counted
-from sim.cli.reconstruct_inputs import MapRequest
-from sim.cli.reconstruct_outputs import MadeMap
 from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
 from survey.interchange.scans import SensorPath, read_scans, scan_files

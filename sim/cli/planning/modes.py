@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from sim.cli.plan_request import PlanRequest
+from sim.cli.planning.request import PlanRequest
 
 _OF_A_MISSION = (
     "swaths",
@@ -46,7 +46,7 @@ def mode_of(request: PlanRequest) -> Callable[[PlanRequest], None]:
 
 
 def _area_mode() -> Callable[[PlanRequest], None]:
-    from sim.cli.plan_area import plan_area
+    from sim.cli.planning.area import plan_area
 
     return plan_area
 
@@ -66,7 +66,7 @@ def _mission_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
         raise ConfigError(
             f"{', '.join(foreign)} goes with an area, but {request.source} is a mission file; leave it out."
         )
-    from sim.cli.plan_mission import plan_mission, required_swaths
+    from sim.cli.planning.mission import plan_mission, required_swaths
 
     return plan_mission if request.require is None else required_swaths
 
@@ -92,13 +92,13 @@ def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
 def _guaranteed(request: PlanRequest) -> Callable[[PlanRequest], None]:
     """Import and return the function for a required class."""
     if request.joint:
-        from sim.cli.plan_foresight import plan_joint
+        from sim.cli.planning.foresight import plan_joint
 
         return plan_joint
     if request.adaptive:
-        from sim.cli.plan_adaptive import plan_adaptive
+        from sim.cli.planning.adaptive import plan_adaptive
 
         return plan_adaptive
-    from sim.cli.plan_guarantee import plan_guaranteed
+    from sim.cli.planning.guarantee import plan_guaranteed
 
     return plan_guaranteed
