@@ -143,13 +143,20 @@ def _arrays(path: Path) -> Values:
 
 
 def _tables(path: Path) -> Values:
-    """Return the rows of each table of a GeoPackage; its list of contents has the time of writing."""
+    """Return the columns of each table of a GeoPackage; its list of contents has the time of writing."""
     with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as database:
         listed = database.execute(
             "SELECT name FROM sqlite_master WHERE type = 'table' AND name != 'gpkg_contents'"
         )
         names = [name for (name,) in listed if not name.startswith("rtree_")]
-        return {name: database.execute(f'SELECT * FROM "{name}"').fetchall() for name in names}
+        return {key: value for name in names for key, value in _columns(database, name).items()}
+
+
+def _columns(database: sqlite3.Connection, table: str) -> Values:
+    found = database.execute(f'SELECT * FROM "{table}"')
+    columns = [name for name, *_ in found.description]
+    rows = found.fetchall()
+    return {f"{table}.{name}": [row[i] for row in rows] for i, name in enumerate(columns)}
 
 
 READERS: dict[str, Callable[[Path], Values]] = {

@@ -1,0 +1,10 @@
+"""Public names and the modules that define them."""
+
+from vision_slam.config import LocalizationConfig as LocalizationConfig
+from vision_slam.evaluation import TrajectoryError as TrajectoryError
+from vision_slam.evaluation import trajectory_error as trajectory_error
+from vision_slam.fusion.particle_filter import ParticleFilter as ParticleFilter
+from vision_slam.odometry.config import VisualOdometryConfig as VisualOdometryConfig
+from vision_slam.odometry.visual_odometry import visual_odometry as visual_odometry
+from vision_slam.odometry.visual_slam import VisualSlam as VisualSlam
+from vision_slam.pipeline import localize as localize
