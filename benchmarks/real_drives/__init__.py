@@ -1,0 +1,1 @@
+"""Localization of recorded drives of a real camera, clean and with faults."""
