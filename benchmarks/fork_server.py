@@ -17,7 +17,7 @@ from typing import IO, Self
 _SERVER = """
 import os, sys
 import matplotlib.backends.backend_agg, pyarrow.parquet
-import planners, survey.figures, survey.reporting, vision_slam
+import planners.planning, survey.figures, survey.reporting, vision_slam.pipeline
 import sim.cli.mission_file, sim.mission.report, sim.montecarlo.study
 from sim.cli.main import app
 for line in sys.stdin:
