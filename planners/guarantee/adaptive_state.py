@@ -1,7 +1,7 @@
 """State of an adaptive survey while it is driven."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from planners.config import WavyConfig
 from planners.guarantee.gaps import gaps_filled
 from planners.guarantee.kernel_posterior import KernelPosterior, posterior_from_survey
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
+from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.search import fewest
 from planners.guarantee.survey_lines import SurveyLines
 from survey.core.arrays import FloatArray
@@ -27,7 +28,7 @@ _HOPE = 0.05
 
 
 @dataclass(frozen=True)
-class AdaptiveConfig:
+class AdaptiveConfig(ErrorLimit):
     """Settings of an adaptive survey.
 
     Parameters
@@ -51,30 +52,9 @@ class AdaptiveConfig:
         (`planners.swaths.heading.across_marked_grain`), not along it.
     """
 
-    limit_m: float
-    probability: float = 0.9
-    noise_m: float = 0.1
-    localization_m: float = 0.0
-    sample_step_m: float = 10.0
     n_first: int = 2
     first_probability: float = 0.8
     heading_deg: float | None = None
-
-    def in_grid_metres(self, factor: float) -> "AdaptiveConfig":
-        """Return the settings with their horizontal lengths multiplied by a factor.
-
-        Parameters
-        ----------
-        factor : float
-            As `planners.ground_metres.settings_factor` returns it.
-
-        Returns
-        -------
-        AdaptiveConfig
-            Heights and errors of heights stay.
-        """
-        step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
-        return replace(self, sample_step_m=step_m, localization_m=localization_m)
 
 
 def nearest_line(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """Requirement on a map: the largest error, its probability, and the errors of the samples."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -11,7 +12,46 @@ from survey.scoring.standards.map_classes import map_classes
 
 
 @dataclass(frozen=True)
-class MapRequirement:
+class ErrorLimit:
+    """Largest error of a map, with the probability and the errors of samples that a plan assumes.
+
+    Parameters
+    ----------
+    limit_m : float
+        Largest root mean square error of the map [m].
+    probability : float
+        Probability with which the limit has to be met, between 0 and 1.
+    noise_m, localization_m : float
+        Standard deviation of a sample's height, and of the rover's place east and north [m].
+    sample_step_m : float
+        Distance between samples [m].
+    """
+
+    limit_m: float
+    probability: float = 0.9
+    noise_m: float = 0.1
+    localization_m: float = 0.0
+    sample_step_m: float = 10.0
+
+    def in_grid_metres(self, factor: float) -> Self:
+        """Return the settings with their horizontal lengths multiplied by a factor.
+
+        Parameters
+        ----------
+        factor : float
+            As `planners.ground_metres.settings_factor` returns it.
+
+        Returns
+        -------
+        ErrorLimit
+            Of the same class; heights and errors of heights stay.
+        """
+        step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
+        return replace(self, sample_step_m=step_m, localization_m=localization_m)
+
+
+@dataclass(frozen=True)
+class MapRequirement(ErrorLimit):
     """Requirement on a map, with the errors of the samples it is made from.
 
     Parameters
@@ -39,31 +79,10 @@ class MapRequirement:
         A number out of its range.
     """
 
-    limit_m: float
-    probability: float = 0.9
-    noise_m: float = 0.1
-    localization_m: float = 0.0
-    sample_step_m: float = 10.0
     prior_sigma_m: float = 1.0
     n_simulations: int = 100
     seed: int = 0
     assumed: SearchedFamily | None = None
-
-    def in_grid_metres(self, factor: float) -> "MapRequirement":
-        """Return the requirement with its horizontal lengths multiplied by a factor.
-
-        Parameters
-        ----------
-        factor : float
-            As `planners.ground_metres.settings_factor` returns it.
-
-        Returns
-        -------
-        MapRequirement
-            Heights and errors of heights stay.
-        """
-        step_m, localization_m = factor * self.sample_step_m, factor * self.localization_m
-        return replace(self, sample_step_m=step_m, localization_m=localization_m)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.probability < 1.0:

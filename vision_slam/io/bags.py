@@ -29,6 +29,7 @@ from vision_slam.io.bag_messages import (
 from vision_slam.io.gps_files import GpsLog
 from vision_slam.io.images import bits_used, eight_bits, scaling_note
 from vision_slam.io.sequence import ImageSequence
+from vision_slam.io.sequence_files import FORWARD
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -43,10 +44,6 @@ _KINDS = {
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _SAMPLED_EVERY = 10  # images that are checked for size and depth before any is used
 _BASES = ("base_footprint", "base_link")
-# A level camera that looks forward, where no transform gives its mounting.
-_FORWARD = np.array(
-    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-)
 
 
 def is_bag(path: Path) -> bool:
@@ -224,7 +221,7 @@ def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera 
         mounted = _on_body(found, found.image_frame)
         if mounted is None:
             notes.append("the bag has no mounting of the camera: it is assumed to look forward, level")
-        camera = decode_camera(found.calibration, _FORWARD if mounted is None else mounted, place)
+        camera = decode_camera(found.calibration, FORWARD if mounted is None else mounted, place)
     if found.size != (camera.width, camera.height):
         raise InputError(
             f"{place} has images of {found.size[0]} × {found.size[1]} pixels, their calibration {camera.width} × {camera.height}; "

@@ -90,10 +90,6 @@ class ScaleRange:
     ----------
     min, mean, max : float
         Least, mean and largest factor.
-    min, mean, max : float
-        Least, mean and largest factor.
-    min, mean, max : float
-        Least, mean and largest factor.
     """
 
     min: float
@@ -106,10 +102,6 @@ class ScaleRange:
 
         Parameters
         ----------
-        least, middle, largest : (N,) array_like
-            Factors at places: the least over all directions, the mean and the largest.
-        least, middle, largest : (N,) array_like
-            Factors at places: the least over all directions, the mean and the largest.
         least, middle, largest : (N,) array_like
             Factors at places: the least over all directions, the mean and the largest.
 

@@ -92,16 +92,9 @@ class Learned:
 
     def hyperparameters(self) -> dict[str, Any]:
         """Return family, parameters and likelihood, for the record."""
-        kernel = self.process.kernel
-        values = {
-            name.removeprefix("log ").replace(" ", "_"): float(np.exp(value))
-            if name.startswith("log ")
-            else float(value)
-            for name, value in zip(kernel.parameter_names, kernel.log_parameters, strict=True)
-        }
         return {
             "family": self.found.family,
-            **values,
+            **self.process.kernel.parameters(),
             "nugget_m": self.found.nugget_m,
             "log_marginal_likelihood": self.process.log_marginal_likelihood,
         }

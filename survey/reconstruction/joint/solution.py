@@ -137,16 +137,9 @@ class JointSolution:
 
     def hyperparameters(self) -> dict[str, Any]:
         """Return family, parameters and what is assumed of the satellite, for the record."""
-        kernel = self.found.kernel
-        values = {
-            name.removeprefix("log ").replace(" ", "_"): float(np.exp(v))
-            if name.startswith("log ")
-            else float(v)
-            for name, v in zip(kernel.parameter_names, kernel.log_parameters, strict=True)
-        }
         return {
             "family": self.found.family,
-            **values,
+            **self.found.kernel.parameters(),
             "nugget_m": self.found.nugget_m,
             "landmark_errors": "joint",
             "satellite": "none" if self.cells is None else "cells as measurements",

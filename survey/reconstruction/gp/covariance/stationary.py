@@ -31,6 +31,28 @@ class Kernel(ABC):
     def log_parameters(self) -> FloatArray:
         """Free parameters as unconstrained numbers: logarithms, and an angle in radians."""
 
+    def parameters(self) -> dict[str, float]:
+        """Return the parameters by name, in metres, square metres or radians.
+
+        Returns
+        -------
+        dict of str to float
+            Names with underscores, in the order of `parameter_names`.
+
+        Examples
+        --------
+        >>> from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+        >>> SquaredExponential(4.0, 10.0).parameters()
+        {'variance_m2': 4.0, 'length_scale_m': 10.0}
+        """
+        logarithms = zip(self.parameter_names, self.log_parameters, strict=True)
+        return {
+            name.removeprefix("log ").replace(" ", "_"): float(
+                np.exp(value) if name.startswith("log ") else value
+            )
+            for name, value in logarithms
+        }
+
     @property
     @abstractmethod
     def variance_gradient(self) -> FloatArray:
@@ -71,10 +93,6 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        xy_a, xy_b : (A, 2) and (B, 2) ndarray
-            Easting and northing [m].
-        xy_a, xy_b : (A, 2) and (B, 2) ndarray
-            Easting and northing [m].
         xy_a, xy_b : (A, 2) and (B, 2) ndarray
             Easting and northing [m].
 
