@@ -57,20 +57,16 @@ def reproduce(
 
 
 def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
-    """Make one study beside its folder, record its files, and exchange the two."""
+    """Make one study beside its folder and exchange the two."""
     from sim.cli.outputs import refuse_existing
     from sim.cli.progress import counted
     from sim.studies import study
-    from sim.studies.study_cache import record, replace_study
+    from sim.studies.study_cache import replacing_study
 
     make = study(name)
     refuse_existing([out / name], force=force, own=("*",))
-    draft = out / f"{name}.unfinished{'-quick' if quick else ''}"
-    draft.mkdir(parents=True, exist_ok=True)
-    with counted(quiet=quiet) as progress:
+    with replacing_study(out / name, quick=quick) as draft, counted(quiet=quiet) as progress:
         make(draft, quick=quick, progress=progress)
-    record(draft, quick=quick)
-    replace_study(draft, out / name)
 
 
 def _reproduce_all(out: Path, *, quick: bool, force: bool, quiet: bool) -> None:

@@ -174,15 +174,36 @@ def _locked_draft(draft: Path, target: Path) -> int:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         if draft.exists():
-            os.close(_locked(draft, target))
+            os.close(lock_folder(draft, target))
             shutil.rmtree(draft)
         draft.mkdir()
-        return _locked(draft, target)
+        return lock_folder(draft, target)
     except OSError as error:
         raise write_refusal(target, error) from error
 
 
-def _locked(draft: Path, target: Path) -> int:
+def lock_folder(draft: Path, target: Path) -> int:
+    """Lock a draft folder until the descriptor is closed; a process that is killed holds no lock.
+
+    Parameters
+    ----------
+    draft : pathlib.Path
+        The folder.
+    target : pathlib.Path
+        The output that the draft will replace, for the message.
+
+    Returns
+    -------
+    int
+        A descriptor of the folder.
+
+    Raises
+    ------
+    InputError
+        Another process has locked it.
+    OSError
+        The folder cannot be opened.
+    """
     descriptor = os.open(draft, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,97 @@
+"""Drafts and records of studies, with processes that end at every change of a file."""
+
+import os
+import sys
+from functools import partial
+
+import pytest
+
+from sim.studies.study_cache import is_complete, replacing_study
+from survey.core.errors import InputError
+
+CHANGES = ("os.rename", "os.remove", "os.rmdir", "os.mkdir", "shutil.rmtree")
+
+
+def make(folder, *, quick):
+    """Write a study whose files depend on its depth, in the draft and in a folder of blocks."""
+    with replacing_study(folder, quick=quick) as draft:
+        (draft / "blocks").mkdir(exist_ok=True)
+        (draft / "blocks" / "1").write_text("block")
+        (draft / "table.csv").write_text("quick" if quick else "full")
+        (draft / ("rough.csv" if quick else "fine.csv")).write_text("x")
+        for file in (draft / "blocks").iterdir():
+            file.unlink()
+        (draft / "blocks").rmdir()
+
+
+def state(folder):
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_text() for path in files}
+
+
+def ended_at_change(n, act):
+    """Run `act` in a child process that ends without clean-up before its n-th change; return whether it ended so."""
+    child = os.fork()
+    if child == 0:
+        left = [n]
+
+        def count(event, _):
+            left[0] -= event in CHANGES
+            if left[0] < 0:
+                os._exit(9)
+
+        sys.addaudithook(count)
+        act()
+        os._exit(0)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    assert code in (0, 9)
+    return code == 9
+
+
+def test_a_study_that_is_killed_at_any_change_of_a_file_is_the_old_or_the_new_one(tmp_path):
+    folder = tmp_path / "out" / "study"
+    outputs = {}
+    for quick in (False, True):
+        make(folder, quick=quick)
+        outputs[quick] = state(folder)
+    for quick in (False, True):
+        n = 0
+        while ended_at_change(n, partial(make, folder, quick=quick)):
+            assert state(folder) in outputs.values()
+            make(folder, quick=not quick)
+            assert state(folder) == outputs[not quick]
+            n += 1
+        assert n > 10
+        assert [path.name for path in folder.parent.iterdir()] == ["study"]
+
+
+def test_files_of_a_stopped_study_are_made_again_and_its_blocks_stay(tmp_path):
+    draft = tmp_path / "study.unfinished-quick"
+    (draft / "unfinished").mkdir(parents=True)
+    (draft / "unfinished" / "block").write_text("done")
+    (draft / ".table-x").mkdir()
+    (draft / ".table-x" / "table.csv").write_text("half")
+    (draft / "of_another_version.csv").write_text("old")
+    with replacing_study(tmp_path / "study", quick=True) as place:
+        assert [path.name for path in place.iterdir()] == ["unfinished"]
+        (place / "unfinished" / "block").unlink()
+        (place / "unfinished").rmdir()
+        (place / "table.csv").write_text("new")
+    assert sorted(path.name for path in (tmp_path / "study").iterdir()) == ["made.json", "table.csv"]
+    assert is_complete(tmp_path / "study", quick=True)
+
+
+def test_a_folder_with_files_of_others_is_refused_before_the_study_is_made(tmp_path):
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "thesis.doc").write_text("mine")
+    with pytest.raises(InputError, match=r"thesis\.doc"), replacing_study(tmp_path / "study", quick=False):
+        pytest.fail("the study was made")
+
+
+def test_two_processes_do_not_make_the_same_study(tmp_path):
+    with (
+        replacing_study(tmp_path / "study", quick=False),
+        pytest.raises(InputError, match="another process"),
+        replacing_study(tmp_path / "study", quick=False),
+    ):
+        pytest.fail("the study was made twice")
