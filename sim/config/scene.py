@@ -6,11 +6,14 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from survey.core.config import Section, Share
 
+LARGEST_STEP_M = 0.25
+"""Widest distance between the nodes of fine ground that rover and camera can be simulated on [m]."""
+
 
 class SceneryConfig(Section):
     """Relief finer than the terrain's cells, and what a rover had better avoid; counts are per hectare."""
 
-    step_m: Annotated[float, Field(gt=0.0, le=0.25)] = 0.25
+    step_m: Annotated[float, Field(gt=0.0, le=LARGEST_STEP_M)] = 0.25
     """Widest distance between the nodes of the fine terrain [m]."""
     wind_from_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 235.0
     """Where the wind comes from that shaped the snow, clockwise from north [deg]."""

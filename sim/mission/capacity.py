@@ -8,6 +8,8 @@ import math
 
 from planners.capacity import require_cells
 from sim.config.mission import MissionConfig
+from sim.config.scene import LARGEST_STEP_M
+from sim.config.sensors import InstrumentConfig
 from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain
 from survey.core.arrays import Bounds
 from survey.core.errors import CapacityError
@@ -23,6 +25,14 @@ MOST_LANDMARKS = 2_000_000
 """Landmarks of one drive."""
 MOST_FRAMES = 500_000
 """Images of one drive."""
+MOST_FINE_CELLS = 80_000_000
+"""Cells of the fine ground that is driven on and rendered; about 50 bytes each."""
+MOST_PHYSICS_STEPS = 20_000_000
+"""Steps of the physics of one drive."""
+MOST_READINGS = 20_000_000
+"""Readings of one instrument on one drive."""
+MOST_STAKES = 10_000
+"""Stakes of one mission."""
 MOST_PIXELS = 20_000_000
 """Pixels of one image."""
 MOST_SAMPLE_CELLS = 20_000_000
@@ -108,13 +118,34 @@ def require_survey(mission: MissionConfig, bounds: Bounds) -> None:
         )
     config = mission.reconstruction
     method = method_named(config.method)
-    method.require_room(bounds, config.grid_step_m, config.configs_of(method))
+    method.require_room(bounds, config.grid_step_m, config.configs_of(method), covered=True)
     sample_m = mission.score.sample_step_m
     n_places = width * height / sample_m**2
     _require("score.sample_step_m", sample_m, n_places, MOST_SAMPLE_CELLS, "possible samples", power=-0.5)
+    if mission.fidelity == "vision":
+        _require_fine_ground(mission.scenery.step_m, width, height)
+    for name, count in (
+        ("aids.stakes", mission.aids.stakes),
+        ("instruments.stakes.count", mission.instruments.stakes.count),
+    ):
+        _require(name, count, count, MOST_STAKES, "stakes")
     length_m = _route_length_m(mission, width, height)
     if length_m is not None:
         _require_drive(mission, length_m)
+
+
+def _require_fine_ground(step_m: float, width_m: float, height_m: float) -> None:
+    """Refuse fine ground over an area with more cells than can be held."""
+    n_cells = (width_m / step_m + 1.0) * (height_m / step_m + 1.0)
+    if n_cells <= MOST_FINE_CELLS:
+        return
+    smallest = smallest_step_m(width_m, height_m, MOST_FINE_CELLS)
+    largest = LARGEST_STEP_M
+    remedy = f"set it to {smallest:g} or more" if smallest <= largest else "choose a smaller area"
+    raise CapacityError(
+        f"scenery.step_m = {step_m:g} gives {n_cells:.3g} cells of ground on {width_m:.6g} × {height_m:.6g} m, and "
+        f"{MOST_FINE_CELLS} can be held; {remedy}."
+    )
 
 
 def _route_length_m(mission: MissionConfig, width_m: float, height_m: float) -> float | None:
@@ -140,10 +171,21 @@ def _require_drive(mission: MissionConfig, length_m: float) -> None:
         n_landmarks = length_m * sensors.landmarks_per_m
         _require("sensors.landmarks_per_m", sensors.landmarks_per_m, n_landmarks, MOST_LANDMARKS, "landmarks")
     else:
+        _require_rates(mission, length_m / mission.rover.speed_m_s)
         n_frames = length_m / mission.rover.speed_m_s * frame_hz
         _require("instruments.frame_rate_hz", frame_hz, n_frames, MOST_FRAMES, "images")
         n_pixels = float(images.width) * images.height
         _require("imaging.width", images.width, n_pixels, MOST_PIXELS, "pixels in an image")
+
+
+def _require_rates(mission: MissionConfig, seconds: float) -> None:
+    """Refuse more steps of the physics, or more readings, on a drive of this time than can be processed."""
+    rate_hz = mission.physics.rate_hz
+    _require("physics.rate_hz", rate_hz, rate_hz * seconds, MOST_PHYSICS_STEPS, "steps of the physics")
+    for name, instrument in mission.instruments:
+        if isinstance(instrument, InstrumentConfig):
+            rate_hz = instrument.rate_hz
+            _require(f"instruments.{name}.rate_hz", rate_hz, rate_hz * seconds, MOST_READINGS, "readings")
 
 
 def _require(setting: str, value: float, n: float, most: int, what: str, *, power: float = 1.0) -> None:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 else:
     ModelMetaclass = type(BaseModel)
 
+_LARGEST_INTEGER = 10**18
+
 
 class _SectionMeta(ModelMetaclass):
     """Raise `ConfigError` when a section that is constructed in Python has a wrong setting."""
@@ -73,7 +75,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     file = existing_file(path, "the configuration")
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # no TOML, no UTF-8, or a number of thousands of digits
         raise ConfigError(f"{file} is not valid TOML ({error}); correct that place.") from error
     except RecursionError as error:
         raise ConfigError(f"{file} nests its values too deeply for a configuration; correct it.") from error
@@ -121,7 +123,7 @@ def with_overrides(values: Mapping[str, Any], overrides: Sequence[str]) -> dict[
 def _toml_value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except ValueError:
         return text
     except RecursionError as error:
         raise ConfigError("the value of an override nests too deeply for a setting; correct it.") from error
@@ -145,12 +147,26 @@ def validated(model: type[AnySection], values: Mapping[str, Any], where: str) ->
         An instance of `model`.
     """
     try:
+        _refuse_huge_integers(values, where)
         # TOML has lists only; in JSON mode they may stand for tuples, and nothing else is converted.
         return model.model_validate_json(json.dumps(values, default=str))
     except ValidationError as error:
         raise ConfigError(_sentence(error, model, where)) from error
     except RecursionError as error:
         raise ConfigError(f"{where} nests its values too deeply for a configuration; correct it.") from error
+
+
+def _refuse_huge_integers(value: Any, where: str, key: str = "") -> None:
+    """Refuse integers of more than 64 bits, which TOML does not have either."""
+    if isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
+        raise ConfigError(
+            f"{where}: {key} is an integer of {len(str(value))} digits; settings have at most 18, correct it."
+        )
+    inner = (
+        value.items() if isinstance(value, Mapping) else enumerate(value if isinstance(value, list) else ())
+    )
+    for name, part in inner:
+        _refuse_huge_integers(part, where, f"{key}.{name}" if key else str(name))
 
 
 def _sentence(error: ValidationError, model: type[BaseModel], where: str) -> str:

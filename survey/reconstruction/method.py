@@ -194,6 +194,8 @@ class ReconstructionMethod:
         Memory of a map for every node of its grid [bytes].
     check : callable, optional
         Refuses settings that do not fit the extent and the step of a map, before any work.
+    check_cover : callable, optional
+        Refuses settings whose model would not fit into memory over an extent that is covered with points.
     """
 
     name: str
@@ -207,8 +209,11 @@ class ReconstructionMethod:
     maps_values: bool = False
     bytes_per_node: float = 120.0
     check: Callable[[ScanSettings], None] | None = None
+    check_cover: Callable[[ScanSettings], None] | None = None
 
-    def require_room(self, bounds: Bounds, step_m: float, configs: Sequence[Section] = ()) -> None:
+    def require_room(
+        self, bounds: Bounds, step_m: float, configs: Sequence[Section] = (), *, covered: bool = False
+    ) -> None:
         """Refuse a map that would not fit into memory, or settings that do not fit the map.
 
         Parameters
@@ -219,6 +224,8 @@ class ReconstructionMethod:
             Distance between the nodes [m].
         configs : sequence of Section
             Settings of the method.
+        covered : bool
+            Whether points will lie all over the extent, as those of a mission do.
 
         Raises
         ------
@@ -226,5 +233,7 @@ class ReconstructionMethod:
             A length scale or a step that the map cannot have; the message names the smallest that passes.
         """
         require_nodes(bounds, step_m, self.bytes_per_node)
-        if self.check is not None:
-            self.check(ScanSettings(step_m, bounds, configs=configs))
+        settings = ScanSettings(step_m, bounds, configs=configs)
+        for check in (self.check, self.check_cover if covered else None):
+            if check is not None:
+                check(settings)

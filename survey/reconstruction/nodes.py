@@ -1,6 +1,7 @@
 """Lattices of nodes anchored in the world, and models of heights on them."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -14,8 +15,11 @@ from survey.core.errors import CapacityError, InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.base import INTERPOLATED, MEASURED, UNSEEN, Reconstruction
-from survey.reconstruction.capacity import smallest_step_m
+from survey.reconstruction.capacity import rounded_up, smallest_step_m
 from survey.reconstruction.terrain_model import TerrainModel, not_fitted
+
+# Beyond this number neighbouring steps are the same number in double precision.
+_MOST_STEPS = 2.0**52
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class NodeWindow:
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], step_m: float) -> Self:
         """Return the smallest window that covers ``(xmin, ymin, xmax, ymax)`` [m]."""
-        xmin, ymin, xmax, ymax = (float(bound) / step_m for bound in bounds)
+        xmin, ymin, xmax, ymax = in_steps(bounds, step_m)
         west, south = int(np.floor(xmin + 1e-9)), int(np.floor(ymin + 1e-9))
         columns = max(int(np.ceil(xmax - 1e-9)) - west + 1, 3)
         return cls(step_m, west, south, max(int(np.ceil(ymax - 1e-9)) - south + 1, 3), columns)
@@ -54,8 +58,9 @@ class NodeWindow:
     @classmethod
     def around(cls, centre: FloatArray, side_m: float, step_m: float) -> Self:
         """Return the window of a given side whose middle node is nearest to a place."""
-        n = max(round(side_m / step_m), 3)
-        west, south = (int(np.round(c / step_m)) - n // 2 for c in centre[:2])
+        side, *middle = in_steps((side_m, *centre[:2].tolist()), step_m)
+        n = max(round(side), 3)
+        west, south = (int(np.round(c)) - n // 2 for c in middle)
         return cls(step_m, west, south, n, n)
 
     @property
@@ -107,6 +112,23 @@ class NodeWindow:
         moved = np.full((*values.shape[:-2], *self.shape), fill, dtype=values.dtype)
         moved[(..., *old.within(self))] = values[(..., *self.within(old))]
         return moved
+
+
+def in_steps(lengths_m: Sequence[float], step_m: float) -> list[float]:
+    """Return coordinates and lengths [m] in steps, or refuse a step that is too small to count them.
+
+    Examples
+    --------
+    >>> in_steps((10.0, 5.0), 2.5)
+    [4.0, 2.0]
+    """
+    largest_m = max(abs(float(length)) for length in lengths_m)
+    if not step_m * _MOST_STEPS > largest_m:
+        raise CapacityError(
+            f"the lattice's step of {step_m:g} m is too small to count coordinates of {largest_m:g} m; take a step of "
+            f"{rounded_up(largest_m / _MOST_STEPS * 1.01):g} m or more."
+        )
+    return [float(length) / step_m for length in lengths_m]
 
 
 class LatticeFrame(NamedTuple):

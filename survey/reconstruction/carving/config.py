@@ -8,6 +8,8 @@ from pydantic import Field, model_validator
 from survey.core.arrays import FloatArray
 from survey.core.config import Section
 
+_LEAST_THIN_M = 1e-3
+
 
 class SpaceCarvingConfig(Section):
     """How space-carving kernels learn; where the paper gives no number, our choice is stated.
@@ -64,6 +66,8 @@ class SpaceCarvingConfig(Section):
     def _falling(self) -> Self:
         if self.last_length_m > self.first_length_m:
             raise ValueError("last_length_m must not exceed first_length_m")
+        if 0.0 < self.thin_m < _LEAST_THIN_M:
+            raise ValueError(f"thin_m must be 0, or {_LEAST_THIN_M:g} or more")
         return self
 
     def lengths_m(self) -> FloatArray:

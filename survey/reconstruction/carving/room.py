@@ -34,7 +34,7 @@ def require_room(config: SpaceCarvingConfig, width_m: float, height_m: float, n_
     needed = needed_mb(config, width_m, height_m, n_points)
     if needed > config.memory_mb:
         raise CapacityError(
-            f"{n_points} points over {width_m:.0f} × {height_m:.0f} m with last_length_m = {config.last_length_m:g} take "
+            f"a map of {width_m:.0f} × {height_m:.0f} m and {n_points} points with last_length_m = {config.last_length_m:g} takes "
             f"{needed:.6g} MB of the {config.memory_mb:g} MB allowed; {_remedy(config, width_m, height_m, n_points)}."
         )
 

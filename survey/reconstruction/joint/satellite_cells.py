@@ -7,6 +7,7 @@ import numpy as np
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray
+from survey.core.crs.agreement import equal_crs
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.data.dem import Dem
@@ -126,6 +127,6 @@ def _placed(dem: Dem, crs: CRS, column: FloatArray, row: FloatArray) -> FloatArr
     """Return places (N, 2) in a CRS of fractional columns and rows of a raster."""
     a, b, c, d, e, f = tuple(dem.transform)[:6]
     places = np.column_stack([a * column + b * row + c, d * column + e * row + f])
-    if dem.crs.equals(crs, ignore_axis_order=True):
+    if equal_crs(dem.crs, crs):
         return places
     return transformed(places, dem.crs, crs, "the satellite's model")

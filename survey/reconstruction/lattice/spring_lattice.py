@@ -24,7 +24,8 @@ from survey.reconstruction.terrain_model import Capabilities, local_datum_m
 _FORMAT = "firnline spring lattice 1"
 _NOTE = "springs state none; the band holds the root mean square distance of a node's points from the surface, or of all points where it has none"
 _SPARE_NODES = 16
-_BYTES = 120.0
+BYTES_PER_NODE = 120.0
+"""Memory of a node: heights, sums and the solver's work [bytes]."""
 # A range's noise throws a few points over the edge.
 _SHARE_OUTSIDE = 0.01
 
@@ -193,7 +194,7 @@ class SpringLattice(LatticeModel):
             spare = _SPARE_NODES * step_m if old else 0.0
             window = NodeWindow.over((xmin - spare, ymin - spare, xmax + spare, ymax + spare), step_m)
             window = window if old is None else old.joined(window)
-        require_room(window, _BYTES, self.config.memory_mb, 0 if old is None else 2 * _SPARE_NODES)
+        require_room(window, BYTES_PER_NODE, self.config.memory_mb, 0 if old is None else 2 * _SPARE_NODES)
         return window
 
     def _nodes(self) -> FloatArray:

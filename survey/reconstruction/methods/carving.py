@@ -27,6 +27,18 @@ def _begin(settings: ScanSettings) -> "SpaceCarvingKernel":
     return SpaceCarvingKernel(config)
 
 
+def _check_cover(settings: ScanSettings) -> None:
+    """Refuse kernels that do not fit into memory."""
+    from survey.reconstruction.carving.room import require_room
+
+    if settings.bounds is None:
+        return
+    config = config_of(settings.configs, SpaceCarvingConfig)
+    xmin, ymin, xmax, ymax = settings.bounds
+    reach_m = 2.0 * config.first_length_m
+    require_room(config, xmax - xmin + reach_m, ymax - ymin + reach_m, 0)
+
+
 def _run(task: MappingTask) -> MappedTerrain:
     from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 
@@ -43,4 +55,5 @@ CARVING = ReconstructionMethod(
     sight_lines="own",
     uses_prior=False,
     bytes_per_node=200.0,
+    check_cover=_check_cover,
 )

@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from survey.reconstruction.lattice.config import SpringLatticeConfig
 from survey.reconstruction.method import (
     MappedTerrain,
@@ -25,6 +27,23 @@ def _begin(settings: ScanSettings) -> "SpringLattice":
     return SpringLattice(config.model_copy(update=changes))
 
 
+def _check_cover(settings: ScanSettings) -> None:
+    """Refuse a lattice with more nodes than fit into memory."""
+    from survey.reconstruction.lattice.spring_lattice import BYTES_PER_NODE
+    from survey.reconstruction.nodes import NodeWindow, require_room
+
+    config = _begin(settings).config
+    if settings.bounds is None:
+        return
+    xmin, ymin, xmax, ymax = settings.bounds
+    if config.side_m is None:
+        window = NodeWindow.over(settings.bounds, config.node_step_m)
+    else:
+        centre = np.array([0.5 * (xmin + xmax), 0.5 * (ymin + ymax)])
+        window = NodeWindow.around(centre, config.side_m, config.node_step_m)
+    require_room(window, BYTES_PER_NODE, config.memory_mb)
+
+
 def _run(task: MappingTask) -> MappedTerrain:
     settings = ScanSettings(task.grid.step_m, task.grid.bounds, task.rays, task.configs)
     return MappedTerrain(_begin(settings).fit(task.points).grid(task.grid))
@@ -39,4 +58,5 @@ EMAP = ReconstructionMethod(
     sight_lines="none",
     uses_prior=False,
     bytes_per_node=300.0,
+    check_cover=_check_cover,
 )

@@ -39,7 +39,16 @@ LARGE = {
     "satellite.cell_m": ("1e-6", ()),
     "reconstruction.gp.length_scale_m": ("1e-9", ()),
     "reconstruction.field.step_m": ("1e-9", ("reconstruction.method=field",)),
+    "reconstruction.emap.step_m": ("1e-9", ("reconstruction.method=emap",)),
+    "reconstruction.carving.last_length_m": ("1e-9", ("reconstruction.method=carving",)),
+    "scenery.step_m": ("1e-9", ("fidelity=vision",)),
+    "physics.rate_hz": ("1000000000", ("fidelity=vision",)),
+    "instruments.gps.rate_hz": ("1e12", ("fidelity=vision",)),
+    "instruments.inertial.rate_hz": ("1e12", ("fidelity=vision",)),
+    "instruments.stakes.count": ("1000000", ("fidelity=vision",)),
+    "aids.stakes": ("1000000", ()),
 }
+WHOLE = ("imaging.width", "physics.rate_hz", "instruments.stakes.count", "aids.stakes")
 
 
 @pytest.mark.parametrize("setting", LARGE)
@@ -51,11 +60,29 @@ def test_a_size_that_does_not_fit_is_refused_with_one_that_does(setting):
     if setting == "satellite.cell_m":  # names how many times wider
         return
     (bound,) = re.findall(
-        r"(?:at most|at least|step_m =|a step of|length_scale_m to) ([0-9.e+-]*[0-9])(?: or more| m or more|\.$)",
+        r"(?:at most|at least|step_m =|last_length_m =|a step of|length_scale_m to|set it to) ([0-9.e+-]*[0-9])(?: or more| m or more|\.$)",
         str(caught.value),
     )
-    bound = str(int(float(bound))) if setting == "imaging.width" else bound
+    bound = str(int(float(bound))) if setting in WHOLE else bound
     check(f"{setting}={bound}", *others)
+
+
+def test_steps_too_small_to_count_coordinates_are_refused():
+    for method in ("field", "emap"):
+        with pytest.raises(InputError, match="too small to count coordinates"):
+            check(f"reconstruction.method={method}", f"reconstruction.{method}.step_m=1e-300")
+
+
+def test_fine_ground_over_too_large_an_area_asks_for_a_smaller_one():
+    mission = validated(MissionConfig, with_overrides(MISSION, ["fidelity=vision"]), "the test")
+    with pytest.raises(InputError, match="choose a smaller area"):
+        require_survey(mission, (0.0, 0.0, 5000.0, 5000.0))
+
+
+def test_integers_of_more_than_64_bits_are_refused():
+    for swaths in ("1" + "0" * 400, "1" * 5000, str(2**63)):
+        with pytest.raises(ConfigError, match="planner"):
+            check(f"planner.swaths={swaths}")
 
 
 @pytest.mark.parametrize(
