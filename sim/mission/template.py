@@ -9,20 +9,26 @@ from pydantic import BaseModel
 from tomlkit.items import Table
 
 from planners import LawnmowerConfig
-from sim.config.mission import MissionConfig
+from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.terrain import DemTerrain, RandomTerrain
 
 
-def mission_template(name: str, dem: Path | None = None) -> str:
+def mission_template(name: str, dem: Path | None = None, *, clip_to_terrain: bool = False) -> str:
     """Return a runnable mission as TOML; each key carries its meaning and unit as a comment.
 
-    Settings that have no default value stand as comments.
+    Settings that have no default value stand as comments. `clip_to_terrain` is for a raster with unknown cells.
     """
     safe = re.sub(r"[^A-Za-z0-9_.-]", "-", name).lstrip("-_.") or "mission"
     terrain = (
         RandomTerrain(source="random") if dem is None else DemTerrain(source="dem", file=str(dem.resolve()))
     )
-    mission = MissionConfig(schema_version=1, name=safe, terrain=terrain, planner=LawnmowerConfig(swaths=4))
+    mission = MissionConfig(
+        schema_version=1,
+        name=safe,
+        terrain=terrain,
+        area=AreaConfig(clip_to_terrain=clip_to_terrain),
+        planner=LawnmowerConfig(swaths=4),
+    )
     document = tomlkit.document()
     document.add(
         tomlkit.comment("A firnline mission; lengths in metres, times in seconds, angles in degrees.")

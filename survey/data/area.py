@@ -114,20 +114,20 @@ class SurveyArea(DataObject):
         path : str or pathlib.Path
             The file.
         crs : str or pyproj.CRS, optional
-            The projected CRS to work in; needed for files in degrees (GeoJSON, KML).
+            The projected CRS to work in.
         layer : str or int, optional
             The layer; the first one by default.
 
         Returns
         -------
         SurveyArea
-            In `crs`, or in the file's own projected CRS.
+            In `crs`, or in the file's own projected CRS. An area in degrees (GeoJSON, KML) is projected to
+            its UTM zone, or to polar stereographic beyond 84° N and 80° S; the log states it.
 
         Raises
         ------
         InputError
-            The file is missing or damaged, holds no polygon, or is in degrees and no
-            `crs` was named.
+            The file is missing or damaged, or holds no polygon.
         """
         features = read_features(path, layer=layer, what="the area file")
         try:

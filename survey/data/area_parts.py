@@ -1,5 +1,6 @@
 """Outlines, no-go zones and start points of an area's file: roles, CRS, valid polygons."""
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ from shapely import MultiPolygon, Point, Polygon
 from shapely.validation import explain_validity
 
 from survey.core.arrays import frozen
-from survey.core.crs.checks import projected_crs, refuse_far
+from survey.core.crs.checks import known_crs, projected_crs, refuse_far
+from survey.core.crs.choice import chosen_crs, is_geographic
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.io.vector import Features
@@ -31,7 +33,16 @@ def roles_of(features: Features) -> list[str]:
 
 
 def in_crs(features: Features, crs: Any, where: str) -> Features:
-    """Return the features in the named CRS, or in their own where none is named."""
+    """Return the features in the named CRS, else in their own; degrees are projected, and the log states it."""
+    places = shapely.get_coordinates(features.geometry)
+    if crs is None and len(places) and is_geographic(features.crs):
+        crs = chosen_crs(places[:, 0], places[:, 1], features.crs)
+        logging.getLogger(__name__).warning(
+            "%s is in degrees (%s); it is projected to %s.",
+            where,
+            known_crs(features.crs, where).name,
+            crs.name,
+        )
     if crs is None:
         return features._replace(crs=projected_crs(features.crs, where))
     target = projected_crs(crs, "the wanted CRS")

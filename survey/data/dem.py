@@ -10,7 +10,6 @@ from affine import Affine
 from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray, frozen
-from survey.core.crs.agreement import agreed_crs
 from survey.core.crs.checks import projected_crs, refuse_far
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.data_object import DataObject
@@ -20,6 +19,7 @@ from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.georeference import check_transform
+from survey.io.raster.warping import in_metres, window_crs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,13 +122,14 @@ class Dem(DataObject):
         path : str or pathlib.Path
             GeoTIFF, Esri ASCII grid, NetCDF, VRT of local files, SRTM ``.hgt``, …
         crs : str or pyproj.CRS, optional
-            For files that carry none or a local one (LOCAL_CS); refused when the file names another one.
+            For files that carry none or a local one (LOCAL_CS), and the projected CRS to which a file in
+            degrees is warped; refused when the file names another projected one.
         vertical_datum : str, optional
             For files that do not state it.
         band : int
             Counted from 1.
         bounds : (4,) tuple of float, optional
-            West, south, east, north [m] in the raster's CRS. Only the cells from which heights within
+            West, south, east, north [m] in the CRS of the result. Only the cells from which heights within
             are interpolated are read, so that a raster of any size can be used; its checksum is
             then not verified.
         mask : bool
@@ -137,27 +138,31 @@ class Dem(DataObject):
         Returns
         -------
         Dem
-            In the raster's CRS, NaN for nodata.
+            In the raster's CRS, NaN for nodata. A raster in degrees is warped once to `crs`, or to its UTM
+            zone (polar stereographic beyond 84° N and 80° S) on the same geodetic datum: to square cells
+            of the same area, by cubic interpolation where they are no more than 1.5 times as wide as the
+            narrower side of the source's cells, else bilinearly; heights and their datum are unchanged
+            and voids stay voids. The log states it.
 
         Raises
         ------
         InputError
-            The file is missing, damaged, in degrees, rotated, empty, outside the bounds, in a unit that is
+            The file is missing, damaged, rotated, empty, outside the bounds, in a unit that is
             no length, or it is a picture or a mask.
         CapacityError
             It has more than `survey.io.raster.LARGEST_CELLS` cells, and no `bounds` within them are named.
         """
-        raster = read_raster(path, band=band, bounds=bounds)
+        raster = read_raster(path, band=band, bounds=bounds, bounds_crs=window_crs(path, crs, bounds))
         if not mask:
             _refuse_mask(raster, path)
-        stated_crs = agreed_crs(raster.crs, crs, str(path))
+        raster = in_metres(raster, crs, str(path), bounds=bounds, nearest=mask)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:
             raise InputError(
                 f"{path} states {raster.vertical_datum!r}, but {vertical_datum!r} was named; correct one of them."
             )
         datum = raster.vertical_datum or vertical_datum or UNSTATED
         try:
-            return cls(raster.values, raster.transform, stated_crs, datum)
+            return cls(raster.values, raster.transform, raster.crs, datum)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

@@ -9,9 +9,10 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.core.crs.agreement import agreed_crs, is_local, same_crs
 from survey.core.crs.checks import known_crs, projected_crs
+from survey.core.crs.choice import chosen_crs
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.io.point_columns import PLACE, say_projected, utm_zone
+from survey.io.point_columns import PLACE, say_projected
 from survey.io.points.table import PointTable
 
 SIGMA = "sigma_z_m"
@@ -50,7 +51,7 @@ def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
             f"{where} has places in degrees and {ORIGIN[0]} in metres; write both in one projected CRS."
         )
     x, y = (table.columns[name] for name in PLACE[:2])
-    target = utm_zone(x, y) if crs is None else projected_crs(crs, where)
+    target = chosen_crs(x, y) if crs is None else projected_crs(crs, where)
     east, north = transformed(np.column_stack([x, y]), stated, target, where).T
     say_projected(where, target)
     return table._replace(columns={**table.columns, PLACE[0]: east, PLACE[1]: north}, crs=target)

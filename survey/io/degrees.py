@@ -17,23 +17,6 @@ SURVEY_CRS = "survey_crs"
 """Column of a GeoJSON in degrees that holds the projected CRS of its features as WKT."""
 
 
-def coded_crs(crs: CRS) -> CRS | None:
-    """Return the registered CRS that equals `crs`, or ``None``.
-
-    Examples
-    --------
-    >>> coded_crs(CRS("+proj=utm +zone=8 +datum=WGS84 +units=m")).to_epsg()
-    32608
-    >>> coded_crs(CRS("+proj=lcc +lat_1=60 +lat_2=62 +lon_0=-123 +datum=WGS84")) is None
-    True
-    """
-    authority = crs.to_authority(min_confidence=70)
-    if authority is None:
-        return None
-    registered = CRS.from_authority(*authority)
-    return registered if registered.equals(crs, ignore_axis_order=True) else None
-
-
 def require_transformation(crs: CRS, path: Path) -> None:
     """Refuse a CRS without a transformation to degrees for a file that holds degrees.
 

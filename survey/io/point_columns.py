@@ -138,27 +138,6 @@ def in_own_columns(columns: dict[str, FloatArray], where: str) -> tuple[dict[str
     return {**places, **others}, WGS84
 
 
-def utm_zone(longitude_deg: FloatArray, latitude_deg: FloatArray) -> CRS:
-    """Return the UTM zone of the middle of places, or the polar stereographic system beyond 84° N and 80° S.
-
-    Examples
-    --------
-    >>> utm_zone(np.array([-135.2, -134.9]), np.array([58.4, 58.5])).to_epsg()
-    32608
-    >>> utm_zone(np.array([10.0]), np.array([-85.0])).to_epsg()
-    3031
-    """
-    angles = np.deg2rad(longitude_deg)
-    longitude = float(np.rad2deg(np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())))
-    latitude = float(0.5 * (latitude_deg.min() + latitude_deg.max()))
-    if latitude > 84.0:
-        return CRS.from_epsg(3413)
-    if latitude < -80.0:
-        return CRS.from_epsg(3031)
-    zone = int((longitude + 180.0) // 6.0) % 60 + 1
-    return CRS.from_epsg((32600 if latitude >= 0.0 else 32700) + zone)
-
-
 def say_projected(where: str, crs: CRS) -> None:
     """Log in one sentence that degrees were projected."""
     logging.getLogger(__name__).warning(

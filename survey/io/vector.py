@@ -10,12 +10,13 @@ import numpy.typing as npt
 import shapely
 from pyproj import CRS
 
+from survey.core.crs.choice import coded_crs
 from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import first_line, warnings_logged
 from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing, unwritable
 from survey.io.companions import stale_files
-from survey.io.degrees import SURVEY_CRS, WGS84, coded_crs, in_degrees, in_survey_crs, require_transformation
+from survey.io.degrees import SURVEY_CRS, WGS84, in_degrees, in_survey_crs, require_transformation
 from survey.io.file_kinds import OFFLINE, check_vector_file
 
 _DRIVERS = {

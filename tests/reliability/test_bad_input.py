@@ -61,7 +61,7 @@ def without_crs(folder: Path) -> None:
 
 
 def in_degrees(folder: Path) -> None:
-    write_raw(folder / "dem.tif", hills(), crs="EPSG:4326", transform=Affine(1e-3, 0, -134.0, 0, -1e-3, 58.0))
+    write_raw(folder / "dem.tif", hills(), crs="EPSG:4326", transform=Affine(3, 0, 0, 0, -3, 150))
 
 
 def in_feet(folder: Path) -> None:
@@ -136,7 +136,7 @@ MISSIONS: list[Case] = [
     ("text instead of a raster", DEM_MISSION, text_as_raster, RUN, 3, "damaged or no raster"),
     ("folder instead of a raster", DEM_MISSION, folder_as_raster, RUN, 3, "is a folder"),
     ("raster without CRS", DEM_MISSION, without_crs, RUN, 3, "no coordinate reference system"),
-    ("raster in degrees", DEM_MISSION, in_degrees, RUN, 3, "metres"),
+    ("metres called degrees", DEM_MISSION, in_degrees, RUN, 3, "assign the CRS that its metres count in"),
     ("raster in feet", DEM_MISSION, in_feet, RUN, 3, "foot"),
     ("all nodata", DEM_MISSION, all_nodata, RUN, 3, "no height at all"),
     ("1 × 1 raster", DEM_MISSION, one_cell, RUN, 3, "at least 2 × 2"),

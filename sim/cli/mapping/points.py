@@ -6,6 +6,7 @@ import survey
 from sim.cli.mapping.inputs import MapRequest
 from sim.cli.mapping.outputs import MadeMap
 from sim.cli.progress import counted
+from sim.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
 from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.policy import map_landmarks
@@ -18,7 +19,7 @@ def map_points(request: MapRequest) -> MadeMap:
     area = request.read_area(points.crs)
     path = None if request.trajectory is None else _path(request.trajectory, points)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
-    prior = None if request.prior is None else survey.Dem.read(request.prior)
+    prior = None if request.prior is None else _prior(request.prior, grid)
     with counted(quiet=request.quiet) as progress:
         mapped = map_landmarks(
             points,
@@ -34,6 +35,13 @@ def map_points(request: MapRequest) -> MadeMap:
     if path is not None and mapped.correction is not None:
         corrected = mapped.correction.applied(path)
     return MadeMap(result, f"by {request.method.name}", request.area, corrected)
+
+
+def _prior(file: Path, grid: survey.Grid) -> survey.Dem:
+    """Read the prior; of one in degrees, the part about the map, warped to the CRS of the points."""
+    if own_crs(file) is None:
+        return read_about(file, grid.bounds, grid.crs, "the prior")
+    return survey.Dem.read(file)
 
 
 def _path(file: Path, points: survey.SurfacePoints) -> survey.Trajectory:

@@ -4,13 +4,12 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from pyproj import CRS
+from sim.cli.rasters import own_crs, read_about
 
+if TYPE_CHECKING:
     import survey
 
 _FORMATS = (".geojson", ".gpkg")
-_LEAST_MARGIN_M = 200.0
 
 
 @dataclass(frozen=True)
@@ -91,34 +90,13 @@ class PlanRequest:
 
         crs: Any = self.crs
         if crs is None and self.prior is not None:
-            crs = _crs_of(self.prior)
+            crs = own_crs(self.prior)
         area = survey.SurveyArea.read(self.source, crs=crs)
-        prior = None if self.prior is None else read_about(self.prior, area, "the prior")
+        prior = None if self.prior is None else read_about(self.prior, area.bounds, area.crs, "the prior")
         if self.no_go is not None:
-            area = without_marked(area, read_about(self.no_go, area, "the raster of no-go ground", mask=True))
+            mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
+            area = without_marked(area, mask)
         return area, prior
-
-
-def _crs_of(path: Path) -> "CRS":
-    """Return the projected CRS that a raster's header names."""
-    from survey.core.crs.checks import projected_crs
-    from survey.io.raster import raster_facts
-
-    return projected_crs(raster_facts(path).crs, str(path))
-
-
-def read_about(path: Path, area: "survey.SurveyArea", what: str, *, mask: bool = False) -> "survey.Dem":
-    """Read the cells of a raster on an area and about it, as far as slopes and cameras reach."""
-    import survey
-    from planners.capacity import require_cells
-
-    area.require_crs(_crs_of(path), what)
-    near = survey.Dem.read(path, bounds=area.bounds, mask=mask)
-    require_cells(near.elevation.size)
-    margin_m = max(4.0 * near.step_m, _LEAST_MARGIN_M)
-    xmin, ymin, xmax, ymax = area.bounds
-    about = (xmin - margin_m, ymin - margin_m, xmax + margin_m, ymax + margin_m)
-    return survey.Dem.read(path, bounds=about, mask=mask)
 
 
 def write_plan(request: PlanRequest, route: "survey.Route", picture: bytes) -> None:

@@ -5,6 +5,7 @@ from survey.io.raster.facts import (
     band_count,
     band_names,
     raster_facts,
+    raster_header,
     stated_datum,
 )
 from survey.io.raster.opening import LARGEST_CELLS
@@ -21,6 +22,7 @@ __all__ = [
     "band_names",
     "opened_raster",
     "raster_facts",
+    "raster_header",
     "read_raster",
     "read_window",
     "reprojected",

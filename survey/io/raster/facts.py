@@ -3,22 +3,25 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from affine import Affine
+
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.files.library_messages import warnings_logged
 from survey.core.files.reading import existing_file
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
 from survey.io.raster.hdf5 import refuse_unreadable
-from survey.io.raster.opening import LARGEST_CELLS, damaged, gdal_faults
+from survey.io.raster.opening import LARGEST_CELLS, damaged, gdal_faults, opened_dataset
 from survey.io.raster.strips import opened_raster
 
 VERTICAL_TAG = "VERTICAL_DATUM"
 
 
 class RasterFacts(NamedTuple):
-    """Rows and columns of a raster, and its CRS where it names one."""
+    """Rows and columns of a raster, its CRS where it names one, and its georeference."""
 
     shape: tuple[int, int]
     crs: Any
+    transform: Affine
 
 
 def stated_datum(source: Any) -> str:
@@ -57,8 +60,34 @@ def raster_facts(path: str | Path) -> RasterFacts:
         As in `read_raster`.
     """
     with opened_raster(existing_file(path, "the raster")) as source:
-        crs = source.crs.to_wkt() if source.crs else None
-        return RasterFacts((int(source.height), int(source.width)), crs)
+        return _facts(source)
+
+
+def raster_header(path: str | Path) -> RasterFacts:
+    """Return what a raster's header says; damage of its cells is not looked for.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The raster.
+
+    Returns
+    -------
+    RasterFacts
+        Shape, CRS and georeference.
+
+    Raises
+    ------
+    InputError
+        The file is missing, empty, damaged or of another kind.
+    """
+    with opened_dataset(existing_file(path, "the raster"), 1) as source:
+        return _facts(source)
+
+
+def _facts(source: Any) -> RasterFacts:
+    crs = source.crs.to_wkt() if source.crs else None
+    return RasterFacts((int(source.height), int(source.width)), crs, source.transform)
 
 
 def band_count(path: str | Path) -> int:

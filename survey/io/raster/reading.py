@@ -5,10 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from affine import Affine
+from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.checksum import refuse_altered
+from survey.core.crs.choice import geographic_of
 from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
 from survey.core.files.reading import existing_file
 from survey.io.raster.deflate_blocks import refuse_damaged_blocks
@@ -18,6 +20,8 @@ from survey.io.raster.strips import read_strips, window_of
 
 NODATA = -9999.0
 CRC_TAG = "FIRNLINE_CRC32"
+_EDGE_POINTS = 21
+_MARGIN_CELLS = 2
 
 
 class Raster(NamedTuple):
@@ -44,7 +48,9 @@ class Raster(NamedTuple):
     stored_as: str = "float64"
 
 
-def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None) -> Raster:
+def read_raster(
+    path: str | Path, *, band: int = 1, bounds: Bounds | None = None, bounds_crs: CRS | None = None
+) -> Raster:
     """Read one band with its georeference; scale, offset and unit are applied, nodata becomes NaN.
 
     Parameters
@@ -56,6 +62,8 @@ def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None
     bounds : (4,) tuple of float, optional
         West, south, east, north in the raster's CRS: only the cells from which heights within
         are interpolated are read, and the checksum of the whole band is not verified.
+    bounds_crs : pyproj.CRS, optional
+        The projected CRS of the bounds, for rasters in degrees; others have bounds in their own CRS.
 
     Returns
     -------
@@ -77,7 +85,7 @@ def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None
     file = existing_file(path, "the raster")
     with opened_dataset(file, band) as source:
         in_source = checked_band(source, file, band)
-        window = window_of(source, file, bounds)
+        window = window_of(source, file, _own_bounds(source, bounds, bounds_crs))
         crcs = source.tags().get(CRC_TAG, "").split()
         is_summed = len(crcs) >= band and bounds is None
         if not is_summed:
@@ -94,6 +102,21 @@ def read_raster(path: str | Path, *, band: int = 1, bounds: Bounds | None = None
     except CRSError as error:
         raise damaged(file, error) from error
     return Raster(values, transform, crs, datum, stored_as)
+
+
+def _own_bounds(source: Any, bounds: Bounds | None, crs: CRS | None) -> Bounds | None:
+    """Return bounds in the raster's own CRS; in degrees they take in two cells more."""
+    if bounds is None or crs is None or not source.crs or not source.crs.is_geographic:
+        return bounds
+    to_degrees = Transformer.from_crs(crs, geographic_of(source.crs.to_wkt()), always_xy=True)
+    west, south, east, north = to_degrees.transform_bounds(*bounds, densify_pts=_EDGE_POINTS)
+    t = source.transform
+    middle = t.c + 0.5 * source.width * t.a
+    if east < west:  # bounds across 180 degrees
+        east += 360.0
+    turn = 360.0 * round((middle - 0.5 * (west + east)) / 360.0)
+    x, y = _MARGIN_CELLS * abs(t.a), _MARGIN_CELLS * abs(t.e)
+    return west + turn - x, south - y, east + turn + x, north + y
 
 
 def checksum_parts(values: FloatArray, transform: Affine, vertical_datum: str) -> tuple[Any, ...]:

@@ -80,9 +80,9 @@ def test_a_prior_too_coarse_to_predict_from_still_plans():
         (shapely.Polygon(), CRS, "empty polygon"),
         (shapely.LineString([(0, 0), (100, 0), (100, 100)]), CRS, "a LineString; a polygon was expected"),
         (shapely.Polygon(shapely.box(0, 0, 90, 90).exterior, [shapely.box(200, 0, 210, 10).exterior]), CRS, "outside shell"),
-        (shapely.box(-134.5, 58.4, -134.4, 58.5), "EPSG:4326", "degrees"),
+        (shapely.box(-134.5, 89.9, -134.4, 90.5), "EPSG:4326", "not on Earth"),
     ],
-    ids=["self-crossing", "empty", "line", "hole outside", "degrees"],
+    ids=["self-crossing", "empty", "line", "hole outside", "beyond the pole"],
 )  # fmt: skip
 def test_areas_that_are_none_are_refused_in_one_sentence(shape, crs, message):
     _, err = planned(drawn(shape, crs), "--swaths", "3", code=3)

@@ -35,12 +35,13 @@ def test_file_gives_back_outline_no_go_and_starts(tmp_path, name):
     assert back.crs == area.crs
 
 
-def test_degrees_are_reprojected_when_a_crs_is_named(tmp_path):
+def test_degrees_are_projected_to_their_utm_zone_or_the_named_crs(tmp_path, caplog):
     ring = [[-134.55, 58.44], [-134.54, 58.44], [-134.54, 58.445], [-134.55, 58.445], [-134.55, 58.44]]
     feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
     (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-    with pytest.raises(InputError, match="degree"):
-        SurveyArea.read(tmp_path / "a.geojson")
+    with caplog.at_level("WARNING"):
+        assert SurveyArea.read(tmp_path / "a.geojson").crs.to_epsg() == 32608
+    assert "a.geojson is in degrees (WGS 84); it is projected to WGS 84 / UTM zone 8N." in caplog.text
     area = SurveyArea.read(tmp_path / "a.geojson", crs=CRS)
     # 0.01° of longitude at 58.44° N is 583 m, 0.005° of latitude 557 m (WGS 84, to a per cent).
     assert area.polygon.area == pytest.approx(583.0 * 557.0, rel=0.01)

@@ -103,5 +103,10 @@ def test_real_rasters_are_read_with_their_crs(real_data):
     assert lidar.shape == (1000, 1000)
     with pytest.raises(InputError, match="carries no coordinate reference system"):
         Dem.read(real_data / "dem_landlab_repeat_and_lidar" / "pre_runout_DEM.asc")
-    with pytest.raises(InputError, match="degree"):
-        Dem.read(real_data / "dem_oggm_glaciers" / "hintereisferner_srtm_90m.tif")
+
+
+def test_a_real_raster_in_degrees_is_warped_to_its_utm_zone(real_data):
+    srtm = Dem.read(real_data / "dem_oggm_glaciers" / "hintereisferner_srtm_90m.tif")
+    assert srtm.crs.to_epsg() == 32632
+    assert 60.0 < srtm.step_m < 95.0
+    assert 1000.0 < np.nanmin(srtm.elevation) < np.nanmax(srtm.elevation) < 3800.0

@@ -8,8 +8,9 @@ import pytest
 from pyproj import Transformer
 
 from survey import Dem, Grid, InputError, SurfacePoints
+from survey.core.crs.choice import chosen_crs
 from survey.interchange.convert import convert
-from survey.io.point_columns import place_columns, utm_zone
+from survey.io.point_columns import place_columns
 from survey.scoring import Checkpoints, compare
 
 UTM = "EPSG:32608"
@@ -102,8 +103,8 @@ def test_places_of_the_sensor_in_metres_beside_degrees_are_refused(tmp_path: Pat
 
 
 def test_zones_follow_the_middle_across_the_date_line() -> None:
-    assert utm_zone(np.array([179.9, -179.7]), np.array([-60.0, -60.1])).to_epsg() == 32701
-    assert utm_zone(np.array([10.0]), np.array([85.0])).to_epsg() == 3413
+    assert chosen_crs(np.array([179.9, -179.7]), np.array([-60.0, -60.1])).to_epsg() == 32701
+    assert chosen_crs(np.array([10.0]), np.array([85.0])).to_epsg() == 3413
 
 
 def test_checkpoints_in_degrees_are_compared_with_a_map(tmp_path: Path) -> None:
@@ -118,6 +119,6 @@ def test_checkpoints_in_degrees_are_compared_with_a_map(tmp_path: Path) -> None:
     assert errors.errors_m == pytest.approx([0.5])
 
 
-def test_an_exported_table_in_degrees_names_its_utm_zone(tmp_path: Path) -> None:
+def test_an_exported_table_in_degrees_names_its_chosen_crs(tmp_path: Path) -> None:
     convert(_file(tmp_path, "lon,lat,height", "-135.1,60.4,5,0.1\n"), tmp_path / "p.gpkg", "points")
     assert SurfacePoints.read(tmp_path / "p.gpkg").crs.to_epsg() == 32608
