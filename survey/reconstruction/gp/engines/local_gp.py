@@ -5,9 +5,9 @@ length scale screen those farther away (Stein 2002), so a few hundred neighbours
 """
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from scipy.linalg import cho_solve, lapack
@@ -15,15 +15,14 @@ from scipy.spatial import cKDTree
 
 from survey.core.arrays import Bounds, FloatArray, IntArray, Progress
 from survey.reconstruction.gp.covariance.kernels import Kernel
-from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.divided import DividedGaussianProcess, trend_of_part
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
+from survey.reconstruction.gp.engines.polynomial_trend import TrendName
 from survey.reconstruction.gp.site_tree import SiteTree
 
 _N_NEAREST = 256
 _N_OWN = 48
-_N_FOR_TREND = 800
 _N_TIMED = 12
 # The leave-one-out pass, and that of the calibration, which predicts a sixth of the points.
 _PASSES_OVER_POINTS = 1.6
@@ -31,8 +30,8 @@ _PASSES_OVER_POINTS = 1.6
 _SECONDS_PER_NODE = 3e-6
 
 
-@dataclass(frozen=True)
-class LocalGaussianProcess(Process):
+@dataclass(frozen=True, kw_only=True)
+class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
     """A process whose tiles are conditioned on their 256 nearest points.
 
     Parameters
@@ -56,15 +55,7 @@ class LocalGaussianProcess(Process):
     given the neighbours, never smaller than that given all points. There is no joint likelihood.
     """
 
-    divides_site: ClassVar = True
-
-    kernel: Kernel
-    data: NoisyValues
     tree: SiteTree
-    trend: PolynomialTrend
-    coefficients: FloatArray
-    progress: Progress | None = field(default=None, compare=False, repr=False)
-    log_marginal_likelihood: float = 0.0
 
     @classmethod
     def fit(
@@ -80,22 +71,9 @@ class LocalGaussianProcess(Process):
     ) -> Self:
         """Divide the site into tiles; points are conditioned on when a tile is asked for."""
         data = NoisyValues.of(xy, values, sigma_m)
-        part = np.unique(np.linspace(0, len(data) - 1, _N_FOR_TREND).astype(int))
-        sample = DenseGaussianProcess.fit(xy[part], values[part], sigma_m[part], kernel, trend=trend)
         tree = SiteTree.of(data.xy, data.extent(bounds), _N_OWN)
-        return cls(kernel, data, tree, sample.trend, sample.trend_coefficients, progress)
-
-    def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
-        """Return the process that is conditioned on more points, in the same tiles."""
-        return replace(self, data=self.data + NoisyValues.of(xy, values, sigma_m))
-
-    def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean [m] and variance [m²] (M,) at places (M, 2) [m]."""
-        mean, variance = np.empty(len(xy)), np.empty(len(xy))
-        for done, (tile, here) in enumerate(groups := self._grouped(xy)):
-            mean[here], variance[here] = self._local(tile).predict(xy[here])
-            self._report("tiles of the calibration", done + 1, len(groups))
-        return mean + self.trend.columns(xy) @ self.coefficients, variance
+        shape = trend_of_part(xy, values, sigma_m, kernel, trend)
+        return cls(kernel=kernel, data=data, tree=tree, progress=progress, **shape)
 
     def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard deviation (H, W) [m] on the nodes of two axes [m], x rising and y falling."""
@@ -104,27 +82,11 @@ class LocalGaussianProcess(Process):
             rows, columns = self.tree.nodes_in(tile, x, y)
             if rows.start < rows.stop and columns.start < columns.stop:
                 nodes = np.stack(np.meshgrid(x[columns], y[rows]), axis=-1)
-                trend = self.trend.columns(nodes) @ self.coefficients
-                height, spread = self._local(tile).predict_on_axes(x[columns], y[rows])
+                trend = self._trend_at(nodes)
+                height, spread = self._process_of(tile).predict_on_axes(x[columns], y[rows])
                 mean[rows, columns], std[rows, columns] = height + trend, spread
             self._report("tiles of the map", tile + 1, len(self.tree))
         return mean, std
-
-    def gradient(self, xy: FloatArray) -> FloatArray:
-        """Return the slope (M, 2) of the mean [m/m]."""
-        slope = np.empty((len(xy), 2))
-        for done, (tile, here) in enumerate(groups := self._grouped(xy)):
-            slope[here] = self._local(tile).gradient(xy[here])
-            self._report("tiles of the slopes", done + 1, len(groups))
-        return slope + self.trend.gradient @ self.coefficients
-
-    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance (N,) that the neighbours of each point predict for it, tile by tile."""
-        mean, variance = np.empty(len(self.data)), np.empty(len(self.data))
-        for done, (tile, here) in enumerate(groups := self._grouped(self.data.xy)):
-            mean[here], variance[here] = self._left_out(tile, here)
-            self._report("tiles of the outliers", done + 1, len(groups))
-        return mean + self.trend.columns(self.data.xy) @ self.coefficients, variance
 
     def record(self) -> dict[str, Any]:
         """Return name, number of tiles and of neighbours for the record."""
@@ -132,7 +94,7 @@ class LocalGaussianProcess(Process):
 
     def expected_s(self, n_nodes: int) -> float:
         """Return the expected time [s], from that of a few tiles."""
-        groups = self._grouped(self.data.xy)
+        groups = self._tiles_of(self.data.xy)
         some = groups[:: max(len(groups) // _N_TIMED, 1)]
         n_each = max(n_nodes // len(self.tree), 1)
         self._left_out(*groups[0])  # the first call prepares what the others find ready
@@ -141,7 +103,7 @@ class LocalGaussianProcess(Process):
             self._left_out(tile, here)
         between = time.perf_counter()
         for tile, here in some:
-            self._local(tile).predict(np.resize(self.data.xy[here], (n_each, 2)))
+            self._process_of(tile).predict(np.resize(self.data.xy[here], (n_each, 2)))
         ended = time.perf_counter()
         over_points, over_nodes = (between - began) / len(some), (ended - between) / len(some)
         in_tiles = len(groups) * _PASSES_OVER_POINTS * over_points + len(self.tree) * over_nodes
@@ -157,13 +119,11 @@ class LocalGaussianProcess(Process):
         weights = cho_solve((local.factor, True), local.data.values, check_finite=False)[at]
         return local.data.values[at] - weights * variance, variance
 
-    def _local(self, tile: int) -> DenseGaussianProcess:
+    def _process_of(self, tile: int) -> DenseGaussianProcess:
         return self._conditioned(self._near(tile))
 
     def _conditioned(self, near: IntArray) -> DenseGaussianProcess:
-        xy = self.data.xy[near]
-        values = self.data.values[near] - self.trend.columns(xy) @ self.coefficients
-        return DenseGaussianProcess.fit(xy, values, np.sqrt(self.data.noise_m2[near]), self.kernel)
+        return DenseGaussianProcess.fit(*self._without_trend(near), self.kernel)
 
     def _near(self, tile: int, own: IntArray | None = None) -> IntArray:
         """Return the numbers of the points nearest to a tile's centre, with given ones, in ascending order."""
@@ -175,13 +135,9 @@ class LocalGaussianProcess(Process):
     def _points(self) -> cKDTree:
         return cKDTree(self.data.xy)
 
-    def _grouped(self, xy: FloatArray) -> list[tuple[int, IntArray]]:
+    def _tiles_of(self, xy: FloatArray) -> list[tuple[int, IntArray]]:
         """Return the tiles that hold places (M, 2), each with the numbers of its places."""
         tile = self.tree.tile_of(xy)
         order = np.argsort(tile, kind="stable")
         tiles, starts = np.unique(tile[order], return_index=True)
         return list(zip(tiles.tolist(), np.split(order, starts[1:]), strict=True))
-
-    def _report(self, what: str, done: int, total: int) -> None:
-        if self.progress is not None and (done == total or done % max(total // 200, 1) == 0):
-            self.progress(what, done, total)

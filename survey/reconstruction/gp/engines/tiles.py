@@ -1,34 +1,32 @@
 """Fourier Gaussian process in tiles, each conditioned on the points within it and a halo around it."""
 
 import time
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from survey.core.arrays import BoolArray, Bounds, FloatArray, IntArray, Progress
 from survey.core.errors import CapacityError, InputError
 from survey.reconstruction.gp.covariance.kernels import Kernel
-from survey.reconstruction.gp.engines.base import Process
-from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
+from survey.reconstruction.gp.engines.divided import DividedGaussianProcess, trend_of_part
 from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
 from survey.reconstruction.gp.engines.fourier.resolution import resolve, sharpest_std_m
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
-from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend, TrendName
+from survey.reconstruction.gp.engines.polynomial_trend import TrendName
 
 HALO_LENGTHS = 7.0
 """Width of the halo in length scales; at 7 the map differs from the whole one's by less than a centimetre."""
 
 _LARGEST_HALVINGS = 7
-_N_FOR_TREND = 800
 _N_TIMED = 5000
 # Every tile is conditioned for the outliers, for the calibration, and for the map.
 _PASSES = 3.0
 _SECONDS_PER_NODE = 1e-6
 
 
-@dataclass(frozen=True)
-class TiledGaussianProcess(Process):
+@dataclass(frozen=True, kw_only=True)
+class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
     """A process whose tiles are conditioned one after the other, when they are asked.
 
     Parameters
@@ -54,18 +52,10 @@ class TiledGaussianProcess(Process):
     likelihood exists: `log_marginal_likelihood` is 0.
     """
 
-    divides_site: ClassVar = True
-
-    kernel: Kernel
-    data: NoisyValues
     site: Bounds
     n_tiles: tuple[int, int]
-    trend: PolynomialTrend
-    coefficients: FloatArray
     tolerance_m: float
     memory_mb: float
-    log_marginal_likelihood: float = 0.0
-    progress: Progress | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def fit(
@@ -92,31 +82,16 @@ class TiledGaussianProcess(Process):
         site = data.extent(bounds)
         sharpest = sharpest_std_m(kernel, data.xy, data.noise_m2)
         n_tiles = _tiling(kernel, site, sharpest, tolerance_m=tolerance_m, memory_mb=memory_mb)
-        part = np.unique(np.linspace(0, len(data) - 1, _N_FOR_TREND).astype(int))
-        sample = DenseGaussianProcess.fit(xy[part], values[part], sigma_m[part], kernel, trend=trend)
         return cls(
-            kernel,
-            data,
-            site,
-            n_tiles,
-            sample.trend,
-            sample.trend_coefficients,
-            tolerance_m,
-            memory_mb,
+            kernel=kernel,
+            data=data,
+            site=site,
+            n_tiles=n_tiles,
+            tolerance_m=tolerance_m,
+            memory_mb=memory_mb,
             progress=progress,
+            **trend_of_part(xy, values, sigma_m, kernel, trend),
         )
-
-    def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
-        """Return the process that knows more points; tiles are conditioned again when asked."""
-        return replace(self, data=self.data + NoisyValues.of(xy, values, sigma_m))
-
-    def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return mean [m] and variance [m²] (M,) at places (M, 2) [m]."""
-        mean, variance = np.empty(len(xy)), np.empty(len(xy))
-        for done, (tile, here) in enumerate(tiles := self._tiles_of(xy)):
-            mean[here], variance[here] = self._tile(tile).predict(xy[here])
-            self._report("tiles of the calibration", done + 1, len(tiles))
-        return mean + self.trend.columns(xy) @ self.coefficients, variance
 
     def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and standard deviation (H, W) [m] on the nodes of two axes [m]."""
@@ -126,32 +101,14 @@ class TiledGaussianProcess(Process):
         for column in np.unique(columns):
             for row in np.unique(rows):
                 i, j = np.flatnonzero(rows == row), np.flatnonzero(columns == column)
-                tile = self._tile((int(column), int(row)))
+                tile = self._process_of((int(column), int(row)))
                 part = np.ix_(i, j)
                 mean[part], std[part] = tile.predict_on_axes(x[j], y[i])
                 nodes = np.stack(np.meshgrid(x[j], y[i]), axis=-1)
-                mean[part] += self.trend.columns(nodes) @ self.coefficients
+                mean[part] += self._trend_at(nodes)
                 done += 1
                 self._report("tiles of the map", done, self.n_tiles[0] * self.n_tiles[1])
         return mean, std
-
-    def gradient(self, xy: FloatArray) -> FloatArray:
-        """Return the slope (M, 2) of the mean [m/m]."""
-        slope = np.empty((len(xy), 2))
-        for tile, here in self._tiles_of(xy):
-            slope[here] = self._tile(tile).gradient(xy[here])
-        return slope + self.trend.gradient @ self.coefficients
-
-    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance (N,) that the others predict for each point, tile by tile."""
-        mean, variance = np.empty(len(self.data)), np.empty(len(self.data))
-        for done, (tile, here) in enumerate(tiles := self._tiles_of(self.data.xy)):
-            process = self._tile(tile)
-            inside = here[self._near(tile)]
-            one, two = process.leave_one_out()
-            mean[here], variance[here] = one[inside], two[inside]
-            self._report("tiles of the outliers", done + 1, len(tiles))
-        return mean + self.trend.columns(self.data.xy) @ self.coefficients, variance
 
     def require_settled(self) -> None:
         """Condition the tile with the most points, to know that its mean settles.
@@ -162,7 +119,7 @@ class TiledGaussianProcess(Process):
             It does not.
         """
         tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
-        self._tile(tile).predict(self.data.xy[here][:1])
+        self._process_of(tile).predict(self.data.xy[here][:1])
 
     def record(self) -> dict[str, Any]:
         """Return name and number of tiles for the record."""
@@ -178,14 +135,16 @@ class TiledGaussianProcess(Process):
         """
         tile, here = max(self._tiles_of(self.data.xy), key=lambda pair: int(pair[1].sum()))
         began = time.perf_counter()
-        self._tile(tile).predict(self.data.xy[here][:_N_TIMED])
+        self._process_of(tile).predict(self.data.xy[here][:_N_TIMED])
         seconds = time.perf_counter() - began
         n_tiles = self.n_tiles[0] * self.n_tiles[1]
         return n_tiles * _PASSES * seconds + n_nodes * _SECONDS_PER_NODE
 
-    def _report(self, what: str, done: int, total: int) -> None:
-        if self.progress is not None:
-            self.progress(what, done, total)
+    def _left_out(self, tile: tuple[int, int], own: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the leave-one-out mean and variance of the points of a tile, without the trend."""
+        inside = own[self._near(tile)]
+        mean, variance = self._process_of(tile).leave_one_out()
+        return mean[inside], variance[inside]
 
     def _tiles_of(self, xy: FloatArray) -> list[tuple[tuple[int, int], BoolArray]]:
         """Tiles that hold places, each with the mask of its places."""
@@ -212,18 +171,15 @@ class TiledGaussianProcess(Process):
         near: BoolArray = (x >= xmin - halo) & (x <= xmax + halo) & (y >= ymin - halo) & (y <= ymax + halo)
         return near
 
-    def _tile(self, tile: tuple[int, int]) -> FourierGaussianProcess:
+    def _process_of(self, tile: tuple[int, int]) -> FourierGaussianProcess:
         near = self._near(tile)
         if not near.any():
             raise InputError(
                 f"no point lies within {HALO_LENGTHS:g} length scales of the ground about "
                 f"{tuple(round(b, 1) for b in self._bounds(tile))}; map a smaller area, or give a longer length scale."
             )
-        xy = self.data.xy[near]
         return FourierGaussianProcess.fit(
-            xy,
-            self.data.values[near] - self.trend.columns(xy) @ self.coefficients,
-            np.sqrt(self.data.noise_m2[near]),
+            *self._without_trend(near),
             self.kernel,
             bounds=self._bounds(tile),
             tolerance_m=self.tolerance_m,
