@@ -1,6 +1,6 @@
 """Choice of the Gaussian-process engine for the size of a task."""
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from survey.core.arrays import Bounds, FloatArray, Progress
 from survey.core.errors import CapacityError
@@ -36,68 +36,62 @@ def conditioned(
     """
     if engine == "dense" or len(xy) <= _N_DENSE:
         return DenseGaussianProcess.fit(xy, values, sigma_m, kernel, trend=trend)
-    site = NoisyValues.of(xy, values, sigma_m).extent(bounds)
-    whole = _in_waves(kernel, xy, values, sigma_m, site, bounds=bounds, trend=trend, config=config)
-    if whole is not None:
-        return whole
-    tiles = _in_tiles(
-        kernel, xy, values, sigma_m, bounds=bounds, trend=trend, config=config, progress=progress
-    )
-    if tiles is not None:
+    task = _LargeTask(kernel, xy, values, sigma_m, bounds, trend, config, progress)
+    return task.in_waves() or task.in_tiles() or task.in_neighbourhoods()
+
+
+class _LargeTask(NamedTuple):
+    """Points to condition on, too many for the dense engine."""
+
+    kernel: Kernel
+    xy: FloatArray
+    values: FloatArray
+    sigma_m: FloatArray
+    bounds: Bounds | None
+    trend: TrendName
+    config: GaussianProcessConfig
+    progress: Progress | None
+
+    @property
+    def _limits(self) -> dict[str, float]:
+        return {"tolerance_m": self.config.tolerance_m, "memory_mb": self.config.memory_mb}
+
+    @property
+    def _points(self) -> tuple[FloatArray, FloatArray, FloatArray, Kernel]:
+        return self.xy, self.values, self.sigma_m, self.kernel
+
+    def in_waves(self) -> Process | None:
+        """Condition the whole site in Fourier waves; None where they do not fit, or their mean does not settle."""
+        # Here, because compiling support costs half a second that other methods need not pay.
+        from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
+        from survey.reconstruction.gp.engines.fourier.rough_resolution import resolution_for
+
+        site = NoisyValues.of(self.xy, self.values, self.sigma_m).extent(self.bounds)
+        try:
+            resolution = resolution_for(self.kernel, site, self.xy, self.sigma_m**2, **self._limits)
+            return FourierGaussianProcess.fit(
+                *self._points, bounds=self.bounds, trend=self.trend, resolution=resolution
+            )
+        except CapacityError:
+            return None
+
+    def in_tiles(self) -> Process | None:
+        """Divide the site into tiles in Fourier waves; None where no tile fits, or its mean does not settle."""
+        from survey.reconstruction.gp.engines.tiles import TiledGaussianProcess
+
+        try:
+            tiles = TiledGaussianProcess.fit(
+                *self._points, bounds=self.bounds, trend=self.trend, progress=self.progress, **self._limits
+            )
+            tiles.require_settled()
+        except CapacityError:
+            return None
         return tiles
-    from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
 
-    return LocalGaussianProcess.fit(
-        xy, values, sigma_m, kernel, bounds=bounds, trend=trend, progress=progress
-    )
+    def in_neighbourhoods(self) -> Process:
+        """Map every small tile from its nearest points."""
+        from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
 
-
-def _in_waves(
-    kernel: Kernel,
-    xy: FloatArray,
-    values: FloatArray,
-    sigma_m: FloatArray,
-    site: Bounds,
-    *,
-    bounds: Bounds | None,
-    trend: TrendName,
-    config: GaussianProcessConfig,
-) -> Process | None:
-    """Condition the whole site in Fourier waves; None where they do not fit, or their mean does not settle."""
-    # Here, because compiling support costs half a second that other methods need not pay.
-    from survey.reconstruction.gp.engines.fourier.gaussian_process import FourierGaussianProcess
-    from survey.reconstruction.gp.engines.fourier.rough_resolution import resolution_for
-
-    limits = {"tolerance_m": config.tolerance_m, "memory_mb": config.memory_mb}
-    try:
-        resolution = resolution_for(kernel, site, xy, sigma_m**2, **limits)
-        return FourierGaussianProcess.fit(
-            xy, values, sigma_m, kernel, bounds=bounds, trend=trend, resolution=resolution
+        return LocalGaussianProcess.fit(
+            *self._points, bounds=self.bounds, trend=self.trend, progress=self.progress
         )
-    except CapacityError:
-        return None
-
-
-def _in_tiles(
-    kernel: Kernel,
-    xy: FloatArray,
-    values: FloatArray,
-    sigma_m: FloatArray,
-    *,
-    bounds: Bounds | None,
-    trend: TrendName,
-    config: GaussianProcessConfig,
-    progress: Progress | None,
-) -> Process | None:
-    """Divide the site into tiles in Fourier waves; None where no tile fits, or its mean does not settle."""
-    from survey.reconstruction.gp.engines.tiles import TiledGaussianProcess
-
-    limits = {"tolerance_m": config.tolerance_m, "memory_mb": config.memory_mb}
-    try:
-        tiles = TiledGaussianProcess.fit(
-            xy, values, sigma_m, kernel, bounds=bounds, trend=trend, progress=progress, **limits
-        )
-        tiles.require_settled()
-    except CapacityError:
-        return None
-    return tiles
