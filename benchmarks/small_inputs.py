@@ -40,6 +40,11 @@ length_scale_m = 80.0
 [[planners]]
 pattern = "lawnmower"
 """
+SECOND_PATTERN = """
+[[planners]]
+pattern = "piecewise-continuous"
+"""
+"""Another planner for `STUDY`."""
 BARE_SCENERY = {
     "dune_sd_m": 0.0,
     "sastrugi_sd_m": 0.0,

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -15,6 +14,7 @@ from survey.core.files.writing import replacing
 from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, png_bytes, styled
 from survey.reporting.pictures import Picture
 from survey.reporting.quantities import number, percent
+from survey.reporting.rendering import rendered
 from survey.scoring.standards.map_classes import map_classes
 
 _DASHES = ("-", (0, (4, 1.5)), ":", (0, (6, 1, 1, 1)))
@@ -111,15 +111,9 @@ def draw_limits(axes: Axes, limit_m: float, *, named: bool = True) -> None:
 
 
 def _render(study: StudyConfig, rows: Sequence[SummaryRow], pictures: dict[str, Picture]) -> str:
-    environment = Environment(
-        loader=PackageLoader("survey.reporting", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     settings = tomlkit.dumps(study.model_dump(mode="json", exclude_none=True))
-    return environment.get_template("montecarlo.html.j2").render(
+    return rendered(
+        "montecarlo.html.j2",
         title=study.name,
         trials=study.trials,
         fidelity=study.fidelity,

@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from survey.core.errors import InputError
 from survey.core.files.writing import replacing
 from survey.reporting import summary_text as words
 from survey.reporting.pictures import Picture, pictures_of
 from survey.reporting.quantities import named_values, setting
+from survey.reporting.rendering import rendered
 from survey.reporting.score_rows import score_rows
 from survey.reporting.surveyed import SurveyResults
 
@@ -57,7 +56,8 @@ def write_report(
     if not place.parent.is_dir():
         raise InputError(f"the report folder {place} has no parent folder; create {place.parent} first.")
     pictures = pictures_of(survey)
-    page = _render(
+    page = rendered(
+        "report.html.j2",
         title=title,
         pictures=pictures,
         localization=named_values(localization or {}),
@@ -86,18 +86,6 @@ def _said(survey: SurveyResults) -> dict[str, object]:
         "hyperparameters": {name: setting(v) for name, v in reconstruction.hyperparameters.items()},
         "crs": f"{reconstruction.mean.crs.name}, heights above {datum}",
     }
-
-
-def _render(**content: object) -> str:
-    environment = Environment(
-        loader=PackageLoader("survey.reporting", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template("report.html.j2").render(**content)
 
 
 def _write(folder: Path, page: str, pictures: Mapping[str, Picture]) -> Path:

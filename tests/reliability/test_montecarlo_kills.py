@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.small_inputs import SECOND_PATTERN
+from benchmarks.small_inputs import STUDY as SMALL_STUDY
 from sim.executors import run_on_dask
 from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
@@ -19,24 +21,11 @@ from sim.montecarlo.study import run_study
 from sim.montecarlo.trials import survey_block
 from survey.core.streams import stream
 
-STUDY = """
-schema_version = 1
-name = "killed"
-seed = 5
-trials = {trials}
-swaths = [2, 3]
-map_step_m = 25.0
-[[terrains]]
-source = "random"
-name = "smooth"
-family = "squared-exponential"
-size_m = 200.0
-length_scale_m = 80.0
-[[planners]]
-pattern = "lawnmower"
-[[planners]]
-pattern = "piecewise-continuous"
-"""
+STUDY = (
+    "seed = 5\n"
+    + SMALL_STUDY.replace("trials = 3", "trials = {trials}").replace("[2]", "[2, 3]")
+    + SECOND_PATTERN
+)
 MONTECARLO = (sys.executable, "-m", "sim.cli.main", "montecarlo", "s.toml", "--runs", "runs", "-q")
 TABLES = ("trials.parquet", "trials.csv", "summary.csv", "minimum_swaths.csv", "index.html")
 
@@ -96,7 +85,7 @@ def undisturbed(folder: Path) -> dict[str, bytes]:
 def test_killed_parents_and_workers_change_no_byte(tmp_path):
     (tmp_path / "s.toml").write_text(STUDY.format(trials=400))
     killed_again_and_again(tmp_path, 3)
-    assert bytes_of(tmp_path / "runs" / "killed") == undisturbed(tmp_path)
+    assert bytes_of(tmp_path / "runs" / "small") == undisturbed(tmp_path)
 
 
 @pytest.mark.reliability
@@ -107,7 +96,7 @@ def test_killed_parents_and_workers_change_no_byte(tmp_path):
 def test_many_kills_change_no_byte(tmp_path):
     (tmp_path / "s.toml").write_text(STUDY.format(trials=1500))
     killed_again_and_again(tmp_path, int(os.environ["FIRNLINE_KILLS"]))
-    assert bytes_of(tmp_path / "runs" / "killed") == undisturbed(tmp_path)
+    assert bytes_of(tmp_path / "runs" / "small") == undisturbed(tmp_path)
 
 
 @pytest.mark.reliability

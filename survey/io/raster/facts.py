@@ -6,11 +6,8 @@ from typing import Any, NamedTuple
 from affine import Affine
 
 from survey.core.crs.vertical_datum import UNSTATED
-from survey.core.files.library_messages import warnings_logged
 from survey.core.files.reading import existing_file
-from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
-from survey.io.raster.hdf5 import refuse_unreadable
-from survey.io.raster.opening import LARGEST_CELLS, damaged, gdal_faults, opened_dataset
+from survey.io.raster.opening import opened_dataset, opened_list_of_bands
 from survey.io.raster.strips import opened_raster
 
 VERTICAL_TAG = "VERTICAL_DATUM"
@@ -119,23 +116,10 @@ def band_names(path: str | Path) -> list[str]:
     list of str
         One name per band.
     """
-    import rasterio
-
-    file = existing_file(path, "the raster")
-    check_raster_file(file)
-    if file.suffix.lower() == ".nc":
-        refuse_unreadable(file, LARGEST_CELLS)
-    try:
-        with (
-            warnings_logged(),
-            rasterio.Env(**OFFLINE),
-            rasterio.open(str(file.absolute()), driver=RASTER_DRIVERS[file.suffix.lower()]) as source,
-        ):
-            if source.subdatasets:
-                return [part.rsplit(":", 1)[1] for part in source.subdatasets]
-            described = [d or "" for d in source.descriptions]
-    except gdal_faults() as error:
-        raise damaged(file, error) from error
+    with opened_list_of_bands(existing_file(path, "the raster")) as source:
+        if source.subdatasets:
+            return [part.rsplit(":", 1)[1] for part in source.subdatasets]
+        described = [d or "" for d in source.descriptions]
     if len(described) == 1 and not described[0]:
         return ["elevation"]
     return [name or f"band_{k}" for k, name in enumerate(described, start=1)]

@@ -27,18 +27,35 @@ def opened_dataset(file: Path, band: int) -> Iterator[Any]:
     """Open a raster by the driver of its suffix, after its content has been checked."""
     import rasterio  # GDAL is loaded when first needed: maps from arrays do without its 20 MB
 
+    with _checked(file), rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES, **OFFLINE), _dataset(file, band) as source:
+        if source.tags(ns="OVERVIEWS"):
+            raise InputError(f"{file} names a file of overviews; write it again (gdal_translate).")
+        yield source
+
+
+@contextmanager
+def opened_list_of_bands(file: Path) -> Iterator[Any]:
+    """Open a raster for its bands alone: a NetCDF file with several variables lists them as data sets."""
+    import rasterio
+
+    driver = RASTER_DRIVERS[file.suffix.lower()]
+    with (
+        _checked(file),
+        rasterio.Env(**OFFLINE),
+        rasterio.open(str(file.absolute()), driver=driver) as source,
+    ):
+        yield source
+
+
+@contextmanager
+def _checked(file: Path) -> Iterator[None]:
+    """Check a raster's content before it is opened; refuse a damaged one in one sentence."""
     check_raster_file(file)
     if file.suffix.lower() == ".nc":
         refuse_unreadable(file, LARGEST_CELLS)
     try:
-        with (
-            warnings_logged(),
-            rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES, **OFFLINE),
-            _dataset(file, band) as source,
-        ):
-            if source.tags(ns="OVERVIEWS"):
-                raise InputError(f"{file} names a file of overviews; write it again (gdal_translate).")
-            yield source
+        with warnings_logged():
+            yield
     except gdal_faults() as error:
         raise damaged(file, error) from error
 

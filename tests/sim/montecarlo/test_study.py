@@ -9,6 +9,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from benchmarks.small_inputs import SECOND_PATTERN
+from benchmarks.small_inputs import STUDY as SMALL_STUDY
 from sim.executors import run_all
 from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
@@ -21,24 +23,7 @@ from survey import Dem, Grid, reconstruct
 from survey.core.errors import CapacityError, ConfigError, InputError
 from survey.core.runs.manifest import read_record
 
-STUDY = """
-schema_version = 1
-name = "small"
-seed = 5
-trials = 3
-swaths = [2, 3]
-map_step_m = 25.0
-[[terrains]]
-source = "random"
-name = "smooth"
-family = "squared-exponential"
-size_m = 200.0
-length_scale_m = 80.0
-[[planners]]
-pattern = "lawnmower"
-[[planners]]
-pattern = "piecewise-continuous"
-"""
+STUDY = "seed = 5\n" + SMALL_STUDY.replace("swaths = [2]", "swaths = [2, 3]") + SECOND_PATTERN
 
 
 @pytest.fixture
