@@ -1,6 +1,6 @@
 """Choice of the Gaussian-process engine for the size of a task."""
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from survey.core.arrays import Bounds, FloatArray, Progress
 from survey.core.errors import CapacityError
@@ -53,7 +53,7 @@ class _LargeTask(NamedTuple):
     progress: Progress | None
 
     @property
-    def _limits(self) -> dict[str, float]:
+    def _limits(self) -> dict[str, Any]:
         return {"tolerance_m": self.config.tolerance_m, "memory_mb": self.config.memory_mb}
 
     @property
