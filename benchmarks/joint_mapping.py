@@ -17,8 +17,9 @@ from sim.studies.glacier.joint_cases import AREA, CASES, CRS, GRAVITY, KERNEL, N
 from sim.studies.glacier.joint_map import SurveyOutcome, judged, mission_of, site, survey_once
 from survey.data.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
+from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.prior import SatelliteErrors
 from vision_slam import localize
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
@@ -27,7 +28,7 @@ FIRST_SEED = 6000
 TAUS_S = (60.0, 300.0)
 _CONVINCING = 5.4
 MEASURED, LEVEL, STAKED = CASES[3], CASES[4], CASES[5]
-OFFSET_KNOWN = JointConfig(satellite=SatelliteErrors(sigma_m=1.0, datum_sigma_m=1.0))
+OFFSET_KNOWN = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=1.0, datum_sigma_m=1.0))
 UNKNOWN_START = Case("unknown start", aids={**GRAVITY, "start": "unknown"})
 SATELLITE_OFFSET = Case("satellite 1 m off", aids=GRAVITY, satellite_offset_m=1.0, joint=OFFSET_KNOWN)
 LEARNED = replace(

@@ -31,12 +31,13 @@ from survey.core.errors import CapacityError
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
+from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.prior import SatelliteErrors
 from vision_slam import localize
 
 SEEDS = tuple(int(seed) for seed in os.environ.get("FIRNLINE_SURVEY_SEEDS", "71,72,73").split(","))
-STATED = JointConfig(satellite=SatelliteErrors(sigma_m=1.0), bow_sigma_deg=0.3)
+STATED = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=1.0), bow_sigma_deg=0.3)
 """Landmarks of the development surveys rose by 0.15 to 0.3 degrees ahead, and sank by up to 0.15 aside."""
 PROFILES: dict[str, Profile] = {"tau 60 s": "gauss-markov-60", "tau 300 s": "gauss-markov-300"}
 _OTHERS = ("inertial", "barometer", "base_barometer", "stakes", "stake_sightings")

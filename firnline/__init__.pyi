@@ -78,7 +78,6 @@ from survey.reconstruction.base import Reconstruction as Reconstruction
 from survey.reconstruction.carving.config import SpaceCarvingConfig as SpaceCarvingConfig
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig as JointConfig
-from survey.reconstruction.gp.config import SatelliteErrors as SatelliteErrors
 from survey.reconstruction.gp.covariance.stationary import Kernel as Kernel
 from survey.reconstruction.gp.mean import Mean as Mean
 from survey.reconstruction.joint.correction import PathCorrection as PathCorrection
@@ -89,6 +88,7 @@ from survey.reconstruction.method import MappingTask as MappingTask
 from survey.reconstruction.method import ReconstructionMethod as ReconstructionMethod
 from survey.reconstruction.method import ScanModel as ScanModel
 from survey.reconstruction.method import ScanSettings as ScanSettings
+from survey.reconstruction.prior import SatelliteErrors as SatelliteErrors
 from survey.reconstruction.reconstruct import reconstruct as reconstruct
 from survey.reconstruction.registry import ReconstructionConfig as ReconstructionConfig
 from survey.scoring.accuracy import Calibration as Calibration

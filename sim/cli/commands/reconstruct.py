@@ -19,6 +19,14 @@ _Sources = Annotated[
     ),
 ]
 _Prior = Annotated[Path | None, typer.Option("--prior", help="Coarse elevation raster to build around.")]
+_Product = Annotated[
+    str | None,
+    typer.Option(
+        "--product",
+        help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
+        "unknown, or unbiased for exact level and independent errors.  [default: unknown]",
+    ),
+]
 _Grid = Annotated[
     float | None,
     typer.Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
@@ -69,6 +77,7 @@ _Force = Annotated[bool, typer.Option("--force", help="Replace a reconstruction 
 def reconstruct(
     sources: _Sources,
     prior: _Prior = None,
+    product: _Product = None,
     grid: _Grid = None,
     area: _Area = None,
     method: _Method = None,
@@ -118,6 +127,7 @@ def reconstruct(
         method=method,
         step_m=grid,
         rays=rays,
+        product=product,
         settings=settings or (),
         prior=prior,
         area=area,

@@ -68,6 +68,7 @@ def map_request(
     method: str | None,
     step_m: float | None,
     rays: bool,
+    product: str | None,
     settings: Sequence[str],
     **options: Any,
 ) -> MapRequest:
@@ -86,11 +87,17 @@ def map_request(
     if step_m is not None:
         require_nodes((0.0, 0.0, 0.0, 0.0), step_m, 0.0)
     values = {"reconstruction": {key: value for key, value in given.items() if value is not None}}
+    if product is not None:
+        settings = [f"reconstruction.joint.satellite.product={product}", *settings]
     config = validated(_Settings, with_overrides(values, settings), "--set").reconstruction
     chosen = method_named(config.method)
     default_m = _SCAN_STEP_M if _are_scans(sources, chosen) else _STEP_M
     is_stated = "grid_step_m" in config.model_fields_set
     request = MapRequest(sources, chosen, config, config.grid_step_m if is_stated else default_m, **options)
+    if product is not None and request.prior is None:
+        raise InputError(
+            "--product names the class of a prior; add --prior with its file, or leave --product out."
+        )
     _refuse_unused(request)
     return request
 

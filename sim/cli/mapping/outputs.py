@@ -85,3 +85,9 @@ def _print_findings(result: survey.Reconstruction) -> None:
     n_low = result.diagnostics.get("n_low_returns", 0)
     if n_low:
         typer.echo(f"  {n_low} isolated low returns were left out")
+    offset_m = result.diagnostics.get("satellite_offset_m")
+    if offset_m is not None:
+        sigma_m = result.diagnostics["satellite_offset_m_sigma"]
+        typer.echo(f"  the prior lies {offset_m:+.2f} ± {sigma_m:.2f} m from the map")
+    for conflict in result.diagnostics.get("prior_conflicts", ()):
+        typer.echo(f"  warning: {conflict}")

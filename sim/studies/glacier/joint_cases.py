@@ -7,7 +7,8 @@ from survey.core.crs.checks import projected_crs
 from survey.data.area import SurveyArea
 from survey.data.grid import Grid
 from survey.reconstruction import GaussianProcessConfig
-from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
+from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.prior import SatelliteErrors
 
 CRS = projected_crs("EPSG:32608", "the study")
 SIDE_M, RELIEF_M, MICRO_RELIEF_M = 600.0, 25.0, 0.15
@@ -33,7 +34,7 @@ KERNEL = GaussianProcessConfig(
     mean="plane",
     tolerance_m=5e-3,
 )
-STATED = JointConfig(satellite=SatelliteErrors(sigma_m=1.0))
+STATED = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=1.0))
 """Error of the satellite prior as its product states it."""
 
 

@@ -7,19 +7,7 @@ from pydantic import Field, model_validator
 from survey.core.config import Section
 from survey.reconstruction.gp.covariance.families import KernelFamily, KernelSetting, kernel_of
 from survey.reconstruction.gp.covariance.kernels import Kernel
-
-
-class SatelliteErrors(Section):
-    """What is stated of a satellite's elevation model when its cells count as measurements."""
-
-    sigma_m: float | None = Field(default=None, gt=0)
-    """Error of a cell, independent of its neighbours' [m]; the likeliest, given the landmarks, when left out."""
-    correlated_sigma_m: float = Field(default=0.0, ge=0)
-    """Error that neighbouring cells share [m]."""
-    correlation_m: float = Field(default=200.0, gt=0)
-    """Distance over which they share it [m]."""
-    datum_sigma_m: float = Field(default=0.0, ge=0)
-    """What all cells may be too high or too low by, against the survey's datum [m]."""
+from survey.reconstruction.prior import SatelliteErrors
 
 
 class JointConfig(Section):
@@ -80,6 +68,8 @@ class GaussianProcessConfig(Section):
     """How a satellite prior is read between its cell centres."""
     prior_sigma_m: float | None = Field(default=None, ge=0)
     """Standard deviation of a prior's cell [m], 0 when left out; a fit finds it from the points and takes none."""
+    prior_level: Literal["exact", "estimated"] = "exact"
+    """Whether a prior's level is exact, or an offset of the map from it is estimated."""
     horizontal_errors: Literal["slope", "marginal"] = "slope"
     """What becomes of x-y uncertainty: carried through the slope, or dropped as in Eq. 7."""
     robust: bool = False
@@ -103,6 +93,23 @@ class GaussianProcessConfig(Section):
                 "fit = false with several scales needs second_variance_m2 and second_length_scale_m"
             )
         return self
+
+    def trend(self, *, has_prior: bool) -> Literal["none", "constant", "plane"]:
+        """Return what is estimated beside the process: the mean, or the offset from a prior's level.
+
+        Parameters
+        ----------
+        has_prior : bool
+            Whether the map is built around a prior.
+
+        Returns
+        -------
+        {"none", "constant", "plane"}
+            The trend.
+        """
+        if not has_prior:
+            return self.mean
+        return "constant" if self.prior_level == "estimated" else "none"
 
     @property
     def stated_length_m(self) -> float | None:

@@ -28,7 +28,8 @@ from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
 from survey.reconstruction.gp.process import EngineName, conditioned
 from survey.reconstruction.gp.satellite import with_prior_error
-from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest, stated_family
+from survey.reconstruction.gp.selection.families import likeliest
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, stated_family
 from survey.reconstruction.gp.slopes import steepness_on_axes
 from survey.reconstruction.gp.volume import Volume, quadrature
 from survey.reconstruction.observations import Observations
@@ -434,7 +435,7 @@ class GaussianProcessTerrain(TerrainModel):
             residual,
             np.sqrt(variance + found.nugget_m**2),
             bounds=bounds or self.bounds,
-            trend="none" if self.prior is not None else self.config.mean,
+            trend=self.config.trend(has_prior=self.prior is not None),
             config=self.config,
             progress=None if self.watch is None else self.watch.progress,
         )

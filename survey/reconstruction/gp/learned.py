@@ -13,7 +13,7 @@ from survey.reconstruction.base import UNSEEN
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.mean import Mean
-from survey.reconstruction.gp.selection.families import Hyperparameters
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 from survey.reconstruction.support import support_codes
 

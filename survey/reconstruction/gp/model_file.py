@@ -20,7 +20,7 @@ from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.process import EngineName, conditioned
 from survey.reconstruction.gp.satellite import prior_error_kernel
-from survey.reconstruction.gp.selection.families import Hyperparameters
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 
 _FORMAT = "firnline terrain model 1"
@@ -122,7 +122,7 @@ def _rebuilt(arrays: dict[str, Any], facts: dict[str, Any]) -> TerrainState:
         arrays["values"],
         np.sqrt(arrays["noise_m2"]),
         bounds=tuple(facts["bounds"]) if facts["bounds"] else None,
-        trend="none" if prior is not None else config.mean,
+        trend=config.trend(has_prior=prior is not None),
         config=config,
     )
     mean = (

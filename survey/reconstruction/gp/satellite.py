@@ -6,7 +6,7 @@ import numpy as np
 
 from survey.reconstruction.gp.covariance.kernel_sum import Sum
 from survey.reconstruction.gp.covariance.kernels import Kernel, SquaredExponential
-from survey.reconstruction.gp.selection.families import Hyperparameters
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 
 
 def prior_error_kernel(cell_m: float, sigma_m: float) -> Kernel:

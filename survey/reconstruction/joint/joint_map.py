@@ -1,7 +1,7 @@
 """Joint estimate of map and path: set-up of the linear system from points, path and satellite cells."""
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -27,15 +27,17 @@ from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
-from survey.reconstruction.gp.selection.families import Hyperparameters, likeliest, stated_family
+from survey.reconstruction.gp.selection.families import with_landforms
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, stated_family
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
+from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.joint.solution import JointMap, JointSolution
 from survey.reconstruction.terrain_model import local_datum_m
 
-CANDIDATES: tuple[KernelFamily, ...] = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
+CANDIDATES: tuple[KernelFamily, ...] = ("two-scale-matern", "two-scale-mixed", "three-scale")
 """What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,
 which landmarks constrain so well that two scales go to these, and gaps between swaths would be mapped too boldly."""
 
@@ -97,17 +99,31 @@ class JointTerrain:
 
     def solved(self, points: SurfacePoints, bounds: Bounds) -> JointSolution:
         """Solve for the terrain within bounds (xmin, ymin, xmax, ymax) [m], and the path."""
+        return self.completed(self.from_points(points, bounds))
+
+    def from_points(
+        self, points: SurfacePoints, bounds: Bounds, candidates: list[Hyperparameters] | None = None
+    ) -> PointsOnly:
+        """Fit kernels to the points, without the prior, or take those that are given."""
         plane = _plane(points.xy, points.z)
         slope = np.tile(plane[1:], (len(points), 1))
-        found = self._hyperparameters(points, slope, plane)
-        cells = self._cells(points, bounds)
-        if cells is not None and self.joint.satellite.sigma_m is None:
-            alone = self._solution(points, bounds, found, slope, None)
-            cells = cells.with_sigma(cells.likeliest_sigma_m(*alone.cell_means(cells)))
-            slope = alone.gradient(points.xy)
+        fitted = self._candidates(points, slope, plane) if candidates is None else candidates
+        return PointsOnly(points, bounds, slope, fitted, partial(self._solution, cells=None))
+
+    def completed(self, alone: PointsOnly) -> JointSolution:
+        """Choose a kernel with the prior's cells, and solve with them."""
+        points, bounds, slope = alone.points, alone.bounds, alone.slope
+        found, cells = alone.candidates[0], self._cells(points, bounds)
+        conflicts: tuple[str, ...] = ()
+        if cells is not None:
+            found, cells, conflicts = chosen(alone, cells, self.joint.satellite.model())
+            slope = alone.solution(found).gradient(points.xy)
         for _ in range(self.joint.slope_passes - 1):
-            slope = self._solution(points, bounds, found, slope, cells).gradient(points.xy)
-        return self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
+            rough = self._solution(points, bounds, found, slope, cells)
+            slope = rough.gradient(points.xy)
+            cells = None if cells is None else cells.with_slope(rough.gradient(cells.centre))
+        solution = self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
+        return replace(solution, conflicts=conflicts)
 
     @cached_property
     def _modes(self) -> FloatArray:
@@ -119,13 +135,14 @@ class JointTerrain:
             return SharedError.full(points, self.path, slope)
         return SharedError.dominant(points, self.path, slope, self._modes)
 
-    def _hyperparameters(
+    def _candidates(
         self, points: SurfacePoints, slope: FloatArray, plane: FloatArray
-    ) -> Hyperparameters:
+    ) -> list[Hyperparameters]:
+        """Return the stated hyperparameters, or fits of several kernels, the likeliest first."""
         config, bow = self.config, self._bow_columns(points)
         if not config.fit:
             family = stated_family(config)
-            return Hyperparameters(family, config.stated_kernel(), config.nugget_m or 0.0, 0.0)
+            return [Hyperparameters(family, config.stated_kernel(), config.nugget_m or 0.0, 0.0)]
         rows = SharedError.full(points, self.path, slope).rows
         residual = points.z - _columns(points.xy) @ plane
         own = _own_variance(points, slope)
@@ -133,7 +150,7 @@ class JointTerrain:
         def shared(part: IntArray) -> FloatArray:
             return self.path.covariance(rows[part]) + (bow[part] * self._bow_rad**2) @ bow[part].T
 
-        return likeliest(points.xy, residual, own, config, shared, candidates=CANDIDATES)
+        return with_landforms(points.xy, residual, own, config, shared, candidates=CANDIDATES)
 
     @property
     def _bow_rad(self) -> float:
@@ -162,8 +179,8 @@ class JointTerrain:
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
         trend = PolynomialTrend("plane", basis.box)
         columns, bow = trend.columns(points.xy), self._bow_columns(points)
-        has_offset = cells is not None and cells.datum_sigma_m > 0.0
-        more = np.column_stack([columns, bow, np.zeros((len(points), int(has_offset)))])
+        n_common = 0 if cells is None else len(cells.common)
+        more = np.column_stack([columns, bow, np.zeros((len(points), n_common))])
         bowing = np.full(bow.shape[1], self._bow_rad)
         before = shared.rows.shape[1], bow.shape[1]
         strengths = amplitudes(found.kernel, basis)
@@ -210,26 +227,24 @@ class JointTerrain:
         same_vertical_datum(
             self.satellite.vertical_datum, points.vertical_datum, "the satellite and the points"
         )
-        return SatelliteCells.of(self.satellite, points.crs, bounds, self.joint.satellite)
+        return SatelliteCells.of(self.satellite, points.crs, bounds, self.joint.satellite.model())
 
 
 def _functionals(
     cells: SatelliteCells, trend: PolynomialTrend, waves: FloatArray, datum: float, n_others: tuple[int, int]
 ) -> Functionals:
-    """Return the cells as rows: their waves, the plane at their centres, the satellite's offset; nothing of path and bow."""
+    """Return the cells as rows: their waves, the plane at their centres, their common errors; nothing of path and bow."""
     n_path, n_bow = n_others
-    more = np.column_stack([trend.columns(cells.centre), np.zeros((len(cells), n_bow))])
-    if cells.datum_sigma_m > 0.0:
-        more = np.column_stack([more, np.ones(len(cells))])
+    more = np.column_stack([trend.columns(cells.centre), np.zeros((len(cells), n_bow)), cells.common_rows])
     before = sparse.csr_array((len(cells), n_path))
     return Functionals(waves, side_by_side(before, more), cells.height - datum, cells.covariance)
 
 
 def _with_more(information: Any, n_plane: int, bowing_rad: FloatArray, cells: SatelliteCells | None) -> Any:
-    """Return the prior information with that of the plane, which is none, of the bow and of the satellite's offset."""
+    """Return the prior information with that of the plane, which is none, of the bow and of the cells' common errors."""
     own = np.r_[np.zeros(n_plane), bowing_rad**-2.0]
-    if cells is not None and cells.datum_sigma_m > 0.0:
-        own = np.r_[own, cells.datum_sigma_m**-2]
+    if cells is not None:
+        own = np.r_[own, cells.common_sigma**-2.0]
     blocks: Any = [information, sparse.diags_array(own)]
     return sparse.csr_array(sparse.block_diag(blocks))
 

@@ -1,7 +1,7 @@
 """Cells of a satellite's elevation model as measurements of means over parallelograms."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from pyproj import CRS
@@ -11,23 +11,50 @@ from survey.core.crs.agreement import equal_crs
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.data.dem import Dem
-from survey.reconstruction.gp.config import SatelliteErrors
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
+from survey.reconstruction.prior.error_sizes import ErrorSizes, Innovations
+from survey.reconstruction.prior.products import PriorErrors
 
 # Beyond these many cells their covariance is no longer a detail.
 _MOST_CELLS = 4000
-# Between these an unstated error is looked for [m].
-_SIGMAS_M = (0.05, 20.0)
+_NONE_ESTIMATED = ErrorSizes(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+class CommonError(NamedTuple):
+    """An error that all cells have in common, linear in one unknown.
+
+    Parameters
+    ----------
+    name : str
+        Name of the unknown, with its unit.
+    rows : (C,) ndarray
+        Error of each cell for an unknown of 1 [m per unit].
+    sigma : float
+        Prior standard deviation of the unknown.
+    """
+
+    name: str
+    rows: FloatArray
+    sigma: float
+
+    @property
+    def is_offset(self) -> bool:
+        """Whether it is a vertical offset."""
+        return self.name in _OFFSETS
+
+
+_OFFSETS = ("datum_m", "epoch_m")
 
 
 @dataclass(frozen=True)
 class SatelliteCells:
     r"""Means of the terrain over parallelograms, each with noise.
 
-    .. math::  S_c = \frac{1}{|c|} \int_c f + \beta + \eta_c, \qquad \eta \sim N(0, R),
-               \qquad \beta \sim N(0, \sigma_\beta^2)
+    .. math::  S_c = \frac{1}{|c|} \int_c f + \sum_j a_{cj} \beta_j + \eta_c, \qquad \eta \sim N(0, R),
+               \qquad \beta_j \sim N(0, \sigma_j^2)
 
-    A cell is no point: read at its centre it flattens crests and fills hollows.
+    A cell is no point: read at its centre it flattens crests and fills hollows. The unknowns β are offsets of datum and
+    epoch, a tilt, and a horizontal shift, which acts through the slope of the cells themselves.
 
     Parameters
     ----------
@@ -37,20 +64,20 @@ class SatelliteCells:
         The two sides of each cell, as vectors [m].
     height : (C,) ndarray
         Mean heights [m].
-    covariance : (C, C) ndarray
-        R [m²].
-    datum_sigma_m : float
-        σ_β: what all cells may be too high or too low by [m]; 0 when known.
+    common : tuple of CommonError
+        Errors that all cells have in common.
+    sizes : ErrorSizes
+        Sizes of the errors that make up R.
     """
 
     centre: FloatArray
     sides: FloatArray
     height: FloatArray
-    covariance: FloatArray
-    datum_sigma_m: float
+    common: tuple[CommonError, ...] = ()
+    sizes: ErrorSizes = _NONE_ESTIMATED
 
     @classmethod
-    def of(cls, dem: Dem, crs: CRS, bounds: Bounds, errors: SatelliteErrors) -> Self:
+    def of(cls, dem: Dem, crs: CRS, bounds: Bounds, errors: PriorErrors) -> Self:
         """Take the cells of a coarse model, in its own grid and CRS, that meet the site.
 
         Raises
@@ -76,35 +103,50 @@ class SatelliteCells:
                 "needed, check that both are in the same place, or take coarser cells."
             )
         centre = here[kept]
-        covariance = np.zeros((len(centre), len(centre)))
-        if errors.correlated_sigma_m > 0.0:
-            distance = np.hypot(*(centre[:, None] - centre[None]).transpose(2, 0, 1))
-            covariance += errors.correlated_sigma_m**2 * np.exp(-distance / errors.correlation_m)
-        cells = cls(centre, sides[kept], height[kept], covariance, errors.datum_sigma_m)
-        return cells if errors.sigma_m is None else cells.with_sigma(errors.sigma_m)
+        slope = _slopes(dem, sides)[kept]
+        return cls(centre, sides[kept], height[kept], _common_errors(centre, slope, errors))
 
-    def with_sigma(self, sigma_m: float) -> Self:
-        """Return the cells with an independent error of their own beside what they share."""
-        return replace(self, covariance=self.covariance + sigma_m**2 * np.eye(len(self)))
+    def with_sizes(self, sizes: ErrorSizes) -> Self:
+        """Return the cells with sizes of their own errors."""
+        return replace(self, sizes=sizes)
 
-    def likeliest_sigma_m(self, expected: FloatArray, covariance: FloatArray) -> float:
-        r"""Return the independent error that is likeliest, given what landmarks alone say of the cells' means.
+    def with_free_level(self, sigma_m: float) -> Self:
+        """Return the cells with an offset of this standard deviation in place of those assumed."""
+        others = tuple(one for one in self.common if not one.is_offset)
+        return replace(self, common=(CommonError(_OFFSETS[0], np.ones(len(self)), sigma_m), *others))
 
-        .. math::  S - \mu \sim N(0, \Sigma + R + \sigma_\beta^2 1 1^T + \sigma^2 I)
+    def with_slope(self, slope: FloatArray) -> Self:
+        """Return the cells with a shift that acts through slopes (C, 2) of the terrain [m/m]."""
+        rows = {"shift_east_m": -slope[:, 0], "shift_north_m": -slope[:, 1]}
+        return replace(
+            self, common=tuple(one._replace(rows=rows.get(one.name, one.rows)) for one in self.common)
+        )
+
+    @property
+    def covariance(self) -> FloatArray:
+        """R (C, C) [m²]."""
+        return self.sizes.covariance(self.centre)
+
+    @property
+    def common_rows(self) -> FloatArray:
+        """Errors of the cells (C, J) for common unknowns of 1."""
+        return np.column_stack([np.zeros((len(self), 0)), *(one.rows for one in self.common)])
+
+    @property
+    def common_sigma(self) -> FloatArray:
+        """Prior standard deviations (J,) of the common unknowns."""
+        return np.array([one.sigma for one in self.common])
+
+    def innovations(self, expected: FloatArray, covariance: FloatArray) -> Innovations:
+        """Return the cells less the means that points alone state, with the covariance of all but their own errors.
 
         Parameters
         ----------
         expected, covariance : (C,) and (C, C) ndarray
-            μ [m] and Σ [m²].
+            Means [m] and their covariance [m²].
         """
-        innovation = self.height - expected
-        rest = covariance + self.covariance + self.datum_sigma_m**2
-        value, vector = np.linalg.eigh(0.5 * (rest + rest.T))
-        squared = (vector.T @ innovation) ** 2
-        tried = np.geomspace(*_SIGMAS_M, 200)
-        total = np.maximum(value, 0.0)[:, None] + tried**2
-        misfit = np.sum(np.log(total) + squared[:, None] / total, axis=0)
-        return float(tried[np.argmin(misfit)])
+        common = self.common_rows * self.common_sigma
+        return Innovations(self.centre, self.height - expected, covariance + common @ common.T)
 
     def __len__(self) -> int:
         return len(self.height)
@@ -121,6 +163,29 @@ class SatelliteCells:
         for side in (self.sides[:, 0], self.sides[:, 1]):
             damped *= np.sinc((side @ omega.T) / (2.0 * np.pi))
         return np.concatenate([damped * np.cos(phase), (damped * np.sin(phase))[:, 1:]], axis=1)
+
+
+def _common_errors(centre: FloatArray, slope: FloatArray, errors: PriorErrors) -> tuple[CommonError, ...]:
+    """Return the errors of offset, tilt and shift that the model has, and leave out those of size 0."""
+    ones, (east_km, north_km) = np.ones(len(centre)), (centre - centre.mean(axis=0)).T / 1000.0
+    tilt, shift = errors.tilt_sigma_m_per_km, errors.shift_sigma_m
+    every = (
+        CommonError(_OFFSETS[0], ones, errors.datum_sigma_m),
+        CommonError(_OFFSETS[1], ones, errors.epoch_sigma_m),
+        CommonError("tilt_east_m_per_km", east_km, tilt),
+        CommonError("tilt_north_m_per_km", north_km, tilt),
+        CommonError("shift_east_m", -slope[:, 0], shift),
+        CommonError("shift_north_m", -slope[:, 1], shift),
+    )
+    return tuple(one for one in every if one.sigma > 0.0)
+
+
+def _slopes(dem: Dem, sides: FloatArray) -> FloatArray:
+    """Return the slope (N, 2) of a coarse model at its cells, east and north in the survey's CRS; 0 beside nodata."""
+    down, right = np.gradient(dem.elevation)
+    along = np.nan_to_num(np.column_stack([right.ravel(), down.ravel()]))
+    slope: FloatArray = np.linalg.solve(sides, along[:, :, None])[:, :, 0]
+    return slope
 
 
 def _placed(dem: Dem, crs: CRS, column: FloatArray, row: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.selection.families import Hyperparameters
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.correction import PathCorrection
 from survey.reconstruction.joint.joint_solve import JointPosterior, waves_at
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
@@ -48,6 +48,7 @@ class JointSolution:
     posterior: JointPosterior
     cells: SatelliteCells | None
     noise_m2: FloatArray
+    conflicts: tuple[str, ...] = ()
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""
@@ -165,11 +166,31 @@ class JointSolution:
             },
         }
         if self.cells is not None:
-            facts["satellite_sigma_m"] = float(np.sqrt(self.cells.covariance[0, 0]))
-        if self.cells is not None and self.cells.datum_sigma_m > 0.0:
-            last = sparse.csr_array(([1.0], ([0], [self._n_shared - 1])), shape=(1, self._n_shared))
-            facts["satellite_offset_m"] = float(self.posterior.shared[-1])
-            facts["satellite_offset_sigma_m"] = float(np.sqrt(self.posterior.shared_covariance(last)[0, 0]))
+            facts |= self._prior_facts(self.cells)
+        return facts
+
+    def _prior_facts(self, cells: SatelliteCells) -> dict[str, Any]:
+        """Return the estimated errors of the prior with their standard deviations, and its conflicts with the points."""
+        sizes = cells.sizes
+        facts: dict[str, Any] = {
+            "satellite_sigma_m": sizes.white_m,
+            "satellite_sigma_log_sd": sizes.white_log_sd,
+            "satellite_correlated_sigma_m": sizes.correlated_m,
+            "satellite_correlated_sigma_log_sd": sizes.correlated_log_sd,
+            "satellite_correlation_m": sizes.correlation_m,
+            "prior_conflicts": list(self.conflicts),
+        }
+        first, n = self._n_shared - len(cells.common), len(cells.common)
+        every = np.arange(n)
+        rows = sparse.csr_array((np.ones(n), (every, first + every)), shape=(n, self._n_shared))
+        covariance, value = self.posterior.shared_covariance(rows), self.posterior.shared[first:]
+        for k, one in enumerate(cells.common):
+            facts[f"satellite_{one.name}"] = float(value[k])
+            facts[f"satellite_{one.name}_sigma"] = float(np.sqrt(covariance[k, k]))
+        offsets = [k for k, one in enumerate(cells.common) if one.is_offset]
+        if offsets:
+            facts["satellite_offset_m"] = float(value[offsets].sum())
+            facts["satellite_offset_m_sigma"] = float(np.sqrt(covariance[np.ix_(offsets, offsets)].sum()))
         return facts
 
     @property

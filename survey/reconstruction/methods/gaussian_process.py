@@ -1,9 +1,16 @@
 """Gaussian processes with independent errors: the Fourier engine (gp) and the dense one (dense)."""
 
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
+from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.data.dem import Dem
+from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.capacity import require_length_scale
-from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
+from survey.reconstruction.gp.mean import Mean
 from survey.reconstruction.gp.process import EngineName
 from survey.reconstruction.method import (
     MappedTerrain,
@@ -24,18 +31,40 @@ def check_length_scale(settings: ScanSettings) -> None:
 def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
-    config = task.config(GaussianProcessConfig)
+    config, prior, facts = _with_estimated_prior(task)
     rows, columns = task.grid.shape
     watch = MapWatch(rows * columns, task.progress)
-    model = GaussianProcessTerrain(config, task.prior, engine, task.quantity, task.grid.bounds, watch)
-    return MappedTerrain(model.fit(task.points).grid(task.grid))
+    model = GaussianProcessTerrain(config, prior, engine, task.quantity, task.grid.bounds, watch)
+    result = model.fit(task.points).grid(task.grid)
+    return MappedTerrain(replace(result, diagnostics={**result.diagnostics, **facts}))
+
+
+def _with_estimated_prior(
+    task: MappingTask,
+) -> tuple[GaussianProcessConfig, Dem | Mean | None, dict[str, Any]]:
+    """Return the settings, the prior less its estimated errors, and their record; a stated kernel takes a prior as exact."""
+    from survey.reconstruction.gp.estimated_prior import estimated_prior
+
+    config, errors = task.config(GaussianProcessConfig), task.config(JointConfig).satellite
+    prior = task.prior
+    if (
+        not isinstance(prior, Dem)
+        or not config.fit
+        or errors.product == "unbiased"
+        or task.quantity != ELEVATION
+    ):
+        return config, prior, {}
+    same_crs(prior.crs, task.points.crs, "the prior and the points")
+    same_vertical_datum(prior.vertical_datum, task.points.vertical_datum, "the prior and the points")
+    estimated = estimated_prior(prior, task.points, errors.model())
+    return config.model_copy(update={"prior_level": "estimated"}), estimated.dem, estimated.facts
 
 
 GP = ReconstructionMethod(
     "gp",
     "Gaussian process in Fourier waves, in tiles where the site is large",
     partial(_run, engine="gp"),
-    {"gp": GaussianProcessConfig},
+    {"gp": GaussianProcessConfig, "joint": JointConfig},
     maps_values=True,
     check=check_length_scale,
 )
@@ -43,7 +72,7 @@ DENSE = ReconstructionMethod(
     "dense",
     "exact Gaussian process by one dense factorization, for some thousand points",
     partial(_run, engine="dense"),
-    {"gp": GaussianProcessConfig},
+    {"gp": GaussianProcessConfig, "joint": JointConfig},
     maps_values=True,
     check=check_length_scale,
 )

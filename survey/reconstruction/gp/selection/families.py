@@ -1,56 +1,25 @@
 """Kernel selection by marginal likelihood, on at most 640 of the points."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
-import numpy as np
-from scipy.linalg import lapack
-from scipy.optimize import minimize
-from scipy.spatial import cKDTree
-
-from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
-from survey.core.streams import stream
+from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.config import GaussianProcessConfig
-from survey.reconstruction.gp.covariance.families import KernelFamily, family_of, kernel_of
-from survey.reconstruction.gp.covariance.kernel_sum import Sum
-from survey.reconstruction.gp.covariance.kernels import Kernel
+from survey.reconstruction.gp.covariance.families import KernelFamily
+from survey.reconstruction.gp.selection.kernel_fit import (
+    N_SEARCHED,
+    Hyperparameters,
+    KernelFit,
+    SharedCovariance,
+    stated_family,
+)
 
 CANDIDATES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-3/2", "two-scale", "two-scale-matern")
 """What ``family = "auto"`` chooses from."""
 
-_N_SEARCHED = 640
-_N_CLUSTERS = 16
-# Relative step of the derivative of the covariance with respect to a parameter: error 1e-9.
-_STEP = 1e-4
-
-
-@dataclass(frozen=True)
-class Hyperparameters:
-    """A covariance function, the relief too fine to be mapped [m], and the log likelihood that chose them."""
-
-    family: KernelFamily
-    kernel: Kernel
-    nugget_m: float
-    log_likelihood: float
-    n_points: int = 1
-
-    @property
-    def score(self) -> float:
-        """Log likelihood less ``½ P log N`` for P parameters (Schwarz 1978)."""
-        n_parameters = len(self.kernel.parameter_names) + 1
-        return self.log_likelihood - 0.5 * n_parameters * float(np.log(self.n_points))
-
-
-def stated_family(config: GaussianProcessConfig) -> str:
-    """Return the family that settings state: that of their kernel, or the squared exponential for ``auto``."""
-    if config.kernel is not None:
-        return family_of(config.kernel)
-    return "squared-exponential" if config.family == "auto" else config.family
-
-
-SharedCovariance = Callable[[IntArray], FloatArray]
-"""From the indices of some points (M,) to the covariance (M, M) of the errors that they share [m²]."""
+# Least longest scale over the extent of the points, where a landform scale is wanted.
+_LANDFORM_SHARE = 0.08
+# Families that are tried anisotropic too.
+_TURNED: tuple[KernelFamily, ...] = ("two-scale-matern", "two-scale-mixed")
+# Points of the first comparison, and the number of kernels that are fitted to more of them.
+_N_FIRST, _N_REFINED = 320, 3
 
 
 def likeliest(
@@ -78,161 +47,53 @@ def likeliest(
     candidates : tuple of str
         The families that ``auto`` chooses from.
     """
-    part = _well_spread(xy)
-    together = None if shared is None else shared(part)
-    search = _Search.of(xy[part], values[part], noise_m2[part], config.nugget_m, together)
-    families = candidates if config.family == "auto" and config.kernel is None else (stated_family(config),)
-    fitted = [search.fit(family, config) for family in families]
+    search = KernelFit.of_few(xy, values, noise_m2, config.nugget_m, shared)
+    fitted = [search.fit(family, config) for family in _families(config, candidates)]
     return max(fitted, key=lambda found: found.score)
 
 
-@dataclass(frozen=True)
-class _Search:
-    """Likelihood of a kernel and a nugget, with its gradient; an unknown constant is integrated out."""
+def with_landforms(
+    xy: FloatArray,
+    values: FloatArray,
+    noise_m2: FloatArray,
+    config: GaussianProcessConfig,
+    shared: SharedCovariance | None = None,
+    *,
+    candidates: tuple[KernelFamily, ...],
+) -> list[Hyperparameters]:
+    """Fit kernels that have a landform scale, isotropic and anisotropic ones, and return them, the likeliest first.
 
-    values: FloatArray
-    noise_m2: FloatArray
-    lags_m: FloatArray
-    pairs: tuple[IntArray, IntArray]
-    extent_m: float
-    nugget_m: float | None
-    shared: tuple[FloatArray, FloatArray] | None = None
+    The longest scale of each is at least a share of the site, so that what lies between the points does not revert to
+    the mean within a few metres. Kernels are compared on 320 points, and the best three fitted to 640. The score counts
+    correlated points by their effective number.
 
-    @classmethod
-    def of(
-        cls,
-        xy: FloatArray,
-        values: FloatArray,
-        noise_m2: FloatArray,
-        nugget_m: float | None,
-        shared: FloatArray | None = None,
-    ) -> "_Search":
-        pairs = np.triu_indices(len(xy), k=1)
-        lags = xy[pairs[0]] - xy[pairs[1]]
-        extent = max(float(np.ptp(xy, axis=0).max()), 1e-3)
-        together = None if shared is None else (shared[pairs], np.diag(shared))
-        return cls(values - values.mean(), noise_m2, lags, pairs, extent, nugget_m, together)
-
-    def fit(self, family: KernelFamily, config: GaussianProcessConfig) -> Hyperparameters:
-        """Climb to the greatest likelihood of one family, from one start a long and one a short way off."""
-        shares = (0.15, 0.04) if config.kernel is None else (0.15,)
-        found = [self._climb(family, config, share) for share in shares]
-        return max(found, key=lambda one: one.log_likelihood)
-
-    def _climb(self, family: KernelFamily, config: GaussianProcessConfig, share: float) -> Hyperparameters:
-        noise = float(np.median(self.noise_m2))
-        spread = max(float(np.var(self.values)), noise)
-        start = config.kernel or self._start(family, config, share, noise, spread)
-        theta = np.append(start.log_parameters, np.log(0.25 * noise))
-        limits = [*(self._limits(n, v) for n, v in zip(start.parameter_names, theta, strict=False))]
-        limits.append((np.log(1e-6 * noise), np.log(max(spread, noise))))
-        low, high = np.array(limits).T
-        result = minimize(
-            self._negative,
-            np.clip(theta, low, high),
-            args=(start,),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=limits,
-            options={"maxiter": 60, "ftol": 1e-8},
+    Parameters
+    ----------
+    xy, values, noise_m2, config, shared
+        As in `likeliest`.
+    candidates : tuple of str
+        The families of several scales that ``auto`` compares.
+    """
+    few, more = (
+        KernelFit.of_few(
+            xy, values, noise_m2, config.nugget_m, shared, n_most=n, landform_share=_LANDFORM_SHARE
         )
-        nugget = self.nugget_m if self.nugget_m is not None else float(np.exp(0.5 * result.x[-1]))
-        return Hyperparameters(
-            family, start.with_log_parameters(result.x[:-1]), nugget, -float(result.fun), len(self.values)
-        )
-
-    def _start(
-        self, family: KernelFamily, config: GaussianProcessConfig, share: float, noise: float, spread: float
-    ) -> Kernel:
-        """Return the kernel from which to climb, its length a share of the extent unless stated."""
-        return kernel_of(
-            family,
-            config.variance_m2 or spread,
-            config.length_scale_m or share * self.extent_m,
-            anisotropy=config.anisotropy,
-            angle_deg=config.angle_deg,
-            shape=config.shape,
-            second=(
-                config.second_variance_m2 or max(0.01 * spread, noise),
-                config.second_length_scale_m or 0.15 * share * self.extent_m,
-            ),
-        )
-
-    def _limits(self, name: str, value: float) -> tuple[float, float]:
-        if "length_scale_m" in name:
-            # A further part that is longer than half the site is a plane, and wants waves that the others need.
-            longest = 0.5 if name[-1] in "23" else 3.0
-            return float(np.log(2e-3 * self.extent_m)), float(np.log(longest * self.extent_m))
-        if "angle" in name:
-            return value - np.pi, value + np.pi
-        return value - np.log(1e4), value + np.log(1e4)
-
-    def _negative(self, theta: FloatArray, kernel: Kernel) -> tuple[float, FloatArray]:
-        """Negative log likelihood (Eq. 9) and its gradient, ½ tr((K⁻¹ − αα') dK)."""
-        candidate = kernel.with_log_parameters(theta[:-1])
-        nugget_m2 = self.nugget_m**2 if self.nugget_m is not None else float(np.exp(theta[-1]))
-        n = len(self.values)
-        terms = [self._term(part) for part in _parts(candidate)]
-        matrix = np.zeros((n, n), order="F")
-        matrix[self.pairs[1], self.pairs[0]] = np.sum([term.covariance for term in terms], axis=0)
-        matrix[np.diag_indices(n)] = candidate.variance_m2 + self.noise_m2 + nugget_m2
-        if self.shared is not None:
-            matrix[self.pairs[1], self.pairs[0]] += self.shared[0]
-            matrix[np.diag_indices(n)] += self.shared[1]
-        factor, failed = lapack.dpotrf(matrix, lower=1, overwrite_a=1)
-        if failed:
-            # Not positive definite in double precision: worse than anything that is.
-            return 1e25, np.zeros_like(theta)
-        log_determinant = 2.0 * np.log(np.diag(factor)).sum()
-        inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-        inverse = np.tril(inverse) + np.tril(inverse, -1).T
-        ones = inverse.sum(axis=1)
-        weights = inverse @ self.values
-        weights = weights - ones * (weights.sum() / ones.sum())
-        negative = 0.5 * (
-            self.values @ weights + log_determinant + np.log(ones.sum()) + n * np.log(2 * np.pi)
-        )
-        slope = inverse - np.outer(weights, weights) - np.outer(ones, ones) / ones.sum()
-        gradient = [
-            (slope[self.pairs] @ d_pairs) + 0.5 * np.trace(slope) * d_variance
-            for term in terms
-            for d_pairs, d_variance in term.derivatives
-        ]
-        of_nugget = 0.0 if self.nugget_m is not None else 0.5 * np.trace(slope) * nugget_m2
-        return float(negative), np.array([*gradient, of_nugget])
-
-    def _term(self, part: Kernel) -> "_Term":
-        """One part of the sum: its covariance of every pair, and how that moves with its parameters."""
-        covariance = part.covariance_of_lag(self.lags_m)
-        derivatives = [(covariance, part.variance_m2)]
-        for step in _STEP * np.eye(len(part.log_parameters))[1:]:
-            above = part.with_log_parameters(part.log_parameters + step)
-            below = part.with_log_parameters(part.log_parameters - step)
-            change = above.covariance_of_lag(self.lags_m) - below.covariance_of_lag(self.lags_m)
-            derivatives.append((change / (2 * _STEP), 0.0))
-        return _Term(covariance, derivatives)
+        for n in (_N_FIRST, N_SEARCHED)
+    )
+    fitted = [few.fit(family, config) for family in _families(config, candidates)]
+    if config.family == "auto" and config.kernel is None:
+        fitted += [few.turned(found) for found in fitted if found.family in _TURNED]
+    first = sorted((few.counted(found) for found in fitted), key=_score, reverse=True)[:_N_REFINED]
+    if len(more.values) > len(few.values):
+        first = [more.counted(more.refined(found)) for found in first]
+    return sorted(first, key=_score, reverse=True)
 
 
-@dataclass(frozen=True)
-class _Term:
-    covariance: FloatArray
-    derivatives: list[tuple[FloatArray, float]]
+def _score(found: Hyperparameters) -> float:
+    return found.score
 
 
-def _parts(kernel: Kernel) -> tuple[Kernel, ...]:
-    """Return the parts of a sum; every part's first parameter is the logarithm of its variance."""
-    return kernel.parts if isinstance(kernel, Sum) else (kernel,)
-
-
-def _well_spread(xy: FloatArray) -> IntArray:
-    """Return the indices of at most 640 points: half spread at random, half in clusters of neighbours; always the same."""
-    if len(xy) < 3:
-        raise InputError(f"{len(xy)} points are too few for a covariance; give more, or set fit = false.")
-    if len(xy) <= _N_SEARCHED:
-        return np.arange(len(xy))
-    order = stream(0, "hyperparameters").permutation(len(xy))
-    spread, centres = order[: _N_SEARCHED // 2], order[-_N_CLUSTERS:]
-    each = _N_SEARCHED // 2 // _N_CLUSTERS
-    near = cKDTree(xy).query(xy[centres], k=each)[1].ravel()
-    chosen: IntArray = np.unique(np.concatenate([spread, near]))
-    return chosen
+def _families(
+    config: GaussianProcessConfig, candidates: tuple[KernelFamily, ...]
+) -> tuple[KernelFamily, ...]:
+    return candidates if config.family == "auto" and config.kernel is None else (stated_family(config),)

@@ -12,7 +12,7 @@ from survey.core.crs.checks import projected_crs
 from survey.core.crs.transformation import transformed
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
-from survey.reconstruction.gp.config import JointConfig, SatelliteErrors
+from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.gp.engines.fourier.resolution import amplitudes, resolve
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
@@ -22,11 +22,13 @@ from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior,
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.joint.solution import JointMap
+from survey.reconstruction.prior import SatelliteErrors
 
 CRS = projected_crs("EPSG:32608", "the test")
 GRID = Grid((0.0, 0.0, 200.0, 200.0), 20.0, CRS)
 KNOWN = GaussianProcessConfig(fit=False, variance_m2=4.0, length_scale_m=40.0, mean="plane")
-TWO_M = JointConfig(satellite=SatelliteErrors(sigma_m=0.1, datum_sigma_m=5.0))
+WHITE = SatelliteErrors(product="unbiased", sigma_m=1.0).model()
+TWO_M = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.1, datum_sigma_m=5.0))
 
 
 def hill(xy: np.ndarray) -> np.ndarray:
@@ -145,7 +147,7 @@ def test_an_offset_that_all_landmarks_share_is_not_averaged_away():
 
 
 def test_the_satellite_tells_the_offset_of_the_path_and_the_path_that_of_the_satellite():
-    exact = JointConfig(satellite=SatelliteErrors(sigma_m=0.1))
+    exact = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.1))
     found = mapped(path_error(2.0), seen_points(lift_m=1.5), cells_of(hill), exact)
     # Sixteen cells of 10 cm, seen through landmarks on a fifth of the ground.
     np.testing.assert_allclose(found.correction.shift[:, 2], 1.5, atol=0.15)
@@ -154,7 +156,7 @@ def test_the_satellite_tells_the_offset_of_the_path_and_the_path_that_of_the_sat
     assert abs(error.mean()) < 0.15
     offset_map = mapped(path_error(0.01), seen_points(), cells_of(hill, offset_m=3.0)).reconstruction
     assert offset_map.diagnostics["satellite_offset_m"] == pytest.approx(3.0, abs=0.15)
-    assert offset_map.diagnostics["satellite_offset_sigma_m"] < 0.15
+    assert offset_map.diagnostics["satellite_offset_m_sigma"] < 0.15
 
 
 def test_roll_tilts_what_lies_to_the_side():
@@ -167,7 +169,7 @@ def test_roll_tilts_what_lies_to_the_side():
         path_error(0.02, angle_rad=0.05),
         cells_of(hill),
         KNOWN,
-        JointConfig(satellite=SatelliteErrors(sigma_m=0.1)),
+        JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.1)),
     )
     solution = found.solved(replace(points, xyz=tilted), GRID.bounds)
     roll_found = solution.posterior.shared[: 6 * 6].reshape(6, 6)[:, 5]
@@ -208,7 +210,7 @@ def test_cells_are_means_and_not_their_centres():
     kernel = SquaredExponential(4.0, 40.0)
     basis = resolve(kernel, (0.0, 0.0, 200.0, 200.0), 0.05, tolerance_m=1e-3, memory_mb=50.0).covariance_basis
     strengths = amplitudes(kernel, basis)
-    cells = SatelliteCells.of(cells_of(hill), CRS, GRID.bounds, SatelliteErrors(sigma_m=1.0))
+    cells = SatelliteCells.of(cells_of(hill), CRS, GRID.bounds, WHITE)
     step = (np.arange(200) + 0.5) / 200.0 - 0.5
     u, v = np.meshgrid(step, step)
     within = cells.centre[5] + u.reshape(-1, 1) * cells.sides[5, 0] + v.reshape(-1, 1) * cells.sides[5, 1]
@@ -226,7 +228,7 @@ def test_cells_of_another_system_are_where_they_are():
         np.zeros((5, 5)),
     )
     bounds = (here[0, 0] - 10.0, here[0, 1] - 10.0, here[0, 0] + 10.0, here[0, 1] + 10.0)
-    cells = SatelliteCells.of(dem, CRS, bounds, SatelliteErrors(sigma_m=1.0))
+    cells = SatelliteCells.of(dem, CRS, bounds, WHITE)
     nearest = np.abs(cells.centre - here).sum(axis=1).argmin()
     np.testing.assert_allclose(cells.centre[nearest], here[0], atol=0.01)
     # Grid north of the two zones differs by some degrees, and the scale by a permille or two.
@@ -238,9 +240,12 @@ def test_the_error_of_the_cells_is_found_when_it_is_not_stated():
     rng = np.random.default_rng(7)
     exact = cells_of(hill)
     noisy = Dem(exact.elevation + 0.8 * rng.standard_normal((4, 4)), exact.transform, CRS)
-    found = mapped(path_error(0.01), seen_points(), noisy, JointConfig()).reconstruction
+    white = JointConfig(satellite=SatelliteErrors(product="unbiased"))
+    found = mapped(path_error(0.01), seen_points(), noisy, white).reconstruction.diagnostics
     # Some ten of the sixteen cells lie on landmarks: a standard deviation to 22 %, taken twice.
-    assert 0.45 < found.diagnostics["satellite_sigma_m"] < 1.25
+    assert 0.45 < found["satellite_sigma_m"] < 1.25
+    found = mapped(path_error(0.01), seen_points(), noisy, JointConfig()).reconstruction.diagnostics
+    assert 0.45 < np.hypot(found["satellite_sigma_m"], found["satellite_correlated_sigma_m"]) < 1.25
 
 
 def test_one_call_gives_the_same_map():
@@ -291,3 +296,51 @@ def test_landmarks_that_sink_alike_to_both_sides_do_not_bend_the_gaps():
     assert misfit[0.3] < 2.0
     assert misfit[0.3] < 0.7 * misfit[0.0]
     assert rmse[0.3] < 1.1 * rmse[0.0]
+
+
+def test_a_prior_forty_metres_too_high_loses_and_is_reported():
+    points, path = seen_points(), path_error(0.5)
+    without = mapped(path, points, None).reconstruction
+    found = mapped(path, points, cells_of(hill, offset_m=40.0), JointConfig()).reconstruction
+    assert len(found.diagnostics["prior_conflicts"]) == 1
+    assert "m above the points" in found.diagnostics["prior_conflicts"][0]
+    # The level is that of the points, to a fifth of the half metre that the path leaves open.
+    error = found.mean.elevation - hill(GRID.xy).reshape(GRID.shape)
+    level = without.mean.elevation - hill(GRID.xy).reshape(GRID.shape)
+    along = GRID.shape[0] // 2
+    assert abs(error[along].mean() - level[along].mean()) < 0.1
+
+
+def test_a_prior_that_agrees_is_no_conflict():
+    found = mapped(path_error(0.5), seen_points(), cells_of(hill), JointConfig()).reconstruction
+    assert found.diagnostics["prior_conflicts"] == []
+
+
+def test_an_offset_of_the_prior_does_not_move_a_map_whose_path_has_its_level():
+    points, path = seen_points(), path_error(0.1)
+    error = {}
+    for product in ("unknown", "unbiased"):
+        joint = JointConfig(satellite=SatelliteErrors(product=product, sigma_m=0.1))
+        found = mapped(path, points, cells_of(hill, offset_m=0.2), joint).reconstruction
+        error[product] = float(np.abs(found.mean.elevation - hill(GRID.xy).reshape(GRID.shape)).mean())
+    assert error["unknown"] < 0.6 * error["unbiased"]
+
+
+def test_a_horizontal_shift_is_found_through_the_slope():
+    def steep(xy: np.ndarray) -> np.ndarray:
+        return hill(xy) + 0.3 * xy[:, 1] + 0.002 * (xy[:, 0] - 100.0) ** 2
+
+    points = seen_points(600)
+    lifted = replace(points, xyz=points.xyz + (steep(points.xy) - hill(points.xy))[:, None] * [0.0, 0.0, 1.0])
+    fixed = replace(lifted, origins=None)
+    east = cells_of(lambda xy: steep(xy - [6.0, 0.0]))
+    exact = SatelliteErrors(product="unbiased", sigma_m=0.1, shift_sigma_m=5.0)
+    wide = KNOWN.model_copy(update={"variance_m2": 100.0})
+    solution = JointTerrain(path_error(0.02), east, wide, JointConfig(satellite=exact)).solved(
+        replace(fixed, origins=points.origins), GRID.bounds
+    )
+    facts = solution.diagnostics()
+    assert facts["satellite_shift_east_m"] == pytest.approx(
+        6.0, abs=3.0 * facts["satellite_shift_east_m_sigma"]
+    )
+    assert facts["satellite_shift_east_m_sigma"] < 2.0

@@ -1,0 +1,122 @@
+"""Figures of the honesty benchmark, from the outcomes of its surveys."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.honesty.priors import BAD
+from benchmarks.honesty.priors import KINDS as PRIORS
+from benchmarks.honesty.surveys import BEFORE, CLASS_3_M, NAME_BEFORE, NO_PRIOR
+from benchmarks.honesty.terrains import KINDS as TERRAINS
+from benchmarks.report import Row
+
+Outcomes = Sequence[dict[str, Any]]
+
+
+def rows(found: Outcomes) -> Iterator[Row]:
+    """Yield the rows of a run."""
+    yield Row("surveys", float(len({(one["terrain"], one["seed"]) for one in found})), "1")
+    yield Row("landmarks, median", float(np.median([one["landmarks"] for one in found])), "1")
+    yield from _coverage(found)
+    yield from _tenths(found)
+    yield from _certificates(found)
+    yield from _errors(found)
+    yield from _before(found)
+
+
+def chosen(found: Outcomes, **values: Any) -> list[dict[str, Any]]:
+    """Return the outcomes with these values; the estimator's unless an oracle's are named."""
+    wanted = {"is_oracle": False, **values}
+    return [one for one in found if all(one[name] == value for name, value in wanted.items())]
+
+
+def _mean(found: Outcomes, name: str) -> float:
+    return float(np.mean([one[name] for one in found])) if found else float("nan")
+
+
+def _between(name: str, value: float, low: float, high: float) -> Row:
+    return Row(name, value, "1", f"{low:g} to {high:g}", bool(low <= value <= high))
+
+
+def _coverage(found: Outcomes) -> Iterator[Row]:
+    for kind in PRIORS:
+        mine = chosen(found, prior=kind)
+        yield _between(f"{kind}: coverage of 95 %, mean over surveys", _mean(mine, "coverage"), 0.93, 0.97)
+    yield Row(
+        "no prior: coverage of 95 %, mean over surveys", _mean(chosen(found, prior=NO_PRIOR), "coverage"), "1"
+    )
+    cells = {
+        (terrain, kind): _mean(chosen(found, prior=kind, terrain=terrain), "coverage")
+        for terrain in TERRAINS
+        for kind in PRIORS
+    }
+    (terrain, kind), least = min(cells.items(), key=lambda item: item[1])
+    yield Row.of(
+        f"worst terrain and prior ({terrain}, {kind}): coverage, mean over seeds", least, "1", ">=", 0.88
+    )
+    for terrain in TERRAINS:
+        mine = [one for kind in PRIORS for one in chosen(found, prior=kind, terrain=terrain)]
+        yield Row(f"{terrain}: coverage, mean over priors and seeds", _mean(mine, "coverage"), "1")
+
+
+def _tenths(found: Outcomes) -> Iterator[Row]:
+    counts = np.array([one["tenths"] for kind in PRIORS for one in chosen(found, prior=kind)], dtype=float)
+    shares = (counts / counts.sum(axis=1, keepdims=True)).mean(axis=0)
+    for name, value in (("least", shares.min()), ("greatest", shares.max())):
+        yield _between(f"tenths of the probability integral, {name}", float(value), 0.08, 0.12)
+    yield _between(
+        "tenths of the probability integral, both outer ones", float(shares[[0, -1]].mean()), 0.08, 0.12
+    )
+
+
+def _certificates(found: Outcomes) -> Iterator[Row]:
+    """Count maps whose claimed RMSE meets Class 3, and those among them whose true one does not."""
+    mine = [one for kind in PRIORS for one in chosen(found, prior=kind)]
+    for label, is_certified in _CERTIFICATES.items():
+        certified = [one for one in mine if is_certified(one)]
+        good = [one for one in mine if one["rmse_m"] <= CLASS_3_M]
+        wrong = sum(one["rmse_m"] > CLASS_3_M for one in certified)
+        yield Row(f"{label}: share of maps certified for Class 3", len(certified) / len(mine), "1")
+        yield Row.of(f"{label}: false certificates", wrong / max(len(certified), 1), "1", "<=", 0.05)
+        missed = sum(not is_certified(one) for one in good)
+        yield Row(f"{label}: maps that meet Class 3 and are not certified", missed / max(len(good), 1), "1")
+
+
+_CERTIFICATES: dict[str, Callable[[dict[str, Any]], bool]] = {
+    "claimed RMSE within the limit": lambda one: one["claimed_m"] <= CLASS_3_M,
+}
+"""Rules that certify a map from its outcome."""
+
+
+def _errors(found: Outcomes) -> Iterator[Row]:
+    none = _mean(chosen(found, prior=NO_PRIOR), "rmse_m")
+    for kind, what in PRIORS.items():
+        ours = _mean(chosen(found, prior=kind), "rmse_m")
+        reference = "truthful" if what.stated_factor else kind
+        best = _mean(chosen(found, prior=reference, is_oracle=True), "rmse_m")
+        yield Row.of(f"{kind}: RMSE over that of an oracle", ours / best, "x", "<=", 1.10)
+        if kind in BAD:
+            yield Row.of(f"{kind}: RMSE over that without a prior", ours / none, "x", "<=", 1.02)
+        else:
+            yield Row(f"{kind}: RMSE over that without a prior", ours / none, "x")
+
+
+def _before(found: Outcomes) -> Iterator[Row]:
+    """Compare with an isotropic kernel that the points alone choose, on the same surveys."""
+    for terrain in BEFORE:
+        old = chosen(found, prior=NAME_BEFORE, terrain=terrain)
+        seeds = {one["seed"] for one in old}
+        new = [one for one in chosen(found, prior="truthful", terrain=terrain) if one["seed"] in seeds]
+        if not old:
+            continue
+        limit = 1.10 if terrain == "SRTM windows" else 0.35
+        ratio = _mean(new, "rmse_m") / _mean(old, "rmse_m")
+        yield Row.of(f"{terrain}, truthful: RMSE over that of an isotropic kernel", ratio, "x", "<=", limit)
+        yield Row.of(f"{terrain}, truthful: coverage", _mean(new, "coverage"), "1", ">=", 0.92)
+        yield Row(f"{terrain}, truthful, isotropic kernel: coverage", _mean(old, "coverage"), "1")
+        plain = [one for one in chosen(found, prior=NO_PRIOR, terrain=terrain) if one["seed"] in seeds]
+        cost = _mean(plain, "kernel_cpu_s") / _mean(old, "kernel_cpu_s")
+        yield Row.of(
+            f"{terrain}: CPU time of the fit of kernels over that of isotropic ones", cost, "x", "<=", 1.5
+        )

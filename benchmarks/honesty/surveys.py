@@ -1,0 +1,179 @@
+"""One statistical survey, mapped with every kind of prior, by the estimator and by an oracle."""
+
+import time
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr
+
+import planners
+from benchmarks.honesty.priors import KINDS as PRIORS
+from benchmarks.honesty.priors import prior
+from benchmarks.honesty.terrains import CRS, SIDE_M, terrain
+from planners import LawnmowerConfig
+from sim.config.mission import MissionConfig, SensorConfig
+from sim.config.terrain import RandomTerrain
+from sim.simulate.statistical import simulate_statistical
+from survey.core.arrays import FloatArray, IntArray
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.recording import Recording
+from survey.data.surface_points import SurfacePoints
+from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.gp.config import JointConfig
+from survey.reconstruction.gp.selection.families import likeliest
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
+from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.joint.kernel_choice import PointsOnly
+from survey.reconstruction.joint.shared_error import SharedError
+from survey.reconstruction.prior import SatelliteErrors
+from vision_slam import LocalizationConfig, localize
+
+AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
+NODES = Grid((4.0, 4.0, SIDE_M - 4.0, SIDE_M - 4.0), 8.0, CRS)
+TAUS_S = (60.0, 120.0, 300.0, 600.0, 900.0)
+ASSUMED_TAU_S = 300.0
+FIRST_SEED = 7001
+NO_PRIOR, NAME_BEFORE = "no prior", "isotropic, by points alone"
+BEFORE = ("anisotropic ridges", "moraine ridges", "SRTM windows")
+"""Kinds of terrain that are mapped as before anisotropic kernels, too."""
+CANDIDATES_BEFORE = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
+CLASS_3_M = 0.4572
+_PROBABILITIES = np.linspace(0.1, 0.9, 9)
+_MEMORY_MB, _N_BEFORE = 12.0, 5
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Errors of one map: RMSE and its claim [m], coverage of 95 %, nodes in each tenth of the probability integral.
+
+    ``found`` is the record of the map, in which a certificate stands where there is one.
+    """
+
+    prior: str
+    is_oracle: bool
+    rmse_m: float
+    claimed_m: float
+    offset_m: float
+    coverage: float
+    tenths: list[float]
+    cpu_s: float
+    found: dict[str, Any]
+    landmarks: int
+    kernel_cpu_s: float = 0.0
+
+
+def survey_of(kind: str, seed: int) -> list[dict[str, Any]]:
+    """Survey a terrain once, and return the outcomes of all its maps as plain facts."""
+    real = terrain(kind, seed)
+    tau_s = TAUS_S[seed % len(TAUS_S)]
+    mission = _mission(seed, tau_s)
+    recording, _ = simulate_statistical(real, planners.plan(AREA, None, mission.planner), mission)
+    ordinary, oracle = (_Localized.of(recording, mission, tau) for tau in (ASSUMED_TAU_S, tau_s))
+    start = time.process_time()
+    fitted = ordinary.fitted()
+    seconds = time.process_time() - start
+    outcomes = [replace(_mapped(ordinary, fitted, real, NO_PRIOR), kernel_cpu_s=seconds)]
+    as_well = oracle.fitted(fitted.candidates)
+    if kind in BEFORE and seed - FIRST_SEED < _N_BEFORE:
+        outcomes.append(_before(ordinary, real, prior("truthful", real, kind, seed)))
+    for name, what in PRIORS.items():
+        cells = prior(name, real, kind, seed)
+        outcomes.append(_mapped(ordinary, fitted, real, name, cells=cells, errors=what.assumed(seed)))
+        if what.stated_factor == 0.0:
+            outcomes.append(
+                _mapped(oracle, as_well, real, name, cells=cells, errors=what.oracle, is_oracle=True)
+            )
+    return [asdict(one) | {"terrain": kind, "seed": seed, "tau_s": tau_s} for one in outcomes]
+
+
+@dataclass(frozen=True)
+class _Localized:
+    """Landmarks and path of one survey, and the joint map of them without a prior."""
+
+    points: SurfacePoints
+    model: JointTerrain
+
+    @classmethod
+    def of(cls, recording: Recording, mission: MissionConfig, tau_s: float) -> "_Localized":
+        """Localize with an assumed memory of the receiver's errors."""
+        found = localize(recording, mission.assumed.model_copy(update={"gps_correlation_time_s": tau_s}))
+        assert found.trajectory.error is not None
+        config = GaussianProcessConfig(tolerance_m=5e-3)
+        return cls(found.points, JointTerrain(found.trajectory.error, None, config, _joint(None)))
+
+    def fitted(self, candidates: list[Hyperparameters] | None = None) -> PointsOnly:
+        """Fit kernels to the points, or take those that are given."""
+        if candidates is None:
+            return self.model.from_points(self.points, NODES.bounds)
+        return self.model.from_points(self.points, NODES.bounds, candidates)
+
+
+def _mission(seed: int, tau_s: float) -> MissionConfig:
+    return MissionConfig(
+        schema_version=1,
+        name="honesty",
+        seed=seed,
+        terrain=RandomTerrain(source="random"),
+        planner=LawnmowerConfig(swaths=4),
+        sensors=SensorConfig(gps_correlation_time_s=tau_s, landmarks_per_m=0.4),
+        localization=LocalizationConfig(),
+    )
+
+
+def _joint(errors: SatelliteErrors | None) -> JointConfig:
+    stated = {} if errors is None else {"satellite": errors}
+    return JointConfig(**stated, slope_passes=1, memory_mb=_MEMORY_MB)
+
+
+def _mapped(
+    localized: _Localized,
+    fitted: PointsOnly,
+    real: Dem,
+    name: str,
+    *,
+    cells: Dem | None = None,
+    errors: SatelliteErrors | None = None,
+    is_oracle: bool = False,
+) -> Outcome:
+    start = time.process_time()
+    found = replace(localized.model, satellite=cells, joint=_joint(errors)).completed(fitted).on(NODES)
+    seconds = time.process_time() - start
+    result = found.reconstruction
+    mean, std = result.mean.elevation, result.std.elevation
+    error = mean - real.at(NODES.xy).reshape(NODES.shape)
+    share = ndtr(error / std)
+    return Outcome(
+        name,
+        is_oracle,
+        float(np.sqrt(np.mean(error**2))),
+        float(np.sqrt(np.mean(std**2))),
+        float(error.mean()),
+        float(np.mean(np.abs(share - 0.5) <= 0.475)),
+        np.diff(np.searchsorted(np.sort(share.ravel()), [0.0, *_PROBABILITIES, 1.0])).tolist(),
+        seconds,
+        {**result.hyperparameters, **result.diagnostics},
+        len(localized.points),
+    )
+
+
+def _before(localized: _Localized, real: Dem, cells: Dem) -> Outcome:
+    """Map with an isotropic kernel that the points alone choose, and cells of independent errors."""
+    points, model = localized.points, localized.model
+    assert points.own_covariance is not None
+    plane = np.column_stack([np.ones(len(points)), points.xy])
+    residual = points.z - plane @ np.linalg.lstsq(plane, points.z, rcond=None)[0]
+    rows = SharedError.full(points, model.path, np.zeros((len(points), 2))).rows
+
+    def shared(part: IntArray) -> FloatArray:
+        return model.path.covariance(rows[part])
+
+    noise_m2 = points.own_covariance[:, 2, 2]
+    start = time.process_time()
+    found = likeliest(points.xy, residual, noise_m2, model.config, shared, candidates=CANDIDATES_BEFORE)
+    seconds = time.process_time() - start
+    white = SatelliteErrors(product="unbiased")
+    outcome = _mapped(localized, localized.fitted([found]), real, NAME_BEFORE, cells=cells, errors=white)
+    return replace(outcome, kernel_cpu_s=seconds)

@@ -1,0 +1,120 @@
+"""Conflicts between a prior elevation model and the points."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import chi2
+
+from survey.core.arrays import FloatArray
+from survey.reconstruction.prior.error_sizes import Innovations
+
+# An offset beyond these many standard deviations is a conflict; so is a misfit less likely than this.
+_SIGMAS, _LEAST_LIKELY = 3.0, 1e-3
+# A fitted size of an error this many times larger than the product's is a conflict.
+_TOO_LARGE = 3.0
+
+
+class Level(NamedTuple):
+    """Vertical offset of a prior from the points.
+
+    Parameters
+    ----------
+    offset_m : float
+        Prior less points, by generalized least squares [m].
+    sigma_m : float
+        Its standard deviation from points and cells [m].
+    assumed_sigma_m : float
+        Standard deviation that the prior's error model allows for an offset [m].
+    """
+
+    offset_m: float
+    sigma_m: float
+    assumed_sigma_m: float
+
+    @property
+    def in_sigmas(self) -> float:
+        """Offset over its expected standard deviation."""
+        return abs(self.offset_m) / float(np.hypot(self.sigma_m, self.assumed_sigma_m))
+
+    @property
+    def is_conflict(self) -> bool:
+        """Whether the offset is beyond three standard deviations."""
+        return self.in_sigmas > _SIGMAS
+
+
+def level(innovations: Innovations, assumed_sigma_m: float) -> Level:
+    """Return the vertical offset of cells whose covariance leaves an offset out.
+
+    Parameters
+    ----------
+    innovations : Innovations
+        Cells less what points alone state, with the covariance of all errors but the offset.
+    assumed_sigma_m : float
+        Standard deviation that the error model allows for the offset [m].
+
+    Returns
+    -------
+    Level
+        The offset and its standard deviation.
+    """
+    factor = cho_factor(innovations.covariance, lower=True)
+    ones = np.ones(len(innovations.value_m))
+    weights = cho_solve(factor, ones)
+    information = float(ones @ weights)
+    return Level(float(weights @ innovations.value_m) / information, information**-0.5, assumed_sigma_m)
+
+
+def conflicts(found: Level, innovations: Innovations, white_m: float, median_m: float) -> tuple[str, ...]:
+    """Return one sentence for every conflict, with its size.
+
+    Parameters
+    ----------
+    found : Level
+        Vertical offset of the prior.
+    innovations : Innovations
+        Cells less what points alone state, with the covariance of all errors.
+    white_m, median_m : float
+        Independent error of a cell as it was estimated, and as the product's class has it [m].
+
+    Returns
+    -------
+    tuple of str
+        Empty where prior and points agree.
+    """
+    sentences = []
+    if found.is_conflict:
+        sentences.append(
+            f"the prior lies {abs(found.offset_m):.2f} m {'above' if found.offset_m > 0.0 else 'below'} the points, "
+            f"{found.in_sigmas:.1f} standard deviations of what is expected; its level is not used, check its vertical datum."
+        )
+    if white_m > _TOO_LARGE * median_m:
+        sentences.append(
+            f"the prior's cells differ from the points by {white_m:.2f} m each, and {median_m:.2f} m was expected of this "
+            "class of product; they count with the larger value."
+        )
+    chance = misfit_chance(innovations)
+    if not found.is_conflict and chance < _LEAST_LIKELY:
+        sentences.append(
+            f"the prior's cells contradict the points (chance {chance:.1e} under the error model); check place, date and "
+            "class of the prior."
+        )
+    return tuple(sentences)
+
+
+def misfit_chance(innovations: Innovations) -> float:
+    """Return the chance that cells differ from the points by as much, by their χ².
+
+    Parameters
+    ----------
+    innovations : Innovations
+        Cells less what points alone state, with the covariance of all errors.
+
+    Returns
+    -------
+    float
+        Upper tail probability.
+    """
+    value: FloatArray = innovations.value_m
+    squared = float(value @ cho_solve(cho_factor(innovations.covariance, lower=True), value))
+    return float(chi2.sf(squared, len(value)))

@@ -1,0 +1,192 @@
+r"""Likelihood of the sizes of a prior's errors, given what points alone state about its cells.
+
+With cells S, their mean μ and covariance Σ from the points, and the covariance B of the offset, tilt and shift,
+
+.. math::  S - \mu \sim N(0, \Sigma + B + \sigma_c^2 \rho_l + \sigma_w^2 I).
+
+For one length l and one σ_c an eigendecomposition gives the likelihood of every σ_w. The sizes have log-normal priors;
+their likelihood, integrated over the grid, is the evidence of the terrain's hyperparameters that led to μ and Σ.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.reconstruction.prior.products import ErrorScale, PriorErrors
+
+# Sizes that are compared [m], and factors of the correlation length with the spread of its logarithm.
+_WHITE_M = np.geomspace(0.05, 20.0, 200)
+_CORRELATED_M = np.geomspace(0.05, 20.0, 14)
+_LENGTH_FACTORS, _LENGTH_LOG_SD = (0.5, 1.0, 2.0), 0.5
+# More cells than these change the sizes by a few per cent.
+_MOST_CELLS = 256
+
+
+class Innovations(NamedTuple):
+    """Cells less what points alone state about them.
+
+    Parameters
+    ----------
+    centre : (C, 2) ndarray
+        Places of the cells [m].
+    value_m : (C,) ndarray
+        Cell less mean of the terrain [m].
+    covariance : (C, C) ndarray
+        Of the means of the terrain, and of offset, tilt and shift of the prior [m²].
+    """
+
+    centre: FloatArray
+    value_m: FloatArray
+    covariance: FloatArray
+
+    def thinned(self) -> "Innovations":
+        """Return at most 256 of the cells, spread evenly."""
+        if len(self.value_m) <= _MOST_CELLS:
+            return self
+        part = np.linspace(0, len(self.value_m) - 1, _MOST_CELLS).astype(np.int64)
+        return Innovations(self.centre[part], self.value_m[part], self.covariance[np.ix_(part, part)])
+
+
+class ErrorSizes(NamedTuple):
+    """Likeliest sizes of the errors of a prior's cells.
+
+    Parameters
+    ----------
+    white_m, correlated_m : float
+        Standard deviations [m].
+    correlation_m : float
+        Distance over which the correlation falls to 1/e [m].
+    white_log_sd, correlated_log_sd : float
+        Posterior standard deviations of the logarithms of the two.
+    log_evidence : float
+        Log likelihood of the cells, integrated over the sizes.
+    """
+
+    white_m: float
+    correlated_m: float
+    correlation_m: float
+    white_log_sd: float
+    correlated_log_sd: float
+    log_evidence: float
+
+    def covariance(self, centre: FloatArray) -> FloatArray:
+        """Return the covariance (C, C) of the errors of cells at places (C, 2) [m²].
+
+        Parameters
+        ----------
+        centre : (C, 2) ndarray
+            Places [m].
+
+        Returns
+        -------
+        (C, C) ndarray
+            Covariance [m²].
+        """
+        shared = self.correlated_m**2 * correlation(centre, self.correlation_m)
+        return shared + self.white_m**2 * np.eye(len(centre))
+
+
+def correlation(centre: FloatArray, length_m: float) -> FloatArray:
+    """Return the correlation (C, C) of errors that neighbouring cells share, exp(-d / l).
+
+    Parameters
+    ----------
+    centre : (C, 2) ndarray
+        Places [m].
+    length_m : float
+        l [m].
+
+    Returns
+    -------
+    (C, C) ndarray
+        Correlations.
+
+    Examples
+    --------
+    >>> correlation(np.array([[0.0, 0.0], [30.0, 40.0]]), 50.0).round(3)
+    array([[1.   , 0.368],
+           [0.368, 1.   ]])
+    """
+    distance = np.hypot(*(centre[:, None] - centre[None]).transpose(2, 0, 1))
+    result: FloatArray = np.exp(-distance / length_m)
+    return result
+
+
+def likeliest_sizes(innovations: Innovations, errors: PriorErrors) -> ErrorSizes:
+    """Return the sizes of greatest posterior density.
+
+    Parameters
+    ----------
+    innovations : Innovations
+        Cells less what points alone state.
+    errors : PriorErrors
+        Prior of the sizes.
+
+    Returns
+    -------
+    ErrorSizes
+        The mode, its spread, and the evidence.
+    """
+    few = innovations.thinned()
+    white_m = _sizes(errors.white, _WHITE_M)
+    nodes = list(_nodes(few, errors))
+    logs = np.array([_log_likelihood(few, node, white_m) + node.log_prior for node in nodes])
+    logs += errors.white.log_density(white_m)
+    top, column = np.unravel_index(int(np.argmax(logs)), logs.shape)
+    weights = np.exp(logs - logs.max())
+    correlated = np.array([node.correlated_m for node in nodes])
+    return ErrorSizes(
+        float(white_m[column]),
+        nodes[top].correlated_m,
+        nodes[top].length_m,
+        _log_spread(white_m, weights.sum(axis=0)),
+        _log_spread(correlated, weights.sum(axis=1)),
+        float(logs.max() + np.log(weights.sum() / _prior_mass(nodes, errors.white, white_m))),
+    )
+
+
+class _Node(NamedTuple):
+    correlated_m: float
+    length_m: float
+    log_prior: float
+    covariance: FloatArray
+
+
+def _sizes(scale: ErrorScale, grid_m: FloatArray) -> FloatArray:
+    return np.array([scale.median_m]) if scale.is_known else grid_m
+
+
+def _nodes(few: Innovations, errors: PriorErrors) -> Iterator[_Node]:
+    """Yield the pairs of length and correlated size, each with the covariance of all but the white errors."""
+    known = errors.correlated.is_known
+    for factor in (1.0,) if known and errors.correlated.median_m == 0.0 else _LENGTH_FACTORS:
+        length_m = factor * errors.correlation_m
+        shape = correlation(few.centre, length_m)
+        of_length = -0.5 * float(np.log(factor) / _LENGTH_LOG_SD) ** 2
+        for size_m in _sizes(errors.correlated, _CORRELATED_M):
+            of_size = float(errors.correlated.log_density(np.array(size_m)))
+            yield _Node(float(size_m), length_m, of_length + of_size, few.covariance + size_m**2 * shape)
+
+
+def _log_likelihood(few: Innovations, node: _Node, white_m: FloatArray) -> FloatArray:
+    value, vector = np.linalg.eigh(0.5 * (node.covariance + node.covariance.T))
+    squared = (vector.T @ few.value_m) ** 2
+    total = np.maximum(value, 0.0)[:, None] + white_m**2
+    likelihood: FloatArray = -0.5 * np.sum(np.log(2.0 * np.pi * total) + squared[:, None] / total, axis=0)
+    return likelihood
+
+
+def _log_spread(sizes_m: FloatArray, weights: FloatArray) -> float:
+    """Return the standard deviation of the logarithm of a size; 0 for one that is absent."""
+    if sizes_m.max() == 0.0:
+        return 0.0
+    logs, share = np.log(sizes_m), weights / weights.sum()
+    return float(np.sqrt(share @ np.square(logs - share @ logs)))
+
+
+def _prior_mass(nodes: list[_Node], white: ErrorScale, white_m: FloatArray) -> float:
+    """Return the sum of the prior over the grid, so that the evidence does not depend on the number of nodes."""
+    of_nodes = np.exp([node.log_prior for node in nodes]).sum()
+    return float(of_nodes * np.exp(white.log_density(white_m)).sum())
