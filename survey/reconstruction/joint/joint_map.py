@@ -184,12 +184,13 @@ class JointTerrain:
         bowing = np.full(bow.shape[1], self._bow_rad)
         before = shared.rows.shape[1], bow.shape[1]
         strengths = amplitudes(found.kernel, basis)
+        rows = side_by_side(shared.rows, more)
         posterior = JointPosterior.given(
             basis,
             strengths,
             data,
             (
-                side_by_side(shared.rows, more),
+                rows,
                 _with_more(shared.information, columns.shape[1], bowing, cells),
             ),
             None
@@ -210,6 +211,8 @@ class JointTerrain:
             posterior,
             cells,
             noise,
+            rows,
+            total,
         )
 
     def _waves(

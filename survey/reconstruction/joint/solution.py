@@ -48,7 +48,16 @@ class JointSolution:
     posterior: JointPosterior
     cells: SatelliteCells | None
     noise_m2: FloatArray
+    rows: Any
+    total_m2: FloatArray
     conflicts: tuple[str, ...] = ()
+
+    @property
+    def residual_m(self) -> FloatArray:
+        """What map and path leave of the points' heights (N,) [m]."""
+        waves = self.basis.box.evaluate(self.points.xy, self._coefficients(self.posterior.mean))
+        left: FloatArray = self.points.z - self.datum_m - waves - self.rows @ self.posterior.shared
+        return left
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""

@@ -1,0 +1,232 @@
+"""Predictive scores of held-out points, and the test of a map's standard deviation by them."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.weighted_chi_square import WeightedChiSquare
+from survey.reconstruction.base import SIGMAS_95
+
+LEVEL = 0.01
+"""Chance that the test rejects a map whose standard deviation is right."""
+_N_BINS = 3
+_N_LEAST = 20
+_MOST_WIDENED = 30.0
+
+
+@dataclass(frozen=True)
+class PredictiveScores:
+    """Scores of predictions of held-out points.
+
+    Parameters
+    ----------
+    n : int
+        Number of points.
+    coverage_95 : float
+        Share of the points within the 95 % interval.
+    z_rms : float
+        Root mean square of error over predicted standard deviation; 1 when honest.
+    log_score : float
+        Mean logarithm of the predictive density [nats]; the higher the better.
+    pit_tenths : (10,) tuple of float
+        Share of the points in each tenth of the predictive distribution; 0.1 each when honest.
+    """
+
+    n: int
+    coverage_95: float
+    z_rms: float
+    log_score: float
+    pit_tenths: tuple[float, ...]
+
+    @classmethod
+    def of(cls, error: FloatArray, sigma_m: FloatArray) -> Self:
+        """Return the scores of errors (M,) [m] of predictions with standard deviations (M,) [m].
+
+        Examples
+        --------
+        >>> scores = PredictiveScores.of(np.array([0.1, -0.3]), np.array([0.1, 0.1]))
+        >>> scores.coverage_95, round(scores.z_rms, 2)
+        (0.5, 2.24)
+        """
+        z = error / sigma_m
+        tenths, _ = np.histogram(ndtr(z), bins=10, range=(0.0, 1.0))
+        log_density = -0.5 * z**2 - np.log(sigma_m) - 0.5 * np.log(2.0 * np.pi)
+        return cls(
+            len(z),
+            float(np.mean(np.abs(z) <= SIGMAS_95)),
+            float(np.sqrt(np.mean(z**2))),
+            float(np.mean(log_density)),
+            tuple(float(share) for share in tenths / len(z)),
+        )
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Points predicted by a map that was made without them.
+
+    Parameters
+    ----------
+    kind : str
+        What was left out at a time: ``swath``, ``block`` or ``disc``.
+    n_blocks : int
+        How many were left out, one at a time.
+    error_m : (M,) ndarray
+        Measured less predicted height [m].
+    variance_m2 : (M,) ndarray
+        Variance of the prediction [m²].
+    noise_m2 : (M,) ndarray
+        Variance of the point's own error [m²].
+    distance_m : (M,) ndarray
+        Distance to the nearest point that the prediction used [m].
+    part : (K,) ndarray of int
+        Rows of the points whose errors' covariance is given.
+    covariance_m2 : (K, K) ndarray
+        Covariance of their errors, by the claim of the map [m²].
+    """
+
+    kind: str
+    n_blocks: int
+    error_m: FloatArray
+    variance_m2: FloatArray
+    noise_m2: FloatArray
+    distance_m: FloatArray
+    part: IntArray
+    covariance_m2: FloatArray
+
+    @property
+    def sigma_m(self) -> FloatArray:
+        """Standard deviation of the errors (M,) by the claim of the map [m]."""
+        return np.sqrt(self.variance_m2 + self.noise_m2)
+
+
+@dataclass(frozen=True)
+class PredictiveCheck:
+    r"""Test of a map's standard deviation by points that were left out.
+
+    Within each range of distance to the nearest remaining point the mean of the squared z-scores is compared
+    with its distribution for the covariance that the map claims, :math:`\sum_k \lambda_k X_k^2` with the
+    eigenvalues λ of the z-scores' correlation over their number. Correlated points thus count as few.
+
+    Parameters
+    ----------
+    kind : str
+        What was left out at a time.
+    n_blocks : int
+        How many were left out, one at a time.
+    before, after : PredictiveScores
+        Scores by the map's claim, and after widening.
+    distance_m : (B,) tuple of float
+        Median distance to the nearest remaining point in each range [m].
+    n_effective : (B,) tuple of float
+        Number of independent errors in each range.
+    p_value : (B,) tuple of float
+        Chance of a larger mean square if the claim is right.
+    factor : (B,) tuple of float
+        Factor on the standard deviation, 1 where the test does not reject.
+    """
+
+    kind: str
+    n_blocks: int
+    before: PredictiveScores
+    after: PredictiveScores
+    distance_m: tuple[float, ...]
+    n_effective: tuple[float, ...]
+    p_value: tuple[float, ...]
+    factor: tuple[float, ...]
+
+    @classmethod
+    def of(cls, held_out: HeldOut) -> Self | None:
+        """Test a map by held-out points; None with too few of them to test anything."""
+        part = held_out.part
+        if len(part) < _N_LEAST:
+            return None
+        distance, sigma = held_out.distance_m[part], held_out.sigma_m[part]
+        z = held_out.error_m[part] / sigma
+        correlation = held_out.covariance_m2 / np.outer(sigma, sigma)
+        middles, effective, p_values, factors = [], [], [], []
+        for here in _ranges(distance):
+            expected = WeightedChiSquare.of_mean_square(correlation[np.ix_(here, here)])
+            p_value = expected.above(float(np.mean(z[here] ** 2)))
+            rejected = p_value < LEVEL / _N_BINS
+            middles.append(float(np.median(distance[here])))
+            effective.append(expected.n_effective)
+            p_values.append(p_value)
+            factors.append(_factor(held_out, part[here]) if rejected else 1.0)
+        factor = np.interp(held_out.distance_m, middles, factors)
+        widened = np.sqrt(factor**2 * held_out.variance_m2 + held_out.noise_m2)
+        return cls(
+            held_out.kind,
+            held_out.n_blocks,
+            PredictiveScores.of(held_out.error_m, held_out.sigma_m),
+            PredictiveScores.of(held_out.error_m, widened),
+            tuple(middles),
+            tuple(effective),
+            tuple(p_values),
+            tuple(factors),
+        )
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether held-out points contradict the standard deviation, so that it was widened."""
+        return max(self.factor) > 1.0
+
+    def factor_at(self, distance_m: FloatArray) -> FloatArray:
+        """Return the factor on the standard deviation at distances to the nearest point [m]."""
+        return np.interp(distance_m, self.distance_m, self.factor)
+
+    @property
+    def sentence(self) -> str:
+        """The finding in one sentence."""
+        found = (
+            f"{self.n_blocks} {self.kind}s left out one at a time: {100.0 * self.before.coverage_95:.0f} % of "
+            f"{self.before.n} points within the 95 % interval"
+        )
+        if not self.contradicts:
+            return f"{found}, which agrees with the stated standard deviation."
+        least = min(f for f in self.factor if f > 1.0)
+        most = max(self.factor)
+        by = f"{most:.2f}" if most - least < 0.005 else f"{least:.2f} to {most:.2f}"
+        return (
+            f"{found}, which contradicts the stated standard deviation (level {100.0 * LEVEL:g} %); "
+            f"it was widened by a factor of {by}, after which {100.0 * self.after.coverage_95:.0f} % are."
+        )
+
+    def facts(self) -> dict[str, Any]:
+        """Return the check for the record of a map."""
+        return asdict(self) | {"level": LEVEL, "contradicts": self.contradicts, "sentence": self.sentence}
+
+    @classmethod
+    def from_facts(cls, facts: Mapping[str, Any]) -> Self:
+        """Rebuild a check from the record of a map."""
+        lists = ("distance_m", "n_effective", "p_value", "factor")
+        before, after = (
+            PredictiveScores(**{**facts[name], "pit_tenths": tuple(facts[name]["pit_tenths"])})
+            for name in ("before", "after")
+        )
+        return cls(facts["kind"], facts["n_blocks"], before, after, *(tuple(facts[name]) for name in lists))
+
+
+def _ranges(distance_m: FloatArray) -> list[IntArray]:
+    """Return the rows of points in each third of the distances; fewer where distances repeat."""
+    edges = np.quantile(distance_m, np.linspace(0.0, 1.0, _N_BINS + 1))
+    index = np.clip(np.searchsorted(edges, distance_m, side="right") - 1, 0, _N_BINS - 1)
+    rows = (np.flatnonzero(index == k) for k in range(_N_BINS))
+    return [here for here in rows if len(here)]
+
+
+def _factor(held_out: HeldOut, rows: IntArray) -> float:
+    """Return the factor on the predicted deviation that brings the mean squared z-score to 1; 1 to 30."""
+    error, variance = held_out.error_m[rows], held_out.variance_m2[rows]
+    noise = held_out.noise_m2[rows]
+
+    def excess(factor: float) -> float:
+        return float(np.mean(error**2 / (factor**2 * variance + noise))) - 1.0
+
+    if excess(_MOST_WIDENED) > 0.0:
+        return _MOST_WIDENED
+    return float(brentq(excess, 1.0, _MOST_WIDENED, xtol=1e-4)) if excess(1.0) > 0.0 else 1.0
