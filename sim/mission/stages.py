@@ -162,7 +162,7 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     path = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", area.crs)
-    mapped = map_landmarks(points, grid, config, prior=prior, path=path.error)
+    mapped = map_landmarks(points, grid, config, prior=prior, path=path.error, area=area)
     mapped.reconstruction.write(folder)
     if mapped.correction is not None:
         mapped.correction.applied(path).write(folder / "corrected_trajectory.csv")

@@ -29,7 +29,8 @@ class WeightedChiSquare:
 
     Notes
     -----
-    Probabilities err by less than 0.005 for weights of one sign; differences of squares are not covered.
+    Meant for the upper half: probabilities of 0.8 and more err by less than 0.01. Below the mean, where one
+    weight outweighs the others, they do not hold.
 
     Examples
     --------

@@ -12,6 +12,7 @@ from survey.figures.errors import (
     error_map,
     height_error,
 )
+from survey.figures.held_out import held_out_plot
 from survey.figures.landmarks import landmark_map
 from survey.figures.maps import (
     deviation_map,
@@ -33,6 +34,7 @@ __all__ = [
     "error_over_distance",
     "executed_route",
     "height_error",
+    "held_out_plot",
     "landmark_map",
     "path_map",
     "plan_map",

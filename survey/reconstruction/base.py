@@ -20,6 +20,8 @@ from survey.data.conversions import to_dataset
 from survey.data.dem import Dem
 from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import read_raster, write_raster
+from survey.reconstruction.checks.predictive import PredictiveCheck
+from survey.reconstruction.checks.rmse_claim import RmseClaim
 from survey.reconstruction.reconstruction_file import FACTS_SHA256, plain_facts, read_facts
 
 if TYPE_CHECKING:
@@ -31,6 +33,8 @@ UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
 
 
 ELEVATION = "elevation_m"
+CHECK, CLAIM = "left_out_check", "rmse_claim"
+"""Entries of the diagnostics: test by points that were left out, and posterior of the map's error."""
 SIGMAS_95 = 1.959964
 """Standard deviations on either side of the mean that hold 95 %."""
 
@@ -103,6 +107,18 @@ class Reconstruction(DataObject):
                 raise InputError(f"the mean and the {name} do not lie on one grid; compute both on the same.")
         for name in ("hyperparameters", "diagnostics"):
             object.__setattr__(self, name, ReadOnlyMapping(plain_facts(getattr(self, name), name)))
+
+    @property
+    def check(self) -> PredictiveCheck | None:
+        """Test of the standard deviation by points that were left out; None where none was made."""
+        facts = self.diagnostics.get(CHECK)
+        return PredictiveCheck.from_facts(facts) if facts else None
+
+    @property
+    def claim(self) -> RmseClaim | None:
+        """Posterior of the map's error by its own claim; None where the method has no joint covariance."""
+        facts = self.diagnostics.get(CLAIM)
+        return RmseClaim.from_facts(facts) if facts else None
 
     def share_of(self, code: int) -> float:
         """Return the share of nodes with this support code.

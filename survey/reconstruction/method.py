@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
 from survey.core.arrays import Bounds, Progress
 from survey.core.config import Section
 from survey.core.mappings import ReadOnlyMapping
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
@@ -57,6 +58,8 @@ class MappingTask:
         Whether lines of sight bound the map.
     progress : callable, optional
         Progress callback of maps that take long.
+    area : SurveyArea, optional
+        Ground of which the map claims its error; the grid by default.
     """
 
     points: SurfacePoints
@@ -67,6 +70,7 @@ class MappingTask:
     configs: Sequence[Section] = ()
     rays: bool = False
     progress: Progress | None = None
+    area: SurveyArea | None = None
 
     def config(self, kind: type[AnySection]) -> AnySection:
         """Return the settings of one kind, or their defaults.

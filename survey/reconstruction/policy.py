@@ -16,6 +16,7 @@ import numpy as np
 
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
@@ -37,6 +38,7 @@ def map_landmarks(
     path: PathError | None = None,
     quantity: str = ELEVATION,
     progress: Progress | None = None,
+    area: SurveyArea | None = None,
 ) -> MappedTerrain:
     """Map landmarks as the settings say.
 
@@ -56,6 +58,8 @@ def map_landmarks(
         Mapped quantity.
     progress : callable, optional
         Progress callback of maps that take long.
+    area : SurveyArea, optional
+        Ground of which the map claims its error; the grid by default.
 
     Returns
     -------
@@ -74,7 +78,8 @@ def map_landmarks(
         path = None
     prior = prior if method.uses_prior else None
     configs = config.configs_of(method)
-    mapped = run(method, MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress))
+    task = MappingTask(points, grid, prior, path, quantity, configs, config.rays, progress, area)
+    mapped = run(method, task)
     return mapped._replace(n_points=len(points))
 
 

@@ -103,7 +103,7 @@ def reconstruct(
         config = _with_kernel(chosen, config, kernel)
     configs = [given for given in (config, joint) if given is not None]
     _require_kinds(chosen, [config] if config is not None else [])
-    task = MappingTask(points, grid, prior, path, value, configs, rays)
+    task = MappingTask(points, grid, prior, path, value, configs, rays, area=area)
     result = run(chosen, task).reconstruction
     return result if area is None else within(result, area)
 

@@ -80,6 +80,7 @@ def _said(survey: SurveyResults) -> dict[str, object]:
         "classes": words.classes_by_standard(score),
         "key_numbers": words.key_numbers(score, route),
         "calibration_sentence": words.calibration_sentence(score.calibration),
+        "own_claim": words.own_claim(reconstruction),
         "scores": score_rows(score),
         "prediction": named_values(route.prediction),
         "method": reconstruction.method,

@@ -45,6 +45,13 @@ class Picture(NamedTuple):
 def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
     """Draw the pictures of a survey, by their names."""
     pictures = _map_pictures(survey) | _error_pictures(survey)
+    if survey.reconstruction.check is not None:
+        pictures["held_out"] = Picture(
+            _png(figures.held_out_plot(survey.reconstruction.check)),
+            "Quantiles of points that were left out, and the factor on the standard deviation",
+            "Points that were left out, in tenths of their predictive distribution (10 % each when the standard "
+            "deviation is right), and the factor by which it is widened.",
+        )
     if survey.trajectory is not None and survey.reference_trajectory is not None:
         pictures |= _path_pictures(survey.trajectory, survey.reference_trajectory, survey.points)
     if survey.on_board is not None:

@@ -1,7 +1,7 @@
 """Rows of the table of a score."""
 
 from survey.reporting.quantities import TableRow, number, percent
-from survey.scoring import Calibration, Coverage, ErrorStatistics, Score
+from survey.scoring import Calibration, Coverage, ErrorStatistics, Score, judge
 
 
 def score_rows(score: Score) -> dict[str, list[TableRow]]:
@@ -33,7 +33,11 @@ def _elevation_rows(e: ErrorStatistics) -> list[TableRow]:
     return [
         TableRow("RMSE", number(e.rmse_m, "m"), "root mean square error; what the standards judge"),
         TableRow("Bias", number(e.bias_m, "m"), "mean error; positive: the map lies too high"),
-        TableRow("Standard deviation", number(e.std_m, "m"), "spread of the errors about the bias"),
+        TableRow(
+            "Standard deviation",
+            number(e.std_m, "m"),
+            f"relative error: what is left after removing the bias; {_relative_class(e)}",
+        ),
         TableRow("Median", number(e.median_m, "m"), "half of the errors are above, half below"),
         TableRow(
             "NMAD",
@@ -49,6 +53,12 @@ def _elevation_rows(e: ErrorStatistics) -> list[TableRow]:
             "0 for normal errors, above 0 for rare large ones",
         ),
     ]
+
+
+def _relative_class(e: ErrorStatistics) -> str:
+    """Return the tightest class that the error without the bias meets, as text."""
+    met = [verdict for verdict in judge(e.std_m) if verdict.met]
+    return f"{met[-1].map_class} (limit {number(met[-1].limit_m, 'm')})" if met else "no class"
 
 
 def _calibration_rows(k: Calibration) -> list[TableRow]:

@@ -9,6 +9,7 @@ from survey.scoring.coverage import Coverage, SampleCells, science_coverage
 from survey.scoring.score import Score, score
 from survey.scoring.spread import centeredness, distribution
 from survey.scoring.standards.assessment import CheckpointScore, score_at
+from survey.scoring.standards.certificate import Certificate, certificate
 from survey.scoring.standards.checkpoint_design import design_checkpoints
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread, compare
 from survey.scoring.standards.checkpoints import Checkpoints
@@ -25,6 +26,7 @@ from survey.scoring.standards.standards import Standard
 __all__ = [
     "Assessment",
     "Calibration",
+    "Certificate",
     "Change",
     "CheckpointErrors",
     "CheckpointScore",
@@ -42,6 +44,7 @@ __all__ = [
     "Verdict",
     "VolumeChange",
     "centeredness",
+    "certificate",
     "change",
     "change_of_models",
     "compare",

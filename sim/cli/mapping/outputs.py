@@ -8,6 +8,7 @@ import typer
 
 import survey
 from survey.core.files.replacing import replacing_folder
+from survey.reconstruction.base import ELEVATION
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
@@ -78,7 +79,12 @@ def print_map(made: MadeMap, out: Path, *, as_json: bool) -> None:
 
 
 def _print_findings(result: survey.Reconstruction) -> None:
-    """Print what is to be known of the input: low returns that were left out, a prior that ends within the map."""
+    """Print the check by points left out, the classes by the map's claim, and what is to be known of the input."""
+    from survey.scoring.standards.certificate import certificate
+
+    check, certified = result.check, certificate(result) if result.quantity == ELEVATION else None
+    for sentence in (() if check is None else (check.sentence,)) + (certified.sentences if certified else ()):
+        typer.echo(f"  {sentence}")
     share = result.diagnostics.get("prior_covered_share")
     if share is not None:
         typer.echo(f"  the prior covers {100.0 * share:.1f} % of the map; the rest has no height")

@@ -29,6 +29,7 @@ def map_points(request: MapRequest) -> MadeMap:
             path=None if path is None else path.error,
             quantity=request.value or ELEVATION,
             progress=progress,
+            area=area,
         )
     result = mapped.reconstruction if area is None else within(mapped.reconstruction, area)
     corrected = None

@@ -10,10 +10,10 @@ from scipy.special import ndtr
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.weighted_chi_square import WeightedChiSquare
-from survey.reconstruction.base import SIGMAS_95
 
 LEVEL = 0.01
 """Chance that the test rejects a map whose standard deviation is right."""
+_SIGMAS_95 = 1.959964
 _N_BINS = 3
 _N_LEAST = 20
 _MOST_WIDENED = 30.0
@@ -58,7 +58,7 @@ class PredictiveScores:
         log_density = -0.5 * z**2 - np.log(sigma_m) - 0.5 * np.log(2.0 * np.pi)
         return cls(
             len(z),
-            float(np.mean(np.abs(z) <= SIGMAS_95)),
+            float(np.mean(np.abs(z) <= _SIGMAS_95)),
             float(np.sqrt(np.mean(z**2))),
             float(np.mean(log_density)),
             tuple(float(share) for share in tenths / len(z)),
@@ -72,9 +72,9 @@ class HeldOut:
     Parameters
     ----------
     kind : str
-        What was left out at a time: ``swath``, ``block`` or ``disc``.
+        What was left out one at a time, in the plural: ``swaths``, ``parts of swaths`` or ``discs``.
     n_blocks : int
-        How many were left out, one at a time.
+        How many were left out.
     error_m : (M,) ndarray
         Measured less predicted height [m].
     variance_m2 : (M,) ndarray
@@ -115,9 +115,9 @@ class PredictiveCheck:
     Parameters
     ----------
     kind : str
-        What was left out at a time.
+        What was left out one at a time, in the plural.
     n_blocks : int
-        How many were left out, one at a time.
+        How many were left out.
     before, after : PredictiveScores
         Scores by the map's claim, and after widening.
     distance_m : (B,) tuple of float
@@ -172,8 +172,8 @@ class PredictiveCheck:
 
     @property
     def contradicts(self) -> bool:
-        """Whether held-out points contradict the standard deviation, so that it was widened."""
-        return max(self.factor) > 1.0
+        """Whether held-out points contradict the claim of the map, at 1 % for all ranges of distance together."""
+        return min(self.p_value) < LEVEL / _N_BINS
 
     def factor_at(self, distance_m: FloatArray) -> FloatArray:
         """Return the factor on the standard deviation at distances to the nearest point [m]."""
@@ -183,17 +183,19 @@ class PredictiveCheck:
     def sentence(self) -> str:
         """The finding in one sentence."""
         found = (
-            f"{self.n_blocks} {self.kind}s left out one at a time: {100.0 * self.before.coverage_95:.0f} % of "
-            f"{self.before.n} points within the 95 % interval"
+            f"{self.n_blocks} {self.kind} left out: {100.0 * self.before.coverage_95:.0f} % of {self.before.n} points "
+            "lie within the predicted 95 % interval"
         )
-        if not self.contradicts:
-            return f"{found}, which agrees with the stated standard deviation."
-        least = min(f for f in self.factor if f > 1.0)
-        most = max(self.factor)
-        by = f"{most:.2f}" if most - least < 0.005 else f"{least:.2f} to {most:.2f}"
+        verdict = (
+            f"which contradicts the standard deviation (level {100.0 * LEVEL:g} %)"
+            if self.contradicts
+            else "which agrees with the standard deviation"
+        )
+        if max(self.factor) <= 1.005:
+            return f"{found}, {verdict}."
         return (
-            f"{found}, which contradicts the stated standard deviation (level {100.0 * LEVEL:g} %); "
-            f"it was widened by a factor of {by}, after which {100.0 * self.after.coverage_95:.0f} % are."
+            f"{found}, {verdict}; it is widened by a factor of up to {max(self.factor):.2f}, after which "
+            f"{100.0 * self.after.coverage_95:.0f} % do."
         )
 
     def facts(self) -> dict[str, Any]:

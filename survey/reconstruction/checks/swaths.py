@@ -1,5 +1,7 @@
 """Swaths of a drive from the points' keyframes and headings, to be left out one at a time."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from survey.core.arrays import FloatArray, IntArray
@@ -7,17 +9,24 @@ from survey.data.surface_points import SurfacePoints
 
 # A swath ends where the heading has turned by more than this from that of its beginning [rad].
 _TURN_RAD = np.radians(50.0)
-# Straight drives are cut into pieces of at most this share of all points.
-_LARGEST_SHARE = 0.3
+# A swath is left out in pieces of at most this share of all points, and of at most so many points.
+_LARGEST_SHARE, _MOST_POINTS = 0.3, 1000
 # Runs with fewer points are turns, and are never left out.
 _N_LEAST = 15
 
 
-def swaths_of(points: SurfacePoints) -> IntArray:
-    """Return the number of the swath from which each point was seen (N,); -1 for points of short runs.
+class Swaths(NamedTuple):
+    """Numbers of the swath from which points were seen (N,), -1 for points of short runs; and whether some are parts."""
+
+    number: IntArray
+    are_parts: bool
+
+
+def swaths_of(points: SurfacePoints) -> Swaths:
+    """Return the swath from which each point was seen.
 
     Points are ordered by their keyframes. A swath is a run without a turn; runs that hold more than three
-    tenths of all points are cut into equal pieces.
+    tenths of all points, or more than 1,000, are cut into equal parts.
 
     Parameters
     ----------
@@ -30,23 +39,25 @@ def swaths_of(points: SurfacePoints) -> IntArray:
     >>> line = SurfacePoints(
     ...     np.zeros((82, 3)), covariance=np.tile(np.eye(3), (82, 1, 1)), own_covariance=np.tile(np.eye(3), (82, 1, 1)),
     ...     keyframe=np.arange(82.0), heading_rad=heading, body=np.zeros((82, 3)), crs="EPSG:32608")
-    >>> np.unique(swaths_of(line), return_counts=True)[1].tolist()
+    >>> np.unique(swaths_of(line).number, return_counts=True)[1].tolist()
     [2, 20, 20, 20, 20]
     """
     assert points.keyframe is not None
     assert points.heading_rad is not None
     order = np.argsort(points.keyframe, kind="stable")
     swath = np.full(len(points), -1, dtype=np.int64)
-    n_swaths = 0
+    n_swaths, are_parts = 0, False
     for run in _runs(points.heading_rad[order]):
         rows = order[run]
         if len(rows) < _N_LEAST:
             continue
-        n_pieces = int(np.ceil(len(rows) / max(_LARGEST_SHARE * len(points), _N_LEAST)))
+        most = min(max(_LARGEST_SHARE * len(points), _N_LEAST), _MOST_POINTS)
+        n_pieces = int(np.ceil(len(rows) / most))
+        are_parts |= n_pieces > 1
         for piece in np.array_split(rows, n_pieces):
             swath[piece] = n_swaths
             n_swaths += 1
-    return swath
+    return Swaths(swath, are_parts)
 
 
 def _runs(heading_rad: FloatArray) -> list[slice]:

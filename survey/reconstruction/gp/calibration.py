@@ -1,14 +1,17 @@
 """Calibration of the standard deviation by blocked cross-validation."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
+from scipy.special import chdtrc
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
+from survey.reconstruction.base import CHECK
+from survey.reconstruction.checks.predictive import PredictiveCheck, PredictiveScores
 from survey.reconstruction.observations import Predict
 
 _SHARE_IN_DISCS, _SHARE_IN_ONE, _SHARE_SINGLE = 0.12, 0.05, 0.04
@@ -45,7 +48,8 @@ class SigmaCalibration:
 
     def facts(self) -> dict[str, Any]:
         """Return the scale and what it rests on, for the record."""
-        return {"distance_m": self.distance_m, "scale": self.scale, **self.held_out}
+        held_out = {name: value for name, value in self.held_out.items() if name != CHECK}
+        return {"distance_m": self.distance_m, "scale": self.scale, **held_out}
 
     def at(self, distance_m: FloatArray) -> FloatArray:
         """Return the factor at distances (M,) [m]."""
@@ -82,33 +86,73 @@ class SigmaCalibration:
         all points, and the test is not blind to them. Ground unlike any that was measured
         cannot be foreseen.
         """
-        kept = ~left_out(xy, gaps_m)
+        out = left_out(xy, gaps_m)
+        kept = ~out.points
         if (~kept).sum() < _N_LEAST or kept.sum() < _N_LEAST:
             return cls.none()
         mean, variance = predict(kept, xy[~kept])
-        error, noise = values[~kept] - mean, noise_m2[~kept]
         distance = np.asarray(cKDTree(xy[kept]).query(xy[~kept])[0])
-        edges = np.quantile(distance, np.linspace(0.0, 1.0, _N_BINS + 1))
-        index = np.clip(np.searchsorted(edges, distance, side="right") - 1, 0, _N_BINS - 1)
-        middles, scales = [], []
-        for k in range(_N_BINS):
-            here = index == k
-            if here.any():
-                middles.append(float(np.median(distance[here])))
-                weight = _n_independent(xy[~kept][here], middles[-1]) / here.sum()
-                scales.append(max(1.0, _scale(error[here], variance[here], noise[here], weight)))
-        found = cls(np.array(middles), np.array(scales), {})
-        factor = found.at(distance)
+        held_out = _HeldOut(xy[~kept], values[~kept] - mean, variance, noise_m2[~kept], distance)
+        bins = held_out.bins()
+        found = cls(np.array([b.distance_m for b in bins]), np.array([b.scale for b in bins]), {})
+        before, after = (held_out.scores(factor) for factor in (np.ones(len(distance)), found.at(distance)))
+        columns = list(zip(*bins, strict=True))
+        check = PredictiveCheck("discs and single points", out.n_discs, before, after, *columns)
         facts = {
-            "n_held_out": int((~kept).sum()),
-            "coverage_95_before": _coverage(error, variance + noise),
-            "coverage_95_after": _coverage(error, factor**2 * variance + noise),
+            "n_held_out": before.n,
+            "coverage_95_before": before.coverage_95,
+            "coverage_95_after": after.coverage_95,
+            CHECK: check.facts(),
         }
         return cls(found.distance_m, found.scale, facts)
 
 
-def left_out(xy: FloatArray, gaps_m: FloatArray) -> BoolArray:
-    """Choose points to leave out (N,): discs as wide as the survey's gaps, and single points; always the same ones."""
+class _Bin(NamedTuple):
+    """Median distance [m] of a range, independent errors in it, chance of errors as large, and scale found."""
+
+    distance_m: float
+    n_effective: float
+    p_value: float
+    scale: float
+
+
+class _HeldOut(NamedTuple):
+    """Places (M, 2), errors (M,), variances of prediction and point (M,), and distances to the nearest point (M,)."""
+
+    xy: FloatArray
+    error: FloatArray
+    variance: FloatArray
+    noise: FloatArray
+    distance_m: FloatArray
+
+    def scores(self, factor: FloatArray) -> PredictiveScores:
+        """Return the scores with the predicted deviation times a factor (M,)."""
+        return PredictiveScores.of(self.error, np.sqrt(factor**2 * self.variance + self.noise))
+
+    def bins(self) -> list[_Bin]:
+        """Return what each third of the distances says."""
+        edges = np.quantile(self.distance_m, np.linspace(0.0, 1.0, _N_BINS + 1))
+        index = np.clip(np.searchsorted(edges, self.distance_m, side="right") - 1, 0, _N_BINS - 1)
+        return [self._bin(index == k) for k in range(_N_BINS) if (index == k).any()]
+
+    def _bin(self, here: BoolArray) -> _Bin:
+        middle = float(np.median(self.distance_m[here]))
+        error, variance, noise = self.error[here], self.variance[here], self.noise[here]
+        n = _n_independent(self.xy[here], middle)
+        scale = max(1.0, _scale(error, variance, noise, n / here.sum()))
+        p_value = float(chdtrc(n, n * float(np.mean(error**2 / (variance + noise)))))
+        return _Bin(middle, float(n), p_value, scale)
+
+
+class LeftOut(NamedTuple):
+    """Points to leave out (N,), and the number of discs among them."""
+
+    points: BoolArray
+    n_discs: int
+
+
+def left_out(xy: FloatArray, gaps_m: FloatArray) -> LeftOut:
+    """Choose points to leave out: discs as wide as the survey's gaps, and single points; always the same ones."""
     rng = stream(0, "calibration")
     tree = cKDTree(xy)
     out = np.zeros(len(xy), dtype=bool)
@@ -128,7 +172,7 @@ def left_out(xy: FloatArray, gaps_m: FloatArray) -> BoolArray:
             n_discs += 1
     free = np.flatnonzero(~out)
     out[rng.choice(free, size=int(_SHARE_SINGLE * len(free)), replace=False)] = True
-    return out
+    return LeftOut(out, n_discs)
 
 
 def _n_independent(xy: FloatArray, correlation_m: float) -> int:
@@ -143,7 +187,3 @@ def _scale(error: FloatArray, variance: FloatArray, noise: FloatArray, weight: f
         return weight * misfit + 0.5 * (log_scale / _PRIOR_LOG_SD) ** 2
 
     return float(np.exp(minimize_scalar(negative, bounds=(-1.5, 1.5), method="bounded").x))
-
-
-def _coverage(error: FloatArray, variance: FloatArray) -> float:
-    return float(np.mean(np.abs(error) <= 1.959964 * np.sqrt(variance)))

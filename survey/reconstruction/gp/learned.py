@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
-from survey.reconstruction.base import UNSEEN
+from survey.reconstruction.base import CHECK, UNSEEN
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.mean import Mean
@@ -101,7 +101,9 @@ class Learned:
 
     def diagnostics(self) -> dict[str, Any]:
         """Return what was found out about the points and the engine, for the record."""
+        check = self.calibration.held_out.get(CHECK)
         return {
+            **({} if check is None else {CHECK: check}),
             "n_points": len(self.process.data),
             "n_points_beyond_reach": self.n_beyond_reach,
             "outliers": self.outliers.facts(),

@@ -10,6 +10,7 @@ from scipy import sparse
 from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.crs.agreement import same_crs
 from survey.core.crs.vertical_datum import same_vertical_datum
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
@@ -29,6 +30,7 @@ from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.selection.families import with_landforms
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, stated_family
+from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
 from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
@@ -85,8 +87,17 @@ class JointTerrain:
     config: GaussianProcessConfig = field(default_factory=GaussianProcessConfig)
     joint: JointConfig = field(default_factory=JointConfig)
 
-    def map(self, points: SurfacePoints, grid: Grid) -> JointMap:
-        """Estimate the terrain on a grid, and the path.
+    def map(self, points: SurfacePoints, grid: Grid, area: SurveyArea | None = None) -> JointMap:
+        """Estimate the terrain on a grid, and the path; test the standard deviation unless hyperparameters are stated.
+
+        Parameters
+        ----------
+        points : SurfacePoints
+            Landmarks that name their keyframes.
+        grid : Grid
+            Nodes of the map.
+        area : SurveyArea, optional
+            Ground of which the error is claimed; the grid by default.
 
         Raises
         ------
@@ -95,7 +106,8 @@ class JointTerrain:
             elsewhere or above another datum.
         """
         same_crs(points.crs, grid.crs, "the points and the grid")
-        return self.solved(points, grid.bounds).on(grid)
+        wanted = self.config.fit if self.config.calibrate is None else self.config.calibrate
+        return checked_map(self.solved(points, grid.bounds), grid, area, is_tested=wanted)
 
     def solved(self, points: SurfacePoints, bounds: Bounds) -> JointSolution:
         """Solve for the terrain within bounds (xmin, ymin, xmax, ymax) [m], and the path."""

@@ -8,7 +8,7 @@ residuals r, the estimate without the block errs at the block by
 (Sherman, Morrison and Woodbury). Hyperparameters are those of all points.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -22,7 +22,7 @@ from survey.reconstruction.joint.joint_solve import waves_at
 from survey.reconstruction.joint.solution import JointSolution
 
 # Points that are left out in total, and points of a swath whose errors are held against each other.
-_MOST_POINTS = 4000
+_MOST_POINTS = 2000
 _N_TESTED = 60
 # Share of the noise that is left to a direction in which only the block itself is informative.
 _LEAST_SHARE = 1e-9
@@ -57,10 +57,10 @@ def check_by_swaths(solution: JointSolution) -> PredictiveCheck | None:
     Returns
     -------
     PredictiveCheck or None
-        Of at most 4,000 points.
+        Of about 2,000 points at most.
     """
-    swath = swaths_of(solution.points)
-    blocks = _chosen(swath)
+    swaths = swaths_of(solution.points)
+    blocks = _chosen(swaths.number)
     if len(blocks) < 2:
         return None
     solved = [_solved(solution, rows, number) for number, rows in enumerate(blocks)]
@@ -70,7 +70,7 @@ def check_by_swaths(solution: JointSolution) -> PredictiveCheck | None:
     distances = [_distance_to_others(solution.points.xy, block.rows) for block in solved]
     own_m2 = solution.noise_m2[rows] - solution.found.nugget_m**2
     held_out = HeldOut(
-        "swath",
+        "parts of swaths" if swaths.are_parts else "swaths",
         len(solved),
         np.concatenate([block.error_m for block in solved]),
         np.concatenate([block.variance_m2 for block in solved])
@@ -100,8 +100,7 @@ def _solved(solution: JointSolution, rows: IntArray, number: int) -> _Block:
     shared = solution.rows[rows]
     waves = waves_at(points.xy[rows], solution.basis, posterior.weights.amplitudes) - shared @ posterior.reach
     seen = posterior.seen(waves)
-    sides = posterior.factor.solve(np.ascontiguousarray(shared.toarray().T))
-    known = waves @ seen + shared @ sides
+    known = waves @ seen + _known_shared(posterior.factor, shared)
     residual = solution.residual_m[rows]
     half = np.sqrt(noise)
     left = np.eye(len(rows)) - 0.5 * (known + known.T) / np.outer(half, half)
@@ -114,6 +113,7 @@ def _solved(solution: JointSolution, rows: IntArray, number: int) -> _Block:
     tested = np.sort(rng.permutation(len(rows))[:_N_TESTED])
     reach = (half[tested, None] * covariance[tested]) / half
     variance = noise * np.diag(covariance) - noise
+    shared_reach = np.asarray((shared.T @ reach.T).T)
     own = covariance[np.ix_(tested, tested)] * np.outer(half[tested], half[tested])
     own[np.diag_indices(len(tested))] += (solution.noise_m2[rows] + solution.tail_m2 - noise)[tested]
     return _Block(
@@ -124,9 +124,19 @@ def _solved(solution: JointSolution, rows: IntArray, number: int) -> _Block:
         own,
         reach @ waves,
         seen @ reach.T,
-        np.asarray((shared.T @ reach.T).T),
-        sides @ reach.T,
+        shared_reach,
+        posterior.factor.solve(np.ascontiguousarray(shared_reach.T)),
     )
+
+
+def _known_shared(factor: Any, rows: Any) -> FloatArray:
+    """Return ``U G⁻¹ Uᵀ`` (N, N) for sparse rows U (N, S), by the few columns that they touch."""
+    touched = np.unique(rows.indices)
+    columns = np.zeros((rows.shape[1], len(touched)))
+    columns[touched, np.arange(len(touched))] = 1.0
+    part = rows[:, touched]
+    covariance: FloatArray = part @ (part @ factor.solve(columns)[touched]).T
+    return covariance
 
 
 def _distance_to_others(xy: FloatArray, rows: IntArray) -> FloatArray:

@@ -29,13 +29,16 @@ def check_length_scale(settings: ScanSettings) -> None:
 
 
 def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
+    from survey.reconstruction.gp.claimed_error import with_claim
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
 
     config, prior, facts = _with_estimated_prior(task)
     rows, columns = task.grid.shape
     watch = MapWatch(rows * columns, task.progress)
     model = GaussianProcessTerrain(config, prior, engine, task.quantity, task.grid.bounds, watch)
-    result = model.fit(task.points).grid(task.grid)
+    fitted = model.fit(task.points)
+    assert fitted.learned_ is not None
+    result = with_claim(fitted.grid(task.grid), fitted.learned_, task.area)
     return MappedTerrain(replace(result, diagnostics={**result.diagnostics, **facts}))
 
 

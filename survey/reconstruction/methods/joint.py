@@ -21,7 +21,7 @@ def _run(task: MappingTask) -> MappedTerrain:
             "give the prior as a Dem or leave it out."
         )
     model = JointTerrain(task.path, task.prior, task.config(GaussianProcessConfig), task.config(JointConfig))
-    return MappedTerrain(*model.map(task.points, task.grid))
+    return MappedTerrain(*model.map(task.points, task.grid, task.area))
 
 
 JOINT = ReconstructionMethod(

@@ -68,6 +68,10 @@ class Process(ABC):
         """Return mean and standard deviation of the weighted sum of heights at places (M, 2)."""
         raise self._refusal("sums")
 
+    def joint_covariance(self, xy: FloatArray) -> FloatArray:
+        """Return the posterior covariance (M, M) [m²] of the surface at places (M, 2)."""
+        raise self._refusal("covariance")
+
     def derivative_variance_on_axes(self, x: FloatArray, y: FloatArray, direction: FloatArray) -> FloatArray:
         """Return the variance (H * W,) of the derivative along a vector (2,), without that of a trend."""
         raise self._refusal("slopes")

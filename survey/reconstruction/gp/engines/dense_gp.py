@@ -169,6 +169,10 @@ class DenseGaussianProcess(Process):
         covariance: FloatArray = self.kernel.covariance(xy_a, xy_b) - half_a.T @ half_b
         return covariance + gap_a @ self._weights()[2] @ gap_b.T
 
+    def joint_covariance(self, xy: FloatArray) -> FloatArray:
+        """Return the posterior covariance (M, M) [m²] of the surface at places (M, 2)."""
+        return self.covariance(xy, xy)
+
     def weighted_sum(self, xy: FloatArray, weights: FloatArray) -> tuple[float, float]:
         """Return mean and standard deviation of ``Σ w_i f(x_i)``; places are taken in blocks of a thousand."""
         blocks = [slice(k, k + _BLOCK) for k in range(0, len(xy), _BLOCK)]

@@ -91,6 +91,20 @@ class FourierProducts(Process):
             variance += float(gap @ np.linalg.solve(self.trend_precision, gap))
         return float(weights @ mean), float(np.sqrt(max(variance, 0.0)))
 
+    def joint_covariance(self, xy: FloatArray) -> FloatArray:
+        """Return the posterior covariance (M, M) [m²] of the surface at places (M, 2), for few places.
+
+        Relief of the discarded waves counts as independent from place to place.
+        """
+        features = self.posterior.features(xy)
+        covariance: FloatArray = features @ self.posterior.times_each(features)
+        if self.trend.n_columns:
+            explained = [self.resolution.box.evaluate(xy, field) for field in self.trend_fields]
+            gap = self.trend.columns(xy) - np.stack(explained, axis=-1)
+            covariance += gap @ np.linalg.solve(self.trend_precision, gap.T)
+        covariance[np.diag_indices(len(xy))] += self.resolution.tail_m2
+        return covariance
+
     def derivative_variance_on_axes(self, x: FloatArray, y: FloatArray, direction: FloatArray) -> FloatArray:
         """Return the variance (H * W,) of the derivative along a vector (2,), without that of a trend."""
         coefficients = self.posterior.variance_coefficients(direction)

@@ -78,6 +78,13 @@ class WeightPosterior:
             product -= self.downdates @ (self.downdates.T @ vector)
         return product
 
+    def times_each(self, vectors: FloatArray) -> FloatArray:
+        """Return the products (m, M) of the covariance with the rows (M, m)."""
+        products: FloatArray = blas.dsymm(1.0, self.covariance, np.asfortranarray(vectors.T), lower=1)
+        if self.downdates.size:
+            products -= self.downdates @ (self.downdates.T @ vectors.T)
+        return products
+
     def features(self, xy: FloatArray) -> FloatArray:
         """Whitened features ``D φ`` (N, m) at points, for few points."""
         x, y = self.basis.box.phases(xy)

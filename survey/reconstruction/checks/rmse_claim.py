@@ -1,0 +1,116 @@
+"""Posterior of the root mean square error of a map, from the joint covariance of its errors."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.weighted_chi_square import WeightedChiSquare
+
+CONFIDENCE = 0.95
+"""Probability with which a class of a map is stated from its own claim."""
+_MOST_NODES = 400
+
+
+@dataclass(frozen=True)
+class RmsePosterior:
+    """Posterior of a root mean square error.
+
+    Parameters
+    ----------
+    expected_m : float
+        Root of the expected mean square error [m].
+    sigma_m : float
+        Standard deviation of the root mean square error, to first order [m].
+    upper_m : float
+        What it stays below with a probability of 95 % [m].
+    """
+
+    expected_m: float
+    sigma_m: float
+    upper_m: float
+
+    @classmethod
+    def of(cls, covariance_m2: FloatArray) -> Self:
+        """Return the posterior for normal errors of mean 0 with a covariance (M, M) [m²].
+
+        Examples
+        --------
+        >>> one = RmsePosterior.of(0.04 * np.ones((3, 3)))
+        >>> round(one.expected_m, 3), round(one.upper_m / one.expected_m, 2)
+        (0.2, 1.96)
+        """
+        squared = WeightedChiSquare.of_mean_square(covariance_m2)
+        expected = float(np.sqrt(squared.mean))
+        return cls(
+            expected,
+            float(np.sqrt(squared.variance)) / (2.0 * expected),
+            float(np.sqrt(squared.quantile(CONFIDENCE))),
+        )
+
+
+@dataclass(frozen=True)
+class RmseClaim:
+    """Posterior of a map's error by its own claim, with the best vertical offset and without.
+
+    Parameters
+    ----------
+    absolute : RmsePosterior
+        Of the errors as they are.
+    relative : RmsePosterior
+        Of the errors less their mean, which a vertical offset removes.
+    offset_sigma_m : float
+        Standard deviation of that mean [m].
+    """
+
+    absolute: RmsePosterior
+    relative: RmsePosterior
+    offset_sigma_m: float
+
+    @classmethod
+    def of(cls, covariance_m2: FloatArray, std_m: FloatArray) -> Self:
+        """Return the claim of a map with a covariance (M, M) [m²] of its errors at some nodes, scaled to stated deviations (M,).
+
+        Parameters
+        ----------
+        covariance_m2 : (M, M) ndarray
+            Covariance of the heights at the nodes [m²].
+        std_m : (M,) ndarray
+            Standard deviations that the map states there [m].
+        """
+        scale = std_m / np.sqrt(np.diag(covariance_m2))
+        stated = covariance_m2 * np.outer(scale, scale)
+        by_row = stated.mean(axis=0)
+        centred = stated - by_row[:, None] - by_row[None, :] + by_row.mean()
+        return cls(
+            RmsePosterior.of(stated), RmsePosterior.of(centred), float(np.sqrt(max(by_row.mean(), 0.0)))
+        )
+
+    def facts(self) -> dict[str, Any]:
+        """Return the claim for the record of a map."""
+        return asdict(self)
+
+    @classmethod
+    def from_facts(cls, facts: Mapping[str, Any]) -> Self:
+        """Rebuild a claim from the record of a map."""
+        absolute, relative = (RmsePosterior(**facts[name]) for name in ("absolute", "relative"))
+        return cls(absolute, relative, facts["offset_sigma_m"])
+
+
+def sampled_nodes(inside: npt.NDArray[np.bool_]) -> IntArray:
+    """Return at most 400 evenly spread nodes of a grid, as rows of its nodes in order, among those inside (H, W).
+
+    Examples
+    --------
+    >>> sampled_nodes(np.ones((40, 40), dtype=bool)).size
+    400
+    """
+    step = max(int(np.ceil(np.sqrt(inside.sum() / _MOST_NODES))), 1)
+    first = step // 2
+    chosen = np.zeros_like(inside)
+    chosen[first::step, first::step] = True
+    rows = np.flatnonzero((chosen & inside).ravel())
+    return rows if len(rows) else np.flatnonzero(inside.ravel())[:_MOST_NODES]

@@ -1,0 +1,99 @@
+"""Classes of a map by its own claim: absolute, and after removing the best vertical offset."""
+
+from dataclasses import dataclass
+
+from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.checks.rmse_claim import CONFIDENCE, RmseClaim, RmsePosterior
+from survey.scoring.standards.map_classes import Verdict, judge
+from survey.scoring.standards.standards import PAPER
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Classes that a map meets by its own claim with a probability of at least 95 %.
+
+    Parameters
+    ----------
+    claim : RmseClaim
+        Posterior of the map's root mean square error.
+    absolute : tuple of Verdict
+        One for each row of the standard, the loosest first; their RMSE is what the error stays below with 95 %.
+    relative : tuple of Verdict
+        The same after removing the best vertical offset.
+    is_tested : bool
+        Whether points that were left out have tested the standard deviation.
+
+    Notes
+    -----
+    It is as good as the map's standard deviation. Errors that no point and no prior shows, such as a wrong
+    vertical datum of everything, are not in it.
+    """
+
+    claim: RmseClaim
+    absolute: tuple[Verdict, ...]
+    relative: tuple[Verdict, ...]
+    is_tested: bool
+
+    @property
+    def sentences(self) -> tuple[str, str]:
+        """Absolute and relative error with their class, in one sentence each."""
+        untested = "" if self.is_tested else "; the standard deviation was not tested by points left out"
+        offset = f"its level errs by {self.claim.offset_sigma_m:.3f} m (1 σ)"
+        return (
+            f"absolute error by the map's own claim: {_error(self.claim.absolute, self.absolute)}; {offset}{untested}.",
+            f"relative error, after removing the best vertical offset: {_error(self.claim.relative, self.relative)}.",
+        )
+
+
+def certificate(reconstruction: Reconstruction, standard: str = PAPER) -> Certificate | None:
+    """State the classes of a map by its own claim.
+
+    A class is met where the root mean square error is within its limit with a probability of at least 95 %, by
+    the posterior that follows from the joint covariance of the map's errors.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        A map of elevation.
+    standard : str
+        As in `map_classes`.
+
+    Returns
+    -------
+    Certificate or None
+        None for a map without a joint covariance: triangles, lattices, maps in tiles.
+
+    Raises
+    ------
+    ConfigError
+        An unknown standard.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from survey.data.dem import Dem
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 40.0, 40.0), 10.0)
+    >>> flat = Dem.on(grid, np.zeros(grid.shape))
+    >>> certificate(Reconstruction(flat, flat, np.full(grid.shape, 3), "tin", {})) is None
+    True
+    """
+    claim = reconstruction.claim
+    if claim is None:
+        return None
+    absolute, relative = (judge(one.upper_m, standard) for one in (claim.absolute, claim.relative))
+    return Certificate(claim, absolute, relative, reconstruction.check is not None)
+
+
+def _error(posterior: RmsePosterior, verdicts: tuple[Verdict, ...]) -> str:
+    """Return the expected error, its 95 % limit and the tightest class met, as text."""
+    met = [verdict for verdict in verdicts if verdict.met]
+    stated = (
+        f"{met[-1].map_class} met (limit {met[-1].limit_m:.3f} m)"
+        if met
+        else f"no class met (loosest limit {verdicts[0].limit_m:.3f} m)"
+    )
+    return (
+        f"RMSE {posterior.expected_m:.3f} ± {posterior.sigma_m:.3f} m, below {posterior.upper_m:.3f} m with a "
+        f"probability of {100.0 * CONFIDENCE:g} %, {stated}"
+    )

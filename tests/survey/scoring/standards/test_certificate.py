@@ -1,0 +1,46 @@
+"""Classes of a map by its own claim."""
+
+import numpy as np
+import pytest
+
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.reconstruction.base import CLAIM, Reconstruction
+from survey.reconstruction.checks.rmse_claim import RmseClaim
+from survey.scoring import certificate
+
+GRID = Grid((0.0, 0.0, 90.0, 90.0), 10.0, "EPSG:32608")
+
+
+def claimed(shared_m: float, own_m: float) -> Reconstruction:
+    """Return a map whose nodes share one error and have independent ones."""
+    covariance = np.full((100, 100), shared_m**2) + own_m**2 * np.eye(100)
+    std = np.full(GRID.shape, np.hypot(shared_m, own_m))
+    claim = RmseClaim.of(covariance, std.ravel())
+    flat, deviation = Dem.on(GRID, np.zeros(GRID.shape)), Dem.on(GRID, std)
+    return Reconstruction(
+        flat, deviation, np.full(GRID.shape, 3), "gp", {}, diagnostics={CLAIM: claim.facts()}
+    )
+
+
+def test_a_class_is_met_only_when_95_percent_of_errors_are_within_its_limit():
+    # A common offset of 0.25 m is below 0.49 m in 95 % of cases, and the limit of class 3 is 0.457 m.
+    found = certificate(claimed(0.25, 0.02))
+    assert found.claim.absolute.expected_m < found.absolute[0].limit_m < found.claim.absolute.upper_m
+    assert not found.absolute[0].met
+    assert found.relative[0].met
+
+
+def test_absolute_and_relative_errors_are_stated_with_class_and_deviation():
+    absolute, relative = certificate(claimed(0.3, 0.05)).sentences
+    assert "no class met" in absolute
+    assert "its level errs by 0.300 m" in absolute
+    assert "not tested" in absolute
+    assert "RMSE 0.050 ±" in relative
+    assert "Class 1 met" in relative
+
+
+def test_relative_error_is_that_without_the_offset():
+    claim = certificate(claimed(0.3, 0.05)).claim
+    assert claim.relative.expected_m == pytest.approx(0.05, rel=0.01)
+    assert claim.offset_sigma_m == pytest.approx(0.3, rel=0.01)
