@@ -6,14 +6,15 @@ from functools import cached_property
 import numpy as np
 
 from survey.core.arguments import check_types
-from survey.core.arrays import FloatArray, Progress
+from survey.core.arrays import BoolArray, FloatArray, Progress
 from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.disagreement import reconcile
 from vision_slam.fusion.landmarks import place_landmarks
-from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes
+from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
 from vision_slam.fusion.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
 from vision_slam.fusion.smoother import SmoothedPath, smooth
 from vision_slam.fusion.visual_scale import (
@@ -82,7 +83,7 @@ def localize(
     if recording.odometry is None and recording.frames is None and visual is None:
         return kinematic_survey(recording, settings)
     drive = measure_motion(recording, settings, visual, progress)
-    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay):
+    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay, widen_errors):
         drive = step(drive)
     accepted = add_loop_closures(drop_refused_fixes(drive))
     path = smooth(accepted.recording, accepted.path, accepted.config)
@@ -93,7 +94,7 @@ def localize(
         drive.online.trajectory(drive.recording),
         drive.visual,
         n_fixes=drive.online.n_fixes,
-        n_fixes_refused=drive.online.n_refused,
+        n_fixes_refused=drive.online.n_fixes - int(drive.used_fixes.sum()),
         notes=drive.notes,
     )
 
@@ -102,13 +103,15 @@ def localize(
 class Drive:
     """Recording with odometry, and everything the steps of the pipeline pass on.
 
-    ``visual`` is None where the odometry was processed elsewhere.
+    ``visual`` is None where the odometry was processed elsewhere; ``used`` (M,) are the fixes to use
+    where these are others than the filter accepted.
     """
 
     recording: OdometryRecording
     config: LocalizationConfig
     visual: VisualOdometry | None = None
     notes: tuple[str, ...] = ()
+    used: BoolArray | None = None
 
     @cached_property
     def path(self) -> FloatArray:
@@ -119,6 +122,11 @@ class Drive:
     def online(self) -> OnlinePath:
         """Causal estimate of the particle filter."""
         return filter_path(self.recording, self.path, self.config)
+
+    @property
+    def used_fixes(self) -> BoolArray:
+        """Whether each fix is used (M,): those that the filter accepted, unless others were chosen."""
+        return self.online.accepted if self.used is None else self.used
 
     @property
     def is_interrupted(self) -> bool:
@@ -220,9 +228,20 @@ def correct_delay(drive: Drive) -> Drive:
     return align_drive(moved).noted(f"the fixes are about {delay_s:.1f} s late and were moved back in time")
 
 
+def widen_errors(drive: Drive) -> Drive:
+    """Widen the errors of the odometry where it and the fixes disagree beyond both claims."""
+    if drive.is_interrupted:
+        return drive
+    agreement = reconcile(drive.recording, drive.path, drive.config, drive.online)
+    if np.array_equal(agreement.used, drive.online.accepted) and agreement.gain == 0.0:
+        return drive
+    widened = replace(drive, config=agreement.config, used=agreement.used)
+    return widened if agreement.gain == 0.0 else widened.noted(agreement.note)
+
+
 def drop_refused_fixes(drive: Drive) -> Drive:
-    """Remove the fixes that failed the innovation gate of the particle filter."""
-    return replace(drive, recording=gate_fixes(drive.recording, drive.online))
+    """Remove the fixes that contradict the odometry and all other fixes."""
+    return replace(drive, recording=select_fixes(drive.recording, drive.used_fixes))
 
 
 def add_loop_closures(drive: Drive) -> Drive:

@@ -100,13 +100,15 @@ def filter_path(
 
 def gate_fixes(recording: OdometryRecording, online: OnlinePath) -> OdometryRecording:
     """Return the recording without the fixes that failed the gate, unless fewer than two are left."""
-    if online.accepted.all() or online.accepted.sum() < 2:
-        return recording
+    return select_fixes(recording, online.accepted)
+
+
+def select_fixes(recording: OdometryRecording, used: BoolArray) -> OdometryRecording:
+    """Return the recording with the used fixes (M,) only, unless these are fewer than two."""
     fixes = recording.gps
-    accepted_fixes = replace(
-        fixes, time_s=fixes.time_s[online.accepted], position=fixes.position[online.accepted]
-    )
-    return replace(recording, gps=accepted_fixes)
+    if used.all() or used.sum() < fixes.LEAST:
+        return recording
+    return replace(recording, gps=replace(fixes, time_s=fixes.time_s[used], position=fixes.position[used]))
 
 
 _FIX, _HEIGHT, _POSE = range(3)

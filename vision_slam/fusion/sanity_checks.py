@@ -1,7 +1,7 @@
 """Sanity checks of start and fixes: wrong surveyed start, delayed or repeated fixes."""
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ _HOLDS_SHAPE_M = 300.0
 _REFUTED_SIGMAS = 5.0
 _OUTLYING_M = 2.0
 _LAGS_S = np.arange(0.5, 4.01, 0.5)
+_LONGEST_SHARE, _LEAST_FIXES = 0.25, 3  # of the drive; fewer fixes cannot show a delay
 _CONVINCING, _MISFIT = 10.0, 0.02  # the latter a fix: what assumed errors misjudge grows with the drive
 _SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
 
@@ -70,29 +71,85 @@ def check_start_by_fixes(
 def fix_delay_s(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:
     r"""Estimate the delay of the fixes [s] by the likelihood of the smoother; 0 unless it is significant.
 
-    A receiver that filters or a slow link reports an earlier position. On a straight line the
-    delay is unobservable; in turns path and fixes separate. Delays of 0.5 to 4 s are tried. One
-    is accepted if it gains a log likelihood of 10, or 0.02 per fix on long drives, and if a
-    longer one gains less. Outliers must be removed before. Errors with a shorter correlation
-    time than assumed may look like a delay, so the gain must also hold with the correlation
-    time, or its half, quarter or eighth, that fits best. Over kilometres, fixes without delay of
-    development missions gained up to 18 by chance.
+    A receiver that filters or a slow link reports an earlier position; a clock that is off does
+    so to either side. On a straight line at constant speed the delay is unobservable; in turns
+    path and fixes separate. Delays to 4 s, or a quarter of the drive, are tried in steps of 0.5 s
+    as long as the likelihood grows. The same fixes are compared at all of them: those that no
+    delay moves beyond the drive. A delay is accepted if it gains a log likelihood of 10, or 0.02
+    per fix on long drives, and if a longer one gains less. Outliers must be removed before.
+    Errors with a shorter correlation time than assumed may look like a delay, so the gain must
+    also hold with the correlation time, or its half, quarter or eighth, that fits best. Over
+    kilometres, fixes without delay of development missions gained up to 18 by chance.
     """
-    least = log_evidence(recording, path, config)
-    gains = [log_evidence(_earlier(recording, lag), path, config) - least for lag in _LAGS_S]
-    best = int(np.argmax(gains))
+    shifts = _Shifts.of(recording, path, config)
+    if shifts is None:
+        return 0.0
+    delay_s, gain = max((shifts.best(sign) for sign in (1.0, -1.0)), key=lambda found: found[1])
     convincing = max(_CONVINCING, _MISFIT * len(recording.gps))
-    if gains[best] < convincing or best == len(gains) - 1:
+    if gain < convincing:
         return 0.0
-    late = _with_any_memory(_earlier(recording, _LAGS_S[best]), path, config)
-    if late - _with_any_memory(recording, path, config) < convincing:
+    late = _with_any_memory(shifts.moved(delay_s), path, config)
+    if late - _with_any_memory(shifts.moved(0.0), path, config) < convincing:
         return 0.0
+    delay_s = shifts.refined(delay_s)
     logger.warning(
         "the fixes come about %.1f s late (a log likelihood of %.0f more); they are moved back in time",
-        _LAGS_S[best],
-        gains[best],
+        delay_s,
+        gain,
     )
-    return float(_LAGS_S[best])
+    return delay_s
+
+
+@dataclass(frozen=True)
+class _Shifts:
+    """A recording with only those fixes that no delay moves beyond its path, to compare delays."""
+
+    recording: OdometryRecording
+    path: FloatArray
+    config: LocalizationConfig
+    lags_s: FloatArray
+    unmoved: float
+
+    @classmethod
+    def of(
+        cls, recording: OdometryRecording, path: FloatArray, config: LocalizationConfig
+    ) -> "_Shifts | None":
+        """Return the comparison; None for drives too short for one."""
+        first_s, last_s = recording.odometry.time_s[[0, -1]]
+        lags_s = _LAGS_S[_LONGEST_SHARE * (last_s - first_s) >= _LAGS_S]
+        gps = recording.gps
+        if len(lags_s) < 2:
+            return None
+        inside = (gps.time_s >= first_s + lags_s[-1]) & (gps.time_s <= last_s - lags_s[-1])
+        if inside.sum() < _LEAST_FIXES:
+            return None
+        gps = replace(gps, time_s=gps.time_s[inside], position=gps.position[inside])
+        recording = replace(recording, gps=gps)
+        return cls(recording, path, config, lags_s, log_evidence(recording, path, config))
+
+    def moved(self, lag_s: float) -> OdometryRecording:
+        """Return the recording with its fixes earlier by so much."""
+        return _earlier(self.recording, lag_s)
+
+    def gain(self, lag_s: float) -> float:
+        """Return the log likelihood that a delay gains."""
+        return log_evidence(self.moved(lag_s), self.path, self.config) - self.unmoved
+
+    def best(self, sign: float) -> tuple[float, float]:
+        """Return the delay to one side with the largest gain, and that gain; (0, 0) where it is the longest."""
+        best_s, best = 0.0, 0.0
+        for lag_s in (sign * self.lags_s).tolist():
+            gain = self.gain(lag_s)
+            if gain <= best:
+                return best_s, best
+            best_s, best = lag_s, gain
+        return 0.0, 0.0
+
+    def refined(self, lag_s: float) -> float:
+        """Return the vertex of the parabola through the gains at a delay and beside it."""
+        before, at, after = (self.gain(lag_s + off_s) for off_s in (-_LAGS_S[0], 0.0, _LAGS_S[0]))
+        bend = before - 2.0 * at + after
+        return lag_s if bend >= 0.0 else lag_s + 0.5 * float(_LAGS_S[0]) * (before - after) / bend
 
 
 def remove_repeated_fixes(gps: GpsFixes) -> GpsFixes:

@@ -51,6 +51,7 @@ _CONVINCING = 5.4
 # A swath of 600 m that turns by less bends by 2 cm; beyond that steps answer differently about the path that was found.
 _BENT_RAD = np.radians(0.5)
 _MOST_PASSES = 5
+_MOST_NODES = 2000
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def smooth(
     recording: OdometryRecording, dead_reckoned: FloatArray, config: LocalizationConfig
 ) -> SmoothedPath:
     """Smooth a dead-reckoned path (N, 3) [m] with all other sensors of the recording."""
-    nodes = _nodes(dead_reckoned, recording.odometry, config.node_spacing_m)
+    nodes = _nodes(dead_reckoned, recording.odometry, config)
     time_s = recording.odometry.time_s[nodes]
     posterior = _Posterior.of(recording, dead_reckoned, nodes, config)
     gain = _gain_if_longer(recording, dead_reckoned, nodes, config, posterior.log_evidence)
@@ -99,8 +100,11 @@ def smooth(
 def log_evidence(
     recording: OdometryRecording, dead_reckoned: FloatArray, config: LocalizationConfig
 ) -> float:
-    """Return the log evidence of all sensors except stakes and loop closures, to compare configurations."""
-    nodes = _nodes(dead_reckoned, recording.odometry, config.node_spacing_m)
+    """Return the log evidence of all sensors except stakes and loop closures, to compare configurations.
+
+    Only configurations with the same nodes can be compared, see `node_spacing_m`.
+    """
+    nodes = _nodes(dead_reckoned, recording.odometry, config)
     return _Posterior.of(recording, dead_reckoned, nodes, config).log_evidence
 
 
@@ -169,13 +173,24 @@ class _Posterior:
         return replace(self, information=information, estimate=estimate, gained=(gain, seen))
 
 
-def _nodes(path: FloatArray, odometry: Odometry, spacing_m: float) -> IntArray:
-    """Return indices of poses about `spacing_m` apart, with first, last and both ends of unmeasured steps."""
+def _nodes(path: FloatArray, odometry: Odometry, config: LocalizationConfig) -> IntArray:
+    """Return indices of poses about a spacing apart, with first, last and both ends of unmeasured steps."""
     travel = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
-    n = max(2, round(travel[-1] / spacing_m) + 1)
+    n = max(2, round(travel[-1] / node_spacing_m(float(travel[-1]), config)) + 1)
     even = np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1)
     unmeasured = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)
     return np.unique(np.concatenate([even, unmeasured, unmeasured + 1]))
+
+
+def node_spacing_m(length_m: float, config: LocalizationConfig) -> float:
+    """Return the travel between nodes, shorter than configured where fixes are more precise than the odometry.
+
+    A fix counts as of the nearest node. Over half a spacing the error of the odometry shall vary
+    by less than half the white error of a fix.
+    """
+    per_m = config.step_sigma_m**2 + 2.0 * config.scale_wander_m * config.scale_wander_sigma**2
+    precise_m = 0.5 * config.gps_white_sigma_m**2 / per_m
+    return min(config.node_spacing_m, max(precise_m, length_m / _MOST_NODES))
 
 
 def _gain_if_longer(

@@ -1,5 +1,7 @@
 """Starts and clocks that a recording states wrongly, refuted by its own sensors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pyproj import CRS
@@ -92,3 +94,24 @@ def test_late_fixes_are_moved_back() -> None:
     path = dead_reckoning(recording.odometry, recording.start)
     # Half a second at 1 m/s is what fixes of 1 m with a memory of two minutes can distinguish here.
     assert fix_delay_s(recording, path, CONFIG) == pytest.approx(2.0, abs=0.5)
+
+
+def test_fixes_of_a_clock_that_is_ahead_are_moved_on() -> None:
+    recording, _ = _drive(late_s=-2.0)
+    assert recording.odometry is not None
+    assert fix_delay_s(
+        recording, dead_reckoning(recording.odometry, recording.start), CONFIG
+    ) == pytest.approx(-2.0, abs=0.5)
+
+
+def test_a_delay_that_moves_fixes_beyond_a_short_drive_gains_nothing_by_it() -> None:
+    """Ten seconds whose scale is wrong by 30 %: with a delay of seconds few fixes would be left to contradict it."""
+    recording, path = _drive()
+    assert recording.odometry is not None
+    precise = CONFIG.model_copy(update={"gps_bias_sigma_m": 0.01, "gps_white_sigma_m": 0.02})
+    times = np.arange(0.0, 11.0)
+    odometry = Odometry(times, 1.3 * recording.odometry.step[:10], recording.odometry.attitude_rad[:11])
+    fixes = GpsFixes(times, path[:11])
+    short = replace(recording, gps=fixes, odometry=odometry)
+    reckoned = dead_reckoning(odometry, recording.start)
+    assert abs(fix_delay_s(short, reckoned, precise)) <= 2.5

@@ -1,0 +1,93 @@
+"""Odometry and fixes that disagree beyond their assumed errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pyproj import CRS
+
+from survey.core.arrays import FloatArray
+from survey.data.recording import OdometryRecording
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.sightings import Sightings
+from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.disagreement import reconcile
+from vision_slam.fusion.online import filter_path, select_fixes
+from vision_slam.fusion.smoother import smooth
+from vision_slam.inertial.dead_reckoning import dead_reckoning
+
+RTK = LocalizationConfig(
+    gps_bias_sigma_m=0.01, gps_white_sigma_m=0.02, gps_correlation_time_s=300.0, scale_sigma=0.1
+)
+
+
+def _hook(factor: float = 1.0, jump_m: float = 0.0) -> tuple[OdometryRecording, FloatArray]:
+    """40 m straight on, a turn of 90 degrees and 40 m, at 1 m/s with RTK fixes.
+
+    After the turn the odometry counts `factor` times the travel; in the last 20 s the fixes are
+    off by a jump.
+    """
+    travel = np.arange(0.0, 101.0)
+    heading = np.clip((travel - 40.0) / 20.0, 0.0, 1.0) * 0.5 * np.pi
+    attitude = np.column_stack([np.zeros_like(travel), np.zeros_like(travel), heading])
+    steps = np.tile([1.0, 0.0, 0.0], (100, 1))
+    path = dead_reckoning(Odometry(travel, steps, attitude), np.zeros(3))
+    counted = steps * np.where(travel[:-1] >= 50.0, factor, 1.0)[:, None]
+    rng = np.random.default_rng(7)
+    fixes = path + 0.02 * rng.standard_normal(path.shape)
+    fixes[81:] += [jump_m, 0.0, 0.0]
+    sightings = Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
+    return OdometryRecording(
+        CRS("EPSG:32608"), path[0], GpsFixes(travel, fixes),
+        odometry=Odometry(travel, counted, attitude), sightings=sightings,
+    ), path  # fmt: skip
+
+
+def test_odometry_that_agrees_with_its_fixes_is_left_as_it_is() -> None:
+    recording, path = _hook()
+    online = filter_path(recording, path, RTK)
+    agreement = reconcile(recording, path, RTK, online)
+    assert agreement.config is RTK
+    assert agreement.gain == 0.0
+    np.testing.assert_array_equal(agreement.used, online.accepted)
+
+
+def test_scale_that_grows_in_a_turn_widens_the_errors_until_all_fixes_are_used() -> None:
+    recording, path = _hook(factor=1.25)
+    reckoned = dead_reckoning(recording.odometry, recording.start)
+    online = filter_path(recording, reckoned, RTK)
+    assert online.n_refused > 20  # the odometry is trusted too much
+    agreement = reconcile(recording, reckoned, RTK, online)
+    assert agreement.gain > 10.0
+    assert agreement.used.all()
+    assert "disagree" in agreement.note
+    smoothed = smooth(select_fixes(recording, agreement.used), reckoned, agreement.config)
+    error = (smoothed.position - path)[:, :2]
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 0.05
+    spread = smoothed.covariance[:, :2, :2]
+    squared = np.einsum("ni,ni->n", error, np.linalg.solve(spread, error[:, :, None])[:, :, 0])
+    # Two are expected of true covariances; errors that may vary everywhere are claimed too large.
+    assert 0.3 < squared.mean() < 4.0
+
+
+def test_a_jump_of_the_receiver_at_the_end_of_a_drive_is_not_taken_for_an_error_of_the_odometry() -> None:
+    recording, path = _hook(jump_m=15.0)
+    online = filter_path(recording, path, RTK)
+    assert not online.accepted[81:].any()
+    agreement = reconcile(recording, path, RTK, online)
+    assert agreement.config is RTK
+    assert not agreement.used[81:].any()
+
+
+@pytest.mark.parametrize("first", [0, 40])
+def test_outliers_that_end_are_errors_of_the_receiver(first: int) -> None:
+    recording, path = _hook(factor=1.25)
+    fixes = recording.gps.position.copy()
+    fixes[first + 5 : first + 10] += [0.0, 30.0, 0.0]
+    outlying = replace(recording, gps=replace(recording.gps, position=fixes))
+    reckoned = dead_reckoning(outlying.odometry, outlying.start)
+    agreement = reconcile(outlying, reckoned, RTK, filter_path(outlying, reckoned, RTK))
+    smoothed = smooth(select_fixes(outlying, agreement.used), reckoned, agreement.config)
+    assert np.hypot(*(smoothed.position - path)[:, :2].T).max() < 1.0
+    assert not agreement.used[first + 5 : first + 10].any()
