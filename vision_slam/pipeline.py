@@ -15,7 +15,12 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.disagreement import reconcile
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
-from vision_slam.fusion.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
+from vision_slam.fusion.sanity_checks import (
+    check_start_by_fixes,
+    fix_delay_s,
+    refuse_swapped_images,
+    remove_repeated_fixes,
+)
 from vision_slam.fusion.smoother import SmoothedPath, smooth
 from vision_slam.fusion.visual_scale import (
     refuse_short_fixes,
@@ -160,6 +165,7 @@ def measure_motion(
             )
         return Drive(recording.with_odometry(recording.odometry, recording.sightings), settings)
     visual = visual or _process_images(recording, progress)
+    refuse_swapped_images(visual.odometry)
     if recording.wheels is None:
         refuse_short_fixes(recording.gps, visual.odometry.time_s)
         refuse_untracked(visual)

@@ -19,6 +19,7 @@ from survey.io.pose_files import read_tum
 from vision_slam.comparison import Comparison, compare_from_start, compare_in_crs
 from vision_slam.config import LocalizationConfig
 from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.fusion.sanity_checks import refuse_swapped_images
 from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.gps_files import is_receiver_file, read_gps
 from vision_slam.io.sequence import ImageSequence
@@ -120,6 +121,7 @@ class RecordedDrive:
         if isinstance(self.records, Recording):
             return DriveEstimate.in_crs(localize(self.records, config, progress=progress))
         visual = visual_odometry(self.records, progress=progress)
+        refuse_swapped_images(visual.odometry)
         if self.records.wheels is None:
             refuse_untracked(visual)
         return DriveEstimate.in_first_frame(visual)

@@ -1,4 +1,4 @@
-"""Sanity checks of start and fixes: wrong surveyed start, delayed or repeated fixes."""
+"""Sanity checks of a recording: swapped images, wrong surveyed start, delayed or repeated fixes."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import log_evidence
 
@@ -21,7 +23,46 @@ _OUTLYING_M = 2.0
 _LAGS_S = np.arange(0.5, 4.01, 0.5)
 _LONGEST_SHARE, _LEAST_FIXES = 0.25, 3  # of the drive; fewer fixes cannot show a delay
 _CONVINCING, _MISFIT = 10.0, 0.02  # the latter a fix: what assumed errors misjudge grows with the drive
+# Steps of five images of which the two in the middle are swapped, in steps at constant velocity, and their tolerance.
+_SWAPPED_STEPS, _STEP_TOLERANCE = np.array([1.0, 2.0, -1.0, 2.0, 1.0]), 0.3
 _SHORTER_MEMORIES = (1.0, 0.5, 0.25, 0.125)
+
+
+def refuse_swapped_images(odometry: Odometry) -> None:
+    """Refuse odometry whose steps show that two neighbouring images are swapped.
+
+    At constant velocity v and equal intervals, steps past a swapped pair are v, 2 v, −v, 2 v, v.
+
+    Parameters
+    ----------
+    odometry : Odometry
+        Steps of images, in any unit.
+
+    Raises
+    ------
+    InputError
+        Five steps in a row agree with that within 30 % of v.
+
+    Examples
+    --------
+    >>> ahead = np.array([1.0, 1.0, 2.0, -1.0, 2.0, 1.0])
+    >>> steps = np.column_stack([ahead, np.zeros(6), np.zeros(6)])
+    >>> refuse_swapped_images(Odometry(0.1 * np.arange(7.0), steps, np.zeros((7, 3))))
+    Traceback (most recent call last):
+    ...
+    survey.core.errors.InputError: the images 3 and 4 (0.300 and 0.400 s) are in the wrong order: ...
+    """
+    steps, times = odometry.step, odometry.time_s
+    for k in range(2, len(steps) - 2):
+        around, seconds = steps[k - 2 : k + 3], np.diff(times[k - 2 : k + 4])
+        velocity = _SWAPPED_STEPS @ around / (_SWAPPED_STEPS @ _SWAPPED_STEPS)
+        off = np.linalg.norm(around - _SWAPPED_STEPS[:, None] * velocity, axis=1)
+        is_even = np.ptp(seconds) < _STEP_TOLERANCE * seconds.mean()
+        if is_even and off.max() < _STEP_TOLERANCE * np.linalg.norm(velocity):
+            raise InputError(
+                f"the images {k} and {k + 1} ({times[k]:.3f} and {times[k + 1]:.3f} s) are in the wrong order: between them "
+                "the motion runs backward, before and after them forward at twice the speed; exchange them or their times."
+            )
 
 
 def check_start_by_fixes(

@@ -7,11 +7,12 @@ import pytest
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.sanity_checks import check_start_by_fixes, fix_delay_s
+from vision_slam.fusion.sanity_checks import check_start_by_fixes, fix_delay_s, refuse_swapped_images
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.rotation import rotations
 
@@ -115,3 +116,21 @@ def test_a_delay_that_moves_fixes_beyond_a_short_drive_gains_nothing_by_it() -> 
     short = replace(recording, gps=fixes, odometry=odometry)
     reckoned = dead_reckoning(odometry, recording.start)
     assert abs(fix_delay_s(short, reckoned, precise)) <= 2.5
+
+
+def _stepped(ahead: list[float]) -> Odometry:
+    rng = np.random.default_rng(1)
+    steps = np.column_stack([ahead, np.zeros((len(ahead), 2))]) + 0.03 * rng.standard_normal((len(ahead), 3))
+    return Odometry(0.1 * np.arange(len(ahead) + 1.0), steps, np.zeros((len(ahead) + 1, 3)))
+
+
+def test_swapped_images_are_refused_by_their_numbers() -> None:
+    with pytest.raises(InputError, match=r"images 7 and 8 \(0.700 and 0.800 s\) are in the wrong order"):
+        refuse_swapped_images(_stepped([1.0] * 6 + [2.0, -1.0, 2.0] + [1.0] * 4))
+
+
+@pytest.mark.parametrize(
+    "ahead", [[1.0] * 20, [0.0] * 20, [1.0] * 8 + [0.5, -0.5] + [-1.0] * 8, [1.0, -1.0] * 8, [1.0, 1.0, 2.0, 2.0, 2.0, 1.0]]
+)  # fmt: skip
+def test_a_rover_that_stands_reverses_or_shakes_has_its_images_in_order(ahead: list[float]) -> None:
+    refuse_swapped_images(_stepped(ahead))
