@@ -2,14 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
-import numpy as np
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, PathPatch
 from shapely import Polygon
 
 from survey.data.area import SurveyArea
@@ -20,13 +15,14 @@ from survey.figures.cartography.relief import (
     draw_contours,
     draw_raster,
     draw_relief,
+    draw_smooth,
     elevation_limits,
     relief_exaggeration,
     thinned,
 )
-from survey.figures.cartography.routes import draw_area, draw_route, outline_path
+from survey.figures.cartography.routes import draw_area, draw_left_out, draw_route
 from survey.figures.cartography.scale_bar import draw_scale_and_north
-from survey.figures.style import DEVIATION, ELEVATION, FULL_IN, MUTED, styled
+from survey.figures.style import ELEVATION, FULL_IN, styled
 
 
 @styled
@@ -83,13 +79,12 @@ def plan_map(
     if terrain is not None:
         area.require_crs(terrain.crs, "the terrain")
         terrain = thinned(terrain)
-        handles += draw_contours(axes, terrain)
+        handles += draw_contours(axes, terrain, within=area)
         draw_relief(axes, terrain, exaggeration=relief_exaggeration(terrain))
     axes.set(xlim=bounds[::2], ylim=bounds[1::2])
-    handles += [*draw_area(axes, area), *_draw_left_out(axes, left_out), *draw_route(axes, route)]
+    handles += [*draw_area(axes, area), *draw_left_out(axes, left_out), *draw_route(axes, route)]
     if std is not None:
-        top = max(float(np.nanmax(std.elevation)), 1e-9)
-        image = draw_raster(axes, std.elevation, std, DEVIATION, Normalize(0.0, top))
+        image = draw_smooth(axes, std, area.free)
         add_colour_bar(image, drawing, "Predicted standard deviation [m]")
     elif terrain is not None:
         image = draw_raster(axes, terrain.elevation, terrain, ELEVATION, elevation_limits(terrain))
@@ -108,10 +103,3 @@ def _view(area: SurveyArea) -> tuple[float, float, float, float]:
     xmin, ymin, xmax, ymax = area.bounds
     pad = 0.04 * max(xmax - xmin, ymax - ymin)
     return widened((xmin - pad, ymin - pad, xmax + pad, ymax + pad))
-
-
-def _draw_left_out(axes: Axes, pieces: Sequence[Polygon]) -> list[Patch]:
-    look: dict[str, Any] = {"facecolor": "#ffffff80", "edgecolor": MUTED, "linewidth": 0.6, "hatch": "...."}
-    for piece in pieces:
-        axes.add_patch(PathPatch(outline_path(piece), zorder=3.8, **look))
-    return [Patch(label="Not drivable", **look)] if pieces else []

@@ -92,7 +92,11 @@ _Driven = Annotated[Path | None, typer.Option("--driven", help="Route driven so 
 _Measured = Annotated[Path | None, typer.Option("--measured", help="Points measured so far (adaptive).")]
 _Out = Annotated[
     Path,
-    typer.Option("--out", "-o", help="Route to write (.geojson, .gpkg); its picture is put beside it."),
+    typer.Option(
+        "--out",
+        "-o",
+        help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) with the route (.geojson) and the predicted standard deviation (_sigma.tif) beside them.",
+    ),
 ]
 _Force = Annotated[bool, typer.Option("--force", help="Replace the route and its picture where they exist.")]
 
@@ -139,6 +143,8 @@ def plan(
       firnline plan site.geojson --prior srtm.tif --swaths 6 -o route.geojson
 
       firnline plan site.kml --prior srtm.tif --pattern wavy --spacing 50 --max-slope 20
+
+      firnline plan area.kml --prior copernicus.tif -o plan.pdf
 
       firnline plan site.geojson --no-go map/no_go.tif --swaths 6
 

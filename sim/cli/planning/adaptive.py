@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.planning.guarantee import picture, prior_of, requirement_of
-from sim.cli.planning.request import PlanRequest, write_plan
+from sim.cli.planning.guarantee import drawing_of, prior_of, requirement_of
+from sim.cli.planning.outputs import write_plan
+from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import survey
@@ -49,7 +50,7 @@ def _begin(
     from planners.guarantee.guarantee import posterior_of
 
     route = first_swaths(area, posterior_of(area, prior, requirement_of(request)), config)
-    write_plan(request, route, picture(route, area, prior))
+    write_plan(request, route, drawing_of(area, prior))
     step = "drive and measure them, then run this again with --driven and --measured"
     _print(_files(request, route) | {"swaths": len(route.swaths), "next": step}, request)
 
@@ -79,13 +80,12 @@ def _continue(
     if advice.route is None:
         _print({"done": "the guarantee holds, no more driving is needed", **facts}, request)
         return
-    write_plan(request, advice.route, picture(advice.route, area, prior))
+    write_plan(request, advice.route, drawing_of(area, prior))
     _print(_files(request, advice.route) | facts, request)
 
 
 def _files(request: PlanRequest, route: "survey.Route") -> dict[str, Any]:
-
-    return {"route": str(request.out), "picture": str(request.picture), "length_m": route.ground_length_m}
+    return {**request.written, "length_m": route.ground_length_m}
 
 
 def _print(facts: dict[str, Any], request: PlanRequest) -> None:

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sim.cli.planning.request import PlanRequest, write_plan
+from sim.cli.planning.outputs import PlanDrawing, fact_lines, plan_facts, write_plan
+from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import planners
@@ -13,11 +14,13 @@ if TYPE_CHECKING:
     from survey.reconstruction.gp.covariance.kernels import Kernel
 
 _DEFAULT_SWATHS = 4
+_NOISE_M = 0.1
 
 
 def plan_area(request: PlanRequest) -> None:
     """Plan a route of a named pattern, write it with its picture, and print what is expected of it."""
     import planners
+    from planners.driving.rover import depots
     from sim.cli.progress import counted
     from survey.core.config import Section, validated, with_overrides
 
@@ -28,6 +31,7 @@ def plan_area(request: PlanRequest) -> None:
 
     config = validated(Wanted, with_overrides(_sections(request), request.settings), "the options")
     area, dem = request.read_area()
+    depots(area, config.fleet)
     with counted(quiet=request.quiet) as progress:
         progress("fitting the terrain's covariance", 0, 1)
         kernel = None if dem is None else _kernel(dem, area)
@@ -41,8 +45,8 @@ def plan_area(request: PlanRequest) -> None:
             kernel=kernel,
             progress=progress,
         )
-    site = planners.drivable(area, config.rover, dem)
-    write_plan(request, route, _picture(route, area, dem, kernel, site))
+    left_out = planners.drivable(area, config.rover, dem).left_out
+    write_plan(request, route, _drawing(route, area, dem, kernel, config.rover, left_out))
     _print_route(request, route)
 
 
@@ -87,35 +91,31 @@ def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
         return None
 
 
-def _picture(
+def _drawing(
     route: "survey.Route",
     area: "survey.SurveyArea",
     dem: "survey.Dem | None",
     kernel: "Kernel | None",
-    site: "planners.Drivable",
-) -> bytes:
-    """Draw the route over the area, with the predicted error of the map where one is known."""
-    import planners
-    from survey import figures
-
-    std = None
-    if kernel is not None and "rmse_m" in route.prediction:
-        std = planners.predict_error(route, area, kernel, noise_m=0.1).std
-    pieces = [piece.polygon for piece in site.left_out]
-    return figures.png_bytes(figures.plan_map(area, route, terrain=dem, std=std, left_out=pieces))
+    rover: "planners.Rover",
+    left_out: "tuple[planners.LeftOut, ...]",
+) -> PlanDrawing:
+    """Return what is drawn, with the predicted error of the map where the plan states one."""
+    if kernel is None or "rmse_m" not in route.prediction:
+        return PlanDrawing(area, dem, rover=rover, left_out=left_out)
+    sentence = (
+        f"Predicted error: terrain with the covariance that the prior makes likeliest ({kernel.family}), samples with "
+        f"noise of {_NOISE_M:g} m; errors of the rover's position are not included."
+    )
+    return PlanDrawing(area, dem, kernel, _NOISE_M, rover, left_out, (sentence,))
 
 
 def _print_route(request: PlanRequest, route: "survey.Route") -> None:
     """Print what is expected of the route, for people or as JSON."""
-    from planners.swaths.counting import count_lines, swaths_text
+    from planners.swaths.counting import swaths_text
 
     if request.as_json:
-        files = {"route": str(request.out), "picture": str(request.picture)}
-        counts = {"lines": count_lines(route), "swaths": len(route.swaths)}
-        typer.echo(json.dumps(files | counts | dict(route.prediction), indent=2))
+        typer.echo(json.dumps(plan_facts(request, route), indent=2))
         return
-    typer.echo(
-        f"{swaths_text(route)}, {route.prediction['length_m']:.0f} m in all, written to {request.out}, drawn in {request.picture}"
-    )
-    for name, value in route.prediction.items():
-        typer.echo(f"  predicted {name} = {value:.6g}")
+    typer.echo(f"{swaths_text(route)}, written to {request.written_text}")
+    for line in fact_lines(route.prediction):
+        typer.echo(line)

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.planning.guarantee import found_guarantee, picture, prior_of, requirement_of
-from sim.cli.planning.request import PlanRequest, write_plan
+from sim.cli.planning.guarantee import drawing_of, found_guarantee, prior_of, requirement_of
+from sim.cli.planning.outputs import write_plan
+from sim.cli.planning.request import PlanRequest
 from sim.config.mission import MissionConfig
 
 if TYPE_CHECKING:
@@ -56,14 +57,14 @@ def plan_joint(request: PlanRequest) -> None:
     options = list(found)
     best = _best_of(options, limit_m, request.probability, least + _MOST_FURTHER)
     route = planners.plan(area, prior, made.config.model_copy(update={"swaths": best.swaths}))
-    write_plan(request, route, picture(route, area, prior))
+    write_plan(request, route, drawing_of(area, prior))
     if request.as_json:
-        facts = {"route": str(request.out), "picture": str(request.picture), "limit_m": limit_m}
+        facts = {**request.written, "limit_m": limit_m}
         typer.echo(json.dumps(facts | {"ways": [way._asdict() for way in options]}, indent=2))
         return
     _print_options(best, options)
     typer.echo(f"  assumed: {made.assumptions}; without errors of position {least} swaths are enough")
-    typer.echo(f"written to {request.out}, drawn in {request.picture}")
+    typer.echo(f"written to {request.written_text}")
 
 
 def _stated(request: PlanRequest) -> dict[str, object]:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, cast
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.planning.request import PlanRequest, write_plan
+from sim.cli.planning.outputs import PlanDrawing, write_plan
+from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import survey
@@ -81,9 +82,7 @@ def plan_guaranteed(request: PlanRequest) -> None:
     area, prior = prior_of(request)
     made = found_guarantee(area, prior, requirement)
     best = made.posterior.likeliest
-    write_plan(
-        request, made.route, picture(made.route, area, prior, kernel=best.kernel, noise_m=best.noise_m)
-    )
+    write_plan(request, made.route, drawing_of(area, prior, kernel=best.kernel, noise_m=best.noise_m))
     if request.as_json:
         typer.echo(json.dumps(_facts(request, made), indent=2))
     else:
@@ -94,8 +93,7 @@ def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
     from planners.swaths.counting import count_lines
 
     return {
-        "route": str(request.out),
-        "picture": str(request.picture),
+        **request.written,
         "pattern": made.config.pattern,
         "lines": count_lines(made.route),
         "swaths": len(made.route.swaths),
@@ -135,20 +133,15 @@ def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
     typer.echo(
         "  not included: errors that samples share (--joint predicts them), relief unlike that of the cells"
     )
-    typer.echo(f"  written to {request.out}, drawn in {request.picture}")
+    typer.echo(f"  written to {request.written_text}")
 
 
-def picture(
-    route: "survey.Route",
+def drawing_of(
     area: "survey.SurveyArea",
     prior: "survey.Dem",
     *,
     kernel: "Kernel | None" = None,
     noise_m: float = 0.0,
-) -> bytes:
-    """Draw a route, with the predicted error of the map where a covariance is given."""
-    import planners
-    from survey import figures
-
-    std = None if kernel is None else planners.predict_error(route, area, kernel, noise_m=noise_m).std
-    return figures.png_bytes(figures.plan_map(area, route, terrain=prior, std=std))
+) -> PlanDrawing:
+    """Return what is drawn of a route, with the predicted error of the map where a covariance is given."""
+    return PlanDrawing(area, prior, kernel, noise_m)

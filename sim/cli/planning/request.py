@@ -9,7 +9,8 @@ from sim.cli.rasters import own_crs, read_about
 if TYPE_CHECKING:
     import survey
 
-_FORMATS = (".geojson", ".gpkg")
+_ROUTES = (".geojson", ".gpkg")
+_FORMATS = (*_ROUTES, ".pdf")
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,22 @@ class PlanRequest:
     verbose: int
 
     @property
-    def picture(self) -> Path:
-        """Picture of the route, beside it."""
-        return self.out.with_suffix(".png")
+    def files(self) -> dict[str, Path]:
+        """Files that may be written, by what they hold."""
+        if self.out.suffix.lower() in _ROUTES:
+            return {"route": self.out, "picture": self.out.with_suffix(".png")}
+        sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
+        return {"sheets": self.out, "route": self.out.with_suffix(".geojson"), "sigma": sigma}
+
+    @property
+    def written(self) -> dict[str, str]:
+        """Names of the files that were written, by what they hold."""
+        return {name: str(path) for name, path in self.files.items() if path.exists()}
+
+    @property
+    def written_text(self) -> str:
+        """Names of the files that were written, for a message."""
+        return ", ".join(self.written.values())
 
     @property
     def is_mission(self) -> bool:
@@ -77,11 +91,11 @@ class PlanRequest:
 
         if self.out.suffix.lower() not in _FORMATS:
             raise InputError(
-                f"the route {self.out} ends in {self.out.suffix!r}; {' or '.join(_FORMATS)} was expected "
+                f"the plan {self.out} ends in {self.out.suffix!r}; one of {', '.join(_FORMATS)} was expected "
                 "(firnline export writes other formats from it)."
             )
         inputs = (self.source, self.prior, self.no_go, self.driven, self.measured)
-        refuse_existing((self.out, self.picture), force=self.force, inputs=inputs)
+        refuse_existing(self.files.values(), force=self.force, inputs=inputs)
 
     def read_area(self) -> "tuple[survey.SurveyArea, survey.Dem | None]":
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
@@ -97,12 +111,3 @@ class PlanRequest:
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)
             area = without_marked(area, mask)
         return area, prior
-
-
-def write_plan(request: PlanRequest, route: "survey.Route", picture: bytes) -> None:
-    """Write the route and its picture; both replace what was there, or neither does."""
-    from survey.core.files.replacing import replacing_files
-
-    with replacing_files(request.out, request.picture) as (route_file, picture_file):
-        route.write(route_file)
-        picture_file.write_bytes(picture)

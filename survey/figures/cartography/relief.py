@@ -9,13 +9,18 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LightSource, Normalize
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
 from scipy.ndimage import distance_transform_edt
+from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import FloatArray
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
-from survey.figures.style import ELEVATION, INK, round_number
+from survey.figures.cartography.routes import outline_path
+from survey.figures.style import DEVIATION, ELEVATION, INK, round_number
 
 _MOST_CELLS = 1500
+_MOST_CONTOURS = 120
 
 
 def thinned(dem: Dem) -> Dem:
@@ -35,6 +40,17 @@ def draw_raster(axes: Axes, values: FloatArray, dem: Dem, colours: Colormap, lim
     bounds = axes.get_xlim(), axes.get_ylim()
     image = axes.imshow(values, cmap=colours, norm=limits, extent=(xmin, xmax, ymin, ymax), zorder=1)
     axes.set(xlim=bounds[0], ylim=bounds[1])
+    return image
+
+
+def draw_smooth(axes: Axes, std: Dem, ground: Polygon | MultiPolygon) -> AxesImage:
+    """Draw values at cell centres as a smooth surface, cut to the outline of the ground."""
+    unknown = ~np.isfinite(std.elevation)
+    nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    top = max(float(np.nanmax(std.elevation)), 1e-9)
+    image = draw_raster(axes, std.elevation[tuple(nearest)], std, DEVIATION, Normalize(0.0, top))
+    image.set_interpolation("bicubic")
+    image.set_clip_path(PathPatch(outline_path(ground), transform=axes.transData))
     return image
 
 
@@ -77,6 +93,15 @@ def _shade(dem: Dem, exaggeration: float) -> FloatArray:
     return overlay
 
 
+def _relief_m(dem: Dem, within: SurveyArea | None) -> float:
+    """Return highest minus lowest cell of a DEM, or of its part in an area where that part is not much flatter [m]."""
+    if within is None:
+        return dem.relief_m
+    heights = dem.elevation[within.contains(dem.xy).reshape(dem.shape) & np.isfinite(dem.elevation)]
+    least = dem.relief_m * 8.0 / _MOST_CONTOURS
+    return max(float(np.ptp(heights)), least) if len(heights) else dem.relief_m
+
+
 def elevation_limits(*dems: Dem) -> Normalize:
     """Return one pair of colour limits for all the given DEMs."""
     low = min(float(np.nanmin(dem.elevation)) for dem in dems)
@@ -84,12 +109,15 @@ def elevation_limits(*dems: Dem) -> Normalize:
     return Normalize(low, max(high, low + 1e-6))
 
 
-def draw_contours(axes: Axes, dem: Dem) -> list[Line2D]:
-    """Draw about a dozen contours, every fifth one strong and labelled; return legend entries."""
+def draw_contours(axes: Axes, dem: Dem, *, within: SurveyArea | None = None) -> list[Line2D]:
+    """Draw about a dozen contours, every fifth one strong and labelled; return legend entries.
+
+    With `within` the dozen is that of the area; steep ground beside it has up to `_MOST_CONTOURS`.
+    """
     dem = thinned(dem)
     if dem.relief_m < 1e-6:
         return []
-    interval = round_number(dem.relief_m / 8.0)
+    interval = round_number(_relief_m(dem, within) / 8.0)
     low, high = float(np.nanmin(dem.elevation)), float(np.nanmax(dem.elevation))
     steps = np.arange(math.ceil(low / interval), math.floor(high / interval) + 1)
     if not len(steps):

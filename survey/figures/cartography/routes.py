@@ -1,6 +1,7 @@
 """Survey areas and routes on maps."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,14 @@ def draw_area(axes: Axes, area: SurveyArea, *, veil: bool = True) -> list[Patch]
     if area.no_go:
         handles.append(Patch(label="No-go", **style))
     return handles
+
+
+def draw_left_out(axes: Axes, pieces: Sequence[Polygon]) -> list[Patch]:
+    """Draw pieces of the area where rovers cannot be, dotted; return legend entries."""
+    look: dict[str, Any] = {"facecolor": "#ffffff80", "edgecolor": MUTED, "linewidth": 0.6, "hatch": "...."}
+    for piece in pieces:
+        axes.add_patch(PathPatch(outline_path(piece), zorder=3.8, **look))
+    return [Patch(label="Not drivable", **look)] if pieces else []
 
 
 def outline_path(shape: Polygon | MultiPolygon) -> Outline:

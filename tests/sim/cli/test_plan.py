@@ -61,7 +61,7 @@ def test_limits_rovers_and_settings_reach_the_plan():
     places = np.vstack([route.sample(2.0, rover).xy for rover in range(2)])
     assert slopes.at(places).max() <= 15.0
     assert route.prediction["left_out_share"] > 0.05
-    assert "predicted wait_s_rover_1" in out
+    assert "rover 2 departs after" in out
 
 
 def test_a_prior_too_coarse_to_predict_from_still_plans():

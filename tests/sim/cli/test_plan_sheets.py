@@ -1,0 +1,65 @@
+"""``firnline plan -o plan.pdf``: sheets, route and standard deviation, and what the command prints."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sim.cli.main import app
+from survey import Dem, Grid, Route, SurveyArea
+
+CRS = "EPSG:32608"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    grid = Grid((525_940.0, 6_477_940.0, 526_260.0, 6_478_260.0), 20.0, CRS)
+    x, y = np.meshgrid(grid.x - 526_100.0, grid.y - 6_478_100.0)
+    Dem.on(grid, 40.0 * np.exp(-(x**2 + y**2) / (2.0 * 50.0**2)), "EGM2008 height").write("hill.tif")
+    SurveyArea.rectangle((526_000.0, 6_478_000.0, 526_200.0, 6_478_200.0), CRS).write("site.gpkg")
+    return tmp_path
+
+
+def planned(*args: str, code: int = 0):
+    result = CliRunner().invoke(app, ["plan", "site.gpkg", "--prior", "hill.tif", *args, "-q"])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_sheets_come_with_the_route_and_the_standard_deviation():
+    out = planned("--spacing", "50", "-o", "plan.pdf", "--json").stdout
+    facts = json.loads(out)
+    assert [facts[name] for name in ("sheets", "route", "sigma")] == [
+        "plan.pdf",
+        "plan.geojson",
+        "plan_sigma.tif",
+    ]
+    content = Path("plan.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert content.count(b"/Type /Page ") == 3  # overview, prediction, one rover
+    sigma = Dem.read("plan_sigma.tif")
+    assert np.sqrt(np.nanmean(sigma.elevation**2)) == pytest.approx(facts["rmse_m"], rel=0.1)
+    assert Route.read("plan.geojson").ground_length_m == pytest.approx(facts["length_m"])
+
+
+def test_sheets_replace_others_with_force_only():
+    planned("--swaths", "3", "-o", "plan.pdf")
+    before = Path("plan.geojson").read_bytes()
+    assert "plan.pdf exists" in planned("--swaths", "4", "-o", "plan.pdf", code=3).stderr
+    Path("plan.pdf").unlink()
+    assert "plan.geojson exists" in planned("--swaths", "4", "-o", "plan.pdf", code=3).stderr
+    assert Path("plan.geojson").read_bytes() == before
+    planned("--swaths", "4", "-o", "plan.pdf", "--force")
+
+
+def test_people_read_hours_kilometres_and_kilowatt_hours():
+    out = planned("--spacing", "5").stdout
+    assert "40 swaths, written to route.geojson, route.png" in out
+    assert "  length             8." in out
+    assert " km\n" in out
+    assert "  time               2 h" in out
+    assert "kWh" in out
+    assert "_m =" not in out
