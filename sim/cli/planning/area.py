@@ -103,7 +103,7 @@ def _drawing(
     if kernel is None or "rmse_m" not in route.prediction:
         return PlanDrawing(area, dem, rover=rover, left_out=left_out)
     sentence = (
-        f"Predicted error: terrain with the covariance that the prior makes likeliest ({kernel.family}), samples with "
+        f"Predicted error: terrain with the covariance that the prior makes likeliest ({kernel}), samples with "
         f"noise of {_NOISE_M:g} m; errors of the rover's position are not included."
     )
     return PlanDrawing(area, dem, kernel, _NOISE_M, rover, left_out, (sentence,))

@@ -77,7 +77,7 @@ def _colour_bar(page: Page, axes: Axes, image: AxesImage, label: str) -> None:
     bar = page.figure.colorbar(image, cax=page.bar_axes(axes))
     bar.set_label(label, fontsize=7.0)
     bar.ax.tick_params(labelsize=6.5)
-    bar.outline.set_visible(False)  # type: ignore[operator]  # matplotlib types it as a spine or none
+    bar.outline.set_visible(False)
 
 
 def _finish(page: Page, axes: Axes, content: PlanContent, handles: list[Artist]) -> None:
