@@ -102,8 +102,11 @@ def _drawing(
     """Return what is drawn, with the predicted error of the map where the plan states one."""
     if kernel is None or "rmse_m" not in route.prediction:
         return PlanDrawing(area, dem, rover=rover, left_out=left_out)
+    from survey.reconstruction.gp.covariance.kernels import KINDS
+
+    family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
     sentence = (
-        f"Predicted error: terrain with the covariance that the prior makes likeliest ({kernel}), samples with "
+        f"Predicted error: terrain with the covariance that the prior makes likeliest ({family}), samples with "
         f"noise of {_NOISE_M:g} m; errors of the rover's position are not included."
     )
     return PlanDrawing(area, dem, kernel, _NOISE_M, rover, left_out, (sentence,))
