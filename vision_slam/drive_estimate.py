@@ -34,6 +34,8 @@ class DriveEstimate:
         Odometry of the images, where images were processed.
     trajectory, points : optional
         Path and landmarks in the CRS, with covariances.
+    own_covariance : (N, 3, 3) ndarray, optional
+        Covariances of the positions without a CRS, in units of the path.
     online : Trajectory, optional
         The causal path: each pose uses only records up to its own time.
     notes : tuple of str
@@ -49,6 +51,7 @@ class DriveEstimate:
     sigma_z_m: FloatArray
     visual_odometry: VisualOdometry | None = None
     trajectory: Trajectory | None = None
+    own_covariance: FloatArray | None = None
     points: SurfacePoints | None = None
     online: Trajectory | None = None
     notes: tuple[str, ...] = ()
@@ -78,6 +81,7 @@ class DriveEstimate:
             points.sigma_z,
             result.visual_odometry,
             path,
+            None,
             points,
             result.online_trajectory,
             result.notes,
@@ -86,13 +90,15 @@ class DriveEstimate:
         )
 
     @classmethod
-    def in_first_frame(cls, visual: VisualOdometry) -> "DriveEstimate":
+    def in_first_frame(cls, visual: VisualOdometry, covariance: FloatArray | None = None) -> "DriveEstimate":
         """Return the estimate of images without fixes.
 
         Parameters
         ----------
         visual : VisualOdometry
             Odometry and sightings of the images.
+        covariance : (N, 3, 3) ndarray, optional
+            Covariances of the positions relative to the first, in units of the path.
 
         Returns
         -------
@@ -103,9 +109,16 @@ class DriveEstimate:
         path = dead_reckoning(odometry, np.zeros(3))
         turn = rotations(odometry.attitude_rad[sightings.pose])
         landmarks = path[sightings.pose] + np.einsum("nij,nj->ni", turn, sightings.offset)
-        covariance = turn @ sightings.covariance @ turn.transpose(0, 2, 1)
-        sigma_z_m = np.sqrt(covariance[:, 2, 2])
-        return cls(odometry.time_s, path, quaternions(odometry.attitude_rad), landmarks, sigma_z_m, visual)
+        spread = turn @ sightings.covariance @ turn.transpose(0, 2, 1)
+        return cls(
+            odometry.time_s,
+            path,
+            quaternions(odometry.attitude_rad),
+            landmarks,
+            np.sqrt(spread[:, 2, 2]),
+            visual,
+            own_covariance=covariance,
+        )
 
     @property
     def length_m(self) -> float:
@@ -114,8 +127,8 @@ class DriveEstimate:
 
     @property
     def covariance(self) -> FloatArray | None:
-        """Covariances of the positions (N, 3, 3) [m²]; None without a CRS."""
-        return None if self.trajectory is None else self.trajectory.covariance
+        """Covariances of the positions (N, 3, 3) [m²]; without a CRS relative to the first, in units of the path."""
+        return self.own_covariance if self.trajectory is None else self.trajectory.covariance
 
     @property
     def is_lost(self) -> BoolArray | None:

@@ -19,12 +19,15 @@ from survey.io.pose_files import read_tum
 from vision_slam.comparison import Comparison, compare_from_start, compare_in_crs
 from vision_slam.config import LocalizationConfig
 from vision_slam.drive_estimate import DriveEstimate
+from vision_slam.fusion.online import predicted_covariance
 from vision_slam.fusion.sanity_checks import refuse_swapped_images
 from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.gps_files import is_receiver_file, read_gps
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.pipeline import localize
+from vision_slam.pipeline import image_config, localize
+
+_UNIT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,11 @@ class RecordedDrive:
         refuse_swapped_images(visual.odometry)
         if self.records.wheels is None:
             refuse_untracked(visual)
-        return DriveEstimate.in_first_frame(visual)
+        errors = image_config(config or LocalizationConfig())
+        # Without wheels the scale is the unit of the path; with them it is theirs.
+        scale_sigma = _UNIT if self.records.wheels is None else errors.wheel_scale_sigma
+        errors = errors.model_copy(update={"scale_sigma": scale_sigma})
+        return DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
 
     def compare(
         self, estimate: DriveEstimate, reference: Trajectory | FloatArray | None

@@ -20,7 +20,14 @@ from vision_slam.odometry.visual_odometry import VisualOdometry
 from vision_slam.plotting import tracks_on_frames
 
 OWN_FILES = (
-    *("trajectory.tum", "trajectory.csv", "trajectory.error.npz", "online_trajectory.csv", "track.gpkg"),
+    *(
+        "trajectory.tum",
+        "trajectory.csv",
+        "trajectory.error.npz",
+        "path.csv",
+        "online_trajectory.csv",
+        "track.gpkg",
+    ),
     *("health.csv", "landmarks.csv", "landmarks.gpkg", "map.png", "tracks.png", "errors.png"),
 )
 """Names of all files that a localization consists of."""
@@ -30,7 +37,8 @@ def write_localization(folder: Path, estimate: DriveEstimate) -> None:
     """Write path, landmarks and frame health into an empty folder.
 
     With a CRS there are also ``trajectory.csv`` with covariances, ``online_trajectory.csv``
-    with the causal path, ``track.gpkg`` and ``landmarks.gpkg``.
+    with the causal path, ``track.gpkg`` and ``landmarks.gpkg``; without, ``path.csv`` has the
+    standard deviations of the positions relative to the first.
 
     Parameters
     ----------
@@ -47,6 +55,11 @@ def write_localization(folder: Path, estimate: DriveEstimate) -> None:
     if estimate.trajectory is not None:
         estimate.trajectory.write(folder / "trajectory.csv")
         write_track(folder / "track.gpkg", estimate.time_s, estimate.position, estimate.trajectory.crs)
+    elif estimate.covariance is not None:
+        sigma_m = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2))
+        columns = dict(zip(("x_m", "y_m", "z_m"), estimate.position.T, strict=True))
+        columns |= dict(zip(("sigma_x_m", "sigma_y_m", "sigma_z_m"), sigma_m.T, strict=True))
+        write_table(folder / "path.csv", {"time_s": estimate.time_s} | columns)
     if estimate.online is not None:
         estimate.online.write(folder / "online_trajectory.csv")
     _write_landmarks(folder, estimate)

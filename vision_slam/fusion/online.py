@@ -7,6 +7,7 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
 from survey.data.recording import OdometryRecording
+from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.base_station import differenced_fixes, differenced_heights
@@ -109,6 +110,29 @@ def select_fixes(recording: OdometryRecording, used: BoolArray) -> OdometryRecor
     if used.all() or used.sum() < fixes.LEAST:
         return recording
     return replace(recording, gps=replace(fixes, time_s=fixes.time_s[used], position=fixes.position[used]))
+
+
+def predicted_covariance(odometry: Odometry, config: LocalizationConfig) -> FloatArray:
+    """Return the covariances of dead-reckoned positions (N, 3, 3) [m²] from a known start and heading.
+
+    The filter predicts and nothing corrects it, so that they grow with the travel. An unknown
+    unit of length is no error; it is that of the path.
+    """
+    known = config.model_copy(update={"start": "surveyed", "heading_sigma_deg": 0.0})
+    filtered = ParticleFilter(known, stream(0, "particles"), start=np.zeros(3))
+    steps = np.einsum("nij,nj->ni", rotations(odometry.attitude_rad[:-1]), odometry.step)
+    turned = np.abs(np.diff(np.unwrap(odometry.attitude_rad[:, 2])))
+    none = np.zeros(len(steps))
+    step_sigma = none if odometry.step_sigma_m is None else odometry.step_sigma_m
+    turn_sigma = none if odometry.turn_sigma_rad is None else odometry.turn_sigma_rad
+    unseen = np.hypot(step_sigma, config.turn_sigma_m * np.sqrt(turned))
+    covariance = [filtered.estimate().covariance]
+    for step, seconds, metres, turn in zip(
+        steps, np.diff(odometry.time_s).tolist(), unseen.tolist(), turn_sigma.tolist(), strict=True
+    ):
+        filtered.move(step, seconds, metres, turn)
+        covariance.append(filtered.estimate().covariance)
+    return np.array(covariance)
 
 
 _FIX, _HEIGHT, _POSE = range(3)

@@ -177,6 +177,8 @@ def _summary(
     drive: "RecordedDrive", estimate: "DriveEstimate", comparison: "Comparison | None", seconds: float
 ) -> dict[str, Any]:
     """Return the figures that the command prints."""
+    import numpy as np
+
     summary: dict[str, Any] = {
         "poses": len(estimate.time_s),
         "length_m": estimate.length_m,
@@ -187,6 +189,10 @@ def _summary(
         n_blind = sum(not frame.is_visual for frame in visual.health[1:])
         summary |= {"frames_without_vision": n_blind, "frames_lost": int(visual.is_lost.sum())}
         summary["frames_per_s"] = len(visual.health) / max(seconds, 1e-9)
+    if estimate.covariance is not None:
+        summary["end_sigma_m"] = float(np.sqrt(np.linalg.eigvalsh(estimate.covariance[-1, :2, :2])[-1]))
+    if estimate.is_lost is not None:
+        summary["poses_lost"] = int(estimate.is_lost.sum())
     if estimate.trajectory is not None:
         summary |= {"fixes": estimate.n_fixes, "fixes_refused": estimate.n_fixes_refused}
     if comparison is not None:

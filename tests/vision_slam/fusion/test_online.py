@@ -17,7 +17,7 @@ from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
 from vision_slam.consistency import consistency
-from vision_slam.fusion.online import filter_path, gate_fixes
+from vision_slam.fusion.online import filter_path, gate_fixes, predicted_covariance
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.pipeline import localize
@@ -218,3 +218,15 @@ def test_localization_returns_the_causal_and_the_smoothed_path() -> None:
     heading = 2.0 * np.arctan2(online.quaternion[120, 2], online.quaternion[120, 3])
     moved = place[121] - place[120]
     assert np.cos(heading - np.arctan2(moved[1], moved[0])) > 0.999
+
+
+def test_errors_of_dead_reckoning_grow_with_the_travel_and_are_those_of_the_model() -> None:
+    times = np.arange(101.0)
+    odometry = Odometry(times, np.tile([1.0, 0.0, 0.0], (100, 1)), np.zeros((101, 3)))
+    errors = LocalizationConfig(scale_sigma=0.05, step_sigma_m=0.01, heading_walk_deg_sqrt_m=0.1)
+    sigma_m = np.sqrt(np.diagonal(predicted_covariance(odometry, errors), axis1=1, axis2=2))
+    assert (np.diff(sigma_m, axis=0) > 0.0).all()
+    # Along: 5 % of 100 m. Across: ∫ (L - s)² dW of a heading that walks, L^1.5 / √3, and yaw beside it.
+    assert sigma_m[-1, 0] == pytest.approx(5.0, rel=0.02)
+    walked_m = np.radians(0.1) * 100.0**1.5 / np.sqrt(3.0)
+    assert walked_m < sigma_m[-1, 1] < 1.5 * walked_m
