@@ -44,7 +44,13 @@ def test_writes_path_and_health_of_a_foreign_sequence(street: Path, tmp_path: Pa
     assert summary["poses"] == 5
     # A wall hardly distinguishes sideways motion from turning: a tenth of the 2 m.
     assert summary["end_error_m"] < 0.2
-    assert {"scale_error_per_cent", "scale_drift_per_cent", "rpe_per_cent", "yaw_rms_deg", "nees_2d"} <= summary.keys()
+    assert {
+        "scale_error_per_cent",
+        "scale_drift_per_cent",
+        "rpe_per_cent",
+        "yaw_rms_deg",
+        "nees_2d",
+    } <= summary.keys()
     assert {file.name for file in out.iterdir()} == {
         *("trajectory.tum", "path.csv", "landmarks.csv", "health.csv", "map.png", "tracks.png", "errors.png")
     }
