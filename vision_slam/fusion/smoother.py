@@ -183,11 +183,13 @@ def _nodes(path: FloatArray, odometry: Odometry, config: LocalizationConfig) -> 
 
 
 def node_spacing_m(length_m: float, config: LocalizationConfig) -> float:
-    """Return the travel between nodes, shorter than configured where fixes are more precise than the odometry.
+    """Return the travel between nodes, shorter than configured where the scale varies and fixes are precise.
 
     A fix counts as of the nearest node. Over half a spacing the error of the odometry shall vary
     by less than half the white error of a fix.
     """
+    if config.scale_wander_sigma == 0.0:
+        return config.node_spacing_m
     per_m = config.step_sigma_m**2 + 2.0 * config.scale_wander_m * config.scale_wander_sigma**2
     precise_m = 0.5 * config.gps_white_sigma_m**2 / per_m
     return min(config.node_spacing_m, max(precise_m, length_m / _MOST_NODES))

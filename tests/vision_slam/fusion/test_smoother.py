@@ -9,7 +9,7 @@ from survey.data.sensors.aiding import Barometer, GpsFixes, Inertial
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam import LocalizationConfig, localize
-from vision_slam.fusion.smoother import SmoothedPath, smooth
+from vision_slam.fusion.smoother import SmoothedPath, node_spacing_m, smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.rotation import rotations, turned
 
@@ -173,3 +173,13 @@ def test_gravity_says_nothing_new_of_an_odometry_that_it_levelled():
 
 def smooth_without(recording: Recording, reckoned: np.ndarray) -> SmoothedPath:
     return smooth(replace(recording, inertial=None), reckoned, LocalizationConfig())
+
+
+def test_nodes_lie_closer_where_fixes_are_more_precise_than_a_varying_scale() -> None:
+    exact = LocalizationConfig(gps_white_sigma_m=0.02)
+    assert node_spacing_m(100.0, exact) == exact.node_spacing_m  # odometry whose scale does not vary
+    images = exact.model_copy(update=exact.images.model_dump())
+    assert node_spacing_m(100.0, images) < 0.1
+    assert node_spacing_m(2700.0, images) == 2700.0 / 2000.0
+    usual = images.model_copy(update={"gps_white_sigma_m": 0.5})
+    assert node_spacing_m(100.0, usual) == usual.node_spacing_m
