@@ -75,7 +75,16 @@ def decode_camera(info: Any, mounted: FloatArray, place: Path) -> Camera:
             f"{place} has the distortion model {info.distortion_model!r} with {len(lens)} coefficients; "
             "plumb_bob or equidistant was expected, rectify the images or calibrate again."
         )
-    return Camera("pinhole", info.width, info.height, matrix.reshape(3, 3), _padded(lens, 5), mounted)
+    coefficients, is_assumed = _padded(lens, 5), lens.size == 0
+    return Camera(
+        "pinhole",
+        info.width,
+        info.height,
+        matrix.reshape(3, 3),
+        coefficients,
+        mounted,
+        distortion_is_assumed=is_assumed,
+    )
 
 
 def _padded(coefficients: FloatArray, n: int) -> FloatArray:

@@ -38,7 +38,10 @@ def read_kitti_sequence(place: Path, camera: Camera | None) -> ImageSequence:
         mounted = FORWARD.copy()
         mounted[2, 3] = _KITTI_HEIGHT_M
         height, width = read_pixels(files[0]).shape[:2]
-        camera = Camera("pinhole", width, height, _kitti_matrix(place / "calib.txt"), np.zeros(5), mounted)
+        matrix = _kitti_matrix(place / "calib.txt")
+        camera = Camera(
+            "pinhole", width, height, matrix, np.zeros(5), mounted, distortion_is_assumed=True
+        )  # images that are said to be rectified keep 10 pixels of distortion at the border
     reference = None
     if (place / "poses.txt").is_file():
         poses = np.tile(np.eye(4), (len(files), 1, 1))

@@ -13,6 +13,9 @@ class VisualOdometryConfig(Section):
     Lengths are of the body's travel; pixel values belong to images of about 640 columns.
     """
 
+    lens: Literal["auto", "given", "refine"] = "auto"
+    """Whether radial distortion and focal length are estimated from the images of a complete drive; auto does
+    so where the calibration states no distortion."""
     clahe_clip: float = 4.0
     """Clip limit of the contrast-limited adaptive histogram equalization; 0 leaves images as they are."""
     clahe_tiles: PositiveInt = 8

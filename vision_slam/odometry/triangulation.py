@@ -40,7 +40,7 @@ class LandmarkTriangulator:
         near = [track for track in tracks if not track.is_far and len(track.rays) >= _LEAST_SIGHTS]
         if not near:
             return
-        points, information, error, is_good = _intersected(*self._sights(near, poses))
+        points, information, error, is_good = intersected(*self._sights(near, poses))
         is_good &= error <= _GREATEST_ERROR_PX / self._focal_px
         for index in np.flatnonzero(is_good).tolist():
             first, last = (poses[near[index].keyframes[end]] for end in (0, -1))
@@ -95,7 +95,7 @@ def _of_poses(arm: FloatArray, config: VisualOdometryConfig) -> FloatArray:
     return spread + config.landmark_floor_m**2 * np.eye(3)
 
 
-def _intersected(
+def intersected(
     rays: FloatArray, places: FloatArray, there: BoolArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Intersect the rays (T, N, 3) of each track that are `there` (T, N).

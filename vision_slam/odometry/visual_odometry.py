@@ -1,6 +1,6 @@
 """Monocular visual odometry of a recording: images, wheels and gyro to odometry and sightings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from survey.core.arrays import BoolArray, FloatArray, IntArray, Progress
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Image
+from survey.data.camera.frames import Frames, Image
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.inertial.attitude import initial_pose, world_attitudes
@@ -18,6 +18,8 @@ from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
 from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
+from vision_slam.odometry.self_calibration import LensEstimate, estimate_lens, unknown_lens
+from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.rotation import rotations
@@ -39,6 +41,8 @@ class VisualOdometry(DataObject):
         One entry per frame.
     is_lost : (N,) ndarray of bool
         Whether the pose rests on wheels and gyro for more than 20 m, or on nothing.
+    lens : LensEstimate, optional
+        Self-calibration of the lens; None where the lens was used as given.
 
     Notes
     -----
@@ -50,6 +54,12 @@ class VisualOdometry(DataObject):
     sightings: Sightings
     health: tuple[FrameHealth, ...]
     is_lost: BoolArray
+    lens: LensEstimate | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found about the lens, in one sentence."""
+        return () if self.lens is None else (self.lens.note,)
 
 
 def visual_odometry(
@@ -61,6 +71,9 @@ def visual_odometry(
 
     Where images are missing for more than 1.5 s and wheels and gyro go on, poses are added in
     between, as of blank images: one step from end to end would cut the corner of a turn.
+
+    Where the setting `lens` asks for it, the lens is estimated after a first pass over all images;
+    a second pass follows where the images contradict the given lens.
 
     Parameters
     ----------
@@ -85,13 +98,53 @@ def visual_odometry(
         raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
     if len(recording.frames) < 2:
         raise InputError("the recording has one frame; motion needs at least two.")
-    times = recording.frames.time_s
-    odometer = VisualOdometer(recording.camera, recording, config, times[0])
+    camera, settings = recording.camera, config or VisualOdometryConfig()
+    if settings.lens == "given" and camera.distortion_is_assumed:
+        odometer = _followed(recording, recording.frames, camera, settings, progress)
+        poses = np.array(odometer.slam.window.poses)
+        return replace(odometer.finish(recording), lens=unknown_lens(camera, poses, "it was used as given"))
+    if settings.lens == "given" or (settings.lens == "auto" and not camera.distortion_is_assumed):
+        return _followed(recording, recording.frames, camera, settings, progress).finish(recording)
+    return _self_calibrated(recording, recording.frames, camera, settings, progress)
+
+
+def _self_calibrated(
+    recording: VisionRecords,
+    frames: Frames,
+    camera: Camera,
+    config: VisualOdometryConfig,
+    progress: Progress | None,
+) -> VisualOdometry:
+    """Estimate the lens from a first pass over the images; follow them again where another is accepted."""
+    first = _followed(recording, frames, camera, config, progress, ended=[])
+    visual, slam = first.finish(recording), first.slam
+    assert first.ended is not None
+    lens = estimate_lens(
+        camera, np.array(slam.window.poses), first.ended, np.array(slam.rolled_m), slam.config
+    )
+    if not lens.is_accepted:
+        return replace(visual, lens=lens)
+    second = _followed(recording, frames, lens.camera, config, progress)
+    return replace(second.finish(recording), lens=lens)
+
+
+def _followed(
+    recording: VisionRecords,
+    frames: Frames,
+    camera: Camera,
+    config: VisualOdometryConfig,
+    progress: Progress | None,
+    ended: list[Track] | None = None,
+) -> "VisualOdometer":
+    """Process all images of a recording; collect the ended tracks where a list is given."""
+    times = frames.time_s
+    odometer = VisualOdometer(camera, recording, config, times[0])
+    odometer.ended = ended
     for index, time_s in enumerate(times.tolist()):
-        odometer.add_image(recording.frames[index], time_s)
+        odometer.add_image(frames[index], time_s)
         if progress is not None:
             progress("frames", index + 1, len(times))
-    return odometer.finish(recording)
+    return odometer
 
 
 class VisualOdometer:
@@ -120,6 +173,7 @@ class VisualOdometer:
         self._far_features = FarFeatures(camera)
         self._frame_of: dict[int, int] = {}
         self._n_frames = 0
+        self.ended: list[Track] | None = None
 
     def add_image(self, image: Image, time_s: float) -> None:
         """Process the next image; the records must reach its time [s].
@@ -172,6 +226,8 @@ class VisualOdometer:
             slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
             self._landmarks.add(ended, slam.window.poses, self._frame_of)
             self._far_features.add(ended)
+            if self.ended is not None:
+                self.ended += ended
 
 
 def _corrected(

@@ -1,6 +1,6 @@
 """Calibrated camera of a rover: projection, rays of its pixels, its file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Self
 
@@ -26,8 +26,8 @@ class CameraFile(Section):
     """Rows of the image."""
     matrix: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
     """Focal lengths and principal point [pixels]; pixel centres are whole numbers."""
-    distortion: tuple[float, ...]
-    """Coefficients of the lens model."""
+    distortion: tuple[float, ...] | None = None
+    """Coefficients of the lens model; without them zero is assumed."""
     T_body_camera: tuple[
         tuple[float, float, float, float],
         tuple[float, float, float, float],
@@ -58,6 +58,8 @@ class Camera(DataObject):
         forward, y left, z up).
     row_readout_s : float
         Rolling shutter: time between neighbouring rows [s].
+    distortion_is_assumed : bool
+        Whether the lens coefficients are zero because nothing states them.
 
     Examples
     --------
@@ -75,6 +77,7 @@ class Camera(DataObject):
     distortion: FloatArray
     T_body_camera: FloatArray
     row_readout_s: float = 0.0
+    distortion_is_assumed: bool = False
 
     def __post_init__(self) -> None:
         n = {"pinhole": 5, "fisheye": 4}[self.model]
@@ -165,8 +168,8 @@ class Camera(DataObject):
         matrix[:2] *= factor
         matrix[:2, 2] += 0.5 * (factor - 1.0)  # pixel centres are whole numbers, edges lie at halves
         size = round(self.width * factor), round(self.height * factor)
-        return Camera(
-            self.model, *size, matrix, self.distortion, self.T_body_camera, self.row_readout_s / factor
+        return replace(
+            self, width=size[0], height=size[1], matrix=matrix, row_readout_s=self.row_readout_s / factor
         )
 
     def write(self, path: str | Path) -> None:
@@ -182,7 +185,7 @@ class Camera(DataObject):
             "width": self.width,
             "height": self.height,
             "matrix": self.matrix.tolist(),
-            "distortion": self.distortion.tolist(),
+            **({} if self.distortion_is_assumed else {"distortion": self.distortion.tolist()}),
             "T_body_camera": self.T_body_camera.tolist(),
             "row_readout_s": self.row_readout_s,
         }
@@ -213,9 +216,10 @@ class Camera(DataObject):
         file = existing_file(path, "the calibration")
         given = validated(CameraFile, read_toml(file), str(file))
         n = {"pinhole": 5, "fisheye": 4}[given.model]
-        if len(given.distortion) != n:
+        distortion = (0.0,) * n if given.distortion is None else given.distortion
+        if len(distortion) != n:
             raise InputError(
-                f"{file} gives {len(given.distortion)} distortion coefficients; a {given.model} lens has {n}."
+                f"{file} gives {len(distortion)} distortion coefficients; a {given.model} lens has {n}."
             )
         try:
             return cls(
@@ -223,9 +227,10 @@ class Camera(DataObject):
                 given.width,
                 given.height,
                 np.array(given.matrix),
-                np.array(given.distortion),
+                np.array(distortion),
                 np.array(given.T_body_camera),
                 given.row_readout_s,
+                distortion_is_assumed=given.distortion is None,
             )
         except InputError as error:
             raise InputError(f"{file}: {error}") from error
