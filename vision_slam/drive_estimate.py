@@ -117,6 +117,7 @@ class DriveEstimate:
             landmarks,
             np.sqrt(spread[:, 2, 2]),
             visual,
+            notes=visual.notes,
             own_covariance=covariance,
         )
 

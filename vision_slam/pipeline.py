@@ -31,10 +31,13 @@ from vision_slam.fusion.visual_scale import (
 from vision_slam.inertial.attitude import heading_correction
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.localization import Localization
+from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 from vision_slam.places.loop_closures import detect_loop_closures
 from vision_slam.places.relocalization import relocalize_segments, segment_starts
 from vision_slam.rotation import quaternions
+
+_DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
 
 
 @check_types
@@ -43,6 +46,7 @@ def localize(
     config: LocalizationConfig | None = None,
     *,
     visual: VisualOdometry | None = None,
+    visual_config: VisualOdometryConfig | None = None,
     progress: Progress | None = None,
 ) -> Localization:
     """Estimate the path of a rover and its landmarks from a recording.
@@ -61,6 +65,8 @@ def localize(
         Errors assumed of the sensors.
     visual : VisualOdometry, optional
         Visual odometry of the images of this recording; computed where left out.
+    visual_config : VisualOdometryConfig, optional
+        Settings of visual odometry where it is computed.
     progress : callable, optional
         Progress callback (stage, done, total) of the images.
 
@@ -87,7 +93,8 @@ def localize(
     settings = config or LocalizationConfig()
     if recording.odometry is None and recording.frames is None and visual is None:
         return kinematic_survey(recording, settings)
-    drive = measure_motion(recording, settings, visual, progress)
+    visual = visual or process_images(recording, visual_config, progress)
+    drive = measure_motion(recording, settings, visual)
     for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay, widen_errors):
         drive = step(drive)
     accepted = add_loop_closures(drop_refused_fixes(drive))
@@ -146,37 +153,42 @@ class Drive:
 def measure_motion(
     recording: Recording,
     config: LocalizationConfig,
-    visual: VisualOdometry | None = None,
-    progress: Progress | None = None,
+    visual: VisualOdometry | None,
 ) -> Drive:
-    """Take the recorded odometry, or process the images to odometry and sightings.
+    """Take the odometry and sightings of the images, or the recorded ones.
 
     Raises
     ------
     InputError
-        Odometry without sightings, images that cannot be processed, or fixes that cannot
+        Odometry without sightings, images that could not be followed, or fixes that cannot
         give a scale.
     """
     settings = config if recording.start_is_surveyed else config.model_copy(update={"start": "unknown"})
-    if visual is None and recording.odometry is not None:
-        if recording.sightings is None:
+    if visual is None:
+        if recording.odometry is None or recording.sightings is None:
             raise InputError(
                 "the recording has odometry and no sightings; without landmarks there is no surface to map."
             )
         return Drive(recording.with_odometry(recording.odometry, recording.sightings), settings)
-    visual = visual or _process_images(recording, progress)
     refuse_swapped_images(visual.odometry)
     if recording.wheels is None:
         refuse_short_fixes(recording.gps, visual.odometry.time_s)
         refuse_untracked(visual)
-    return Drive(recording.with_odometry(visual.odometry, visual.sightings), image_config(settings), visual)
+    if visual.lens is not None:
+        recording = replace(recording, camera=visual.lens.camera)
+    with_images = recording.with_odometry(visual.odometry, visual.sightings)
+    return Drive(with_images, image_config(settings, visual.scale_drift_sigma), visual, visual.notes)
 
 
-def _process_images(recording: Recording, progress: Progress | None) -> VisualOdometry:
-    """Run visual odometry, unless it is clear beforehand that its scale would stay unknown."""
+def process_images(
+    recording: Recording, config: VisualOdometryConfig | None, progress: Progress | None
+) -> VisualOdometry | None:
+    """Run visual odometry where the recording has no odometry; refuse before work starts where no scale is possible."""
+    if recording.odometry is not None:
+        return None
     if recording.wheels is None and recording.frames is not None:
         refuse_short_fixes(recording.gps, recording.frames.time_s)
-    return visual_odometry(recording, progress=progress)
+    return visual_odometry(recording, config, progress)
 
 
 def drop_repeated_fixes(drive: Drive) -> Drive:
@@ -277,9 +289,21 @@ def with_loop_closures(recording: OdometryRecording, config: LocalizationConfig)
     return replace(recording, loop_closures=detect_loop_closures(recording, path.position, sigma_m))
 
 
-def image_config(config: LocalizationConfig) -> LocalizationConfig:
-    """Return the configuration with the odometry errors of images in place of those of other odometry."""
-    return config.model_copy(update=config.images.model_dump())
+def image_config(config: LocalizationConfig, scale_drift_sigma: float = 0.0) -> LocalizationConfig:
+    """Return the configuration with the odometry errors of images in place of those of other odometry.
+
+    A drift of scale that the lens may cause widens the varying part of the scale error, and lasts longer.
+    """
+    images = config.images
+    if scale_drift_sigma > 0.0:
+        wander = float(np.hypot(images.scale_wander_sigma, scale_drift_sigma))
+        images = images.model_copy(
+            update={
+                "scale_wander_sigma": wander,
+                "scale_wander_m": max(images.scale_wander_m, _DRIFTS_OVER_M),
+            }
+        )
+    return config.model_copy(update=images.model_dump())
 
 
 def _trajectory(drive: Drive, path: SmoothedPath) -> Trajectory:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,6 +25,7 @@ from vision_slam.fusion.sanity_checks import refuse_swapped_images
 from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.gps_files import is_receiver_file, read_gps
 from vision_slam.io.sequence import ImageSequence
+from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import image_config, localize
 
@@ -87,18 +89,39 @@ class RecordedDrive:
         ConfigError
             An unknown key, a value of another kind, or a surveyed start that the recording lacks.
         """
-        values = with_overrides({"localization": {}}, overrides)
-        unknown = next((key for key in values if key != "localization"), None)
-        if unknown is not None:
-            raise ConfigError(f"--set names {unknown!r}; localize knows localization.KEY=VALUE alone.")
+        values = _sections(overrides)
         if values["localization"].get("start") == "surveyed" and not self.start_is_surveyed:
             raise ConfigError(
                 "--set names localization.start=surveyed, and the start of this recording was not surveyed; leave it out."
             )
         return validated(LocalizationConfig, values["localization"], "--set")
 
+    def visual_config(self, overrides: Sequence[str] = ()) -> VisualOdometryConfig:
+        """Return the settings of visual odometry.
+
+        Parameters
+        ----------
+        overrides : sequence of str
+            ``visual.pixel_sigma=1.0``; those of other sections are left out.
+
+        Returns
+        -------
+        VisualOdometryConfig
+            Defaults with the overrides.
+
+        Raises
+        ------
+        ConfigError
+            An unknown key, or a value of another kind.
+        """
+        return validated(VisualOdometryConfig, _sections(overrides)["visual"], "--set")
+
     def localize(
-        self, config: LocalizationConfig | None = None, progress: Progress | None = None
+        self,
+        config: LocalizationConfig | None = None,
+        progress: Progress | None = None,
+        *,
+        visual_config: VisualOdometryConfig | None = None,
     ) -> DriveEstimate:
         """Estimate path and landmarks.
 
@@ -110,6 +133,8 @@ class RecordedDrive:
             Errors assumed of the sensors.
         progress : callable, optional
             Progress callback (stage, done, total).
+        visual_config : VisualOdometryConfig, optional
+            Settings of visual odometry.
 
         Returns
         -------
@@ -122,12 +147,14 @@ class RecordedDrive:
             The images or the fixes do not suffice.
         """
         if isinstance(self.records, Recording):
-            return DriveEstimate.in_crs(localize(self.records, config, progress=progress))
-        visual = visual_odometry(self.records, progress=progress)
+            return DriveEstimate.in_crs(
+                localize(self.records, config, visual_config=visual_config, progress=progress)
+            )
+        visual = visual_odometry(self.records, visual_config, progress)
         refuse_swapped_images(visual.odometry)
         if self.records.wheels is None:
             refuse_untracked(visual)
-        errors = image_config(config or LocalizationConfig())
+        errors = image_config(config or LocalizationConfig(), visual.scale_drift_sigma)
         # Without wheels the scale is the unit of the path; with them it is theirs.
         scale_sigma = _UNIT if self.records.wheels is None else errors.wheel_scale_sigma
         errors = errors.model_copy(update={"scale_sigma": scale_sigma})
@@ -191,3 +218,14 @@ class RecordedDrive:
         fixes, crs = read_gps(path).fixes(self.records.crs)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(fixes), 1))
         return Trajectory(fixes.time_s, fixes.position, level, np.zeros((len(fixes), 3, 3)), crs)
+
+
+def _sections(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return the overrides by section; refuse sections that localization does not have."""
+    values = with_overrides({"localization": {}, "visual": {}}, overrides)
+    unknown = next((key for key in values if key not in {"localization", "visual"}), None)
+    if unknown is not None:
+        raise ConfigError(
+            f"--set names {unknown!r}; localize knows localization.KEY=VALUE and visual.KEY=VALUE alone."
+        )
+    return values

@@ -1,6 +1,6 @@
 """Batch bundle adjustment of keyframes, points and the lens: no window, no poses held but the first."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,10 +16,11 @@ _LEAST_DEPTH_M = 1e-3
 _OUTLYING = 2.5  # standard deviations, of Cauchy's loss
 _BEHIND = 1e4  # squared error of a point behind the camera
 _HELD = 1e10  # information that holds the first pose, the size of the path, and what the prior excludes
-_SMALLEST = 1e-9
+_ANY = 1.0  # information per step about poses that see nothing [1/m², 1/rad²]
+_SIZE_HELD, _SMALLEST = 1e6, 1e-9
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e6
-_ENOUGH = 1e-4  # relative decrease of the cost below which the adjustment ends
-_N_ITERATIONS = 20
+_ENOUGH = 2e-5  # relative decrease of the cost below which the adjustment ends
+_N_ITERATIONS = 50
 _EXTREME = np.array([0.7, 2.0, 2.0])
 
 
@@ -74,6 +75,16 @@ class Adjusted(NamedTuple):
     error_px: FloatArray
 
 
+class _Linear(NamedTuple):
+    """Errors (N, 2) with their weights (N,), and how pixels change with pose, lens and point of each."""
+
+    weight: FloatArray
+    error: FloatArray
+    by_pose: FloatArray
+    by_lens: FloatArray
+    by_point: FloatArray
+
+
 class _Equations(NamedTuple):
     """Blocks of the normal equations: poses, lens, points, and what couples them; gradients with the same letters."""
 
@@ -121,10 +132,10 @@ class BundleAdjustment:
         self._rolled = np.flatnonzero(np.isfinite(travel.rolled_m))
         self._travel = Travel(*(values[self._rolled] for values in travel))
 
-    def solve(self, start: Geometry) -> Adjusted:
+    def solve(self, start: Geometry, n_iterations: int = _N_ITERATIONS) -> Adjusted:
         """Adjust from initial poses, points and lens."""
         state, cost, damping = start, self._cost(start), _DAMPING
-        for _ in range(_N_ITERATIONS):
+        for _ in range(n_iterations):
             equations, before = self._linearized(state), cost
             while damping < _MOST_DAMPING:
                 trial = _moved(state, equations, damping)
@@ -167,26 +178,19 @@ class BundleAdjustment:
         weight = ahead / (self._sigma**2 + (error**2).sum(axis=1) / _OUTLYING**2)
         by_point = by_local @ rotation.transpose(0, 2, 1)
         by_pose = np.concatenate([by_local @ _skew(local), -by_point], axis=2)
-        equations = self._assembled(weight, error, by_pose, by_lens, by_point, state)
+        equations = self._assembled(_Linear(weight, error, by_pose, by_lens, by_point), state)
         self._add_wheels(equations, state.poses)
         self._hold(equations, state)
         return equations
 
-    def _assembled(
-        self,
-        weight: FloatArray,
-        error: FloatArray,
-        by_pose: FloatArray,
-        by_lens: FloatArray,
-        by_point: FloatArray,
-        state: Geometry,
-    ) -> _Equations:
+    def _assembled(self, linear: _Linear, state: Geometry) -> _Equations:
         """Sum the blocks of all observations."""
         keyframe, point = self._seen.keyframe, self._seen.point
         n_poses, n_points = len(state.poses), len(state.points)
         weighted_pose, weighted_lens, weighted_point = (
-            (weight[:, None, None] * part).transpose(0, 2, 1) for part in (by_pose, by_lens, by_point)
+            (linear.weight[:, None, None] * part).transpose(0, 2, 1) for part in linear[2:]
         )
+        _, error, by_pose, by_lens, by_point = linear
         blocks = np.zeros((n_poses, 6, n_poses, 6))
         every = np.arange(n_poses)
         blocks[every, :, every, :] = _summed(keyframe, weighted_pose @ by_pose, n_poses)
@@ -215,15 +219,16 @@ class BundleAdjustment:
             equations.g_poses[index] += weight * off * slope
 
     def _hold(self, equations: _Equations, state: Geometry) -> None:
-        """Hold the first pose, and without wheels the size of the path."""
-        first = np.arange(6)
+        """Hold the first pose, weakly all others, and without wheels the size of the path."""
+        first, every = np.arange(6), np.arange(len(equations.poses))
+        equations.poses[every, every] += _ANY
         equations.poses[first, first] += _HELD
         if len(self._rolled):
             return
         place = state.poses[:, :3, 3] - state.poses[0, :3, 3]
         size = np.zeros((len(place), 6))
         size[:, 3:] = place / max(float((place**2).sum()), _SMALLEST)
-        equations.poses[...] += _HELD * 1e-4 * np.outer(size, size)
+        equations.poses[...] += _SIZE_HELD * np.outer(size, size)
 
 
 def _projected(camera: Camera, local: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -235,7 +240,8 @@ def _projected(camera: Camera, local: FloatArray) -> tuple[FloatArray, FloatArra
     else:
         found = cv2.projectPoints(points, zero, zero, camera.matrix, camera.distortion)
         by_point, by_focal, by_radial = (slice(first, first + n) for first, n in ((3, 3), (6, 2), (10, 2)))
-    pixel, slopes = np.asarray(found[0]).reshape(-1, 2), np.asarray(found[1]).reshape(len(local), 2, -1)
+    pixel = np.asarray(found[0], dtype=np.float64).reshape(-1, 2)
+    slopes = np.asarray(found[1], dtype=np.float64).reshape(len(local), 2, -1)
     focal = slopes[:, :, by_focal] @ np.diag(camera.matrix)[:2, None]
     return pixel, slopes[:, :, by_point], np.concatenate([focal, slopes[:, :, by_radial]], axis=2)
 
@@ -245,7 +251,7 @@ def _moved(state: Geometry, equations: _Equations, damping: float) -> Geometry:
     points = equations.points.copy()
     every = np.arange(3)
     points[:, every, every] = (1.0 + damping) * points[:, every, every] + _SMALLEST
-    inverse = np.linalg.inv(points)
+    inverse = np.asarray(np.linalg.inv(points), dtype=np.float64)
     reduced, right = _reduced(equations, inverse)
     diagonal = np.arange(len(reduced))
     reduced[diagonal, diagonal] *= 1.0 + damping
@@ -276,7 +282,8 @@ def _reduced(equations: _Equations, inverse: FloatArray) -> tuple[FloatArray, Fl
 
 def _lens_covariance(equations: _Equations) -> FloatArray:
     """Return the covariance (3, 3) of the lens when poses and points are unknown too."""
-    reduced, _ = _reduced(equations, np.linalg.inv(equations.points + _SMALLEST * np.eye(3)))
+    inverse = np.asarray(np.linalg.inv(equations.points + _SMALLEST * np.eye(3)), dtype=np.float64)
+    reduced, _ = _reduced(equations, inverse)
     units = np.eye(len(reduced))[:, -3:]
     covariance: FloatArray = cho_solve(cho_factor(reduced), units)[-3:]
     return covariance

@@ -28,6 +28,7 @@ _LEAST_TURN_DEG = 20.0
 _LEAST_GAIN = 50.0  # decrease of the cost; by chance it is 2
 _LEAST_BORDER_PX = 1.0  # below, the given lens is good enough
 _WELL_ABOVE = 0.5  # of the prior's error, below which that of the estimate must be
+_N_PROBED = 5  # steps after which a focal length that is off shows
 _LEAST_FOCAL = 0.05  # a smaller change of the focal length is less certain than a calibration
 _MOST_KEYFRAMES, _MOST_OBSERVATIONS = 240, 150  # of the part of the drive that is used; of one keyframe
 _LEAST_SIGHTS, _LEAST_TRACKS = 3, 50
@@ -114,15 +115,24 @@ def estimate_lens(
     rolled = np.abs(rolled_m[part.start : part.stop - 1])
     travel = Travel(rolled, config.wheel_sigma * rolled + 0.002)
 
-    def adjusted(prior: FloatArray, begin: Geometry) -> Adjusted:
-        return BundleAdjustment(camera, seen, config.pixel_sigma, prior, travel).solve(begin)
+    def adjustment(prior: FloatArray) -> BundleAdjustment:
+        return BundleAdjustment(camera, seen, config.pixel_sigma, prior, travel)
 
-    held = adjusted(np.zeros(3), start)
-    best = adjusted(_PRIOR_SIGMA * _RADIAL, held.geometry)
-    free = adjusted(_PRIOR_SIGMA, best.geometry)
-    if best.cost - free.cost > _LEAST_GAIN and abs(free.geometry.lens.log_focal) > _LEAST_FOCAL:
-        best = free
+    held = adjustment(np.zeros(3)).solve(start)
+    best = _with_focal_length(
+        adjustment(_PRIOR_SIGMA * _RADIAL).solve(held.geometry), adjustment(_PRIOR_SIGMA)
+    )
     return _judged(camera, poses, best, held.cost - best.cost, turned_deg)
+
+
+def _with_focal_length(radial: Adjusted, adjustment: BundleAdjustment) -> Adjusted:
+    """Estimate the focal length too; keep the given one where it differs by little."""
+    probe = adjustment.solve(radial.geometry, _N_PROBED)
+    if abs(probe.geometry.lens.log_focal) < 0.5 * _LEAST_FOCAL:
+        return radial
+    free = adjustment.solve(probe.geometry)
+    is_other = abs(free.geometry.lens.log_focal) > _LEAST_FOCAL and radial.cost - free.cost > _LEAST_GAIN
+    return free if is_other else radial
 
 
 def unknown_lens(camera: Camera, poses: FloatArray, reason: str) -> LensEstimate:

@@ -61,6 +61,11 @@ class VisualOdometry(DataObject):
         """What was found about the lens, in one sentence."""
         return () if self.lens is None else (self.lens.note,)
 
+    @property
+    def scale_drift_sigma(self) -> float:
+        """Relative drift of scale that a lens of unknown distortion may cause."""
+        return 0.0 if self.lens is None else self.lens.scale_sigma
+
 
 def visual_odometry(
     recording: VisionRecords,
@@ -100,11 +105,11 @@ def visual_odometry(
         raise InputError("the recording has one frame; motion needs at least two.")
     camera, settings = recording.camera, config or VisualOdometryConfig()
     if settings.lens == "given" and camera.distortion_is_assumed:
-        odometer = _followed(recording, recording.frames, camera, settings, progress)
+        odometer = _followed(recording, recording.frames, camera, settings, progress=progress)
         poses = np.array(odometer.slam.window.poses)
         return replace(odometer.finish(recording), lens=unknown_lens(camera, poses, "it was used as given"))
     if settings.lens == "given" or (settings.lens == "auto" and not camera.distortion_is_assumed):
-        return _followed(recording, recording.frames, camera, settings, progress).finish(recording)
+        return _followed(recording, recording.frames, camera, settings, progress=progress).finish(recording)
     return _self_calibrated(recording, recording.frames, camera, settings, progress)
 
 
@@ -116,7 +121,7 @@ def _self_calibrated(
     progress: Progress | None,
 ) -> VisualOdometry:
     """Estimate the lens from a first pass over the images; follow them again where another is accepted."""
-    first = _followed(recording, frames, camera, config, progress, ended=[])
+    first = _followed(recording, frames, camera, config, progress=progress, ended=[])
     visual, slam = first.finish(recording), first.slam
     assert first.ended is not None
     lens = estimate_lens(
@@ -124,7 +129,7 @@ def _self_calibrated(
     )
     if not lens.is_accepted:
         return replace(visual, lens=lens)
-    second = _followed(recording, frames, lens.camera, config, progress)
+    second = _followed(recording, frames, lens.camera, config, progress=progress)
     return replace(second.finish(recording), lens=lens)
 
 
@@ -133,6 +138,7 @@ def _followed(
     frames: Frames,
     camera: Camera,
     config: VisualOdometryConfig,
+    *,
     progress: Progress | None,
     ended: list[Track] | None = None,
 ) -> "VisualOdometer":

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -60,7 +60,14 @@ _Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0.",
+        help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
+    ),
+]
+_Lens = Annotated[
+    Literal["auto", "given", "refine"],
+    typer.Option(
+        "--lens",
+        help="Estimate radial distortion and focal length from the images, or use them as given; auto estimates them where the calibration states no distortion.",
     ),
 ]
 _Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")]
@@ -79,6 +86,7 @@ def localize(
     reference: _Reference = None,
     viewer: _Viewer = None,
     settings: _Settings = None,
+    lens: _Lens = "auto",
     out: _Out = Path("localization"),
     force: _Force = False,
     as_json: Json = False,
@@ -126,7 +134,8 @@ def localize(
         scale_from_m=scale_from,
     )
     judge = None if reference is None else drive.read_reference(reference)
-    estimate, seconds = _timed(drive, settings or [], quiet=quiet)
+    lens_setting = [] if lens == "auto" else [f"visual.lens={lens}"]
+    estimate, seconds = _timed(drive, [*(settings or []), *lens_setting], quiet=quiet)
     comparison = drive.compare(estimate, judge)
     _write(out, viewer, drive, estimate, comparison)
     _print(_summary(drive, estimate, comparison, seconds), out, as_json=as_json)
@@ -136,10 +145,10 @@ def _timed(drive: "RecordedDrive", settings: list[str], *, quiet: bool) -> "tupl
     """Return path and landmarks, and the seconds that they took."""
     from sim.cli.progress import counted
 
-    config = drive.config(settings)
+    config, visual_config = drive.config(settings), drive.visual_config(settings)
     began = perf_counter()
     with counted(quiet=quiet) as progress:
-        estimate = drive.localize(config, progress)
+        estimate = drive.localize(config, progress, visual_config=visual_config)
     return estimate, perf_counter() - began
 
 

@@ -1,0 +1,102 @@
+"""Self-calibration on drawn points whose camera, path and lens are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from survey.core.arrays import FloatArray
+from survey.data.camera.calibration import Camera
+from vision_slam.io.sequence_files import FORWARD
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.self_calibration import estimate_lens
+from vision_slam.odometry.tracks import Track
+
+_GIVEN = Camera(
+    "pinhole",
+    1240,
+    376,
+    [[720.0, 0.0, 619.5], [0.0, 720.0, 187.5], [0.0, 0.0, 1.0]],
+    np.zeros(5),
+    FORWARD,
+    distortion_is_assumed=True,
+)
+_REAL = replace(_GIVEN, distortion=[0.025, -0.008, 0.0, 0.0, 0.0])
+_CONFIG = VisualOdometryConfig()
+
+
+def _path(turn_deg: float, n: int = 30) -> FloatArray:
+    """Poses of a body that drives 1 m a step and turns evenly."""
+    yaw = np.linspace(0.0, np.radians(turn_deg), n)
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("z", yaw[:, None]).as_matrix()
+    poses[1:, :2, 3] = np.cumsum(np.column_stack([np.cos(yaw), np.sin(yaw)])[:-1], axis=0)
+    return poses
+
+
+def _tracks(real: Camera, poses: FloatArray) -> list[Track]:
+    """Tracks of points beside the path, drawn by the real lens with 0.3 pixels of noise, read by the given one."""
+    rng = np.random.default_rng(5)
+    points = poses[rng.integers(0, len(poses), 1200), :3, 3] + rng.uniform(-1, 1, (1200, 3)) * [
+        15.0,
+        15.0,
+        2.0,
+    ]
+    eyes = poses @ real.T_body_camera
+    seen: list[list[tuple[int, FloatArray]]] = [[] for _ in points]
+    for k, eye in enumerate(eyes):
+        local = (points - eye[:3, 3]) @ eye[:3, :3]
+        pixel = real.project(local) + rng.normal(0.0, 0.3, (len(points), 2))
+        inside = (local[:, 2] > 3.0) & ((pixel > 0) & (pixel < [1239, 375])).all(axis=1)
+        for index in np.flatnonzero(inside):
+            seen[index].append((k, _GIVEN.rays(pixel[index : index + 1])[0]))
+    return [Track(np.zeros(2), [k for k, _ in rows], [ray for _, ray in rows]) for rows in seen if rows]
+
+
+def _unknown(poses: FloatArray) -> FloatArray:
+    return np.full(len(poses) - 1, np.nan)
+
+
+def test_a_turn_reveals_radial_distortion_that_was_assumed_to_be_zero() -> None:
+    poses = _path(60.0)
+    found = estimate_lens(_GIVEN, poses, _tracks(_REAL, poses), _unknown(poses), _CONFIG)
+    assert found.is_accepted
+    assert found.camera.distortion[:2] == pytest.approx([0.025, -0.008], abs=0.003)
+    assert (np.abs(found.lens[1:] - [0.025, -0.008]) < 3.0 * found.sigma[1:]).all()
+    assert found.camera.matrix[0, 0] == 720.0
+    assert "contradict the lens by" in found.note
+
+
+def test_a_focal_length_that_is_off_by_a_fifth_is_found_in_a_turn() -> None:
+    poses = _path(80.0)
+    real = replace(_REAL, matrix=[[864.0, 0.0, 619.5], [0.0, 864.0, 187.5], [0.0, 0.0, 1.0]])
+    found = estimate_lens(_GIVEN, poses, _tracks(real, poses), _unknown(poses), _CONFIG)
+    assert found.is_accepted
+    assert found.camera.matrix[0, 0] == pytest.approx(864.0, rel=0.03)
+    assert "focal length" in found.note
+
+
+def test_a_straight_drive_leaves_the_lens_as_it_is_given() -> None:
+    poses = _path(5.0)
+    found = estimate_lens(_GIVEN, poses, _tracks(_REAL, poses), _unknown(poses), _CONFIG)
+    assert not found.is_accepted
+    assert found.camera == _GIVEN
+    assert found.scale_sigma == pytest.approx(0.16 * np.radians(5.0), rel=0.01)
+    assert "turns by 5°" in found.note
+    assert "assumed to be zero" in found.note
+
+
+def test_a_lens_that_is_right_is_confirmed() -> None:
+    poses = _path(60.0)
+    found = estimate_lens(_GIVEN, poses, _tracks(_GIVEN, poses), _unknown(poses), _CONFIG)
+    assert not found.is_accepted
+    assert found.scale_sigma == 0.0
+    assert "agree with the lens" in found.note
+
+
+def test_few_corners_estimate_no_lens() -> None:
+    poses = _path(60.0)
+    found = estimate_lens(_GIVEN, poses, _tracks(_REAL, poses)[:20], _unknown(poses), _CONFIG)
+    assert not found.is_accepted
+    assert found.scale_sigma > 0.1
