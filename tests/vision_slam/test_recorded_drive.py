@@ -18,7 +18,7 @@ def test_settings_of_vision_are_reached_beside_those_of_localization() -> None:
 
 
 def test_an_unknown_section_is_refused_with_those_that_exist() -> None:
-    with pytest.raises(ConfigError, match="visual.KEY=VALUE"):
+    with pytest.raises(ConfigError, match=r"visual\.KEY=VALUE"):
         RecordedDrive(None).visual_config(["planner.swaths=3"])  # type: ignore[arg-type]
 
 
