@@ -83,13 +83,13 @@ from survey.reconstruction.gp.mean import Mean as Mean
 from survey.reconstruction.joint.correction import PathCorrection as PathCorrection
 from survey.reconstruction.lattice.config import FieldLatticeConfig as FieldLatticeConfig
 from survey.reconstruction.lattice.config import SpringLatticeConfig as SpringLatticeConfig
+from survey.reconstruction.mapping import reconstruct as reconstruct
 from survey.reconstruction.method import MappedTerrain as MappedTerrain
 from survey.reconstruction.method import MappingTask as MappingTask
 from survey.reconstruction.method import ReconstructionMethod as ReconstructionMethod
 from survey.reconstruction.method import ScanModel as ScanModel
 from survey.reconstruction.method import ScanSettings as ScanSettings
 from survey.reconstruction.prior import SatelliteErrors as SatelliteErrors
-from survey.reconstruction.reconstruct import reconstruct as reconstruct
 from survey.reconstruction.registry import ReconstructionConfig as ReconstructionConfig
 from survey.scoring.accuracy import Calibration as Calibration
 from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics

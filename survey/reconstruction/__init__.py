@@ -4,7 +4,7 @@ from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSE
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, FunctionMean, Mean
-from survey.reconstruction.reconstruct import reconstruct
+from survey.reconstruction.mapping import reconstruct
 from survey.reconstruction.terrain_model import TerrainModel
 
 __all__ = [

@@ -22,8 +22,8 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import ELEVATION
+from survey.reconstruction.mapping import run
 from survey.reconstruction.method import MappedTerrain, MappingTask, ReconstructionMethod
-from survey.reconstruction.reconstruct import run
 from survey.reconstruction.registry import LandmarkErrors, ReconstructionConfig, method_named
 
 logger = logging.getLogger(__name__)

@@ -9,8 +9,8 @@ from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.line_of_sight.low_returns import without_low_returns
+from survey.reconstruction.mapping import require_heights
 from survey.reconstruction.method import ReconstructionMethod, ScanSettings
-from survey.reconstruction.reconstruct import require_heights
 
 
 class ScanMap(NamedTuple):

@@ -9,8 +9,8 @@ from sim.cli.progress import counted
 from sim.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
 from survey.reconstruction.base import ELEVATION
+from survey.reconstruction.mapping import within
 from survey.reconstruction.policy import map_landmarks
-from survey.reconstruction.reconstruct import within
 
 
 def map_points(request: MapRequest) -> MadeMap:

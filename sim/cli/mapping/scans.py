@@ -7,8 +7,8 @@ from sim.cli.progress import counted
 from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
 from survey.interchange.scans import SensorPath, read_scans, scan_files
+from survey.reconstruction.mapping import within
 from survey.reconstruction.method import ScanSettings
-from survey.reconstruction.reconstruct import within
 from survey.reconstruction.scan_map import map_scans
 
 

@@ -16,7 +16,7 @@ from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponen
 from survey.reconstruction.lattice.config import FieldLatticeConfig, SpringLatticeConfig
 from survey.reconstruction.lattice.field_lattice import FieldLattice
 from survey.reconstruction.lattice.spring_lattice import SpringLattice
-from survey.reconstruction.reconstruct import reconstruct
+from survey.reconstruction.mapping import reconstruct
 
 GRID = Grid((0.0, 0.0, 40.0, 40.0), 2.0)
 

@@ -9,7 +9,7 @@ from survey.data.grid import Grid
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.base import RAY_BOUNDED
 from survey.reconstruction.line_of_sight.truncation import truncated
-from survey.reconstruction.reconstruct import reconstruct
+from survey.reconstruction.mapping import reconstruct
 
 CRS = "EPSG:32608"
 
