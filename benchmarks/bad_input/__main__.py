@@ -173,7 +173,8 @@ def all_cases() -> list[Case]:
 
 def _warm_up() -> None:
     """Import what commands import, so that a forked child need not."""
-    for name in ("planners", "sim.mission.stages", "survey.figures", "vision_slam.recordings"):
+    simulator = ("sim.mission.stages", "sim.mission.report", "sim.simulate.vision")
+    for name in ("planners.planning", *simulator, "survey.figures", "vision_slam.recordings"):
         import_module(name)
 
 

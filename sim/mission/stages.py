@@ -16,15 +16,13 @@ from threadpoolctl import threadpool_limits
 
 import planners
 import survey
+import vision_slam
 from sim.config.mission import MissionConfig
-from sim.mission.report import write_mission_report
 from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
 from sim.simulate.ideal import simulate_ideal
-from sim.simulate.navigator_process import navigating
 from sim.simulate.simulated_drive import ONBOARD
 from sim.simulate.statistical import simulate_statistical
-from sim.simulate.vision import simulate_vision
 from sim.world.site import World, build_world
 from survey.core.arguments import check_types
 from survey.core.documents import write_json
@@ -33,8 +31,6 @@ from survey.core.streams import stream
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.reconstruction.policy import map_landmarks
-from vision_slam import localize, trajectory_error
-from vision_slam.odometry.onboard import read_visual_odometry
 
 logger = logging.getLogger(__name__)
 
@@ -115,17 +111,26 @@ def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: i
     route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
     route.write(folder / "driven_route.geojson")
     if mission.fidelity == "vision":
-        steers = mission.physics.steer_by == "estimate"
-        with navigating(mission, workers) as navigate:
-            drive = simulate_vision(
-                world.terrain, route, mission, folder / "recording", navigate, steers=steers
-            )
-        drive.write(folder)
+        _drive_with_images(world, route, mission, folder, workers)
         return
     sensed = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
     recording, truth = sensed(world.terrain, route, mission)
     recording.write(folder / "recording")
     truth.write(folder / "truth")
+
+
+def _drive_with_images(
+    world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int
+) -> None:
+    """Drive with rendered images, steered by the estimate or by the real pose, and write the drive."""
+    # Here: physics and compiled rendering take a second to import.
+    from sim.simulate.navigator_process import navigating
+    from sim.simulate.vision import simulate_vision
+
+    steers = mission.physics.steer_by == "estimate"
+    with navigating(mission, workers) as navigate:
+        drive = simulate_vision(world.terrain, route, mission, folder / "recording", navigate, steers=steers)
+    drive.write(folder)
 
 
 def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
@@ -143,10 +148,12 @@ def estimate(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
 
     Images that the onboard computer has looked at are not looked at again.
     """
+    from vision_slam.odometry.onboard import read_visual_odometry
+
     recording = Recording.read(run.folder("simulate") / "recording")
     seen = run.folder("simulate") / "recording" / ONBOARD
     visual = read_visual_odometry(seen) if seen.exists() else None
-    result = localize(recording, mission.assumed, visual=visual)
+    result = vision_slam.localize(recording, mission.assumed, visual=visual)
     if result.online_trajectory is not None:
         result.online_trajectory.write(folder / "online_trajectory.csv")
     result.trajectory.write(folder / "trajectory.tum")
@@ -180,20 +187,26 @@ def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     )
     write_json(folder / "score.json", judged.to_dict())
     trajectory = survey.Trajectory.read(run.folder("localize") / "trajectory.csv", truth.dem.crs)
-    judged_path = trajectory_error(trajectory, truth.trajectory).to_dict()
+    judged_path = vision_slam.trajectory_error(trajectory, truth.trajectory).to_dict()
     corrected = run.folder("reconstruct") / "corrected_trajectory.csv"
     if corrected.exists():
-        after = trajectory_error(survey.Trajectory.read(corrected, truth.dem.crs), truth.trajectory)
+        after = vision_slam.trajectory_error(
+            survey.Trajectory.read(corrected, truth.dem.crs), truth.trajectory
+        )
         judged_path |= {f"after_mapping_{name}": value for name, value in after.to_dict().items()}
     online = run.folder("localize") / "online_trajectory.csv"
     if online.exists():
-        known_then = trajectory_error(survey.Trajectory.read(online, truth.dem.crs), truth.trajectory)
+        known_then = vision_slam.trajectory_error(
+            survey.Trajectory.read(online, truth.dem.crs), truth.trajectory
+        )
         judged_path |= {f"online_{name}": value for name, value in known_then.to_dict().items()}
     write_json(folder / "localization.json", judged_path)
 
 
 def report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     """Put everything on one page."""
+    from sim.mission.report import write_mission_report  # here, because matplotlib takes a second to import
+
     write_mission_report(folder, run)
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.core.errors import InputError
-from survey.io.points.las import read_las, write_las
 from survey.io.points.ply import read_ply, write_ply
 from survey.io.points.table import PointTable
 from survey.io.points.vector import read_csv, read_vector, write_csv, write_vector
@@ -73,11 +72,23 @@ def _format(path: str | Path) -> _Format:
     return _FORMATS[suffix]
 
 
+def _read_las(path: Path) -> PointTable:
+    from survey.io.points.las import read_las  # here: laspy imports a client of the web
+
+    return read_las(path)
+
+
+def _write_las(path: Path, table: PointTable) -> None:
+    from survey.io.points.las import write_las
+
+    write_las(path, table)
+
+
 _FORMATS: Mapping[str, _Format] = {
     ".csv": _Format(read_csv, write_csv),
     ".gpkg": _Format(read_vector, write_vector),
     ".geojson": _Format(read_vector, write_vector),
-    ".las": _Format(read_las, write_las),
-    ".laz": _Format(read_las, write_las),
+    ".las": _Format(_read_las, _write_las),
+    ".laz": _Format(_read_las, _write_las),
     ".ply": _Format(read_ply, write_ply),
 }
