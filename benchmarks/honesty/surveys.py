@@ -10,7 +10,7 @@ from scipy.special import ndtr
 import planners
 from benchmarks.honesty.priors import KINDS as PRIORS
 from benchmarks.honesty.priors import prior
-from benchmarks.honesty.terrains import CRS, SIDE_M, terrain
+from benchmarks.honesty.terrains import CRS, KINDS, SIDE_M, terrain
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
@@ -68,8 +68,8 @@ class Outcome:
 def survey_of(kind: str, seed: int) -> list[dict[str, Any]]:
     """Survey a terrain once, and return the outcomes of all its maps as plain facts."""
     real = terrain(kind, seed)
-    tau_s = TAUS_S[seed % len(TAUS_S)]
-    mission = _mission(seed, tau_s)
+    tau_s = TAUS_S[(seed + KINDS.index(kind)) % len(TAUS_S)]
+    mission = _mission(100 * seed + KINDS.index(kind), tau_s)
     recording, _ = simulate_statistical(real, planners.plan(AREA, None, mission.planner), mission)
     ordinary, oracle = (_Localized.of(recording, mission, tau) for tau in (ASSUMED_TAU_S, tau_s))
     start = time.process_time()

@@ -113,20 +113,19 @@ def _sized(
 ) -> tuple[ErrorSizes, Level, FloatArray]:
     """Return the sizes of the cells' errors, the level of the prior, and the standard deviations of the unknowns."""
     tilt, shift = errors.tilt_sigma_m_per_km, errors.shift_sigma_m
-    sigma = np.array([errors.level_sigma_m, tilt, tilt, shift, shift])
-
-    def fitted(sigma: FloatArray) -> ErrorSizes:
-        known = differing.covariance + (rows * sigma) @ (rows * sigma).T
-        return likeliest_sizes(differing._replace(covariance=known), errors)
-
-    sizes = fitted(sigma)
-    others = rows[:, 1:] * sigma[1:]
-    without = differing.covariance + others @ others.T + sizes.covariance(differing.centre)
-    found = level(differing._replace(covariance=without), errors.level_sigma_m)
+    others = np.array([tilt, tilt, shift, shift])
+    scaled = rows[:, 1:] * others
+    known = differing._replace(
+        covariance=differing.covariance + scaled @ scaled.T, level_sigma_m=errors.level_sigma_m
+    )
+    sizes = likeliest_sizes(known, errors)
+    own = known._replace(covariance=known.covariance + sizes.covariance(differing.centre))
+    found = level(own, errors.level_sigma_m)
+    level_m = errors.level_sigma_m * sizes.level_factor
     if found.is_conflict:
-        sigma = np.r_[10.0 * abs(found.offset_m), sigma[1:]]
-        sizes = fitted(sigma)
-    return sizes, found, sigma
+        level_m = 10.0 * abs(found.offset_m)
+        sizes = likeliest_sizes(known._replace(level_sigma_m=level_m), errors._replace(level_log_sd=0.0))
+    return sizes, found, np.r_[level_m, others]
 
 
 def _unknowns(

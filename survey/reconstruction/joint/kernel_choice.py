@@ -13,8 +13,8 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.solution import JointSolution
-from survey.reconstruction.prior.conflict import Level, conflicts, level
-from survey.reconstruction.prior.error_sizes import Innovations, likeliest_sizes
+from survey.reconstruction.prior.conflict import conflicts, level
+from survey.reconstruction.prior.error_sizes import likeliest_sizes
 from survey.reconstruction.prior.products import PriorErrors
 
 # Kernels that points make less likely than the best by more than this are not compared.
@@ -91,24 +91,14 @@ def _judged(
 ) -> ChosenKernel:
     """Estimate the sizes of the cells' errors from a kernel's map, with a free level where prior and points disagree."""
     expected, covariance = alone.solution(found).cell_means(cells)
-    height, sized = _level(cells, errors, expected, covariance)
+    innovations = cells.innovations(expected, covariance)
+    sized = cells.with_sizes(likeliest_sizes(innovations, errors))
+    own = innovations._replace(covariance=innovations.covariance + sized.covariance)
+    height = level(own, errors.level_sigma_m)
     if height.is_conflict:
-        sized = cells.with_free_level(_FREE_LEVEL * abs(height.offset_m))
-        sized = sized.with_sizes(likeliest_sizes(sized.innovations(expected, covariance), errors))
-    innovations = sized.innovations(expected, covariance)
-    total = innovations._replace(covariance=innovations.covariance + sized.covariance)
+        free = cells.with_free_level(_FREE_LEVEL * abs(height.offset_m))
+        innovations, exact = free.innovations(expected, covariance), errors._replace(level_log_sd=0.0)
+        sized = free.with_sizes(likeliest_sizes(innovations, exact))
+    total = innovations._replace(covariance=innovations.with_level + sized.covariance)
     found_conflicts = conflicts(height, total, sized.sizes.white_m, errors.white.median_m)
     return ChosenKernel(found, sized, found_conflicts)
-
-
-def _level(
-    cells: SatelliteCells, errors: PriorErrors, expected: FloatArray, covariance: FloatArray
-) -> tuple[Level, SatelliteCells]:
-    """Return the offset of the cells from the points, and the cells with the sizes of their errors."""
-    sized = cells.with_sizes(likeliest_sizes(cells.innovations(expected, covariance), errors))
-    free = cells.with_free_level(1.0)
-    level_less = SatelliteCells(
-        free.centre, free.sides, free.height, tuple(one for one in free.common[1:]), sized.sizes
-    ).innovations(expected, covariance)
-    own = Innovations(level_less.centre, level_less.value_m, level_less.covariance + sized.covariance)
-    return level(own, errors.level_sigma_m), sized

@@ -107,8 +107,12 @@ class SatelliteCells:
         return cls(centre, sides[kept], height[kept], _common_errors(centre, slope, errors))
 
     def with_sizes(self, sizes: ErrorSizes) -> Self:
-        """Return the cells with sizes of their own errors."""
-        return replace(self, sizes=sizes)
+        """Return the cells with sizes of their own errors and of their offset."""
+        common = tuple(
+            one._replace(sigma=one.sigma * sizes.level_factor) if one.is_offset else one
+            for one in self.common
+        )
+        return replace(self, common=common, sizes=sizes)
 
     def with_free_level(self, sigma_m: float) -> Self:
         """Return the cells with an offset of this standard deviation in place of those assumed."""
@@ -145,8 +149,10 @@ class SatelliteCells:
         expected, covariance : (C,) and (C, C) ndarray
             Means [m] and their covariance [m²].
         """
-        common = self.common_rows * self.common_sigma
-        return Innovations(self.centre, self.height - expected, covariance + common @ common.T)
+        others = [one.rows * one.sigma for one in self.common if not one.is_offset]
+        common = np.column_stack([np.zeros((len(self), 0)), *others])
+        level_m = float(np.linalg.norm([one.sigma for one in self.common if one.is_offset]))
+        return Innovations(self.centre, self.height - expected, covariance + common @ common.T, level_m)
 
     def __len__(self) -> int:
         return len(self.height)

@@ -71,7 +71,13 @@ class SatelliteErrors(Section):
             _stated(self.tilt_sigma_m_per_km, known.tilt_sigma_m_per_km),
             _stated(self.shift_sigma_m, known.shift_sigma_m),
             known.source,
+            self._level_log_sd(known),
         )
+
+    def _level_log_sd(self, known: PriorErrors) -> float:
+        """Return the spread of the offsets' size: that of the class unless an offset is stated."""
+        is_stated = self.datum_sigma_m is not None or self.epoch_sigma_m is not None
+        return min(known.level_log_sd, _STATED_LOG_SD) if is_stated else known.level_log_sd
 
 
 def _stated(value: float | None, default: float) -> float:

@@ -20,6 +20,8 @@ from survey.reconstruction.prior.products import ErrorScale, PriorErrors
 _WHITE_M = np.geomspace(0.05, 20.0, 200)
 _CORRELATED_M = np.geomspace(0.05, 20.0, 14)
 _LENGTH_FACTORS, _LENGTH_LOG_SD = (0.5, 1.0, 2.0), 0.5
+# Sizes of the offset over that of the product's class, in standard deviations of its logarithm.
+_LEVELS = np.linspace(-2.5, 2.5, 11)
 # More cells than these change the sizes by a few per cent.
 _MOST_CELLS = 256
 
@@ -34,19 +36,28 @@ class Innovations(NamedTuple):
     value_m : (C,) ndarray
         Cell less mean of the terrain [m].
     covariance : (C, C) ndarray
-        Of the means of the terrain, and of offset, tilt and shift of the prior [m²].
+        Of the means of the terrain, and of tilt and shift of the prior [m²].
+    level_sigma_m : float
+        Standard deviation of a vertical offset that all cells share, as the class of the prior has it [m].
     """
 
     centre: FloatArray
     value_m: FloatArray
     covariance: FloatArray
+    level_sigma_m: float = 0.0
+
+    @property
+    def with_level(self) -> FloatArray:
+        """The covariance with that of the offset (C, C) [m²]."""
+        return self.covariance + self.level_sigma_m**2
 
     def thinned(self) -> "Innovations":
         """Return at most 256 of the cells, spread evenly."""
         if len(self.value_m) <= _MOST_CELLS:
             return self
         part = np.linspace(0, len(self.value_m) - 1, _MOST_CELLS).astype(np.int64)
-        return Innovations(self.centre[part], self.value_m[part], self.covariance[np.ix_(part, part)])
+        few = self._replace(centre=self.centre[part], value_m=self.value_m[part])
+        return few._replace(covariance=self.covariance[np.ix_(part, part)])
 
 
 class ErrorSizes(NamedTuple):
@@ -62,6 +73,8 @@ class ErrorSizes(NamedTuple):
         Posterior standard deviations of the logarithms of the two.
     log_evidence : float
         Log likelihood of the cells, integrated over the sizes.
+    level_factor : float
+        Size of the vertical offset over that of the product's class.
     """
 
     white_m: float
@@ -70,6 +83,7 @@ class ErrorSizes(NamedTuple):
     white_log_sd: float
     correlated_log_sd: float
     log_evidence: float
+    level_factor: float = 1.0
 
     def covariance(self, centre: FloatArray) -> FloatArray:
         """Return the covariance (C, C) of the errors of cells at places (C, 2) [m²].
@@ -132,10 +146,13 @@ def likeliest_sizes(innovations: Innovations, errors: PriorErrors) -> ErrorSizes
     few = innovations.thinned()
     white_m = _sizes(errors.white, _WHITE_M)
     nodes = list(_nodes(few, errors))
-    logs = np.array([_log_likelihood(few, node, white_m) + node.log_prior for node in nodes])
-    logs += errors.white.log_density(white_m)
+    factors, of_factors = _levels(errors)
+    every = np.array([_log_likelihood(few, node, white_m, factors) + node.log_prior for node in nodes])
+    every += of_factors[:, None] + errors.white.log_density(white_m)
+    logs = np.logaddexp.reduce(every, axis=1)
     top, column = np.unravel_index(int(np.argmax(logs)), logs.shape)
     weights = np.exp(logs - logs.max())
+    of_levels = np.exp(every - every.max()).sum(axis=(0, 2))
     correlated = np.array([node.correlated_m for node in nodes])
     return ErrorSizes(
         float(white_m[column]),
@@ -143,7 +160,8 @@ def likeliest_sizes(innovations: Innovations, errors: PriorErrors) -> ErrorSizes
         nodes[top].length_m,
         _log_spread(white_m, weights.sum(axis=0)),
         _log_spread(correlated, weights.sum(axis=1)),
-        float(logs.max() + np.log(weights.sum() / _prior_mass(nodes, errors.white, white_m))),
+        float(logs.max() + np.log(weights.sum() / _prior_mass(nodes, errors.white, white_m, of_factors))),
+        float(np.exp(of_levels @ np.log(factors) / of_levels.sum())),
     )
 
 
@@ -170,11 +188,27 @@ def _nodes(few: Innovations, errors: PriorErrors) -> Iterator[_Node]:
             yield _Node(float(size_m), length_m, of_length + of_size, few.covariance + size_m**2 * shape)
 
 
-def _log_likelihood(few: Innovations, node: _Node, white_m: FloatArray) -> FloatArray:
+def _levels(errors: PriorErrors) -> tuple[FloatArray, FloatArray]:
+    """Return factors of the offset's size, and their log densities."""
+    if errors.level_log_sd == 0.0:
+        return np.ones(1), np.zeros(1)
+    return np.exp(errors.level_log_sd * _LEVELS), -0.5 * np.square(_LEVELS)
+
+
+def _log_likelihood(few: Innovations, node: _Node, white_m: FloatArray, factors: FloatArray) -> FloatArray:
+    """Return the log likelihood (F, W) of sizes of the offset and of the white error.
+
+    An offset of size s adds s² 1 1ᵀ to a covariance A: its determinant grows by 1 + s² 1ᵀA⁻¹1, and the misfit falls by
+    s² (1ᵀA⁻¹v)² over that (Sherman and Morrison 1950).
+    """
     value, vector = np.linalg.eigh(0.5 * (node.covariance + node.covariance.T))
-    squared = (vector.T @ few.value_m) ** 2
+    turned, ones = vector.T @ few.value_m, vector.T @ np.ones(len(few.value_m))
     total = np.maximum(value, 0.0)[:, None] + white_m**2
-    likelihood: FloatArray = -0.5 * np.sum(np.log(2.0 * np.pi * total) + squared[:, None] / total, axis=0)
+    plain = np.sum(np.log(2.0 * np.pi * total) + (turned**2)[:, None] / total, axis=0)
+    level_m2 = (few.level_sigma_m * factors[:, None]) ** 2
+    grown = 1.0 + level_m2 * np.sum((ones**2)[:, None] / total, axis=0)
+    explained = level_m2 * np.sum((ones * turned)[:, None] / total, axis=0) ** 2 / grown
+    likelihood: FloatArray = -0.5 * (plain + np.log(grown) - explained)
     return likelihood
 
 
@@ -186,7 +220,7 @@ def _log_spread(sizes_m: FloatArray, weights: FloatArray) -> float:
     return float(np.sqrt(share @ np.square(logs - share @ logs)))
 
 
-def _prior_mass(nodes: list[_Node], white: ErrorScale, white_m: FloatArray) -> float:
+def _prior_mass(nodes: list[_Node], white: ErrorScale, white_m: FloatArray, of_factors: FloatArray) -> float:
     """Return the sum of the prior over the grid, so that the evidence does not depend on the number of nodes."""
     of_nodes = np.exp([node.log_prior for node in nodes]).sum()
-    return float(of_nodes * np.exp(white.log_density(white_m)).sum())
+    return float(of_nodes * np.exp(white.log_density(white_m)).sum() * np.exp(of_factors).sum())

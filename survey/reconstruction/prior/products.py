@@ -8,6 +8,8 @@ from survey.core.arrays import FloatArray
 
 # Spread of the logarithm of an error's size within a class of products: a factor of 2.2 either way.
 _CLASS_LOG_SD = 0.8
+# Offsets differ more: a factor of 2.7 either way.
+_LEVEL_LOG_SD = 1.0
 
 
 class ErrorScale(NamedTuple):
@@ -74,6 +76,8 @@ class PriorErrors(NamedTuple):
         Horizontal displacement of the product, to the east and to the north [m].
     source : str
         Specification or study that the values follow.
+    level_log_sd : float
+        Standard deviation of the natural logarithm of both offsets' size; 0 where it is known exactly.
     """
 
     white: ErrorScale
@@ -84,6 +88,7 @@ class PriorErrors(NamedTuple):
     tilt_sigma_m_per_km: float
     shift_sigma_m: float
     source: str
+    level_log_sd: float = _LEVEL_LOG_SD
 
     @property
     def level_sigma_m(self) -> float:
@@ -115,12 +120,12 @@ PRODUCTS: dict[str, PriorErrors] = {
         "relative; scenes of 2008 to 2021",
     ),
     "unknown": PriorErrors(
-        ErrorScale(1.0), ErrorScale(1.5), 250.0, 2.0, 2.0, 1.0, 5.0,
+        ErrorScale(1.0), ErrorScale(1.5), 250.0, 0.7, 0.7, 1.0, 5.0,
         "own choice, between the classes that are specified",
     ),
     "unbiased": PriorErrors(
         ErrorScale(1.0, np.inf), ErrorScale(0.0, 0.0), 250.0, 0.0, 0.0, 0.0, 0.0,
-        "block means of the terrain itself with independent errors, as in the glacier paper",
+        "block means of the terrain itself with independent errors, as in the glacier paper", 0.0,
     ),
 }  # fmt: skip
 """Error models by class of product; ``unbiased`` has independent errors alone, of a size that is not known."""
