@@ -10,6 +10,7 @@ from benchmarks.honesty.priors import KINDS as PRIORS
 from benchmarks.honesty.surveys import BEFORE, CLASS_3_M, NAME_BEFORE, NO_PRIOR
 from benchmarks.honesty.terrains import KINDS as TERRAINS
 from benchmarks.report import Row
+from survey.reconstruction.base import CHECK, CLAIM
 
 Outcomes = Sequence[dict[str, Any]]
 
@@ -20,6 +21,7 @@ def rows(found: Outcomes) -> Iterator[Row]:
     yield Row("landmarks, median", float(np.median([one["landmarks"] for one in found])), "1")
     yield from _coverage(found)
     yield from _tenths(found)
+    yield from _checks(found)
     yield from _certificates(found)
     yield from _errors(found)
     yield from _before(found)
@@ -70,6 +72,13 @@ def _tenths(found: Outcomes) -> Iterator[Row]:
     )
 
 
+def _checks(found: Outcomes) -> Iterator[Row]:
+    """Count maps whose standard deviation was widened because swaths that were left out contradict it."""
+    mine = [one for kind in PRIORS for one in chosen(found, prior=kind)]
+    contradicted = [one["found"].get(CHECK, {}).get("contradicts", False) for one in mine]
+    yield Row("share of maps that swaths left out contradict", float(np.mean(contradicted)), "1")
+
+
 def _certificates(found: Outcomes) -> Iterator[Row]:
     """Count maps whose claimed RMSE meets Class 3, and those among them whose true one does not."""
     mine = [one for kind in PRIORS for one in chosen(found, prior=kind)]
@@ -78,13 +87,18 @@ def _certificates(found: Outcomes) -> Iterator[Row]:
         good = [one for one in mine if one["rmse_m"] <= CLASS_3_M]
         wrong = sum(one["rmse_m"] > CLASS_3_M for one in certified)
         yield Row(f"{label}: share of maps certified for Class 3", len(certified) / len(mine), "1")
-        yield Row.of(f"{label}: false certificates", wrong / max(len(certified), 1), "1", "<=", 0.05)
+        share = wrong / max(len(certified), 1)
+        if label == "posterior of RMSE":
+            yield Row.of(f"{label}: false certificates", share, "1", "<=", 0.05)
+        else:
+            yield Row(f"{label}: false certificates", share, "1")
         missed = sum(not is_certified(one) for one in good)
         yield Row(f"{label}: maps that meet Class 3 and are not certified", missed / max(len(good), 1), "1")
 
 
 _CERTIFICATES: dict[str, Callable[[dict[str, Any]], bool]] = {
-    "claimed RMSE within the limit": lambda one: one["claimed_m"] <= CLASS_3_M,
+    "posterior of RMSE": lambda one: one["found"][CLAIM]["absolute"]["upper_m"] <= CLASS_3_M,
+    "expected RMSE alone": lambda one: one["claimed_m"] <= CLASS_3_M,
 }
 """Rules that certify a map from its outcome."""
 

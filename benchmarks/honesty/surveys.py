@@ -25,6 +25,7 @@ from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.selection.families import likeliest
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
+from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.kernel_choice import PointsOnly
 from survey.reconstruction.joint.shared_error import SharedError
@@ -139,7 +140,8 @@ def _mapped(
     is_oracle: bool = False,
 ) -> Outcome:
     start = time.process_time()
-    found = replace(localized.model, satellite=cells, joint=_joint(errors)).completed(fitted).on(NODES)
+    solution = replace(localized.model, satellite=cells, joint=_joint(errors)).completed(fitted)
+    found = checked_map(solution, NODES, None, is_tested=not is_oracle)
     seconds = time.process_time() - start
     result = found.reconstruction
     mean, std = result.mean.elevation, result.std.elevation
