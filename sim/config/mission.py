@@ -10,7 +10,7 @@ from sim.config.drive import PhysicsConfig
 from sim.config.faults import FaultConfig
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.config.sensors import InstrumentsConfig
-from sim.config.terrain import SatelliteConfig, TerrainConfig
+from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
 from survey.core.config import Section
 from survey.reconstruction.registry import ReconstructionConfig
 from vision_slam import LocalizationConfig
@@ -135,6 +135,11 @@ class ScoreConfig(Section):
     """Cell of the grid of possible samples for science-centric coverage [m]."""
 
 
+def _is_prior(terrain: TerrainConfig) -> bool:
+    """Return whether the raster of a terrain is the prior."""
+    return isinstance(terrain, DemTerrain) and terrain.role == "prior"
+
+
 class MissionConfig(Section):
     """A whole mission."""
 
@@ -190,6 +195,15 @@ class MissionConfig(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _has_one_prior(self) -> "MissionConfig":
+        if self.satellite.file is not None and _is_prior(self.terrain):
+            raise ValueError(
+                "terrain.role = 'prior' makes the terrain's raster the prior, and satellite.file names another one; set "
+                "terrain.role = 'truth', or leave satellite.file out"
+            )
+        return self
+
     @property
     def assumed(self) -> LocalizationConfig:
         """What the estimator assumes of its sensors: the ideal sensor is exact to a millimetre."""
@@ -234,5 +248,9 @@ class MissionConfig(Section):
     @property
     def input_files(self) -> dict[str, Path]:
         """The files that the mission reads, by their name in it."""
-        named = {"terrain.file": getattr(self.terrain, "file", None), "area.file": self.area.file}
+        named = {
+            "terrain.file": getattr(self.terrain, "file", None),
+            "area.file": self.area.file,
+            "satellite.file": self.satellite.file,
+        }
         return {key: self.path(file) for key, file in named.items() if file is not None}

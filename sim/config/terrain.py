@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from survey.core.config import Section
+from survey.reconstruction.prior.config import ProductName, SatelliteErrors
+from survey.reconstruction.prior.products import ErrorScale, PriorErrors
 
 TerrainFamily = Literal[
     "squared-exponential",
@@ -75,9 +77,58 @@ TerrainConfig = Annotated[RandomTerrain | DemTerrain | SampleTerrain, Field(disc
 
 
 class SatelliteConfig(Section):
-    """The coarse elevations that are known before the survey."""
+    """The coarse elevations that are known before the survey: a raster, or cells made from the terrain.
 
+    Cells that are made err independently unless a class of products is named, or one of its errors stated.
+
+    Examples
+    --------
+    >>> SatelliteConfig(product="srtm-90", shift_sigma_m=0.0).errors().datum_sigma_m
+    4.0
+    """
+
+    file: str | None = None
+    """A raster of real elevations, of any resolution and CRS; a relative path counts from the mission file."""
+    crs: str | None = None
+    """For rasters that carry no CRS of their own."""
+    vertical_datum: str | None = None
+    """For rasters that do not state it."""
     cell_m: PositiveFloat = 75.0
     """Cell of the prior where it is made from fine terrain [m]."""
+    product: ProductName = "unbiased"
+    """Class of product whose errors are drawn: copernicus-30, srtm-90, aster-30, arcticdem-2, unknown, or unbiased
+    (independent errors alone)."""
     sigma_m: NonNegativeFloat = 1.0
-    """Standard deviation of its error, cell by cell [m]."""
+    """Standard deviation of its error, cell by cell [m]; that of the class where one is named and this left out."""
+    correlated_sigma_m: NonNegativeFloat | None = None
+    """Standard deviation of the error that neighbouring cells share [m]; of the class when left out."""
+    correlation_m: PositiveFloat | None = None
+    """Distance over which they share it [m]; of the class when left out."""
+    datum_sigma_m: NonNegativeFloat | None = None
+    """Standard deviation of the offset of its datum [m]; of the class when left out."""
+    epoch_sigma_m: NonNegativeFloat | None = None
+    """Standard deviation of the offset by melt and snow since its date [m]; of the class when left out."""
+    tilt_sigma_m_per_km: NonNegativeFloat | None = None
+    """Standard deviation of its tilt on either axis [m/km]; of the class when left out."""
+    shift_sigma_m: NonNegativeFloat | None = None
+    """Standard deviation of its horizontal displacement on either axis [m]; of the class when left out."""
+
+    def errors(self) -> PriorErrors:
+        """Return the errors that are drawn: those stated, and those of the class for the others.
+
+        Returns
+        -------
+        PriorErrors
+            Medians are the sizes themselves.
+        """
+        stated = SatelliteErrors(
+            product=self.product,
+            correlated_sigma_m=self.correlated_sigma_m,
+            correlation_m=self.correlation_m,
+            datum_sigma_m=self.datum_sigma_m,
+            epoch_sigma_m=self.epoch_sigma_m,
+            tilt_sigma_m_per_km=self.tilt_sigma_m_per_km,
+            shift_sigma_m=self.shift_sigma_m,
+        ).model()
+        is_stated = self.product == "unbiased" or "sigma_m" in self.model_fields_set
+        return stated._replace(white=ErrorScale(self.sigma_m)) if is_stated else stated

@@ -157,6 +157,11 @@ class StudyConfig(Section):
         labels = [(design.label, design.swaths) for design in self.designs]
         if len(set(labels)) < len(labels):
             raise ConfigError("two planners have the same label and size; give one of them another label.")
+        if self.satellite.file is not None:
+            raise ConfigError(
+                "satellite.file names one raster, and the terrains of a study are drawn; leave it out, or name the errors to "
+                "draw by satellite.product."
+            )
         if self.fidelity == "statistical" and any(not isinstance(m, ReconstructedMap) for m in self.maps):
             raise ConfigError(
                 f"landmarks of the statistical fidelity err unequally; give maps of a reconstruction method ({', '.join(METHODS)})."

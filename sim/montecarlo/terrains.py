@@ -8,10 +8,11 @@ from pyproj import CRS
 import planners
 from sim.montecarlo.blocks import TrialBlock
 from sim.montecarlo.config import ConditionalKind, RandomKind, StudyConfig
+from sim.world.prior import erroneous_copy
 from survey import Dem, Grid, SurveyArea
 from survey.core.errors import InputError
 from survey.core.streams import stream
-from survey.terrain import ice_micro_relief, random_dem, satellite_copy
+from survey.terrain import ice_micro_relief, random_dem
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 
 _WITH_LENGTH = ("squared-exponential", "matern-3/2", "matern-5/2")
@@ -37,8 +38,9 @@ class TrialTerrains:
     def prior(self, index: int) -> Dem:
         """Return the satellite's cells of one terrain."""
         satellite = self.study.satellite
-        rng = self.stream("satellite", self.trials[index])
-        return satellite_copy(self.dems[index], rng=rng, cell_m=satellite.cell_m, sigma_m=satellite.sigma_m)
+        trial = self.trials[index]
+        rng, errors_rng = self.stream("satellite", trial), self.stream("satellite errors", trial)
+        return erroneous_copy(self.dems[index], satellite, rng, errors_rng)
 
 
 def map_nodes(area: SurveyArea, step_m: float) -> Grid:

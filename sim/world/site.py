@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from sim.config.mission import MissionConfig
 from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain
+from sim.world.prior import erroneous_copy, prior_from_file
 from survey import terrain as landforms
 from survey.core.arrays import FloatArray
 from survey.core.crs.checks import projected_crs
@@ -97,7 +98,9 @@ _SCALED = ("squared-exponential", "matern-3/2", "matern-5/2")
 
 def _surveyed(mission: MissionConfig, terrain: Dem, prior: Dem | None) -> World:
     area = _area(mission, terrain)
-    if prior is None:
+    if mission.satellite.file is not None:
+        prior = prior_from_file(mission, terrain, area)
+    elif prior is None:
         prior = _satellite_copy(mission, terrain, area)
     terrain = _around(terrain, area)
     return World(_with_micro_relief(mission, terrain), prior, area)
@@ -159,8 +162,9 @@ def _satellite_copy(mission: MissionConfig, terrain: Dem, area: SurveyArea) -> D
         xmin, ymin, xmax, ymax = xmin - cell_m / 2, ymin - cell_m / 2, xmax + cell_m / 2, ymax + cell_m / 2
     columns, rows = _even((xmax - xmin) / cell_m), _even((ymax - ymin) / cell_m)
     padded = _padded(terrain, (xmin, ymax - rows * cell_m, xmin + columns * cell_m, ymax))
-    rng = stream(mission.seed, "satellite")
-    coarse = landforms.satellite_copy(padded, cell_m=cell_m, sigma_m=mission.satellite.sigma_m, rng=rng)
+    satellite = mission.satellite.model_copy(update={"cell_m": cell_m})
+    rng, errors_rng = stream(mission.seed, "satellite"), stream(mission.seed, "satellite", "errors")
+    coarse = erroneous_copy(padded, satellite, rng, errors_rng)
     return Dem(_continued(coarse.elevation), coarse.transform, coarse.crs, coarse.vertical_datum)
 
 

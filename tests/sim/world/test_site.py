@@ -5,9 +5,12 @@ from planners import LawnmowerConfig
 from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain, SatelliteConfig
 from sim.world.site import build_world
-from survey import Dem, Grid, InputError
+from survey import ConfigError, Dem, Grid, InputError
+from survey.core.crs.checks import projected_crs
+from survey.core.crs.transformation import transformed
 
 CRS = "EPSG:32608"
+CRS_BESIDE = projected_crs("EPSG:32609", "the test")
 
 
 def mission(terrain, **sections) -> MissionConfig:
@@ -95,3 +98,53 @@ def test_micro_relief_lies_on_top_and_leaves_the_rest():
     icy = build_world(mission(RandomTerrain(source="random", step_m=2.0, micro_relief_sd_m=0.4))).terrain
     # One draw of a field of some 300 × 300 m² per correlation area: its standard deviation within 15 %.
     assert (icy.elevation - plain.elevation).std() == pytest.approx(0.4, rel=0.15)
+
+
+def test_a_satellite_of_a_class_of_products_has_its_offset_and_more():
+    terrain = RandomTerrain(source="random", step_m=3.0)
+    plain, high = (
+        build_world(mission(terrain, satellite=satellite)).prior.elevation
+        for satellite in (SatelliteConfig(sigma_m=1.0), SatelliteConfig(sigma_m=1.0, datum_sigma_m=5.0))
+    )
+    np.testing.assert_allclose(high - plain, (high - plain)[0, 0], atol=1e-9)
+    assert abs((high - plain)[0, 0]) > 0.1
+    product = build_world(mission(terrain, satellite=SatelliteConfig(product="srtm-90"))).prior.elevation
+    # White and correlated errors of 2 and 3 m.
+    assert 1.0 < (product - plain).std() < 8.0
+
+
+def test_a_mission_has_real_terrain_and_a_prior_of_another_resolution_and_crs(tmp_path):
+    fine = Grid((500000.0, 6478000.0, 500400.0, 6478400.0), 4.0, CRS)
+    truth = Dem.on(fine, 0.05 * (fine.xy[:, 0] - 500000.0).reshape(fine.shape), "EGM96 height")
+    truth.write(tmp_path / "truth.tif")
+    # The neighbouring zone: turned by 5 degrees, 6 degrees of longitude away.
+    there = transformed(np.array([[500200.0, 6478200.0]]), truth.crs, CRS_BESIDE, "the test")[0]
+    coarse = Grid((there[0] - 900.0, there[1] - 900.0, there[0] + 900.0, there[1] + 900.0), 30.0, CRS_BESIDE)
+    here = transformed(coarse.xy, CRS_BESIDE, truth.crs, "the test")
+    prior = Dem.on(coarse, 0.05 * (here[:, 0] - 500000.0).reshape(coarse.shape) + 2.0, "EGM96 height")
+    prior.write(tmp_path / "prior.tif")
+    asked = mission(
+        DemTerrain(source="dem", file="truth.tif"),
+        satellite=SatelliteConfig(file="prior.tif"),
+        area=AreaConfig(bounds_m=(500050.0, 6478050.0, 500350.0, 6478350.0)),
+    ).read_from(tmp_path)
+    world = build_world(asked)
+    assert world.prior.crs == world.terrain.crs
+    assert world.prior.step_m == pytest.approx(30.0)
+    places = np.array([[500100.0, 6478100.0], [500300.0, 6478320.0]])
+    np.testing.assert_allclose(world.prior.at(places) - world.terrain.at(places), 2.0, atol=0.02)
+    assert set(asked.input_files) == {"terrain.file", "satellite.file"}
+
+
+def test_a_prior_elsewhere_is_refused(tmp_path):
+    fine = Grid((500000.0, 6478000.0, 500400.0, 6478400.0), 4.0, CRS)
+    Dem.on(fine, np.zeros(fine.shape)).write(tmp_path / "truth.tif")
+    other = Grid((500000.0, 6478000.0, 500200.0, 6478400.0), 40.0, CRS)
+    Dem.on(other, np.zeros(other.shape)).write(tmp_path / "prior.tif")
+    asked = mission(DemTerrain(source="dem", file="truth.tif"), satellite=SatelliteConfig(file="prior.tif"))
+    with pytest.raises(InputError, match="take a raster that covers it"):
+        build_world(asked.read_from(tmp_path))
+    with pytest.raises(ConfigError, match="makes the terrain's raster the prior"):
+        mission(
+            DemTerrain(source="dem", file="truth.tif", role="prior"), satellite=SatelliteConfig(file="p.tif")
+        )
