@@ -2,7 +2,8 @@
 
 | ending | what is written | coordinates |
 |---|---|---|
-| ``.geojson``, ``.kml`` | one line per leg with rover, order, kind and length | WGS 84 longitude, latitude |
+| ``.geojson`` | one line per leg with rover, order, kind and length (RFC 7946) | WGS 84 longitude, latitude |
+| ``.kml``, ``.kmz`` | the same, in folders with styles and labels; the area | WGS 84 longitude, latitude |
 | ``.gpkg`` | the same, as `Route.write` does | the survey's CRS |
 | ``.gpx`` | one route per rover | WGS 84 |
 | ``.csv`` | one row per waypoint | the survey's CRS and WGS 84 |
@@ -23,9 +24,12 @@ from survey.data.legs import Leg
 from survey.data.route import Route
 from survey.interchange.route_readers import READERS
 from survey.interchange.route_writers import WRITERS
+from survey.interchange.surroundings import Surroundings
 
 
-def write_plan(route: Route, path: str | Path, *, rover: int | None = None) -> None:
+def write_plan(
+    route: Route, path: str | Path, *, rover: int | None = None, around: Surroundings | None = None
+) -> None:
     """Write a route for another tool; the file's ending chooses the format.
 
     Parameters
@@ -33,17 +37,19 @@ def write_plan(route: Route, path: str | Path, *, rover: int | None = None) -> N
     route : Route
         The route.
     path : str or pathlib.Path
-        Ends in ``.geojson``, ``.json``, ``.gpkg``, ``.gpx``, ``.kml``, ``.csv``, ``.wkt``,
+        Ends in ``.geojson``, ``.json``, ``.gpkg``, ``.gpx``, ``.kml``, ``.kmz``, ``.csv``, ``.wkt``,
         ``.plan`` or ``.waypoints``.
     rover : int, optional
         Write this rover's part only. Missions hold one vehicle, so ``.plan`` and
         ``.waypoints`` need it when the route has several.
+    around : Surroundings, optional
+        Area, terrain, autopilot, speed and return, as far as the format holds them.
 
     Raises
     ------
     InputError
         An unknown ending, a rover that the route does not have, several rovers in one
-        mission, or a folder that cannot be written to.
+        mission, surroundings that do not belong to the route, or a folder that cannot be written to.
 
     Notes
     -----
@@ -57,7 +63,9 @@ def write_plan(route: Route, path: str | Path, *, rover: int | None = None) -> N
         raise InputError(
             f"{target.name} ends in {target.suffix!r}; one of {', '.join(sorted(WRITERS))} was expected."
         )
-    writer(_part(route, rover), target)
+    part, taken_along = _part(route, rover), around or Surroundings()
+    taken_along.check(part)
+    writer(part, target, taken_along)
 
 
 def read_plan(path: str | Path, crs: Any) -> Route:

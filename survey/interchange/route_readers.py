@@ -14,14 +14,24 @@ from survey.core.arrays import FloatArray
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.data.legs import Leg
+from survey.interchange.missions import NAV_WAYPOINT
 from survey.io.degrees import WGS84
-from survey.io.vector import read_features
-
-_NAV_WAYPOINT = 16
+from survey.io.vector import layer_names, read_features
 
 
 def _read_lines(path: Path, crs: CRS) -> list[Leg]:
-    features = read_features(path, what="the plan")
+    return _joined(_legs_of(path, crs, None))
+
+
+def _read_kml(path: Path, crs: CRS) -> list[Leg]:
+    """Read the lines of all folders."""
+    names = layer_names(path, what="the plan")
+    legs = [leg for name in names for leg in _legs_of(path, crs, name, lines_only=len(names) > 1)]
+    return _joined(legs)
+
+
+def _legs_of(path: Path, crs: CRS, layer: str | None, *, lines_only: bool = False) -> list[Leg]:
+    features = read_features(path, layer=layer, what="the plan")
     columns = features.attributes
     order = (
         np.argsort(columns["order"], kind="stable") if "order" in columns else range(len(features.geometry))
@@ -32,10 +42,12 @@ def _read_lines(path: Path, crs: CRS) -> list[Leg]:
         rover = int(columns["rover"][i]) if "rover" in columns else 0
         for line in shapely.get_parts(features.geometry[i]):
             if line.geom_type != "LineString":
+                if lines_only:
+                    continue
                 raise InputError(f"the plan {path} holds a {line.geom_type}; lines were expected.")
             xy = transformed(shapely.get_coordinates(line), features.crs, crs, f"the plan {path}")
             legs.append(Leg(str(kind), xy, rover))  # type: ignore[arg-type]  # Leg refuses other kinds
-    return _joined(legs)
+    return legs
 
 
 def _read_gpx(path: Path, crs: CRS) -> list[Leg]:
@@ -71,7 +83,7 @@ def _simple_items(items: list[dict[str, Any]]) -> Iterator[tuple[float, float]]:
     for item in items:
         if "TransectStyleComplexItem" in item:
             yield from _simple_items(item["TransectStyleComplexItem"]["Items"])
-        elif item.get("command") == _NAV_WAYPOINT:
+        elif item.get("command") == NAV_WAYPOINT:
             place = item["coordinate"] if "coordinate" in item else item["params"][4:6]
             yield float(place[0]), float(place[1])
 
@@ -81,7 +93,7 @@ def _read_wpl(path: Path, crs: CRS) -> list[Leg]:
     if first.split() != ["QGC", "WPL", "110"]:
         raise InputError(f"the plan {path} begins with {first[:40]!r}; QGC WPL 110 was expected.")
     fields = [row.split() for row in rows if row.strip()]
-    places = [(float(f[8]), float(f[9])) for f in fields if int(f[3]) == _NAV_WAYPOINT]
+    places = [(float(f[8]), float(f[9])) for f in fields if int(f[3]) == NAV_WAYPOINT]
     return _mission(places[1:], crs, path)
 
 
@@ -116,7 +128,7 @@ READERS: dict[str, Callable[[Path, CRS], list[Leg]]] = {
     ".gpkg": _read_lines,
     ".gpx": _read_gpx,
     ".json": _read_lines,
-    ".kml": _read_lines,
+    ".kml": _read_kml,
     ".plan": _read_qgc_plan,
     ".waypoints": _read_wpl,
     ".wkt": _read_wkt,

@@ -116,6 +116,37 @@ def read_features(
     return Features(shapes, attributes, meta["crs"])
 
 
+def layer_names(path: str | Path, *, what: str = "the vector file") -> list[str]:
+    """Return the names of the layers of a vector file, such as the folders of KML.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
+    what : str
+        What the file is, for the message.
+
+    Returns
+    -------
+    list of str
+        In the order of the file.
+
+    Raises
+    ------
+    InputError
+        Missing, empty or damaged.
+    """
+    file = existing_file(path, what)
+    check_vector_file(file, what)
+    try:
+        with _gdal() as gdal, warnings_logged():
+            return [str(name) for name, _ in gdal.list_layers(file.absolute())]
+    except _faults() as error:
+        raise InputError(
+            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
+        ) from error
+
+
 def _refuse_too_many(gdal: Any, file: Path, layer: str | int | None, what: str) -> None:
     """Refuse more features than fit the memory, where the format counts them in its header."""
     if file.suffix.lower() not in _COUNTED:

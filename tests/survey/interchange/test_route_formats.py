@@ -48,7 +48,7 @@ def to_metres(lonlat: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("ending", [".geojson", ".json", ".kml", ".gpkg"])
 def test_gdal_reads_every_leg_with_its_kind(tmp_path: Path, route: Route, ending: str) -> None:
     write_plan(route, tmp_path / f"plan{ending}")
-    meta, _, geometry, columns = pyogrio.raw.read(tmp_path / f"plan{ending}")
+    meta, _, geometry, columns = pyogrio.raw.read(tmp_path / f"plan{ending}", layer=0)
     kinds = columns[list(meta["fields"]).index("kind")]
     assert list(kinds) == [leg.kind for leg in route.legs]
     for shape, leg in zip(shapely.from_wkb(geometry), route.legs, strict=True):
