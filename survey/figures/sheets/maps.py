@@ -57,7 +57,7 @@ def add_deviation_map(page: Page, content: PlanContent, std: Dem, tallest_in: fl
     image = draw_smooth(axes, std, content.area.free)
     for leg in content.route.swaths:
         axes.plot(*leg.xy.T, color=INK, linewidth=0.6, alpha=0.7, zorder=3.5)
-    handles = [*draw_area(axes, content.area, veil=False)]
+    handles: list[Artist] = [*draw_area(axes, content.area, veil=False)]
     _colour_bar(page, axes, image, "Predicted standard deviation [m]")
     _finish(page, axes, content, handles)
     return scale

@@ -228,7 +228,7 @@ def test_wrong_and_missing_systems_are_refused(tmp_path: Path) -> None:
     place = Affine(10.0, 0.0, 0.0, 0.0, -10.0, 50.0)
     for crs, words in (
         (None, "no coordinate reference system"),
-        ("EPSG:4326", "measures 5,5.. km; one projected CRS"),
+        ("EPSG:4326", "measures 5,... km; one projected CRS"),
         ("EPSG:2225", "foot"),
     ):
         profile = {"height": 5, "width": 5, "count": 1, "dtype": "float32", "driver": "GTiff"}
