@@ -175,3 +175,20 @@ def test_options_that_a_method_does_not_use_are_refused(
     code, output = run("points.gpkg", *arguments)
     assert code == 3
     assert said in output
+
+
+def test_a_prior_in_conflict_with_the_points_is_reported_in_one_sentence(folder: Path) -> None:
+    cells = Grid((-10.0, -10.0, 50.0, 50.0), 5.0, CRS)
+    Dem.on(cells, np.full(cells.shape, 40.0)).write("prior.tif")
+    matern = ("--set", "reconstruction.gp.family=matern-3/2")
+    code, said = run("points.gpkg", "--prior", "prior.tif", "--product", "srtm-90", "--grid", 4, *matern)
+    assert code == 0, said
+    assert "the prior lies +40." in said
+    assert "warning: the prior lies 40." in said
+
+
+def test_a_class_of_products_must_be_known_and_needs_a_prior(folder: Path) -> None:
+    code, said = run("points.gpkg", "--product", "srtm-90")
+    assert (code, "add --prior" in said) == (3, True)
+    code, said = run("points.gpkg", "--prior", "prior.tif", "--product", "srtm")
+    assert (code, "copernicus-30" in said) == (4, True)
