@@ -9,6 +9,8 @@ from survey.core.config import Section
 
 _UNKNOWN_START_M = 100.0
 _UNKNOWN_HEADING_DEG = 5.0
+UNKNOWN_MEMORY_S = 500.0
+"""Correlation time of the fixes' errors of a receiver of which nothing is known; on a glacier 220 to 900 s [s]."""
 
 
 class ImageOdometryErrors(Section):
@@ -98,7 +100,8 @@ class LocalizationConfig(Section):
     gps_bias_sigma_m: PositiveFloat = 1.0
     """Slowly varying horizontal error of the fixes [m]."""
     gps_correlation_time_s: PositiveFloat = 120.0
-    """Correlation time of that error [s]."""
+    """Correlation time of that error [s]; unless set, 500 s for a recording whose start was not surveyed, and 4 or
+    16 times as long where the evidence of the smoother asks for it."""
     gps_white_sigma_m: PositiveFloat = 0.5
     """Independent horizontal error of each fix [m]."""
     gps_vertical_factor: PositiveFloat = 1.7

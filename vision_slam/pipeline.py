@@ -11,8 +11,8 @@ from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.disagreement import reconcile
+from vision_slam.config import UNKNOWN_MEMORY_S, LocalizationConfig
+from vision_slam.fusion.disagreement import fitted_memory_s, reconcile
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
 from vision_slam.fusion.sanity_checks import (
@@ -97,7 +97,7 @@ def localize(
     drive = measure_motion(recording, settings, visual)
     for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay, widen_errors):
         drive = step(drive)
-    accepted = add_loop_closures(drop_refused_fixes(drive))
+    accepted = add_loop_closures(fit_memory(drop_refused_fixes(drive)))
     path = smooth(accepted.recording, accepted.path, accepted.config)
     points = place_landmarks(accepted.recording, path, accepted.config)
     return Localization(
@@ -107,7 +107,7 @@ def localize(
         drive.visual,
         n_fixes=drive.online.n_fixes,
         n_fixes_refused=drive.online.n_fixes - int(drive.used_fixes.sum()),
-        notes=drive.notes,
+        notes=accepted.notes,
     )
 
 
@@ -163,7 +163,7 @@ def measure_motion(
         Odometry without sightings, images that could not be followed, or fixes that cannot
         give a scale.
     """
-    settings = config if recording.start_is_surveyed else config.model_copy(update={"start": "unknown"})
+    settings = config if recording.start_is_surveyed else _foreign(config)
     if visual is None:
         if recording.odometry is None or recording.sightings is None:
             raise InputError(
@@ -178,6 +178,14 @@ def measure_motion(
         recording = replace(recording, camera=visual.lens.camera)
     with_images = recording.with_odometry(visual.odometry, visual.sightings)
     return Drive(with_images, image_config(settings, visual.scale_drift_sigma), visual, visual.notes)
+
+
+def _foreign(config: LocalizationConfig) -> LocalizationConfig:
+    """Return the configuration for a recording of others: unknown start, and unless set a memory of minutes."""
+    changed: dict[str, object] = {"start": "unknown"}
+    if "gps_correlation_time_s" not in config.model_fields_set:
+        changed["gps_correlation_time_s"] = UNKNOWN_MEMORY_S
+    return config.model_copy(update=changed)
 
 
 def process_images(
@@ -260,6 +268,17 @@ def widen_errors(drive: Drive) -> Drive:
 def drop_refused_fixes(drive: Drive) -> Drive:
     """Remove the fixes that contradict the odometry and all other fixes."""
     return replace(drive, recording=select_fixes(drive.recording, drive.used_fixes))
+
+
+def fit_memory(drive: Drive) -> Drive:
+    """Take a longer correlation time of the fixes' errors where the evidence asks for it."""
+    assumed_s = drive.config.gps_correlation_time_s
+    memory_s = fitted_memory_s(drive.recording, drive.path, drive.config)
+    if memory_s == assumed_s:
+        return drive
+    longer = drive.config.model_copy(update={"gps_correlation_time_s": memory_s})
+    note = f"the errors of the fixes last longer than the {assumed_s:g} s assumed; {memory_s:g} s was used"
+    return replace(drive, config=longer).noted(note)
 
 
 def add_loop_closures(drive: Drive) -> Drive:

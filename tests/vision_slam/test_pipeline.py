@@ -104,7 +104,9 @@ def test_recorded_odometry_passes_the_same_checks_as_images(fault: str) -> None:
     # Fixes of 0.3 m over 150 s, with the receiver's assumed bias of 1 m: under a metre in all cases.
     assert np.hypot(*(result.trajectory.position - path)[:, :2].T).max() < 1.0
     expected = {"late": "late", "start": "surveyed", "repeated": "repeat", "jump": ""}.get(fault)
-    assert any(expected in note for note in result.notes) if expected else not result.notes
+    # White fixes have no bias that varies within minutes, which the evidence shows.
+    notes = [note for note in result.notes if "last longer" not in note]
+    assert any(expected in note for note in notes) if expected else not notes
     assert result.n_fixes_refused == (5 if fault == "jump" else 0)
 
 

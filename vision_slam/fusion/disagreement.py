@@ -29,6 +29,8 @@ _LEAST_RUN = 2
 # Log prior of a receiver that jumps: how seldom, and over how many metres.
 _JUMPS = -15.0
 _ROUNDS = 3
+# Memories of the receiver that are tried, over the assumed one, and the log likelihood that one must gain.
+_LONGER, _LONGER_GAIN = (4.0, 16.0), 2.0
 # Squared Mahalanobis distance of a refused fix that agrees after all (χ² of two dimensions, 99 %).
 _GATE = 9.21
 
@@ -117,6 +119,23 @@ class _Comparison:
     def gain(self, wider: LocalizationConfig, config: LocalizationConfig) -> float:
         """Return the log evidence that wider errors gain."""
         return self.evidence(wider, like=wider) - self.evidence(config, like=wider)
+
+
+def fitted_memory_s(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:
+    """Return the correlation time of the fixes' errors [s]: the assumed one, or 4 or 16 times it by evidence.
+
+    One that is too short makes all covariances too small; one that is too long costs little. A
+    longer one is therefore taken where it gains a log likelihood of 2.
+    """
+    best_s = config.gps_correlation_time_s
+    best = log_evidence(recording, path, config) + _LONGER_GAIN
+    for longer in _LONGER:
+        trial_s = longer * config.gps_correlation_time_s
+        trial = config.model_copy(update={"gps_correlation_time_s": trial_s})
+        found = log_evidence(recording, path, trial)
+        if found > best:
+            best_s, best = trial_s, found
+    return best_s
 
 
 def _refused_tail(recording: OdometryRecording, online: OnlinePath) -> BoolArray:

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
+from sim.instruments.errors import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.disagreement import reconcile
+from vision_slam.fusion.disagreement import fitted_memory_s, reconcile
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
@@ -91,3 +92,30 @@ def test_outliers_that_end_are_errors_of_the_receiver(first: int) -> None:
     smoothed = smooth(select_fixes(outlying, agreement.used), reckoned, agreement.config)
     assert np.hypot(*(smoothed.position - path)[:, :2].T).max() < 1.0
     assert not agreement.used[first + 5 : first + 10].any()
+
+
+def _slow(memory_s: float) -> tuple[OdometryRecording, FloatArray]:
+    """An hour at 0.5 m/s around a square of 450 m with fixes whose errors of 0.5 m last."""
+    times = np.arange(0.0, 3600.0, 5.0)
+    heading = 0.5 * np.pi * np.floor(times / 900.0)
+    attitude = np.column_stack([np.zeros_like(times), np.zeros_like(times), heading])
+    steps = np.tile([2.5, 0.0, 0.0], (len(times) - 1, 1))
+    path = dead_reckoning(Odometry(times, steps, attitude), np.zeros(3))
+    rng = np.random.default_rng(3)
+    bias = gauss_markov(np.diff(times), memory_s, 0.5, rng, 3)
+    fixes = GpsFixes(times, path + bias + 0.1 * rng.standard_normal(path.shape))
+    steps = 1.003 * steps + 0.006 * np.sqrt(2.5) * rng.standard_normal(steps.shape)
+    return OdometryRecording(
+        CRS("EPSG:32608"), path[0], fixes, odometry=Odometry(times, steps, attitude),
+        sightings=Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0]),
+    ), path  # fmt: skip
+
+
+@pytest.mark.parametrize(("memory_s", "expected_s"), [(120.0, {120.0}), (600.0, {480.0, 1920.0})])
+def test_errors_of_fixes_that_last_longer_are_given_their_memory(
+    memory_s: float, expected_s: set[float]
+) -> None:
+    recording, _ = _slow(memory_s)
+    assumed = LocalizationConfig(gps_bias_sigma_m=0.5, gps_white_sigma_m=0.1, gps_correlation_time_s=120.0)
+    reckoned = dead_reckoning(recording.odometry, recording.start)
+    assert fitted_memory_s(recording, reckoned, assumed) in expected_s
