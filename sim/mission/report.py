@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import survey
+from sim.mission.qgis_project import write_run_project
 from sim.simulate.preview import animated
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
@@ -37,7 +38,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         points=survey.SurfacePoints.read(localized / "surface_points.gpkg"),
         on_board=_on_board(run.folder("simulate")),
     )
-    return write_report(
+    page = write_report(
         folder,
         surveyed,
         title=run.path.parent.name,
@@ -45,6 +46,8 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         config_text=run.config_text(),
         provenance=_provenance(run),
     )
+    write_run_project(folder / "run.qgz", run, reconstruction)
+    return page
 
 
 def _on_board(simulated: Path) -> OnBoard | None:

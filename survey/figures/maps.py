@@ -28,12 +28,13 @@ from survey.figures.cartography.scale_bar import draw_scale_and_north
 from survey.figures.style import DEVIATION, FULL_IN, HALF_IN, styled
 from survey.reconstruction.base import INTERPOLATED, MEASURED, RAY_BOUNDED, UNSEEN, Reconstruction
 
-_SUPPORT = {
+SUPPORT = {
     UNSEEN: ("Unseen", "#dcdcdc"),
     INTERPOLATED: ("Interpolated", "#a6cee3"),
     RAY_BOUNDED: ("Ray-bounded", "#e6ab02"),
     MEASURED: ("Measured", "#1f5f8b"),
 }
+"""Name and colour of each category of support."""
 
 
 @styled
@@ -193,13 +194,13 @@ def support_map(
     drawing = map_figure(HALF_IN, view(dem, area))
     axes = drawing.maps[0]
     codes = np.array(reconstruction.support, dtype=np.float64)
-    colours = ListedColormap([colour for _, colour in _SUPPORT.values()])
+    colours = ListedColormap([colour for _, colour in SUPPORT.values()])
     image = draw_raster(axes, codes, dem, colours, BoundaryNorm([-0.5, 0.5, 1.5, 2.5, 3.5], 4))
     draw_outline_and_route(axes, area, route)
     counted = codes.ravel() if area is None else codes.ravel()[area.contains(dem.xy)]
     add_colour_bar(image, drawing, "")
-    shares = [f"{name}\n{np.mean(counted == code):.0%}" for code, (name, _) in _SUPPORT.items()]
-    drawing.bar.set_yticks(list(_SUPPORT), shares, fontsize=7)
+    shares = [f"{name}\n{np.mean(counted == code):.0%}" for code, (name, _) in SUPPORT.items()]
+    drawing.bar.set_yticks(list(SUPPORT), shares, fontsize=7)
     drawing.bar.tick_params(length=0)
     axes.set_title("Support")
     return drawing.figure

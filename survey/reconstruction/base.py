@@ -20,6 +20,7 @@ from survey.data.conversions import to_dataset
 from survey.data.dem import Dem
 from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import read_raster, write_raster
+from survey.io.raster.categories import write_categories
 from survey.reconstruction.checks.predictive import PredictiveCheck
 from survey.reconstruction.checks.rmse_claim import RmseClaim
 from survey.reconstruction.reconstruction_file import FACTS_SHA256, plain_facts, read_facts
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 UNSEEN, INTERPOLATED, RAY_BOUNDED, MEASURED = 0, 1, 2, 3
+SUPPORT_NAMES = ("Unseen", "Interpolated", "Ray-bounded", "Measured")
 """Codes of `Reconstruction.support`: what stands behind the height of a node."""
 
 
@@ -241,7 +243,9 @@ class Reconstruction(DataObject):
             write_raster(place / file, bands, dem.transform, dem.crs, dem.vertical_datum)
 
         write("dem.tif", {name: dem.elevation, "standard_deviation": self.std.elevation})
-        write("support.tif", {"support": self.support.astype(np.float64)})
+        write_categories(
+            place / "support.tif", self.support, SUPPORT_NAMES, transform=dem.transform, crs=dem.crs
+        )
         if self.lower is not None and self.upper is not None:
             write("bounds.tif", {"lower": self.lower.elevation, "upper": self.upper.elevation})
         facts = {

@@ -95,7 +95,7 @@ _Out = Annotated[
     typer.Option(
         "--out",
         "-o",
-        help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) with the route (.geojson) and the predicted standard deviation (_sigma.tif) beside them.",
+        help="Route (.geojson, .gpkg) with its picture beside it, or sheets for printing (.pdf) or a QGIS project (.qgz), with the route and the predicted standard deviation (_sigma.tif) beside them.",
     ),
 ]
 _Force = Annotated[bool, typer.Option("--force", help="Replace the route and its picture where they exist.")]

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sim.cli.planning.outputs import PlanDrawing, fact_lines, plan_facts, write_plan
+from sim.cli.planning.drawing import PlanDrawing
+from sim.cli.planning.outputs import fact_lines, plan_facts, write_plan
 from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, cast
 import typer
 
 from sim.cli.outcome import NOT_MET
-from sim.cli.planning.outputs import PlanDrawing, write_plan
+from sim.cli.planning.drawing import PlanDrawing
+from sim.cli.planning.outputs import write_plan
 from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:

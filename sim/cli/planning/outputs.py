@@ -1,47 +1,26 @@
 """Files that ``firnline plan`` writes: a route with its picture, or plan sheets with route and standard deviation."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sim.cli.planning.drawing import PlanDrawing
+from sim.cli.planning.qgis_project import write_plan_project
 from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import planners
     import survey
     from survey.figures.sheets import PlanContent, RoverEffort
-    from survey.reconstruction.gp.covariance.kernels import Kernel
-
-_NODES_ALONG = 60
-
-
-@dataclass(frozen=True)
-class PlanDrawing:
-    """What is drawn of a plan beside its route; `kernel` is the covariance of the predicted error, if any."""
-
-    area: "survey.SurveyArea"
-    terrain: "survey.Dem | None" = None
-    kernel: "Kernel | None" = None
-    noise_m: float = 0.0
-    rover: "planners.Rover | None" = None
-    left_out: "tuple[planners.LeftOut, ...]" = ()
-    assumptions: tuple[str, ...] = field(default_factory=tuple)
-
-    def std(self, route: "survey.Route", cell_m: float | None = None) -> "survey.Dem | None":
-        """Return the predicted standard deviation of the map; None where no covariance is known."""
-        import planners
-
-        if self.kernel is None:
-            return None
-        return planners.predict_error(route, self.area, self.kernel, noise_m=self.noise_m, cell_m=cell_m).std
 
 
 def write_plan(request: PlanRequest, route: "survey.Route", drawing: PlanDrawing) -> None:
     """Write the files of a plan; all replace what was there, or none does."""
     if request.out.suffix.lower() == ".pdf":
         _write_sheets(request, route, drawing)
+    elif request.out.suffix.lower() == ".qgz":
+        write_plan_project(request, route, drawing)
     else:
         _write_route(request, route, drawing)
 
@@ -97,8 +76,7 @@ def _write_sheets(request: PlanRequest, route: "survey.Route", drawing: PlanDraw
     from survey.core.files.replacing import replacing_files
     from survey.figures.sheets import pdf_bytes, plan_sheets
 
-    xmin, ymin, xmax, ymax = drawing.area.bounds
-    std = drawing.std(route, max(xmax - xmin, ymax - ymin) / _NODES_ALONG)
+    std = drawing.std(route, drawing.fine_cell_m)
     content = _content(request, route, drawing, std)
     pdf = pdf_bytes(plan_sheets(content), content.title)
     files = [request.files["sheets"], request.files["route"]]

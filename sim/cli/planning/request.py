@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import survey
 
 _ROUTES = (".geojson", ".gpkg")
-_FORMATS = (*_ROUTES, ".pdf")
+_FORMATS = (*_ROUTES, ".pdf", ".qgz")
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,12 @@ class PlanRequest:
         if self.out.suffix.lower() in _ROUTES:
             return {"route": self.out, "picture": self.out.with_suffix(".png")}
         sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
+        if self.out.suffix.lower() == ".qgz":
+            area, terrain = (
+                self.out.with_name(f"{self.out.stem}_{name}") for name in ("area.gpkg", "terrain.tif")
+            )
+            route = self.out.with_suffix(".gpkg")
+            return {"project": self.out, "route": route, "area": area, "sigma": sigma, "terrain": terrain}
         return {"sheets": self.out, "route": self.out.with_suffix(".geojson"), "sigma": sigma}
 
     @property

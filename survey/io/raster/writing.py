@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from affine import Affine
 from pyproj import CRS
 from pyproj.crs import CompoundCRS
@@ -87,6 +88,40 @@ def write_raster(
     )
 
 
+def write_bytes_raster(
+    path: Path, name: str, codes: npt.NDArray[np.uint8], transform: Affine, crs: CRS
+) -> None:
+    """Write one band of bytes as a Cloud-Optimized GeoTIFF without nodata.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The GeoTIFF.
+    name : str
+        Name of the band.
+    codes : (H, W) ndarray of uint8
+        Values.
+    transform : affine.Affine
+        Maps (column, row) of a cell's corner to easting and northing [m].
+    crs : pyproj.CRS
+        Projected, in metres.
+
+    Raises
+    ------
+    InputError
+        When the raster is not north-up with square cells, or the file cannot be written.
+    """
+    check_transform(transform)
+    written = _written_crs(crs, UNSTATED).to_wkt()
+    options = {"dtype": "uint8", "nodata": None, "overview_resampling": "mode"}
+    _write_gdal(
+        path,
+        {name: codes.astype(np.float64)},
+        {**_COG, **options, "transform": transform, "crs": written},
+        UNSTATED,
+    )
+
+
 def _tags(bands: Mapping[str, FloatArray], transform: Affine, vertical_datum: str) -> dict[str, str]:
     """Return what a GeoTIFF says of itself: the vertical datum and a checksum for each band."""
     crcs = " ".join(checksum(checksum_parts(values, transform, vertical_datum)) for values in bands.values())
@@ -100,13 +135,16 @@ def _write_gdal(
 
     height, width = next(iter(bands.values())).shape
     profile = {"height": height, "width": width, "count": len(bands), "dtype": "float32", "nodata": NODATA}
+    profile |= options
     with replacing(path, stale=stale_files(path)) as draft:
         try:
-            with warnings_logged(), rasterio.open(draft, "w", **profile, **options) as target:
+            with warnings_logged(), rasterio.open(draft, "w", **profile) as target:
                 if options["driver"] == "COG":
                     target.update_tags(**_tags(bands, options["transform"], vertical_datum))
                 for index, (name, values) in enumerate(bands.items(), start=1):
-                    target.write(np.where(np.isfinite(values), values, NODATA).astype(np.float32), index)
+                    target.write(
+                        np.where(np.isfinite(values), values, NODATA).astype(profile["dtype"]), index
+                    )
                     if options["driver"] == "COG":
                         target.set_band_description(index, name)
         except gdal_faults() as error:

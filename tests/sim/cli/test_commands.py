@@ -2,7 +2,9 @@
 
 import json
 import tomllib
+import zipfile
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -76,6 +78,18 @@ def test_products_carry_their_crs(runs):
             assert raster.crs.to_epsg() == 32608, name
     with rasterio.open(run / "4-reconstruct" / "dem.tif") as raster:
         assert raster.count == 2
+
+
+def test_a_run_has_a_qgis_project_of_its_own_files(runs):
+    project = next((runs / "runs" / "small" / "latest").glob("*/run.qgz")).resolve()
+    with zipfile.ZipFile(project) as archive:
+        root = ET.fromstring(archive.read("run.qgs"))
+    groups = [group.get("name") for group in root.findall("layer-tree-group/layer-tree-group")]
+    assert groups == ["Survey", "Map", "Reference", "Prior"]
+    for layer in root.iter("maplayer"):
+        source = layer.findtext("datasource").split("|")[0]
+        assert source.startswith("../")
+        assert (project.parent / source).is_file()
 
 
 def test_stages_can_be_done_anew_and_shown(runs):

@@ -222,7 +222,7 @@ def test_a_failing_picture_leaves_the_old_route_and_picture(monkeypatch):
 
 def test_formats_that_hold_no_route_are_refused_before_planning():
     _, err = planned("site.gpkg", "--swaths", "3", "-o", "route.png", code=3)
-    assert "one of .geojson, .gpkg, .pdf was expected" in err
+    assert "one of .geojson, .gpkg, .pdf, .qgz was expected" in err
 
 
 def test_lines_cut_by_a_bay_are_counted_apart_from_their_pieces():

@@ -1,7 +1,9 @@
 """``firnline plan -o plan.pdf``: sheets, route and standard deviation, and what the command prints."""
 
 import json
+import zipfile
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -63,3 +65,20 @@ def test_people_read_hours_kilometres_and_kilowatt_hours():
     assert "  time               2 h" in out
     assert "kWh" in out
     assert "_m =" not in out
+
+
+def test_a_qgis_project_comes_with_its_layers():
+    facts = json.loads(planned("--spacing", "50", "-o", "plan.qgz", "--json").stdout)
+    assert [facts[name] for name in ("project", "route", "area", "sigma", "terrain")] == [
+        "plan.qgz",
+        "plan.gpkg",
+        "plan_area.gpkg",
+        "plan_sigma.tif",
+        "plan_terrain.tif",
+    ]
+    with zipfile.ZipFile("plan.qgz") as archive:
+        root = ET.fromstring(archive.read(archive.namelist()[0]))
+    sources = {layer.findtext("layername"): layer.findtext("datasource") for layer in root.iter("maplayer")}
+    assert sources["Route"] == "./plan.gpkg|layername=route"
+    assert all(Path(source.split("|")[0]).is_file() for source in sources.values())
+    assert {"Survey area", "Predicted standard deviation", "Hillshade", "Elevation"} < set(sources)

@@ -135,6 +135,7 @@ def test_companions_of_an_earlier_map_disappear_and_files_of_others_stay(folder:
         "dem.tif",
         "reconstruction.json",
         "support.tif",
+        "support.tif.aux.xml",
     ]
     Path("reconstruction/notes.txt").write_text("mine")
     code, said = run("points.gpkg", "--grid", 4, *GP, "--force")
