@@ -13,7 +13,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -291,7 +291,7 @@ def until(recording: Recording, last_s: float) -> Recording:
     for name in SENSED:
         records = getattr(recording, name)
         early = records.time_s < last_s
-        parts[name] = type(records)(*(getattr(records, field.name)[early] for field in fields(records)))
+        parts[name] = records.select(early)
     return replace(recording, **parts)
 
 

@@ -12,6 +12,7 @@ from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.config import UNKNOWN_MEMORY_S, LocalizationConfig
+from vision_slam.fusion.base_station import stated_errors
 from vision_slam.fusion.disagreement import fitted_memory_s, reconcile
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
@@ -38,6 +39,8 @@ from vision_slam.places.relocalization import relocalize_segments, segment_start
 from vision_slam.rotation import quaternions
 
 _DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
+
+_BETTER = 0.1  # share of the fixes that are at least as good as the errors that are assumed
 
 
 @check_types
@@ -163,7 +166,7 @@ def measure_motion(
         Odometry without sightings, images that could not be followed, or fixes that cannot
         give a scale.
     """
-    settings = config if recording.start_is_surveyed else _foreign(config)
+    settings = _stated(recording, config if recording.start_is_surveyed else _foreign(config))
     if visual is None:
         if recording.odometry is None or recording.sightings is None:
             raise InputError(
@@ -186,6 +189,19 @@ def _foreign(config: LocalizationConfig) -> LocalizationConfig:
     if "gps_correlation_time_s" not in config.model_fields_set:
         changed["gps_correlation_time_s"] = UNKNOWN_MEMORY_S
     return config.model_copy(update=changed)
+
+
+def _stated(recording: Recording, config: LocalizationConfig) -> LocalizationConfig:
+    """Return the errors of the better fixes, where the receiver states those of each."""
+    if recording.gps.sigma_m is None:
+        return config
+    share = float(np.quantile(stated_errors(recording.gps, config), _BETTER))
+    return config.model_copy(
+        update={
+            "gps_bias_sigma_m": share * config.gps_bias_sigma_m,
+            "gps_white_sigma_m": share * config.gps_white_sigma_m,
+        }
+    )
 
 
 def process_images(

@@ -1,7 +1,7 @@
 """Description of a simulated sensor: its instrument, its statistical model and its faults."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -114,4 +114,4 @@ def without_carried(records: Any, carried: Sequence[FaultConfig]) -> Any:
     awake = np.array([not any(fault.is_on(t) for fault in carried) for t in records.time_s], dtype=bool)
     if not awake.any():
         return None
-    return type(records)(*(getattr(records, field.name)[awake] for field in fields(records)))
+    return records.select(awake)

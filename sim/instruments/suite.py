@@ -103,4 +103,5 @@ def _joined(kind: Any, parts: list[Any]) -> Any:
     """Return records of one kind as one, or None of too few."""
     if sum(len(part) for part in parts) < kind.LEAST:
         return None
-    return kind(*(np.concatenate([getattr(part, name.name) for part in parts]) for name in fields(kind)))
+    names = [field.name for field in fields(kind) if getattr(parts[0], field.name) is not None]
+    return kind(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

@@ -4,6 +4,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.data.recording import Recording
+from survey.data.sensors.aiding import GpsFixes
 from vision_slam.config import LocalizationConfig
 
 
@@ -43,3 +44,12 @@ def differenced_heights(
         "barometer_white_sigma_m": config.barometer_white_sigma_m * float(np.sqrt(2.0)),
     }
     return readings.height_m - weather, config.model_copy(update=left)
+
+
+def stated_errors(gps: GpsFixes, config: LocalizationConfig) -> FloatArray:
+    """Return the errors of fixes (N,) over those that the configuration assumes; 1 where the receiver states none."""
+    if gps.sigma_m is None:
+        return np.ones(len(gps))
+    assumed_m = float(np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m))
+    ratio: FloatArray = gps.sigma_m / assumed_m
+    return ratio

@@ -9,6 +9,7 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.recording import OdometryRecording
 from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.base_station import stated_errors
 from vision_slam.fusion.online import OnlinePath, select_fixes
 from vision_slam.fusion.smoother import log_evidence, node_spacing_m, smooth
 
@@ -208,7 +209,8 @@ def _readmitted(
     smoothed = smooth(select_fixes(recording, used), path, config)
     at = np.column_stack([np.interp(gps.time_s, odometry.time_s, axis) for axis in smoothed.position.T])
     nearest = np.searchsorted(0.5 * (odometry.time_s[1:] + odometry.time_s[:-1]), gps.time_s)
-    own = (config.gps_bias_sigma_m**2 + config.gps_white_sigma_m**2) * np.eye(2)
+    variance = (config.gps_bias_sigma_m**2 + config.gps_white_sigma_m**2) * stated_errors(gps, config) ** 2
+    own = variance[:, None, None] * np.eye(2)
     off = (gps.position - at)[:, :2]
     spread = smoothed.covariance[nearest, :2, :2] + own
     squared = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[:, :, None])[:, :, 0])

@@ -5,7 +5,7 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.base_station import differenced_fixes, differenced_heights
+from vision_slam.fusion.base_station import differenced_fixes, differenced_heights, stated_errors
 from vision_slam.fusion.nodes import Nodes
 from vision_slam.fusion.normal_equations import (
     BIAS,
@@ -187,13 +187,20 @@ def _add_gps(
     at_fix = np.column_stack(
         [np.interp(time_s, along.odometry.time_s, column) for column in (along.dead_reckoned + mast).T]
     )
-    node, mean, count = along.averaged(time_s, at_fix - position)
+    ratio = stated_errors(recording.gps, config)
+    weight = (ratio**-2.0)[:, None]
+    # Fixes at one node are averaged by their weights; bias and white error are as much larger as stated.
+    parts = np.column_stack([weight * (at_fix - position), weight * ratio[:, None], weight])
+    node, mean, count = along.averaged(time_s, parts)
+    shared = mean[:, 4]
+    mean = mean / shared[:, None]
     memory = np.exp(-np.diff(along.time_s) / config.gps_correlation_time_s)
-    one = np.ones(len(node))
+    one, larger = np.ones(len(node)), mean[:, 3]
+    white = left.gps_white_sigma_m / np.sqrt(count * shared)
     for axis in range(3):
         factor = config.gps_vertical_factor if axis == 2 else 1.0
-        terms = [(unknown(node, E + axis), one), (unknown(node, BIAS + axis), -one)]
-        system.add(terms, mean[:, axis], factor * left.gps_white_sigma_m / np.sqrt(count))
+        terms = [(unknown(node, E + axis), one), (unknown(node, BIAS + axis), -larger)]
+        system.add(terms, mean[:, axis], factor * white)
         system.add_gauss_markov(BIAS + axis, memory, factor * left.gps_bias_sigma_m)
 
 

@@ -64,10 +64,17 @@ class Hypotheses:
         return cls(start, *_all_around(n, rng), place_m, config)
 
     @classmethod
-    def anywhere(cls, fix: FloatArray, n: int, config: LocalizationConfig, rng: np.random.Generator) -> Self:
+    def anywhere(
+        cls,
+        fix: FloatArray,
+        n: int,
+        config: LocalizationConfig,
+        rng: np.random.Generator,
+        error_ratio: float = 1.0,
+    ) -> Self:
         """Return hypotheses of all headings at a fix, whose bias and position are not separable yet."""
         drawn = cls(fix, *_all_around(n, rng), _UNKNOWN_M, config)
-        drawn.correct(fix, np.inf, rng)
+        drawn.correct(fix, np.inf, rng, error_ratio)
         return drawn
 
     def move(
@@ -102,15 +109,19 @@ class Hypotheses:
         self._update(sees, turn.beyond_rad - self._mean @ sees, walked + noise)
         return walked / (walked + noise)
 
-    def correct(self, fix: FloatArray, gate: float, rng: np.random.Generator) -> bool:
+    def correct(
+        self, fix: FloatArray, gate: float, rng: np.random.Generator, error_ratio: float = 1.0
+    ) -> bool:
         """Update by a fix (3,) [m]; return whether it passed the gate.
 
         A fix whose squared Mahalanobis distance from all likely hypotheses exceeds the gate
-        changes nothing.
+        changes nothing. Its bias and white error are those of the model times `error_ratio`.
         """
-        innovation = self._innovation(fix)
-        seen = self._covariance @ _SEES_FIX.T
-        spread = _SEES_FIX @ seen + np.diag(self._model.fix_variance)
+        sees = _SEES_FIX.copy()
+        sees[:, _BIAS] *= error_ratio
+        innovation = self._innovation(fix, sees)
+        seen = self._covariance @ sees.T
+        spread = sees @ seen + np.diag(error_ratio**2 * self._model.fix_variance)
         precision = np.asarray(np.linalg.inv(spread), dtype=np.float64)
         misfit = np.einsum("ni,ni->n", innovation @ precision, innovation)
         if misfit[self._log_weight > self._log_weight.max() - _COUNTS].min() > gate:
@@ -155,9 +166,9 @@ class Hypotheses:
         """Mean of what the odometry's steps are to be multiplied by."""
         return float(1.0 - self._weight() @ self._mean[:, _SCALE])
 
-    def _innovation(self, fix: FloatArray) -> FloatArray:
+    def _innovation(self, fix: FloatArray, sees: FloatArray) -> FloatArray:
         seen = np.einsum("nji,j->ni", _turns(self._heading), fix - self._origin)
-        innovation: FloatArray = seen - self._mean @ _SEES_FIX.T
+        innovation: FloatArray = seen - self._mean @ sees.T
         return innovation
 
     def _update(self, sees: FloatArray, innovation: FloatArray, variance: float) -> None:

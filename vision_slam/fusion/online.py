@@ -10,7 +10,7 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from survey.data.trajectory import Trajectory
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.base_station import differenced_fixes, differenced_heights
+from vision_slam.fusion.base_station import differenced_fixes, differenced_heights, stated_errors
 from vision_slam.fusion.error_terms import compass_offset
 from vision_slam.fusion.hypotheses import GyroTurn
 from vision_slam.fusion.nodes import signed_travel
@@ -75,6 +75,7 @@ def filter_path(
     path = (dead_reckoned - recording.start) @ turn.T + recording.start
     up = rotations(recording.odometry.attitude_rad)[:, :, 2] @ turn.T
     antenna = fixes - _at(recording.gps.time_s, poses_s, up) * recording.antenna_height_m
+    ratio = stated_errors(recording.gps, config)
     filtered = ParticleFilter(settings, stream(0, "particles"), start=recording.start)
     events = _events(recording, measured is not None)
     walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]), settings)
@@ -85,7 +86,7 @@ def filter_path(
         if kind == _POSE:
             estimates.append(filtered.estimate())
         elif kind == _FIX:
-            accepted[index] = filtered.correct(antenna[index])
+            accepted[index] = filtered.correct(antenna[index], float(ratio[index]))
         else:
             filtered.correct_height(float(heights[index]))
     return OnlinePath(
@@ -109,7 +110,7 @@ def select_fixes(recording: OdometryRecording, used: BoolArray) -> OdometryRecor
     fixes = recording.gps
     if used.all() or used.sum() < fixes.LEAST:
         return recording
-    return replace(recording, gps=replace(fixes, time_s=fixes.time_s[used], position=fixes.position[used]))
+    return replace(recording, gps=fixes.select(used))
 
 
 def predicted_covariance(odometry: Odometry, config: LocalizationConfig) -> FloatArray:

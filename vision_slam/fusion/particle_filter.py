@@ -146,13 +146,15 @@ class ParticleFilter:
             if hypotheses is not None:
                 hypotheses.roll(rolled_m, travel_m, abs(turned_rad))
 
-    def correct(self, fix: FloatArray) -> bool:
+    def correct(self, fix: FloatArray, error_ratio: float = 1.0) -> bool:
         """Update the particles by a fix.
 
         Parameters
         ----------
         fix : (3,) ndarray
             Position of the body [m].
+        error_ratio : float
+            Errors of this fix over those that the configuration assumes.
 
         Returns
         -------
@@ -160,14 +162,14 @@ class ParticleFilter:
             Whether the fix passed the gate.
         """
         if self._current is None:
-            self._current = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
+            self._current = Hypotheses.anywhere(fix, self._n, self._config, self._rng, error_ratio)
             return True
-        if self._current.correct(fix, _CONSISTENT, self._rng):
+        if self._current.correct(fix, _CONSISTENT, self._rng, error_ratio):
             self._alternative, self._n_jumps, self._contradicted_s = None, 0, 0.0
             return True
         self._n_jumps += 1
         if self._n_jumps >= _N_JUMPS:
-            self._test_alternative(self._current, fix)
+            self._test_alternative(self._current, fix, error_ratio)
         return False
 
     def correct_height(self, height_m: float) -> None:
@@ -206,13 +208,14 @@ class ParticleFilter:
             position, heading, self._current.scale(), covariance, bool(unsure or self._n_jumps > 1)
         )
 
-    def _test_alternative(self, here: Hypotheses, fix: FloatArray) -> None:
+    def _test_alternative(self, here: Hypotheses, fix: FloatArray, error_ratio: float) -> None:
         """Update the alternative hypotheses by a refused fix; accept them once they are consistent."""
-        if self._alternative is None or not self._alternative.correct(fix, _CONSISTENT, self._rng):
-            self._alternative = Hypotheses.anywhere(fix, self._n, self._config, self._rng)
+        alternative = self._alternative
+        if alternative is None or not alternative.correct(fix, _CONSISTENT, self._rng, error_ratio):
+            self._alternative = Hypotheses.anywhere(fix, self._n, self._config, self._rng, error_ratio)
             return
-        heading, sureness = self._alternative.heading()
-        _, covariance = self._alternative.place()
+        heading, sureness = alternative.heading()
+        _, covariance = alternative.place()
         if sureness < 0.98 or covariance[0, 0] + covariance[1, 1] > self._lost_m**2:
             return
         turned = abs(np.angle(np.exp(1j * (heading - here.heading()[0]))))

@@ -164,8 +164,7 @@ class _Shifts:
         inside = (gps.time_s >= first_s + lags_s[-1]) & (gps.time_s <= last_s - lags_s[-1])
         if inside.sum() < _LEAST_FIXES:
             return None
-        gps = replace(gps, time_s=gps.time_s[inside], position=gps.position[inside])
-        recording = replace(recording, gps=gps)
+        recording = replace(recording, gps=gps.select(inside))
         return cls(recording, path, config, lags_s, log_evidence(recording, path, config))
 
     def moved(self, lag_s: float) -> OdometryRecording:
@@ -206,7 +205,7 @@ def remove_repeated_fixes(gps: GpsFixes) -> GpsFixes:
     if new.all() or new.sum() < gps.LEAST:
         return gps
     logger.warning("%d fixes repeat the one before to the last digit and are left out", int((~new).sum()))
-    return replace(gps, time_s=gps.time_s[new], position=gps.position[new])
+    return gps.select(new)
 
 
 def _with_any_memory(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:

@@ -1,4 +1,4 @@
-"""GPS files: NMEA sentences, GPX tracks, CSV tables."""
+"""GPS files: NMEA sentences, RTKLIB positions, GPX tracks, CSV tables."""
 
 import csv
 from dataclasses import dataclass
@@ -18,11 +18,15 @@ from survey.core.files.reading import existing_file
 from survey.data.sensors.aiding import GpsFixes
 from survey.io.tables import read_table
 from survey.io.tracks import read_track
+from vision_slam.io.rtklib import read_positions
 
 WGS84 = CRS.from_epsg(4326)
 _DAY_S = 86400.0
 _GPX_EPOCH_S = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
 _DEGREES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
+# Horizontal errors of RTK solutions by quality, fixed and float, and of other fixes beside them [m].
+_QUALITY_SIGMA_M = {4: 0.02, 5: 0.3}
+_USUAL_SIGMA_M = 1.1
 _METRES = ("time_s", "easting_m", "northing_m", "height_m")
 
 
@@ -43,6 +47,8 @@ class GpsLog:
         Records that the receiver itself marked as no fix; they are left out.
     vertical_datum : str
         What heights count from; ``""`` when the file does not state it.
+    sigma_m : (N,) ndarray, optional
+        Horizontal standard deviation of each fix [m], where the file states it or its quality.
     """
 
     time_s: FloatArray
@@ -51,6 +57,7 @@ class GpsLog:
     is_dated: bool = False
     n_without_fix: int = 0
     vertical_datum: str = UNSTATED
+    sigma_m: FloatArray | None = None
 
     @property
     def utm(self) -> CRS | None:
@@ -93,18 +100,20 @@ class GpsLog:
             raise ConfigError("the fixes are in metres, and the file names no CRS; name one with --crs.")
         target = projected_crs(self.utm if crs is None else crs, "the fixes")
         if not self.is_geodetic:
-            return GpsFixes(self.time_s, self.place), target
+            return GpsFixes(self.time_s, self.place, self.sigma_m), target
         xy = transformed(self.place[:, :2], WGS84, target, "the fixes")
-        return GpsFixes(self.time_s, np.column_stack([xy, self.place[:, 2]])), target
+        return GpsFixes(self.time_s, np.column_stack([xy, self.place[:, 2]]), self.sigma_m), target
 
 
 def read_gps(path: str | Path) -> GpsLog:
     """Read a GPS file; records without a fix are left out and counted.
 
     ``.gpx``; ``.csv`` with the columns time_s, easting_m, northing_m, height_m or time_s,
-    latitude_deg, longitude_deg, height_m; anything else is read as NMEA 0183, bare or as
-    phones log it, of which the GGA sentences give time of day, position and height above the
-    geoid, and RMC sentences the date.
+    latitude_deg, longitude_deg, height_m, and with or without sigma_m; ``.pos`` of RTKLIB in
+    degrees; anything else is read as NMEA 0183, bare or as phones log it, of which the GGA
+    sentences give time of day, position, quality and height above the geoid, GST sentences the
+    standard deviation, and RMC sentences the date. Where no GST sentence states it, fixed RTK
+    solutions count as of 2 cm, float ones of 0.3 m.
 
     Parameters
     ----------
@@ -125,6 +134,9 @@ def read_gps(path: str | Path) -> GpsLog:
     if file.suffix.lower() == ".gpx":
         time_s, place = read_track(file, WGS84)
         return GpsLog(time_s + _GPX_EPOCH_S, place, is_dated=True)
+    if file.suffix.lower() == ".pos":
+        time_s, place, sigma_m = read_positions(file)
+        return GpsLog(time_s, place, is_dated=True, sigma_m=sigma_m)
     if file.suffix.lower() == ".csv":
         return _from_table(file)
     return _from_nmea(file)
@@ -162,29 +174,39 @@ def _from_table(file: Path) -> GpsLog:
     names = _DEGREES if "latitude_deg" in header else _METRES
     table = read_table(file, names, what="the table of fixes")
     rows = np.column_stack([table[name] for name in names])
+    sigma_m = table.get("sigma_m")
+    if sigma_m is not None and not (sigma_m > 0.0).all():
+        raise InputError(
+            f"{file} holds a sigma_m that is not above 0; write the error of each fix in metres."
+        )
     if names is _METRES:
-        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False)
-    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]])
+        return GpsLog(rows[:, 0], rows[:, 1:], is_geodetic=False, sigma_m=sigma_m)
+    return GpsLog(rows[:, 0], rows[:, [2, 1, 3]], sigma_m=sigma_m)
 
 
 def _from_nmea(file: Path) -> GpsLog:
     """Time since the first midnight, or Unix time where a sentence has the date, and place of the GGA sentences."""
     rows: list[tuple[float, float, float, float]] = []
+    qualities: list[int] = []
+    stated: dict[float, float] = {}
     n_without_fix, midnight_s = 0, None
     for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
         sentence = line[max(line.find("$"), 0) :]
         kind, where = sentence[3:6], f"{file}, line {number}"
-        if kind not in {"GGA", "RMC"} or not sentence.startswith("$"):
+        if kind not in {"GGA", "GST", "RMC"} or not sentence.startswith("$"):
             continue
         words = _checked_words(sentence, where)
         try:
             last_s = rows[-1][0] if rows else 0.0
             if kind == "RMC":
                 midnight_s = _midnight_s(words, last_s) if midnight_s is None else midnight_s
+            elif kind == "GST":
+                stated |= _gst(words, last_s)
             elif words[6] in ("", "0"):
                 n_without_fix += 1
             else:
                 rows.append(_gga(words, last_s))
+                qualities.append(int(words[6]))
         except (ValueError, IndexError) as error:
             raise InputError(f"{where}: {error} in a {kind} sentence; correct or remove it.") from error
     if not rows:
@@ -197,7 +219,25 @@ def _from_nmea(file: Path) -> GpsLog:
         table[:, 1:],
         is_dated=midnight_s is not None,
         n_without_fix=n_without_fix,
+        sigma_m=_sigma_m(table[:, 0], qualities, stated),
     )
+
+
+def _gst(words: list[str], last_s: float) -> dict[float, float]:
+    """Return the horizontal standard deviation [m] by the time of a GST sentence; nothing where it is empty."""
+    if not words[6] or not words[7]:
+        return {}
+    sigma_m = float(np.hypot(float(words[6]), float(words[7])) / np.sqrt(2.0))
+    return {_clock_s(words[1], last_s): sigma_m} if sigma_m > 0.0 else {}
+
+
+def _sigma_m(time_s: FloatArray, qualities: list[int], stated: dict[float, float]) -> FloatArray | None:
+    """Return standard deviations (N,) [m] by GST sentence or quality; None where neither says more than usual."""
+    if not stated and not set(qualities) & set(_QUALITY_SIGMA_M):
+        return None
+    usual_m = float(np.median(list(stated.values()))) if stated else _USUAL_SIGMA_M
+    by_quality = [_QUALITY_SIGMA_M.get(quality, usual_m) for quality in qualities]
+    return np.array([stated.get(t, sigma) for t, sigma in zip(time_s.tolist(), by_quality, strict=True)])
 
 
 def _gga(words: list[str], last_s: float) -> tuple[float, float, float, float]:
@@ -233,8 +273,9 @@ def _checked_words(line: str, where: str) -> list[str]:
             f"{where}: the checksum of the sentence is wrong; it was cut off or damaged, remove it."
         )
     words = body.split(",")
-    if len(words) < 10:
-        raise InputError(f"{where}: the sentence has {len(words)} fields; at least 10 were expected.")
+    least = 9 if words[0][2:] == "GST" else 10
+    if len(words) < least:
+        raise InputError(f"{where}: the sentence has {len(words)} fields; at least {least} were expected.")
     return words
 
 

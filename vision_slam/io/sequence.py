@@ -13,7 +13,6 @@ from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import (
     Compass,
-    GpsFixes,
     Inertial,
     Wheels,
 )
@@ -152,7 +151,7 @@ def georeference(
         Fewer than two fixes fall into the time of the images.
     """
     fixes, working = log.fixes(crs)
-    fixes = GpsFixes(fixes.time_s + shift_s, fixes.position)
+    fixes = replace(fixes, time_s=fixes.time_s + shift_s)
     times = sequence.frames.time_s
     inside = (fixes.time_s >= times[0]) & (fixes.time_s <= times[-1])
     if inside.sum() < 2:

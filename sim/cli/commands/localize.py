@@ -27,7 +27,8 @@ _Topic = Annotated[
     list[str] | None, typer.Option("--topic", help="Topic of a bag, where it has several of a kind.")
 ]
 _Gps = Annotated[
-    Path | None, typer.Option("--gps", help="Fixes recorded beside the images: NMEA, .gpx or .csv.")
+    Path | None,
+    typer.Option("--gps", help="Fixes recorded beside the images: NMEA, RTKLIB .pos, .gpx or .csv."),
 ]
 _Crs = Annotated[
     str | None,

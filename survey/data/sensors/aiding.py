@@ -19,6 +19,9 @@ class GpsFixes(SensorRecords):
         Times, strictly increasing [s].
     position : (N, 3) array_like
         Easting, northing and elevation of the antenna [m].
+    sigma_m : (N,) array_like, optional
+        Horizontal standard deviation of each fix as the receiver states it, in each axis [m]. Where
+        it is missing, all fixes have the errors that the configuration of localization assumes.
     """
 
     COLUMNS: ClassVar = {"position": ("easting_m", "northing_m", "height_m")}
@@ -26,6 +29,7 @@ class GpsFixes(SensorRecords):
     LEAST: ClassVar = 2
 
     position: FloatArray
+    sigma_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,12 +1,12 @@
 """Common form of sensor records: tables of times and readings, checked, read and written."""
 
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, checked
+from survey.core.arrays import BoolArray, FloatArray, checked
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.io.tables import read_table, write_table
@@ -43,6 +43,8 @@ class SensorRecords(DataObject):
         self._check_order(times)
         object.__setattr__(self, "time_s", times)
         for field in fields(self)[1:]:
+            if getattr(self, field.name) is None:
+                continue
             shape = (len(times), *self._shape(field.name))
             values = checked(getattr(self, field.name), shape, f"the {field.name} of the {self.WHAT}")
             object.__setattr__(self, field.name, values)
@@ -58,6 +60,25 @@ class SensorRecords(DataObject):
     def __len__(self) -> int:
         return len(self.time_s)
 
+    def select(self, which: BoolArray) -> Self:
+        """Return some of the readings.
+
+        Parameters
+        ----------
+        which : (N,) ndarray of bool
+            Whether each reading is selected.
+
+        Returns
+        -------
+        SensorRecords
+            The selected readings, of the same class.
+        """
+        values: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            values[field.name] = None if value is None else value[which]
+        return type(self)(**values)
+
     def write(self, path: str | Path) -> None:
         """Write a CSV table whose header names the units.
 
@@ -68,6 +89,8 @@ class SensorRecords(DataObject):
         """
         columns: dict[str, FloatArray] = {}
         for field in fields(self):
+            if getattr(self, field.name) is None:
+                continue
             values = np.asarray(getattr(self, field.name), dtype=np.float64)
             names = self.COLUMNS.get(field.name, (field.name,))
             flat = values[:, UPPER[0], UPPER[1]] if values.ndim == 3 else values.reshape(len(values), -1)
@@ -93,8 +116,10 @@ class SensorRecords(DataObject):
         InputError
             Missing, cut off, a column lacks, or something is no number.
         """
-        names = {field.name: cls.COLUMNS.get(field.name, (field.name,)) for field in fields(cls)}
+        needed = [field.name for field in fields(cls) if field.default is MISSING]
+        names = {name: cls.COLUMNS.get(name, (name,)) for name in needed}
         table = read_table(path, [column for group in names.values() for column in group], what="the table")
+        names |= {field.name: (field.name,) for field in fields(cls) if field.name in table}
         return cls(
             **{field: joined_columns([table[column] for column in group]) for field, group in names.items()}
         )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from survey.core.arrays import FloatArray
-from survey.data.recording import Recording
+from survey.data.recording import OdometryRecording, Recording
 from survey.data.sensors.aiding import (
     Barometer,
     Compass,
@@ -230,3 +230,32 @@ def test_errors_of_dead_reckoning_grow_with_the_travel_and_are_those_of_the_mode
     assert sigma_m[-1, 0] == pytest.approx(5.0, rel=0.02)
     walked_m = np.radians(0.1) * 100.0**1.5 / np.sqrt(3.0)
     assert walked_m < sigma_m[-1, 1] < 1.5 * walked_m
+
+
+def _straight(sigma_m: FloatArray | None) -> OdometryRecording:
+    """100 m straight on; the fixes of the second half are off by 3 m."""
+    times = np.arange(101.0)
+    odometry = Odometry(times, np.tile([1.0, 0.0, 0.0], (100, 1)), np.zeros((101, 3)))
+    place = np.column_stack([times, np.where(times > 50.0, 3.0, 0.0), np.zeros(101)])
+    sightings = Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
+    fixes = GpsFixes(times, place, sigma_m)
+    return OdometryRecording("EPSG:32608", np.zeros(3), fixes, odometry=odometry, sightings=sightings)
+
+
+def test_fixes_whose_stated_error_is_the_assumed_one_give_the_same_bytes() -> None:
+    config = LocalizationConfig(gps_bias_sigma_m=0.6, gps_white_sigma_m=0.8)
+    plain, stated = (_straight(sigma) for sigma in (None, np.ones(101)))
+    path = dead_reckoning(plain.odometry, plain.start)
+    online = [filter_path(recording, path, config) for recording in (plain, stated)]
+    smoothed = [smooth(recording, path, config) for recording in (plain, stated)]
+    assert online[0].position.tobytes() == online[1].position.tobytes()
+    assert smoothed[0].position.tobytes() == smoothed[1].position.tobytes()
+
+
+def test_fixes_that_state_a_larger_error_count_less_online_and_smoothed() -> None:
+    config = LocalizationConfig(gps_bias_sigma_m=0.3, gps_white_sigma_m=0.4, yaw_sigma_deg=2.0)
+    trusted, doubted = (_straight(np.where(np.arange(101) > 50, sigma, 0.5)) for sigma in (0.5, 10.0))
+    path = dead_reckoning(trusted.odometry, trusted.start)
+    for estimate in (filter_path, smooth):
+        off = [abs(estimate(recording, path, config).position[-1, 1]) for recording in (trusted, doubted)]
+        assert off[1] < 0.3 < off[0]

@@ -9,6 +9,7 @@ from pyproj import CRS
 
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
+from survey.data.sensors.aiding import GpsFixes
 from survey.io.tracks import write_track
 from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.gps_files import read_gps
@@ -309,3 +310,54 @@ def test_tum_layout_brings_its_reference_poses(tmp_path: Path) -> None:
     sequence = read_sequence(tmp_path)
     assert sequence.reference is not None
     assert sequence.reference[1, :3, 3].tolist() == [2.0, 2.0, 3.0]
+
+
+def test_nmea_quality_and_gst_sentences_give_each_fix_its_error(tmp_path: Path) -> None:
+    lines = [
+        "GPGGA,120000.00,5824.0000,N,13433.0000,W,4,08,0.9,100.0,M,0,M,,",
+        "GPGGA,120001.00,5824.0000,N,13433.0000,W,5,08,0.9,100.0,M,0,M,,",
+        "GPGST,120002.00,,,,,3.0,4.0,5.0",
+        "GPGGA,120002.00,5824.0000,N,13433.0000,W,1,08,0.9,100.0,M,0,M,,",
+    ]
+    file = tmp_path / "log.nmea"
+    file.write_text("\n".join(map(_sentence, lines)))
+    fixes, _ = read_gps(file).fixes()
+    assert fixes.sigma_m is not None
+    # Quality 4 is a fixed RTK solution, 5 a float one; the hypotenuse of 3 and 4 m is 5 m in both axes together.
+    assert fixes.sigma_m.tolist() == pytest.approx([0.02, 0.3, 5.0 / np.sqrt(2.0)])
+    file.write_text("\n".join(map(_sentence, [lines[-1]] * 2)))
+    assert read_gps(file).sigma_m is None
+
+
+def test_positions_of_rtklib_have_times_in_utc_and_an_error_each(tmp_path: Path) -> None:
+    file = tmp_path / "rover.pos"
+    header = "%  GPST          latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   sde(m)   sdu(m)\n"
+    row = " 77.679932054  -68.607229038    59.4639   {}   9   {}   {}   0.0010   0.0001   0.0001   0.0004   0.00   24.3"
+    rows = [
+        "2015/07/07 16:03:20.000" + row.format(1, 0.0003, 0.0002),
+        "1852 230601.0" + row.format(2, 0.3, 0.4),
+    ]
+    file.write_text(header + "\n".join(rows) + "\n")
+    log = read_gps(file)
+    # GPS time was 17 s ahead of UTC from July 2015 on; 7 July is 230,600 s into GPS week 1852, as in the first row.
+    assert log.time_s.tolist() == [1436284983.0, 1436284984.0]
+    assert log.place[0].tolist() == [-68.607229038, 77.679932054, 59.4639]
+    assert log.sigma_m is not None
+    assert log.sigma_m.tolist() == pytest.approx([0.01, np.sqrt(0.125)])
+    file.write_text(header + "2015/07/07 16:03:20.000 77.6 -68.6\n")
+    with pytest.raises(InputError, match="line 2: 4 values"):
+        read_gps(file)
+
+
+def test_a_column_of_errors_in_a_table_of_fixes(tmp_path: Path) -> None:
+    file = tmp_path / "m.csv"
+    rows = "time_s,easting_m,northing_m,height_m,sigma_m\n0,500000,6470000,5,0.02\n1,500001,6470000,5,{}\n"
+    file.write_text(rows.format(3.0))
+    fixes = read_gps(file).fixes(UTM)[0]
+    assert fixes.sigma_m is not None
+    assert fixes.sigma_m.tolist() == [0.02, 3.0]
+    fixes.write(tmp_path / "again.csv")
+    assert GpsFixes.read(tmp_path / "again.csv").sigma_m.tolist() == [0.02, 3.0]  # type: ignore[union-attr]
+    file.write_text(rows.format(-1.0))
+    with pytest.raises(InputError, match="not above 0"):
+        read_gps(file)

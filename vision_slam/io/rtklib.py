@@ -1,0 +1,92 @@
+"""Positions of RTKLIB (``.pos``): times, places and their standard deviations."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+
+# What a solution of each quality is worth at best [m]: RTKLIB states the noise alone.
+_LEAST_SIGMA_M = {1: 0.01, 2: 0.05, 3: 0.5, 4: 0.5, 5: 1.0, 6: 0.05}
+_GPS_EPOCH_S = 315964800.0  # 6 January 1980
+_WEEK_S = 604800.0
+# Unix times from which GPS time is ahead of UTC by so many seconds.
+_LEAPS = ((1483228800.0, 18.0), (1435708800.0, 17.0), (1341100800.0, 16.0), (1230768000.0, 15.0))
+_LEAST_WORDS = 10
+
+
+def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Read the positions of a file in degrees.
+
+    Times may be dates or GPS week and seconds; GPS time is converted to UTC. Standard deviations
+    are at least 1 cm for fixed, 5 cm for float and 1 m for single solutions.
+
+    Parameters
+    ----------
+    file : Path
+        Output of RTKLIB.
+
+    Returns
+    -------
+    time_s : (N,) ndarray
+        Unix times [s].
+    place : (N, 3) ndarray
+        Longitude, latitude [deg] and ellipsoidal height [m].
+    sigma_m : (N,) ndarray
+        Horizontal standard deviation of each position [m].
+
+    Raises
+    ------
+    InputError
+        A line is no position, or the file holds none.
+    """
+    rows, is_utc = [], False
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    for number, line in enumerate(lines, start=1):
+        if line.startswith("%"):
+            is_utc = is_utc or ("UTC" in line and "latitude" in line)
+            continue
+        if line.strip():
+            rows.append(_position(line.replace(",", " ").split(), f"{file}, line {number}"))
+    if not rows:
+        raise InputError(f"{file} holds no positions; process the observations again.")
+    table = np.array(rows)
+    time_s = table[:, 0] if is_utc else table[:, 0] - _leap_s(table[:, 0])
+    return time_s, table[:, 1:4], table[:, 4]
+
+
+def _position(words: list[str], where: str) -> tuple[float, float, float, float, float]:
+    """Return time [s], longitude, latitude [deg], height and standard deviation [m] of one line."""
+    if len(words) < _LEAST_WORDS:
+        raise InputError(
+            f"{where}: {len(words)} values; time, latitude, longitude, height, quality, satellites and three "
+            "standard deviations were expected."
+        )
+    try:
+        latitude, longitude, height, quality, _, north, east = map(float, words[2:9])
+        time_s = _time_s(words[0], words[1])
+    except ValueError as error:
+        raise InputError(f"{where} is no position in degrees ({error}); correct or remove it.") from error
+    if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 360.0):
+        raise InputError(f"{where}: {latitude}, {longitude} are no degrees; write latitude and longitude.")
+    sigma_m = float(np.sqrt(0.5 * (north**2 + east**2)))
+    return time_s, longitude, latitude, height, max(sigma_m, _LEAST_SIGMA_M.get(int(quality), 1.0))
+
+
+def _time_s(first: str, second: str) -> float:
+    """Return seconds since 1970 of a date and time of day, or of a GPS week and its seconds."""
+    if "/" not in first and "-" not in first:
+        return _GPS_EPOCH_S + _WEEK_S * float(first) + float(second)
+    day = datetime.strptime(first.replace("-", "/") + "+0000", "%Y/%m/%d%z").astimezone(UTC).timestamp()
+    hours, minutes, seconds = second.split(":")
+    return day + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds)
+
+
+def _leap_s(time_s: FloatArray) -> FloatArray:
+    """Return by how much GPS time is ahead of UTC (N,) [s]."""
+    ahead = np.full(len(time_s), 14.0)
+    for since_s, leap_s in reversed(_LEAPS):
+        ahead[time_s >= since_s] = leap_s
+    return ahead
