@@ -36,14 +36,15 @@ AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
 NODES = Grid((4.0, 4.0, SIDE_M - 4.0, SIDE_M - 4.0), 8.0, CRS)
 TAUS_S = (60.0, 120.0, 300.0, 600.0, 900.0)
 ASSUMED_TAU_S = 300.0
-FIRST_SEED = 7001
+FIRST_SEED = 7101
 NO_PRIOR, NAME_BEFORE = "no prior", "isotropic, by points alone"
 BEFORE = ("anisotropic ridges", "moraine ridges", "SRTM windows")
 """Kinds of terrain that are mapped as before anisotropic kernels, too."""
 CANDIDATES_BEFORE = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 CLASS_3_M = 0.4572
 _PROBABILITIES = np.linspace(0.1, 0.9, 9)
-_MEMORY_MB, _N_BEFORE = 12.0, 5
+_MEMORY_MB, _NODE_SPACING_M, _N_BEFORE = 9.0, 20.0, 2
+_TESTED = (NO_PRIOR, "truthful", "all together")
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def _mission(seed: int, tau_s: float) -> MissionConfig:
         terrain=RandomTerrain(source="random"),
         planner=LawnmowerConfig(swaths=4),
         sensors=SensorConfig(gps_correlation_time_s=tau_s, landmarks_per_m=0.4),
-        localization=LocalizationConfig(),
+        localization=LocalizationConfig(node_spacing_m=_NODE_SPACING_M),
     )
 
 
@@ -141,7 +142,7 @@ def _mapped(
 ) -> Outcome:
     start = time.process_time()
     solution = replace(localized.model, satellite=cells, joint=_joint(errors)).completed(fitted)
-    found = checked_map(solution, NODES, None, is_tested=not is_oracle)
+    found = checked_map(solution, NODES, None, is_tested=name in _TESTED and not is_oracle)
     seconds = time.process_time() - start
     result = found.reconstruction
     mean, std = result.mean.elevation, result.std.elevation
