@@ -78,7 +78,8 @@ def test_no_metre_leaves_the_ground_and_all_that_is_reachable_is_swept(seed: int
         np.testing.assert_array_equal(before.xy[-1], after.xy[0])
 
     along, across = axes_of(heading_deg)
-    for piece in unswept(ground, swaths, SPACING_M):
+    left = unswept(ground, swaths, SPACING_M)
+    for piece in left:
         xy = shapely.get_coordinates(piece)
         core = shapely.get_coordinates(piece.buffer(-SLACK_M))
         if len(core):
@@ -87,7 +88,7 @@ def test_no_metre_leaves_the_ground_and_all_that_is_reachable_is_swept(seed: int
 
     # Lower bounds: transits reach every further swath; swaths sweep at most their length times the spacing
     # and a disc of half a spacing for both ends.
-    swept_m2 = ground.polygon.area - sum(piece.area for piece in unswept(ground, swaths, SPACING_M))
+    swept_m2 = ground.polygon.area - sum(piece.area for piece in left)
     swath_m = metres(legs, "swath")
     assert SPACING_M * swath_m + len(swaths) * np.pi * (0.5 * SPACING_M) ** 2 >= swept_m2
     assert metres(legs, "transit") >= _spanning_tree_m(swaths) - 1e-6

@@ -152,14 +152,13 @@ def test_damaged_files_give_an_answer_or_one_sentence(name: str, tmp_path: Path)
     path = tmp_path / name
     SAMPLES[name].write(path)
     whole = path.read_bytes()
-    for content in (*truncated(whole), *flipped(whole, 8), *flipped(whole, 8, n_bits=30)):
+    for content in (*flipped(whole, 8), *flipped(whole, 8, n_bits=30)):
         put(path, content)
         read(name, path)
-    # KITTI has no header, and its lines are equally long here: a cut between two of them cannot be seen.
-    if name != "track.txt":
-        for content in truncated(whole):
-            put(path, content)
-            assert read(name, path) == "refused"
+    for content in truncated(whole):
+        put(path, content)
+        # KITTI has no header, and its lines are equally long here: a cut between two of them cannot be seen.
+        assert read(name, path) == "refused" or name == "track.txt"
     # These carry a checksum of their values, or of their blocks.
     if name in ("dem.tif", "dem.nc", "points.las", "points.laz", "points.ply", "track.tum"):
         put(path, whole)
