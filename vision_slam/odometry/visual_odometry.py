@@ -17,8 +17,8 @@ from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
+from vision_slam.odometry.lens.self_calibration import LensEstimate, estimate_lens, unknown_lens
 from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
-from vision_slam.odometry.self_calibration import LensEstimate, estimate_lens, unknown_lens
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam

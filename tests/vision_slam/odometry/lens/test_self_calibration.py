@@ -10,7 +10,7 @@ from survey.core.arrays import FloatArray
 from survey.data.camera.calibration import Camera
 from vision_slam.io.sequence_files import FORWARD
 from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.self_calibration import estimate_lens
+from vision_slam.odometry.lens.self_calibration import estimate_lens
 from vision_slam.odometry.tracks import Track
 
 _GIVEN = Camera(

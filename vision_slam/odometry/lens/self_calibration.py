@@ -7,7 +7,8 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.data_object import DataObject
 from survey.data.camera.calibration import Camera
-from vision_slam.odometry.bundle_adjustment import (
+from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.lens.bundle_adjustment import (
     Adjusted,
     BundleAdjustment,
     Geometry,
@@ -15,7 +16,6 @@ from vision_slam.odometry.bundle_adjustment import (
     Observations,
     Travel,
 )
-from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import intersected
 
