@@ -144,14 +144,14 @@ class _HeldOut(NamedTuple):
         return _Bin(middle, float(n), p_value, scale)
 
 
-class LeftOut(NamedTuple):
+class PointsLeftOut(NamedTuple):
     """Points to leave out (N,), and the number of discs among them."""
 
     points: BoolArray
     n_discs: int
 
 
-def left_out(xy: FloatArray, gaps_m: FloatArray) -> LeftOut:
+def left_out(xy: FloatArray, gaps_m: FloatArray) -> PointsLeftOut:
     """Choose points to leave out: discs as wide as the survey's gaps, and single points; always the same ones."""
     rng = stream(0, "calibration")
     tree = cKDTree(xy)
@@ -172,7 +172,7 @@ def left_out(xy: FloatArray, gaps_m: FloatArray) -> LeftOut:
             n_discs += 1
     free = np.flatnonzero(~out)
     out[rng.choice(free, size=int(_SHARE_SINGLE * len(free)), replace=False)] = True
-    return LeftOut(out, n_discs)
+    return PointsLeftOut(out, n_discs)
 
 
 def _n_independent(xy: FloatArray, correlation_m: float) -> int:

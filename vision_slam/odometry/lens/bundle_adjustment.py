@@ -24,7 +24,7 @@ _N_ITERATIONS = 50
 _EXTREME = np.array([0.7, 2.0, 2.0])
 
 
-class Lens(NamedTuple):
+class LensChange(NamedTuple):
     """Logarithm of the factor of the focal length, and changes of the first two radial coefficients."""
 
     log_focal: float = 0.0
@@ -39,7 +39,7 @@ class Lens(NamedTuple):
         return replace(camera, matrix=matrix, distortion=distortion)
 
 
-class Observations(NamedTuple):
+class PixelObservations(NamedTuple):
     """Pixels (N, 2) of points, with the keyframe and the number of the point (N,) of each."""
 
     keyframe: IntArray
@@ -59,7 +59,7 @@ class Geometry(NamedTuple):
 
     poses: FloatArray
     points: FloatArray
-    lens: Lens
+    lens: LensChange
 
 
 class Adjusted(NamedTuple):
@@ -114,7 +114,7 @@ class BundleAdjustment:
     ----------
     camera : Camera
         Calibration that the lens is relative to.
-    seen : Observations
+    seen : PixelObservations
         Pixels of the points.
     pixel_sigma : float
         Error of a pixel [pixels].
@@ -125,7 +125,12 @@ class BundleAdjustment:
     """
 
     def __init__(
-        self, camera: Camera, seen: Observations, pixel_sigma: float, prior_sigma: FloatArray, travel: Travel
+        self,
+        camera: Camera,
+        seen: PixelObservations,
+        pixel_sigma: float,
+        prior_sigma: FloatArray,
+        travel: Travel,
     ) -> None:
         self._camera, self._seen, self._sigma = camera, seen, pixel_sigma
         self._prior = np.where(prior_sigma > 0.0, np.maximum(prior_sigma, _SMALLEST) ** -2.0, _HELD)
@@ -262,7 +267,7 @@ def _moved(state: Geometry, equations: _Equations, damping: float) -> Geometry:
     turns = np.array([gtsam.Rot3.Expmap(turn).matrix() for turn in moves[:, :3]])
     poses[:, :3, :3] = poses[:, :3, :3] @ turns
     poses[:, :3, 3] += moves[:, 3:]
-    lens = Lens(*np.clip(np.array(state.lens) + step[-3:], -_EXTREME, _EXTREME).tolist())
+    lens = LensChange(*np.clip(np.array(state.lens) + step[-3:], -_EXTREME, _EXTREME).tolist())
     return Geometry(poses, state.points + shift, lens)
 
 

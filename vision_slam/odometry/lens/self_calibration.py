@@ -12,8 +12,8 @@ from vision_slam.odometry.lens.bundle_adjustment import (
     Adjusted,
     BundleAdjustment,
     Geometry,
-    Lens,
-    Observations,
+    LensChange,
+    PixelObservations,
     Travel,
 )
 from vision_slam.odometry.tracks import Track
@@ -207,7 +207,7 @@ def _turned_deg(poses: FloatArray) -> FloatArray:
 
 def _prepared(
     camera: Camera, poses: FloatArray, tracks: list[Track], first: int
-) -> tuple[Observations, Geometry]:
+) -> tuple[PixelObservations, Geometry]:
     """Return the observations of triangulated tracks by keyframes from the `first` on, and the initial geometry."""
     eyes = poses @ camera.T_body_camera
     cut = [_cut(track, first, len(poses)) for track in tracks]
@@ -218,7 +218,9 @@ def _prepared(
     used = [sights[index] for index in chosen.tolist()]
     keyframe, rays = (np.concatenate(part) for part in zip(none, *used, strict=True))
     point = np.repeat(np.arange(len(used)), [len(keyframes) for keyframes, _ in used])
-    return Observations(keyframe, point, camera.project(rays)), Geometry(eyes, points[chosen], Lens())
+    return PixelObservations(keyframe, point, camera.project(rays)), Geometry(
+        eyes, points[chosen], LensChange()
+    )
 
 
 def _cut(track: Track, first: int, n: int) -> tuple[IntArray, FloatArray]:
