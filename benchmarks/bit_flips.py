@@ -18,6 +18,7 @@ import numpy as np
 
 import survey
 from benchmarks.small_inputs import STUDY
+from sim.cli.progress import logged_to
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
@@ -27,6 +28,7 @@ from sim.montecarlo.tables import read_trials
 from sim.studies.study_cache import is_complete, record
 from survey.core.config import validated
 from survey.core.errors import FirnlineError
+from survey.core.runs.log import read_log
 from survey.core.runs.manifest import read_record
 from survey.core.runs.store import STAGES, RunFolder
 from survey.data.path_error import PathError
@@ -61,9 +63,11 @@ def readings(folder: Path) -> Iterator[Reading]:
 def _of_a_run(folder: Path) -> Iterator[Reading]:
     mission = validated(MissionConfig, MISSION, "the benchmark")
     run = open_run(mission, folder / "runs")
-    run_mission(mission, run)
+    with logged_to(run.log_file, 0):
+        run_mission(mission, run)
     yield Reading("run: manifest and config", run.path / "manifest.json", lambda: _shown(run))
     yield Reading("run: manifest and config", run.path / "config.toml", lambda: _shown(run))
+    yield Reading("run: log", run.log_file, lambda: read_log(run.log_file))
     for file in sorted(run.path.glob("?-*/**/*")):
         if file.is_file():
             yield Reading("run: files of stages", file, lambda: _shown(run))

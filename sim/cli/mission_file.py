@@ -28,7 +28,7 @@ def run_until(
     """Run the stages of a mission that are not done yet, or all from `first` on, up to a stage."""
     mission = read_mission(mission_file, settings or ())
     run = open_run(mission, runs, first=first)
-    with logged_to(run.path / "log.jsonl", verbose):
+    with logged_to(run.log_file, verbose):
         run_mission(mission, run, until=stage, watch=StageProgress(quiet=quiet), workers=workers)
     return mission, run
 

@@ -1,6 +1,5 @@
 """Progress bars on stderr, and log records in the run's ``log.jsonl``."""
 
-import json
 import logging
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from survey.core.runs.log import cut_incomplete_line, log_line
 from survey.core.runs.store import STAGES
 
 _DOING = {
@@ -99,12 +99,13 @@ class _JsonLines(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
         }
-        return json.dumps(entry, ensure_ascii=False)
+        return log_line(entry)
 
 
 @contextmanager
 def logged_to(path: Path, verbose: int) -> Iterator[None]:
     """Append log records of firnline's packages to a file of JSON lines; echo warnings, and with -v all of them."""
+    cut_incomplete_line(path)
     handlers: list[logging.Handler] = [logging.FileHandler(path, encoding="utf-8")]
     handlers[0].setFormatter(_JsonLines())
     handlers.append(logging.StreamHandler())

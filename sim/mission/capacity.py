@@ -11,6 +11,7 @@ from sim.config.mission import MissionConfig
 from sim.config.scene import LARGEST_STEP_M
 from sim.config.sensors import InstrumentConfig
 from sim.config.terrain import DemTerrain, RandomTerrain, SampleTerrain
+from sim.world.site import World, build_world
 from survey.core.arrays import Bounds
 from survey.core.errors import CapacityError
 from survey.data.dem import Dem
@@ -37,6 +38,30 @@ MOST_PIXELS = 20_000_000
 """Pixels of one image."""
 MOST_SAMPLE_CELLS = 20_000_000
 """Places at which the science-centric coverage could have been sampled."""
+
+
+def require_mission(mission: MissionConfig) -> World:
+    """Refuse a mission that would not fit into memory, before its first stage, and return its world.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+
+    Returns
+    -------
+    World
+        Terrain, prior and survey area.
+
+    Raises
+    ------
+    CapacityError
+        Names the setting and a value that would pass.
+    """
+    require_terrain(mission)
+    world = build_world(mission)
+    require_survey(mission, world.area.bounds)
+    return world
 
 
 def require_terrain(mission: MissionConfig) -> None:
@@ -180,7 +205,7 @@ def _require_drive(mission: MissionConfig, length_m: float) -> None:
 
 def _require_rates(mission: MissionConfig, seconds: float) -> None:
     """Refuse more steps of the physics, or more readings, on a drive of this time than can be processed."""
-    rate_hz = mission.physics.rate_hz
+    rate_hz = float(mission.physics.rate_hz)
     _require("physics.rate_hz", rate_hz, rate_hz * seconds, MOST_PHYSICS_STEPS, "steps of the physics")
     for name, instrument in mission.instruments:
         if isinstance(instrument, InstrumentConfig):

@@ -8,9 +8,8 @@ from pathlib import Path
 import tomlkit
 
 from sim.config.mission import MissionConfig
-from sim.mission.capacity import require_survey, require_terrain
+from sim.mission.capacity import require_mission
 from sim.mission.versions import current_versions
-from sim.world.site import build_world
 from survey.core.arguments import check_types
 from survey.core.config import read_toml, validated, with_overrides
 from survey.core.files.reading import existing_file
@@ -87,8 +86,7 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
     place = RunFolder.place(runs, mission.name, text, inputs)
     refuse_unwritable(place, is_folder=True)
     if not place.exists():
-        require_terrain(mission)
-        require_survey(mission, build_world(mission).area.bounds)
+        require_mission(mission)
     run = RunFolder.open(runs, mission.name, text, inputs, facts, fresh=first == "plan")
     if first not in (None, "plan"):
         run.redo_from(first, facts)

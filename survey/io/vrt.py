@@ -1,11 +1,14 @@
 """Virtual rasters (VRT): the files that they are made of, checked before GDAL opens any of them."""
 
+import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 from survey.core.errors import CapacityError, InputError
-from survey.core.files.library_messages import first_line
+from survey.core.files.library_messages import DamagedError, first_line
 from survey.core.files.reading import existing_file
 
 LARGEST_VRT_BYTES = 32 * 2**20
@@ -60,6 +63,7 @@ _PLAIN_ELEMENTS = frozenset(
     }
 )
 _BAND_CLASSES = frozenset({"", "VRTSourcedRasterBand"})
+_UNLIMITED = (2**31, 2**31)
 # GDAL reads these attributes however they are capitalised.
 _ATTRIBUTES = {name.lower(): name for name in ("subClass", "relativeToVRT", "key", "domain")}
 
@@ -87,6 +91,97 @@ def raster_sources(path: str | Path) -> list[Path]:
     found: set[Path] = set()
     _collect(existing_file(path, "the virtual raster"), found, 0)
     return sorted(found)
+
+
+class VrtPart(NamedTuple):
+    """Part of a source that a window of a virtual raster is made of.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        The source.
+    band : int
+        Counted from 1.
+    window : (4,) tuple of int
+        First column, first row, width and height of the source's cells; may reach a cell beyond them.
+    """
+
+    file: Path
+    band: int
+    window: tuple[int, int, int, int]
+
+
+def raster_parts(path: Path, band: int, window: Sequence[int]) -> list[VrtPart]:
+    """List the parts of the sources that a window of a virtual raster is made of.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A ``.vrt`` file that `raster_sources` has accepted.
+    band : int
+        Counted from 1.
+    window : sequence of int
+        First column, first row, width and height [cells].
+
+    Returns
+    -------
+    list of VrtPart
+        In the order of the file; sources that the window does not touch are left out.
+
+    Raises
+    ------
+    DamagedError
+        A band or a rectangle is no number.
+    """
+    bands = _parsed(path).findall("VRTRasterBand")
+    sources = [element for element in bands[band - 1] if element.find("SourceFilename") is not None]
+    parts = [_part(element, path, window) for element in sources]
+    return [part for part in parts if min(part.window[2:]) > 0]
+
+
+def _part(source: ElementTree.Element, file: Path, window: Sequence[int]) -> VrtPart:
+    """Return the part of a source under a window; a source without rectangles is all of its file."""
+    name = source.find("SourceFilename")
+    assert name is not None
+    band = int(_number((source.findtext("SourceBand") or "1").rpartition(",")[2]))
+    taken, placed = _rectangle(source.find("SrcRect")), _rectangle(source.find("DstRect"))
+    if taken is None or placed is None:
+        return VrtPart(_local_file(name, file), band, (0, 0, *_UNLIMITED))
+    columns, rows = (
+        _source_span(window[k], window[k + 2], (placed[k], placed[k + 2]), (taken[k], taken[k + 2]))
+        for k in (0, 1)
+    )
+    return VrtPart(_local_file(name, file), band, (columns[0], rows[0], columns[1], rows[1]))
+
+
+def _rectangle(element: ElementTree.Element | None) -> tuple[float, ...] | None:
+    """Return first column, first row, width and height; None where they are not stated."""
+    if element is None:
+        return None
+    stated = {name.lower(): value for name, value in element.attrib.items()}
+    return tuple(_number(stated.get(name, "0")) for name in ("xoff", "yoff", "xsize", "ysize"))
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise DamagedError(f"it states {text[:40]!r} where a number was expected")
+    return value
+
+
+def _source_span(
+    first: int, n: int, placed: tuple[float, float], taken: tuple[float, float]
+) -> tuple[int, int]:
+    """Return first cell and number of cells of a source under cells of the virtual raster, one more to each side."""
+    low, high = max(first, placed[0]), min(first + n, placed[0] + placed[1])
+    if not (low < high and placed[1] > 0.0):
+        return 0, 0
+    ratio = taken[1] / placed[1]
+    begin = max(math.floor(taken[0] + (low - placed[0]) * ratio) - 1, 0)
+    return begin, math.ceil(taken[0] + (high - placed[0]) * ratio) + 1 - begin
 
 
 def _collect(file: Path, found: set[Path], depth: int) -> None:

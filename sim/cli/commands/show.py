@@ -25,12 +25,15 @@ def show(
       firnline show results/runs/srtm-ridge
     """
     from sim.cli.mission_file import print_summary
+    from survey.core.runs.log import read_log
     from survey.core.runs.store import STAGES, RunFolder
 
     folder = RunFolder.find(run)
     done = [stage for stage in STAGES if folder.has(stage)]
     for stage in done:
         folder.verify(stage)
+    if folder.log_file.exists():
+        read_log(folder.log_file)
     if not as_json:
         missing = [stage for stage in STAGES if stage not in done]
         typer.echo(

@@ -19,10 +19,11 @@ _MOST_FURTHER = 6
 
 def print_options_of(mission: MissionConfig, limit_m: float, probability: float, *, as_json: bool) -> None:
     """Print the surveys that meet the class, the one with the least to drive first; exit code 5 where none does."""
+    from sim.mission.capacity import require_mission
     from sim.mission.foresight import surveys_within
-    from sim.world.site import build_world
 
-    options = list(surveys_within(mission, build_world(mission), limit_m=limit_m, probability=probability))
+    world = require_mission(mission)
+    options = list(surveys_within(mission, world, limit_m=limit_m, probability=probability))
     best = _best_of(options, limit_m, probability)
     if as_json:
         typer.echo(json.dumps({"limit_m": limit_m, "ways": [way._asdict() for way in options]}, indent=2))

@@ -295,6 +295,11 @@ class RunFolder:
             self._unlist_from(stage, facts)
 
     @property
+    def log_file(self) -> Path:
+        """Log of the run, see `survey.core.runs.log`."""
+        return self.path / "log.jsonl"
+
+    @property
     def _manifest_file(self) -> Path:
         return self.path / "manifest.json"
 

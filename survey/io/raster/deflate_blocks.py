@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from survey.core.files.library_messages import DamagedError
+from survey.io.file_kinds import RASTER_DRIVERS
+from survey.io.vrt import VrtPart, raster_parts
 
 _TIFF = ("GTiff", "COG")
 _SLICE = 1 << 16
@@ -16,7 +18,7 @@ def refuse_damaged_blocks(source: Any, file: Path, band: int, window: Sequence[i
     """Compare the checksums of the deflate-compressed blocks of a TIFF band that a window touches.
 
     GDAL returns the values of a block whose checksum is wrong, without a warning. Blocks of
-    other compressions carry no checksum and pass; the sources of a VRT are not looked at.
+    other compressions carry no checksum and pass. The sources of a VRT are compared in the same way.
 
     Parameters
     ----------
@@ -34,6 +36,9 @@ def refuse_damaged_blocks(source: Any, file: Path, band: int, window: Sequence[i
     DamagedError
         A block that does not unpack, or whose checksum differs.
     """
+    if source.driver == "VRT":
+        for part in raster_parts(file, band, window):
+            _refuse_damaged_part(part)
     if source.driver not in _TIFF or source.profile.get("compress") != "deflate":
         return
     with file.open("rb") as stream:
@@ -41,6 +46,21 @@ def refuse_damaged_blocks(source: Any, file: Path, band: int, window: Sequence[i
             stream.seek(offset)
             if not _is_sound(stream.read(size)):
                 raise DamagedError(f"the checksum of block {place} does not fit its content")
+
+
+def _refuse_damaged_part(part: VrtPart) -> None:
+    """Compare the blocks of a source of a VRT, and name the source where one is damaged."""
+    import rasterio
+
+    column, row, columns, rows = part.window
+    with rasterio.open(part.file, driver=RASTER_DRIVERS[part.file.suffix.lower()]) as source:
+        if not 1 <= part.band <= source.count:
+            raise DamagedError(f"its source {part.file.name} has no band {part.band}")
+        width, height = min(columns, source.width - column), min(rows, source.height - row)
+        try:
+            refuse_damaged_blocks(source, part.file, part.band, (column, row, width, height))
+        except DamagedError as error:
+            raise DamagedError(f"its source {part.file.name}: {error}") from error
 
 
 def _blocks(source: Any, band: int, window: Sequence[int]) -> Iterator[tuple[str, int, int]]:

@@ -1,16 +1,16 @@
 """Gaussian-process terrain model: a mean surface and a Gaussian process of the residual."""
 
-import logging
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import BoolArray, Bounds, FloatArray, Progress, checked
+from survey.core.arrays import BoolArray, Bounds, FloatArray, checked
 from survey.core.crs.agreement import same_crs
 from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
 from survey.core.errors import InputError
@@ -24,6 +24,7 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engines.base import Process
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.learned import Learned
+from survey.reconstruction.gp.map_watch import MapWatch
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
 from survey.reconstruction.gp.process import EngineName, conditioned
@@ -36,17 +37,9 @@ from survey.reconstruction.observations import Observations
 from survey.reconstruction.outliers import Outliers, distrusted
 from survey.reconstruction.terrain_model import Capabilities, TerrainModel, not_fitted
 
-logger = logging.getLogger(__name__)
 _N_LEAST = 3
 # Places on the site from which the widths of its gaps are taken.
 _N_GAPS = 41
-
-
-class MapWatch(NamedTuple):
-    """Number of nodes that a map will have, and a progress callback for its tiles."""
-
-    n_nodes: int
-    progress: Progress | None = None
 
 
 @dataclass(frozen=True)
@@ -67,7 +60,7 @@ class GaussianProcessTerrain(TerrainModel):
         Where the model will be asked [m]; the points' extent by default. Points farther
         from it than its diagonal are not used, and their number is reported.
     watch : MapWatch, optional
-        Progress of a map in tiles; with it the expected time is logged beforehand.
+        Progress of a map in tiles; with it the expected time of a large map is logged beforehand.
     learned_ : Learned, optional
         State of a fitted model.
     vertical_datum_ : str
@@ -123,8 +116,9 @@ class GaussianProcessTerrain(TerrainModel):
         used = points if near.all() else points.select(near)
         data = Observations.of(used, self.quantity)
         mean = self._mean(used)
+        began = time.perf_counter()
         process, found = self._learn(data, mean, data.variance)
-        self._announce(process)
+        self._announce(Learned.uncalibrated(process, mean, found), used, time.perf_counter() - began)
         variance = self._through_slope(used, process, mean, data.variance)
         if variance is not data.variance:
             process, found = self._learn(data, mean, variance)
@@ -354,16 +348,11 @@ class GaussianProcessTerrain(TerrainModel):
             raise not_fitted()
         return self.learned_
 
-    def _announce(self, process: Process) -> None:
-        """Log the expected time of a map in tiles."""
-        if self.watch is None or not process.divides_site:
-            return
-        seconds = process.expected_s(self.watch.n_nodes)
-        logger.warning(
-            "the site is too large for one solve and is mapped in %d tiles, which takes about %s",
-            process.record()["n_tiles"],
-            f"{seconds / 60.0:.0f} min" if seconds > 90.0 else f"{seconds:.0f} s",
-        )
+    def _announce(self, learned: Learned, points: SurfacePoints, learned_s: float) -> None:
+        """Log the expected time of a large map, given the time in which the model was learned once [s]."""
+        if self.watch is not None:
+            n_times = 1 + self._has_slope_errors(points) + self.config.robust
+            self.watch.announce(learned, n_times * learned_s)
 
     def _near(self, points: SurfacePoints) -> BoolArray:
         """Points that can matter to the site."""
@@ -440,12 +429,16 @@ class GaussianProcessTerrain(TerrainModel):
             progress=None if self.watch is None else self.watch.progress,
         )
 
+    def _has_slope_errors(self, points: SurfacePoints) -> bool:
+        """Return whether points carry x-y uncertainty to the height."""
+        wanted = self.config.horizontal_errors == "slope" and self.quantity == ELEVATION
+        return wanted and points.covariance is not None
+
     def _through_slope(
         self, points: SurfacePoints, process: Process, mean: Mean, variance: FloatArray
     ) -> FloatArray:
         """Carry x-y uncertainty to the height, unless it is not known or not wanted."""
-        wanted = self.config.horizontal_errors == "slope" and self.quantity == ELEVATION
-        if points.covariance is None or not wanted:
+        if not self._has_slope_errors(points):
             return variance
         slope = process.gradient(points.xy) + mean.gradient(points.xy)
         return variance_through_slope(points.covariance, slope)

@@ -17,8 +17,8 @@ from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.outliers import Outliers
 from survey.reconstruction.support import support_codes
 
-# Nodes that are finished at once: bounds the memory of a large map.
-_MOST_AT_ONCE = 4_000_000
+MOST_AT_ONCE = 4_000_000
+"""Nodes that are finished at once, which bounds the memory of a large map."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,12 @@ class Learned:
     calibration: SigmaCalibration
     outliers: Outliers
     n_beyond_reach: int = 0
+
+    @classmethod
+    def uncalibrated(cls, process: Process, mean: Mean, found: Hyperparameters) -> Self:
+        """Return the state before outliers are looked for and the standard deviation is calibrated."""
+        none = Outliers(np.zeros(0, dtype=np.int64), np.zeros(0))
+        return cls(process, mean, found, SigmaCalibration.none(), none)
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""
@@ -58,7 +64,7 @@ class Learned:
         """Return height [m], standard deviation [m] and support code (H, W) on the nodes of a grid."""
         mean, std = self.process.predict_on_axes(grid.x, grid.y)
         support = np.empty(grid.shape, dtype=np.uint8)
-        rows_at_once = max(_MOST_AT_ONCE // grid.shape[1], 1)
+        rows_at_once = max(MOST_AT_ONCE // grid.shape[1], 1)
         for first in range(0, grid.shape[0], rows_at_once):
             rows = slice(first, first + rows_at_once)
             nodes = np.stack(np.meshgrid(grid.x, grid.y[rows]), axis=-1).reshape(-1, 2)

@@ -30,11 +30,11 @@ def check_length_scale(settings: ScanSettings) -> None:
 
 def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
     from survey.reconstruction.gp.claimed_error import with_claim
-    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain, MapWatch
+    from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+    from survey.reconstruction.gp.map_watch import MapWatch
 
     config, prior, facts = _with_estimated_prior(task)
-    rows, columns = task.grid.shape
-    watch = MapWatch(rows * columns, task.progress)
+    watch = MapWatch(task.grid, task.progress)
     model = GaussianProcessTerrain(config, prior, engine, task.quantity, task.grid.bounds, watch)
     fitted = model.fit(task.points)
     assert fitted.learned_ is not None

@@ -1,6 +1,7 @@
 # ruff: noqa: ARG002 (defaults do not use what engines that override them do)
 """Interface of the Gaussian-process engines: dense, Fourier, Fourier in tiles, and local neighbourhoods."""
 
+import time
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
@@ -10,6 +11,8 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+
+_N_TIMED_ROWS = 40
 
 
 class Process(ABC):
@@ -56,9 +59,15 @@ class Process(ABC):
         """Return name and resolution of the engine for the record."""
         return {"name": type(self).__name__}
 
-    def expected_s(self, n_nodes: int) -> float:
-        """Return the expected time to judge the points and to map this many nodes [s]; 0 where it is short."""
-        return 0.0
+    def expected_s(self, x: FloatArray, y: FloatArray) -> float:
+        """Return the expected time to judge the points and to map the nodes of two axes [s], from that of some rows."""
+        some = y[:: max(len(y) // _N_TIMED_ROWS, 1)]
+        began = time.perf_counter()
+        self.predict_on_axes(x, some)
+        prepared = time.perf_counter()
+        self.predict_on_axes(x, some)
+        rows_s = time.perf_counter() - prepared
+        return max(prepared - began - rows_s, 0.0) + rows_s * len(y) / len(some)
 
     def sample_on_axes(self, x: FloatArray, y: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
         """Draw n joint surfaces (n, H, W) [m] on the nodes of two axes."""

@@ -23,11 +23,9 @@ from survey.reconstruction.gp.site_tree import SiteTree
 
 _N_NEAREST = 256
 _N_OWN = 48
-_N_TIMED = 12
+_N_TIMED = 40
 # The leave-one-out pass, and that of the calibration, which predicts a sixth of the points.
 _PASSES_OVER_POINTS = 1.6
-# Distances to the nearest points, calibration and writing.
-_SECONDS_PER_NODE = 3e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,11 +90,11 @@ class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
         """Return name, number of tiles and of neighbours for the record."""
         return {**super().record(), "n_tiles": len(self.tree), "n_neighbours": _N_NEAREST}
 
-    def expected_s(self, n_nodes: int) -> float:
+    def expected_s(self, x: FloatArray, y: FloatArray) -> float:
         """Return the expected time [s], from that of a few tiles."""
         groups = self._tiles_of(self.data.xy)
         some = groups[:: max(len(groups) // _N_TIMED, 1)]
-        n_each = max(n_nodes // len(self.tree), 1)
+        n_each = max(len(x) * len(y) // len(self.tree), 1)
         self._left_out(*groups[0])  # the first call prepares what the others find ready
         began = time.perf_counter()
         for tile, here in some:
@@ -106,8 +104,7 @@ class LocalGaussianProcess(DividedGaussianProcess[int, IntArray]):
             self._process_of(tile).predict(np.resize(self.data.xy[here], (n_each, 2)))
         ended = time.perf_counter()
         over_points, over_nodes = (between - began) / len(some), (ended - between) / len(some)
-        in_tiles = len(groups) * _PASSES_OVER_POINTS * over_points + len(self.tree) * over_nodes
-        return in_tiles + n_nodes * _SECONDS_PER_NODE
+        return len(groups) * _PASSES_OVER_POINTS * over_points + len(self.tree) * over_nodes
 
     def _left_out(self, tile: int, own: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the leave-one-out mean and variance of the points of a tile, without the trend."""

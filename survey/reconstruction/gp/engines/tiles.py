@@ -22,7 +22,6 @@ _LARGEST_HALVINGS = 7
 _N_TIMED = 5000
 # Every tile is conditioned for the outliers, for the calibration, and for the map.
 _PASSES = 3.0
-_SECONDS_PER_NODE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +124,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         """Return name and number of tiles for the record."""
         return {**super().record(), "n_tiles": self.n_tiles[0] * self.n_tiles[1]}
 
-    def expected_s(self, n_nodes: int) -> float:
+    def expected_s(self, x: FloatArray, y: FloatArray) -> float:  # noqa: ARG002
         """Return the expected time [s], from that of the tile with the most points.
 
         Raises
@@ -138,7 +137,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         self._process_of(tile).predict(self.data.xy[here][:_N_TIMED])
         seconds = time.perf_counter() - began
         n_tiles = self.n_tiles[0] * self.n_tiles[1]
-        return n_tiles * _PASSES * seconds + n_nodes * _SECONDS_PER_NODE
+        return n_tiles * _PASSES * seconds
 
     def _left_out(self, tile: tuple[int, int], own: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the leave-one-out mean and variance of the points of a tile, without the trend."""

@@ -36,7 +36,7 @@ def test_neighbourhoods_agree_with_the_dense_process() -> None:
     for one, other in zip(local.leave_one_out(), dense.leave_one_out(), strict=True):
         np.testing.assert_allclose(one, other, atol=0.02)
     assert reports[-1][1] == reports[-1][2]
-    assert local.expected_s(676) > 0.0
+    assert local.expected_s(x, y) > 0.0
     with pytest.raises(InputError, match="no joint samples"):
         local.sample_on_axes(x, y, 1, np.random.default_rng(0))
 
