@@ -4,6 +4,8 @@ import json
 import os
 import socket
 import sqlite3
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -423,3 +425,30 @@ def test_arrays_are_never_unpickled(tmp_path: Path) -> None:
 
 def test_the_vectors_are_many() -> None:
     assert len(RASTERS) + len(VECTORS) >= 20
+
+
+_TRANSFORMED = """
+import numpy as np
+import rasterio.warp
+from pyproj import CRS
+from survey.core.crs.transformation import transformed
+
+transformed(np.array([[-100.0, 40.0]]), "EPSG:4267", CRS("EPSG:32614"), "the test")
+rasterio.warp.transform("EPSG:4267", "EPSG:32614", [-100.0], [40.0])
+"""
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_a_crs_that_needs_a_grid_downloads_none_unless_it_is_allowed(tmp_path, contacts, allowed):
+    url, found = contacts
+    environment = {
+        **os.environ,
+        "PROJ_NETWORK": "ON",
+        "PROJ_NETWORK_ENDPOINT": url,
+        "PROJ_USER_WRITABLE_DIRECTORY": str(tmp_path),
+        "FIRNLINE_PROJ_NETWORK": "ON" if allowed else "",
+    }
+    subprocess.run(
+        [sys.executable, "-c", _TRANSFORMED], env=environment, check=not allowed, capture_output=True
+    )
+    assert bool(found) == allowed

@@ -438,7 +438,7 @@ class GaussianProcessTerrain(TerrainModel):
         self, points: SurfacePoints, process: Process, mean: Mean, variance: FloatArray
     ) -> FloatArray:
         """Carry x-y uncertainty to the height, unless it is not known or not wanted."""
-        if not self._has_slope_errors(points):
+        if points.covariance is None or not self._has_slope_errors(points):
             return variance
         slope = process.gradient(points.xy) + mean.gradient(points.xy)
         return variance_through_slope(points.covariance, slope)

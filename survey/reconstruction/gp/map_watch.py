@@ -1,6 +1,7 @@
 """Progress of a map, and its expected time."""
 
 import logging
+import math
 import time
 from typing import NamedTuple
 
@@ -72,7 +73,7 @@ def _finishing_s(learned: Learned, grid: Grid) -> float:
     learned.nearest_m(nodes)
     preparing_s = prepared - began
     over_nodes_s = max(time.perf_counter() - prepared - preparing_s, 0.0) * rows / n_rows
-    return _BESIDE_DISTANCES * over_nodes_s + preparing_s * np.ceil(rows * columns / MOST_AT_ONCE)
+    return _BESIDE_DISTANCES * over_nodes_s + preparing_s * math.ceil(rows * columns / MOST_AT_ONCE)
 
 
 def _time_text(seconds: float) -> str:

@@ -3,18 +3,21 @@
 import numpy as np
 import pytest
 import shapely
-from pyproj import Geod, Transformer
 
+from benchmarks.map_scale import (
+    BAR,
+    PROJECTIONS,
+    RADIUS_M,
+    VOLUME_M3,
+    largest_differences,
+    measured,
+    sunken_lake,
+)
 from survey import Dem, Grid
 from survey.core.map_scale import scale_factors
-from survey.scoring import Change, change
+from survey.scoring import change
 from survey.scoring.change.change_files import change_facts
 
-EARTH = Geod(ellps="WGS84")
-RADIUS_M = 1500.0
-DEEPEST_M = -8.0
-# A paraboloid: half the depth over the whole disc.
-VOLUME_M3 = 0.5 * DEEPEST_M * np.pi * RADIUS_M**2
 NORTH, FAR_NORTH, SOUTH = (-123.3, 61.0), (-45.0, 76.0), (-62.0, -64.5)
 SCENES = [
     ("EPSG:32610", NORTH),
@@ -29,34 +32,23 @@ SCENES = [
 ]
 
 
-def _scene(crs: str, centre: tuple[float, float]) -> Change:
-    """A lake that sank as a paraboloid, mapped with cells of about 16 m on the ground."""
-    to_crs = Transformer.from_crs("EPSG:4326", crs, always_xy=True)
-    east, north = to_crs.transform(*centre)
-    factor = float(scale_factors(crs, [[east, north]]).linear[0])
-    step, half = 16.0 * factor, 2400.0 * factor
-    grid = Grid.over((east - half, north - half, east + half, north + half), step, crs)
-    lon, lat = to_crs.transform(grid.xy[:, 0], grid.xy[:, 1], direction="INVERSE")
-    distance = EARTH.inv(np.full(len(lon), centre[0]), np.full(len(lon), centre[1]), lon, lat)[2]
-    sunk = (DEEPEST_M * np.clip(1.0 - (distance / RADIUS_M) ** 2, 0.0, None)).reshape(grid.shape)
-    noise = np.random.default_rng(4).normal(0.0, 0.01, grid.shape)
-    bearing = np.linspace(0.0, 360.0, 721)[:-1]
-    lon, lat, _ = EARTH.fwd(np.full(720, centre[0]), np.full(720, centre[1]), bearing, np.full(720, RADIUS_M))
-    outline = shapely.Polygon(np.column_stack(to_crs.transform(lon, lat)))
-    return change(Dem.on(grid, sunk + noise), Dem.on(grid, np.zeros(grid.shape)), {"lake": outline})
-
-
 @pytest.mark.parametrize(("crs", "centre"), SCENES, ids=[f"{crs} at {place[1]:g}" for crs, place in SCENES])
 def test_a_volume_is_that_of_the_ground(crs: str, centre: tuple[float, float]) -> None:
-    found = _scene(crs, centre).volumes[0]
+    found = sunken_lake(crs, centre).volumes[0]
     # 0.3 % is the bar; 28,000 cells of 0.01 m, and the count of cells in the disc, leave less.
     assert found.volume_m3 == pytest.approx(VOLUME_M3, rel=0.003)
     assert found.area_m2 == pytest.approx(np.pi * RADIUS_M**2, rel=0.001)
     assert found.std_m3 < 0.003 * abs(VOLUME_M3)
 
 
+def test_volume_area_and_length_agree_between_every_two_projections() -> None:
+    differences = largest_differences({crs: measured(crs) for crs in PROJECTIONS})
+    assert len(differences) == 6
+    assert max(value for pair in differences.values() for value in pair.values()) < BAR
+
+
 def test_intervals_and_correlation_lengths_do_not_depend_on_the_projection() -> None:
-    utm, mercator = (_scene(crs, NORTH) for crs in ("EPSG:32610", "EPSG:3857"))
+    utm, mercator = (sunken_lake(crs, NORTH) for crs in ("EPSG:32610", "EPSG:3857"))
     assert mercator.volumes[0].naive_std_m3 == pytest.approx(utm.volumes[0].naive_std_m3, rel=0.02)
     assert utm.variogram is not None
     assert mercator.variogram is not None
@@ -82,14 +74,14 @@ def test_a_correlation_length_is_that_of_the_ground() -> None:
 
 
 def test_the_result_states_the_map_scale_and_warns() -> None:
-    facts = change_facts(_scene("EPSG:3857", NORTH))
+    facts = change_facts(sunken_lake("EPSG:3857", NORTH))
     assert facts["map_scale"]["linear"]["mean"] == pytest.approx(2.06, abs=0.01)
     assert facts["map_scale"]["areal"]["min"] < facts["map_scale"]["areal"]["max"]
     assert any("times those on the ground" in note for note in facts["notes"])
-    assert not any("times those" in note for note in change_facts(_scene("EPSG:32610", NORTH))["notes"])
+    assert not any("times those" in note for note in change_facts(sunken_lake("EPSG:32610", NORTH))["notes"])
 
 
 def test_masses_follow_the_volumes() -> None:
-    utm, mercator = (_scene(crs, NORTH).volumes[0].mass() for crs in ("EPSG:32610", "EPSG:3857"))
+    utm, mercator = (sunken_lake(crs, NORTH).volumes[0].mass() for crs in ("EPSG:32610", "EPSG:3857"))
     assert mercator.mass_kg == pytest.approx(utm.mass_kg, rel=0.003)
     assert mercator.specific_m_we == pytest.approx(utm.specific_m_we, rel=0.003)
