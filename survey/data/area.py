@@ -116,7 +116,7 @@ class SurveyArea(DataObject):
         crs : str or pyproj.CRS, optional
             The projected CRS to work in.
         layer : str or int, optional
-            The layer; the first one by default.
+            The layer; the only one by default.
 
         Returns
         -------

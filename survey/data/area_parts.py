@@ -5,12 +5,15 @@ from typing import Any
 
 import numpy as np
 import shapely
+from pyproj import CRS
 from shapely import MultiPolygon, Point, Polygon
 from shapely.validation import explain_validity
 
 from survey.core.arrays import frozen
+from survey.core.crs.agreement import is_local
 from survey.core.crs.checks import known_crs, projected_crs, refuse_far
 from survey.core.crs.choice import chosen_crs, is_geographic
+from survey.core.crs.exchanged_axes import refuse_exchanged
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.io.vector import Features
@@ -34,6 +37,8 @@ def roles_of(features: Features) -> list[str]:
 
 def in_crs(features: Features, crs: Any, where: str) -> Features:
     """Return the features in the named CRS, else in their own; degrees are projected, and the log states it."""
+    if features.crs is not None and not is_local(features.crs):
+        _refuse_exchanged(features, known_crs(features.crs, where), where)
     places = shapely.get_coordinates(features.geometry)
     if crs is None and len(places) and is_geographic(features.crs):
         crs = chosen_crs(places[:, 0], places[:, 1], features.crs)
@@ -50,6 +55,12 @@ def in_crs(features: Features, crs: Any, where: str) -> Features:
         raise InputError(f"{where} carries no coordinate reference system; save it with one.")
     moved = shapely.transform(features.geometry, lambda xy: transformed(xy, features.crs, target, where))
     return features._replace(geometry=moved, crs=target)
+
+
+def _refuse_exchanged(features: Features, crs: CRS, where: str) -> None:
+    """Refuse features in metres whose easting and northing are exchanged."""
+    if crs.is_projected:
+        refuse_exchanged(shapely.get_coordinates(features.geometry), crs, where)
 
 
 def polygon_parts(shape: Any, what: str) -> list[Polygon]:

@@ -48,6 +48,7 @@ def check_ascii_grid(file: Path) -> None:
         warnings.simplefilter("error", DeprecationWarning)
         header, first = _header(stream, file)
         counts = [len(row) for row in _rows(stream, first, file, len(header) + 1)]
+    _check_place(header, file)
     columns, rows = _whole(header, "ncols", file), _whole(header, "nrows", file)
     if sum(counts) != columns * rows:
         raise InputError(
@@ -57,6 +58,15 @@ def check_ascii_grid(file: Path) -> None:
     if len(counts) == rows and uneven is not None:
         raise InputError(
             f"{file}, row {uneven + 1}: {counts[uneven]:,} numbers where the header names {columns:,}; correct the row."
+        )
+
+
+def _check_place(header: dict[str, float], file: Path) -> None:
+    """Refuse a header without a place: GDAL puts the grid at 0, 0 where corner and centre are mixed."""
+    if not any({f"xll{at}", f"yll{at}"} <= header.keys() for at in ("corner", "center")):
+        raise InputError(
+            f"{file} has a header with {', '.join(key for key in header if key.startswith(('xll', 'yll'))) or 'no place'}; xllcorner and yllcorner, "
+            "or xllcenter and yllcenter, were expected."
         )
 
 
@@ -101,6 +111,10 @@ def _numbers(text: bytes, file: Path, number: int) -> FloatArray:
     if len(values) == 0:
         raise InputError(
             f"{file}, line {number}: {_first_wrong(text)!r} is no number; correct it, or get the file again."
+        )
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"{file}, line {number}: it holds nan or inf, which GDAL may read as 0; write the number that nodata_value names."
         )
     return values
 

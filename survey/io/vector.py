@@ -15,6 +15,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import first_line, warnings_logged
 from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing, unwritable
+from survey.core.text import printable
 from survey.io.companions import stale_files
 from survey.io.degrees import SURVEY_CRS, WGS84, in_degrees, in_survey_crs, require_transformation
 from survey.io.file_kinds import OFFLINE, check_vector_file
@@ -31,6 +32,8 @@ _DRIVERS = {
 LARGEST_FEATURES = 5_000_000
 """Most features that are read at once: some 2 GB for points with a few attributes."""
 _COUNTED = frozenset({".gpkg", ".shp", ".fgb"})
+# GPX files have the same five layers always.
+_LAYERED = frozenset({".gpkg", ".kml"})
 _SHAPEFILE_NAME = 10
 _GDAL_UTC = 100
 # Shapefiles carry the day of their last change; a fixed one keeps equal content equal to the byte.
@@ -69,14 +72,14 @@ class Features(NamedTuple):
 def read_features(
     path: str | Path, *, layer: str | int | None = None, what: str = "the vector file"
 ) -> Features:
-    """Read all features of a layer (the first one unless named).
+    """Read all features of a layer.
 
     Parameters
     ----------
     path : str or pathlib.Path
         A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
     layer : str or int, optional
-        Name or number of the layer.
+        Name or number of the layer; the only one by default.
     what : str
         What the file is, for the message.
 
@@ -88,12 +91,14 @@ def read_features(
     Raises
     ------
     InputError
-        Missing, empty, damaged, or without any geometry.
+        Missing, empty, damaged, without any geometry, or with several layers where none is named.
     """
     file = existing_file(path, what)
     check_vector_file(file, what)
     try:
         with _gdal() as gdal, warnings_logged():
+            if layer is None:
+                _refuse_several_layers(gdal, file, what)
             _refuse_too_many(gdal, file, layer, what)
             meta, _, geometry, columns = gdal.raw.read(file.absolute(), layer=layer)
     except InputError:
@@ -145,6 +150,18 @@ def layer_names(path: str | Path, *, what: str = "the vector file") -> list[str]
         raise InputError(
             f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
         ) from error
+
+
+def _refuse_several_layers(gdal: Any, file: Path, what: str) -> None:
+    """Refuse a GeoPackage or KML file with several layers of geometries; any of them could be meant."""
+    if file.suffix.lower() not in _LAYERED:
+        return
+    layers = [name for name, kind in gdal.list_layers(file.absolute()) if kind is not None]
+    if len(layers) > 1:
+        shown = ", ".join(printable(str(name)) for name in layers[:5])
+        raise InputError(
+            f"{what} {file} has {len(layers)} layers ({shown}); save the one that is meant as a file of its own."
+        )
 
 
 def _refuse_too_many(gdal: Any, file: Path, layer: str | int | None, what: str) -> None:

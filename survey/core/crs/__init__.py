@@ -7,11 +7,11 @@ are asked for. ``FIRNLINE_PROJ_NETWORK=ON`` in the environment allows it.
 
 import os
 
-import pyproj.network
+from pyproj.network import set_network_enabled
 
 NETWORK_VARIABLE = "FIRNLINE_PROJ_NETWORK"
 """Environment variable that allows PROJ to download grids when it is ``ON``."""
 
 if os.environ.get(NETWORK_VARIABLE) != "ON":
     os.environ["PROJ_NETWORK"] = "OFF"  # for the copies of PROJ within GDAL's bindings
-    pyproj.network.set_network_enabled(False)
+    set_network_enabled(False)

@@ -45,6 +45,10 @@ def vertical_datum_of(crs: Any) -> str:
             raise InputError(
                 f"the heights count in {vertical.name}, whose unit is the {unit}; metres are needed, convert them first."
             )
+        if vertical.axis_info and vertical.axis_info[0].direction.lower() == "down":
+            raise InputError(
+                f"the CRS counts {vertical.name} downwards; elevations upwards are needed, change the sign and the CRS first."
+            )
         return str(vertical.name)
     return ELLIPSOIDAL if len(full.axis_info) > 2 else UNSTATED
 

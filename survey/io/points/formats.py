@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from survey.core.errors import InputError
+from survey.io.point_columns import PLACE
 from survey.io.points.ply import read_ply, write_ply
 from survey.io.points.table import PointTable
 from survey.io.points.vector import read_csv, read_vector, write_csv, write_vector
+from survey.io.raster.values import MARKS, MARKS_IN_METRES
 
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
 _LARGEST = 1e15
@@ -32,7 +34,7 @@ def read_point_table(path: str | Path) -> PointTable:
     ------
     InputError
         Another ending; a file that is missing, empty or damaged; a column that is missing
-        or holds something that is no number.
+        or holds something that is no number or stands for a missing one.
     """
     table = _format(path).read(Path(path))
     for name, column in table.columns.items():
@@ -40,7 +42,19 @@ def read_point_table(path: str | Path) -> PointTable:
             raise InputError(
                 f"the point file {path} holds {np.abs(column).max():.3g} in {name}; it is damaged, get it again."
             )
+    _refuse_marks(table, path)
     return table
+
+
+def _refuse_marks(table: PointTable, path: str | Path) -> None:
+    """Refuse numbers that stand for a missing one in a column of heights or of sampled values."""
+    for name, column in table.columns.items():
+        marks = () if name in PLACE[:2] else MARKS + (MARKS_IN_METRES if name == PLACE[2] else ())
+        found = next((mark for mark in marks if (column == mark).any()), None)
+        if found is not None:
+            raise InputError(
+                f"the point file {path} holds {found:g} in {name}, which stands for a missing number; remove those rows."
+            )
 
 
 def write_point_table(path: str | Path, table: PointTable) -> None:

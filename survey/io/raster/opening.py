@@ -13,7 +13,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import DamagedError, first_line, warnings_logged
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
 from survey.io.raster.hdf5 import refuse_unreadable
-from survey.io.raster.values import band_scale, refuse_picture
+from survey.io.raster.values import band_scale, refuse_depths, refuse_picture
 
 LARGEST_CELLS = 40_000_000
 """Largest raster or window that is read at once: 0.32 GB as float64, some 2.2 GB while a survey is planned on it."""
@@ -65,15 +65,17 @@ def _dataset(file: Path, band: int) -> Any:
     import rasterio
 
     driver = RASTER_DRIVERS[file.suffix.lower()]
+    # GDAL would put 0 in the place of numbers beyond the valid range where no nodata is declared.
+    options = {"HONOUR_VALID_RANGE": "NO"} if driver == "netCDF" else {}
     path = str(file.absolute())  # a relative name could be taken for an address
-    whole = rasterio.open(path, driver=driver)
+    whole = rasterio.open(path, driver=driver, **options)
     if driver != "netCDF" or not whole.subdatasets:
         return whole
     parts: list[str] = whole.subdatasets
     whole.close()
     if not 1 <= band <= len(parts):
         raise InputError(f"{file} has {len(parts)} variables; number {band} was asked for.")
-    return rasterio.open(parts[band - 1], driver=driver)
+    return rasterio.open(parts[band - 1], driver=driver, **options)
 
 
 def checked_band(source: Any, file: Path, band: int) -> int:
@@ -85,6 +87,7 @@ def checked_band(source: Any, file: Path, band: int) -> int:
         raise InputError(f"{file} holds complex numbers; elevations in metres were expected.")
     refuse_picture(source, number)
     band_scale(source, number)
+    refuse_depths(source, number)
     _refuse_other_axes(source, file)
     _refuse_large_blocks(source, file, number)
     return number

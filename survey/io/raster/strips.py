@@ -13,7 +13,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.core.errors import CapacityError, InputError
 from survey.io.raster.deflate_blocks import refuse_damaged_blocks
 from survey.io.raster.opening import LARGEST_CELLS, checked_band, opened_dataset
-from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked
+from survey.io.raster.values import band_scale, refuse_picture, refuse_unmarked, valid_range
 
 _STRIP_CELLS = 4_000_000
 
@@ -108,5 +108,8 @@ def read_window(source: Any, band: int, window: Any) -> FloatArray:
     strip = source.read(band, window=window, masked=True, out_dtype=np.float64)
     stored: FloatArray = strip.filled(np.nan)
     stored[~np.isfinite(stored)] = np.nan
-    refuse_unmarked(stored, source.name)
-    return band_scale(source, band).applied(stored)
+    low, high = valid_range(source, band)
+    stored[(stored < low) | (stored > high)] = np.nan
+    scale = band_scale(source, band)
+    refuse_unmarked(stored, source.name, source.dtypes[band - 1], in_metres=scale == (1.0, 0.0))
+    return scale.applied(stored)

@@ -67,8 +67,11 @@ _PICTURES = frozenset(
         "Cr",
     ]
 )
-# Values by which rasters mark unknown cells, here where they are not declared as nodata; and what no band holds.
-_MARKS = (-9999.0, -32767.0, -32768.0, -99999.0)
+MARKS = (-9999.0, -32767.0, -32768.0, -99999.0)
+"""Numbers that stand for an unknown one, whether or not they are declared as nodata."""
+MARKS_IN_METRES = (9999.0, 32767.0, 65535.0, 99999.0)
+"""Heights in metres that stand for an unknown one too: no ground on Earth is as high."""
+# What no band holds.
 _LARGEST = 1e15
 
 
@@ -130,6 +133,58 @@ def band_scale(source: Any, band: int) -> BandScale:
     return BandScale(scale * metres, offset * metres)
 
 
+def valid_range(source: Any, band: int) -> tuple[float, float]:
+    """Return the least and the greatest stored number that mean a known cell, as NetCDF states them.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster.
+    band : int
+        Counted from 1.
+
+    Returns
+    -------
+    float, float
+        ``valid_range``, or ``valid_min`` and ``valid_max``; infinite where nothing is stated.
+
+    Raises
+    ------
+    InputError
+        What is stated is no number.
+    """
+    tags = source.tags(band)
+    both = tags.get("valid_range", "").strip("{} ").split(",") if tags.get("valid_range") else []
+    low, high = both if len(both) == 2 else (tags.get("valid_min", "-inf"), tags.get("valid_max", "inf"))
+    try:
+        return float(low), float(high)
+    except ValueError as error:
+        raise InputError(
+            f"band {band} of {source.name} states the valid range {low[:20]!r} to {high[:20]!r}; numbers were expected, correct it."
+        ) from error
+
+
+def refuse_depths(source: Any, band: int) -> None:
+    """Refuse a band that counts downwards.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+        An open raster.
+    band : int
+        Counted from 1.
+
+    Raises
+    ------
+    InputError
+        The band states ``positive = down``.
+    """
+    if source.tags(band).get("positive", "").strip().lower() == "down":
+        raise InputError(
+            f"band {band} of {source.name} counts downwards (positive = down); elevations upwards are needed, change the sign first."
+        )
+
+
 def refuse_picture(source: Any, band: int) -> None:
     """Refuse a band of a picture or a mask of single bits: it is no elevation.
 
@@ -160,7 +215,7 @@ def refuse_picture(source: Any, band: int) -> None:
         )
 
 
-def refuse_unmarked(stored: FloatArray, name: str) -> None:
+def refuse_unmarked(stored: FloatArray, name: str, dtype: str = "float64", *, in_metres: bool = True) -> None:
     """Refuse stored numbers (h, w) that mean an unknown cell without being declared as nodata.
 
     Parameters
@@ -169,21 +224,35 @@ def refuse_unmarked(stored: FloatArray, name: str) -> None:
         Numbers as the file stores them, NaN for nodata.
     name : str
         Name of the file, for the message.
+    dtype : str
+        Data type of the file's band. The least and the greatest number of a wide integer mean an unknown cell.
+    in_metres : bool
+        Whether the numbers are metres as they are stored.
 
     Raises
     ------
     InputError
-        A number such as -9999, -32768 or -3.4e38 is among them.
+        A number such as -9999, -32768, 65535 or -3.4e38 is among them.
     """
     known = stored[np.isfinite(stored)]
     if len(known) == 0:
         return
     lowest, highest = float(known.min()), float(known.max())
     largest = max(-lowest, highest)
-    found = next((mark for mark in _MARKS if lowest <= mark and (known == mark).any()), None)
+    marks = (*MARKS, *_extremes(dtype), *(MARKS_IN_METRES if in_metres else ()))
+    found = next((mark for mark in marks if lowest <= mark <= highest and (known == mark).any()), None)
     if found is None and largest < _LARGEST:
         return
     value = found if found is not None else (lowest if -lowest == largest else highest)
     raise InputError(
         f"{name} holds the number {value:g}, which is no elevation and not declared as nodata; declare it (gdal_edit.py -a_nodata {value:g})."
     )
+
+
+def _extremes(dtype: str) -> tuple[float, ...]:
+    """Return the numbers at the ends of an integer type of more than 8 bits; 0 is an elevation."""
+    kind = np.dtype(dtype)
+    if kind.kind not in "iu" or kind.itemsize == 1:
+        return ()
+    limits = np.iinfo(kind)
+    return tuple(float(value) for value in (limits.min, limits.max) if value)

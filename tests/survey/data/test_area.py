@@ -97,3 +97,23 @@ def test_the_area_on_the_ground_leaves_no_go_zones_out():
     half = SurveyArea(area.polygon, area.crs, no_go=(shapely.box(0.0, 8.5e6, 500.0, 8.501e6),))
     assert area.ground_area_m2 == pytest.approx(1e6 / 4.05, rel=0.02)
     assert half.ground_area_m2 == pytest.approx(0.5 * area.ground_area_m2, rel=1e-6)
+
+
+def test_several_layers_are_refused_unless_one_is_named(tmp_path):
+    import pyogrio
+
+    for name, west in (("mine", 0.0), ("other", 900.0)):
+        shape = shapely.to_wkb(np.array([shapely.box(west, 0.0, west + 100.0, 100.0)], dtype=object))
+        pyogrio.raw.write(
+            tmp_path / "a.gpkg",
+            shape,
+            field_data=[],
+            fields=[],
+            geometry_type="Polygon",
+            crs=CRS,
+            layer=name,
+            append=name == "other",
+        )
+    with pytest.raises(InputError, match=r"has 2 layers \(mine, other\)"):
+        SurveyArea.read(tmp_path / "a.gpkg")
+    assert SurveyArea.read(tmp_path / "a.gpkg", layer="other").bounds[0] == 900.0

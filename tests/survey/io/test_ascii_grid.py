@@ -61,3 +61,16 @@ def test_what_is_no_number_or_lacks_is_named(rows: str, words: str, tmp_path: Pa
 def test_a_wrong_header_is_named(header: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
         heights(grid(tmp_path, "1 2 3\n4 5 6\n", header))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (HEADER + "1 2 nan\n4 5 6\n", "line 7: it holds nan or inf"),
+        (HEADER.replace("xllcorner", "xllcenter") + "1 2 3\n4 5 6\n", "xllcenter, yllcorner; xllcorner and"),
+        (HEADER.replace("yllcorner 0\n", "") + "1 2 3\n4 5 6\n", "xllcorner and yllcorner"),
+    ],
+)
+def test_what_gdal_would_read_as_zero_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        heights(grid(tmp_path, "", text))

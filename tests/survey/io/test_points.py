@@ -111,3 +111,15 @@ def test_more_points_than_fit_the_memory_are_refused(tmp_path: Path, monkeypatch
         points.write(tmp_path / f"a.{ending}")
         with pytest.raises(CapacityError, match="3 points; 2 can be read"):
             read_point_table(tmp_path / f"a.{ending}")
+
+
+@pytest.mark.parametrize("mark", [-9999, -32768, 9999, 65535])
+def test_a_height_that_stands_for_a_missing_one_is_refused(tmp_path: Path, mark: float) -> None:
+    (tmp_path / "p.csv").write_text(f"x_m,y_m,z_m,sigma_z_m\n1,2,3,0.1\n4,5,{mark},0.1\n7,8,9,0.1\n")
+    with pytest.raises(InputError, match=f"holds {mark} in z_m, which stands for a missing number"):
+        SurfacePoints.read(tmp_path / "p.csv", crs=CRS)
+
+
+def test_a_place_may_have_a_number_that_is_no_height(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("x_m,y_m,z_m,sigma_z_m\n9999,-9999,3,0.1\n4,5,6,0.1\n7,8,9,0.1\n")
+    assert len(SurfacePoints.read(tmp_path / "p.csv", crs=CRS)) == 3
