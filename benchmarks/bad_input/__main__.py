@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.bad_input.case import Case
+from benchmarks.bad_input.odd_files import odd_cases
 from benchmarks.bad_input.places import place_cases
 from benchmarks.bad_input.rasters import raster_cases
 from benchmarks.bad_input.settings import setting_cases
@@ -165,7 +166,8 @@ def main() -> None:
 
 def all_cases() -> list[Case]:
     """Return all cases; their names are unique."""
-    cases = raster_cases() + vector_cases() + table_cases() + setting_cases() + place_cases()
+    kinds = (raster_cases, vector_cases, table_cases, setting_cases, place_cases, odd_cases)
+    cases = [case for cases_of in kinds for case in cases_of()]
     names = Counter(case.name for case in cases)
     assert max(names.values()) == 1, [name for name, n in names.items() if n > 1]
     return cases

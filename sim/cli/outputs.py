@@ -32,9 +32,10 @@ def refuse_existing(
     InputError
         One sentence that names the output and what to do.
     """
+    from survey.core.files.links import resolved
     from survey.core.files.replacing import refuse_unwritable
 
-    given = [Path(path).resolve() for path in inputs if path is not None]
+    given = [resolved(path) for path in inputs if path is not None]
     for output in outputs:
         _refuse_input(output, given)
         refuse_unwritable(output, is_folder=bool(own))
@@ -85,8 +86,9 @@ def companions_of_output(output: Path) -> list[Path]:
 
 def _refuse_input(output: Path, inputs: Iterable[Path]) -> None:
     from survey.core.errors import InputError
+    from survey.core.files.links import resolved
 
-    place = output.resolve()
+    place = resolved(output)
     for path in inputs:
         if path == place or place in path.parents:
             raise InputError(

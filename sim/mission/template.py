@@ -11,6 +11,7 @@ from tomlkit.items import Table
 from planners import LawnmowerConfig
 from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.terrain import DemTerrain, RandomTerrain
+from survey.core.files.links import resolved
 
 
 def mission_template(name: str, dem: Path | None = None, *, clip_to_terrain: bool = False) -> str:
@@ -20,7 +21,7 @@ def mission_template(name: str, dem: Path | None = None, *, clip_to_terrain: boo
     """
     safe = re.sub(r"[^A-Za-z0-9_.-]", "-", name).lstrip("-_.") or "mission"
     terrain = (
-        RandomTerrain(source="random") if dem is None else DemTerrain(source="dem", file=str(dem.resolve()))
+        RandomTerrain(source="random") if dem is None else DemTerrain(source="dem", file=str(resolved(dem)))
     )
     mission = MissionConfig(
         schema_version=1,

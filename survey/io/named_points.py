@@ -12,7 +12,7 @@ from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.io.point_columns import PLACE, in_own_columns
-from survey.io.points.formats import read_point_table
+from survey.io.points.formats import read_point_table, refuse_marks
 from survey.io.points.table import PointTable
 from survey.io.tables import read_table
 from survey.io.vector import read_features
@@ -51,6 +51,7 @@ def read_named_points(path: str | Path, what: str) -> NamedPoints:
     suffix = file.suffix.lower()
     if suffix == ".csv":
         table = PointTable(*in_own_columns(read_table(file, (), what=what, texts=(_NAME,)), f"{what} {file}"))
+        refuse_marks(table, file)
         names = _csv_names(file)
     elif suffix == ".gpx":
         table, names = _gpx(file, what)

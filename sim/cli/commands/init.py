@@ -29,11 +29,12 @@ def init(
 
     from sim.cli.outputs import refuse_existing
     from sim.mission.template import mission_template
+    from survey.core.files.links import resolved
     from survey.core.files.writing import replacing
     from survey.data.dem import Dem
 
     refuse_existing([path], force=force, inputs=[dem])
     has_voids = dem is not None and not np.isfinite(Dem.read(dem).elevation).all()
-    with replacing(path.resolve()) as draft:
+    with replacing(resolved(path)) as draft:
         draft.write_text(mission_template(path.stem, dem, clip_to_terrain=has_voids), encoding="utf-8")
     typer.echo(f"{path} written; edit it, then run: firnline run {path}")

@@ -7,7 +7,7 @@ are asked for. ``FIRNLINE_PROJ_NETWORK=ON`` in the environment allows it.
 
 import os
 
-from pyproj.network import set_network_enabled
+from pyproj.network import set_network_enabled  # type: ignore[attr-defined]  # pyproj lists no exports
 
 NETWORK_VARIABLE = "FIRNLINE_PROJ_NETWORK"
 """Environment variable that allows PROJ to download grids when it is ``ON``."""

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from survey.core.errors import InputError
 from survey.core.files.exchange import exchange
+from survey.core.files.links import resolved
 from survey.core.files.writing import synced, write_refusal
 
 
@@ -56,7 +57,7 @@ def replacing_folder(path: str | Path, *, own: Collection[str]) -> Iterator[Path
     >>> [file.name for file in out.iterdir()]
     ['a.txt']
     """
-    target = Path(path).resolve()
+    target = resolved(path)
     refuse_foreign(target, own)
     draft = target.with_name(f".{target.name}.draft")
     lock = _locked_draft(draft, target)
@@ -83,7 +84,7 @@ def refuse_foreign(folder: Path, own: Collection[str]) -> None:
     InputError
         `folder` is a file, contains the current folder, or holds a file that matches no pattern.
     """
-    place = folder.resolve()
+    place = resolved(folder)
     if place == Path.cwd() or place in Path.cwd().parents:
         raise InputError(f"{folder} contains the current folder and cannot be replaced; name a folder in it.")
     if place.exists() and not place.is_dir():
@@ -155,7 +156,7 @@ def refuse_unwritable(path: Path, *, is_folder: bool) -> None:
     InputError
         A parent is a file, the folder of a file is missing, or it may not be written to.
     """
-    parent = path.resolve().parent
+    parent = resolved(path).parent
     while is_folder and not os.path.lexists(parent):
         parent = parent.parent
     if not parent.is_dir():

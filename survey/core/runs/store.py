@@ -21,6 +21,7 @@ from typing import Any
 
 from survey.core.errors import InputError
 from survey.core.files.exchange import exchange
+from survey.core.files.links import resolved
 from survey.core.files.writing import replacing, synced, write_refusal
 from survey.core.runs.manifest import file_sha256, read_manifest, write_manifest
 
@@ -142,7 +143,7 @@ class RunFolder:
         """
         for candidate in (path, path / "latest"):
             if (candidate / "manifest.json").is_file():
-                return cls(candidate.resolve())
+                return cls(resolved(candidate))
         raise InputError(
             f"{path} is no run folder (it holds no manifest.json); name a folder that `firnline run` made."
         )

@@ -42,12 +42,25 @@ def read_point_table(path: str | Path) -> PointTable:
             raise InputError(
                 f"the point file {path} holds {np.abs(column).max():.3g} in {name}; it is damaged, get it again."
             )
-    _refuse_marks(table, path)
+    refuse_marks(table, path)
     return table
 
 
-def _refuse_marks(table: PointTable, path: str | Path) -> None:
-    """Refuse numbers that stand for a missing one in a column of heights or of sampled values."""
+def refuse_marks(table: PointTable, path: str | Path) -> None:
+    """Refuse numbers that stand for a missing one in a column of heights or of sampled values.
+
+    Parameters
+    ----------
+    table : PointTable
+        The points.
+    path : str or pathlib.Path
+        Their file, for the message.
+
+    Raises
+    ------
+    InputError
+        A number such as -9999 or -32768, or a height of 9999 m.
+    """
     for name, column in table.columns.items():
         marks = () if name in PLACE[:2] else MARKS + (MARKS_IN_METRES if name == PLACE[2] else ())
         found = next((mark for mark in marks if (column == mark).any()), None)

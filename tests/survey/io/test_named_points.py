@@ -42,3 +42,9 @@ def test_control_characters_in_names_do_not_reach_the_message(tmp_path: Path) ->
     with pytest.raises(InputError) as refusal:
         read_named_points(marks(tmp_path, "\x1b[2J", "\x1b[2J"), "the marks")
     assert "\x1b" not in str(refusal.value)
+
+
+def test_a_checkpoint_without_a_height_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "c.csv").write_text("name,x_m,y_m,z_m\na,1,2,3\nb,4,5,-9999\n")
+    with pytest.raises(InputError, match="holds -9999 in z_m"):
+        read_named_points(tmp_path / "c.csv", "the checkpoints")
