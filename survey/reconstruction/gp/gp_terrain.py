@@ -22,12 +22,12 @@ from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.reconstruction.gp.calibration import SigmaCalibration
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.engines.base import Process
-from survey.reconstruction.gp.engines.map_watch import MapWatch
 from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.learned import Learned
 from survey.reconstruction.gp.mean import ConstantMean, DemMean, Mean
 from survey.reconstruction.gp.model_file import TerrainState, read_model, write_model
 from survey.reconstruction.gp.process import EngineName, conditioned
+from survey.reconstruction.gp.progress.map_watch import MapWatch
 from survey.reconstruction.gp.satellite import with_prior_error
 from survey.reconstruction.gp.selection.families import likeliest
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, stated_family

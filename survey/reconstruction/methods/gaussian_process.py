@@ -30,8 +30,8 @@ def check_length_scale(settings: ScanSettings) -> None:
 
 def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
     from survey.reconstruction.gp.claimed_error import with_claim
-    from survey.reconstruction.gp.engines.map_watch import MapWatch
     from survey.reconstruction.gp.gp_terrain import GaussianProcessTerrain
+    from survey.reconstruction.gp.progress.map_watch import MapWatch
 
     config, prior, facts = _with_estimated_prior(task)
     watch = MapWatch(task.grid, task.progress)

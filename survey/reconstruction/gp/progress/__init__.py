@@ -1,0 +1,1 @@
+"""Progress of Gaussian-process maps, and their expected time."""
