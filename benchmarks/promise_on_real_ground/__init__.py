@@ -1,0 +1,1 @@
+"""Benchmark of promises on windows of real ground, of stopped surveys, of monotony and of complete glaciers."""
