@@ -39,8 +39,9 @@ from benchmarks.report import Row, main
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import survey_adaptively
 from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.belief.kernel_posterior import posterior_from_prior
+from planners.guarantee.belief.prior_blocks import PriorBlocks
 from planners.guarantee.guarantee import guarantee
-from planners.guarantee.kernel_posterior import posterior_from_prior
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import places
 from planners.swaths.heading import across_marked_grain
@@ -52,7 +53,6 @@ from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.common_maps import mapped
 from survey.reconstruction.gp.selection.kernel_search import KernelSearch
 from survey.terrain import satellite_copy
-from survey.terrain.conditional import CoarseCells
 
 JUDGED_SEED = 27_182
 REAL = ("real", "real, turned")
@@ -209,7 +209,7 @@ def outcome(task: Task) -> Outcome:
 
 
 def _adaptive(site: Site, task: Task) -> Outcome:
-    belief = posterior_from_prior(CoarseCells(site.prior, 1.0), noise_m=task.noise_m)
+    belief = posterior_from_prior(PriorBlocks.of(site.area, site.prior), noise_m=task.noise_m)
     measured: list[FloatArray] = []
 
     def drive(xy: FloatArray) -> FloatArray:

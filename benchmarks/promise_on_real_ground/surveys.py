@@ -137,9 +137,7 @@ def _adaptive(site: Site, task: Task) -> Outcome:
     if made.route is None:
         return Outcome(False, made.predicted.rmse_m, np.inf, np.inf, 0)
     error_m = map_error_m(site, made.samples, np.concatenate(heights), task.noise_m)
-    return Outcome(
-        made.holds, made.predicted.rmse_m, error_m, made.route.length_m, len(made.route.swaths)
-    )
+    return Outcome(made.holds, made.predicted.rmse_m, error_m, made.route.length_m, len(made.route.swaths))
 
 
 def measured(site: Site, task: Task, xy: FloatArray, *names: str | int) -> FloatArray:

@@ -148,7 +148,7 @@ def _real_prior(landscape: Landscape, bounds: tuple[float, float, float, float])
     """Return the real coarse product about a window, on square cells; 0 is no data in one of the products."""
     with rasterio.open(FOLDER / landscape.coarse) as file:
         cell_m, values = round(file.res[0]), file.read(1).astype(np.float64)
-        xmin, ymin, xmax, ymax = bounds
+        xmin, _, xmax, ymax = bounds
         n = int(np.ceil((xmax - xmin) / cell_m)) + 2
         transform = Affine(cell_m, 0.0, xmin - cell_m, 0.0, -cell_m, ymax + cell_m)
         heights = np.full((n, n), np.nan)

@@ -3,7 +3,8 @@ r"""Adaptive survey: planned swath by swath while it is driven, until the guaran
 The first swaths are spaced by the prior. Then family, length scale and noise are fitted to the samples taken so
 far, and the fewest further swaths are sought that are predicted to meet the requirement: every gap between driven
 swaths is cut into equal parts, none wider than a spacing D, and D is reduced until the probability is sufficient.
-The nearest of these swaths is driven next; then all is planned again.
+The nearest of these swaths is driven next; then all is planned again. The survey may be looked at after each swath: what
+is asked of the probability at a look is more than what is promised (`planners.guarantee.spending`).
 """
 
 from dataclasses import dataclass
@@ -11,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.ground_metres import settings_factor
-from planners.guarantee.adaptive_state import MOST_SWATHS, AdaptiveConfig, AdaptiveState, MeasureHeights
-from planners.guarantee.kernel_posterior import KernelPosterior, posterior_from_survey
+from planners.guarantee.adaptive_state import SURVEY_SPREAD, AdaptiveConfig, AdaptiveState, MeasureHeights
+from planners.guarantee.belief.kernel_posterior import KernelPosterior, posterior_from_survey
 from planners.guarantee.prediction import MapPrediction
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -63,17 +64,18 @@ def survey_adaptively(
     """
     state = AdaptiveState(area, posterior, config.in_grid_metres(settings_factor(area)))
     lines = state.further(config.first_probability)
-    while lines is not None:
+    is_met = False
+    while lines is not None and not is_met:
+        is_look = state.is_look
         state.drive(state.nearest(lines), measure)
         if len(state.offsets) >= config.n_first:
             state.learn()
-            if state.predicted.probability >= config.probability:
-                break
-            lines = state.further(config.probability)
+            is_met = is_look and state.look()
+            lines = lines if is_met else state.further(state.asked)
         else:
             lines = state.further(config.first_probability)
     route = Route(tuple(state.legs), area.crs, "adaptive") if state.legs else None
-    return AdaptiveSurvey(route, state.samples, state.posterior, state.predicted, lines is not None)
+    return AdaptiveSurvey(route, state.samples, state.posterior, state.predicted, is_met)
 
 
 def first_swaths(area: SurveyArea, posterior: KernelPosterior, config: AdaptiveConfig) -> Route:
@@ -103,7 +105,7 @@ def first_swaths(area: SurveyArea, posterior: KernelPosterior, config: AdaptiveC
         lines = state.further(config.first_probability)
         if lines is None:
             raise InputError(
-                f"no survey of up to {MOST_SWATHS} swaths is predicted to reach {config.limit_m:g} m here; the densest errs "
+                f"no survey of up to {state.most} swaths is predicted to reach {config.limit_m:g} m here; the densest errs "
                 f"{state.predicted.rmse_m:.2f} m, ask for a larger error."
             )
         state.drive(state.nearest(lines), _unmeasured)
@@ -139,16 +141,22 @@ def next_swath(
     """
     config = config.in_grid_metres(settings_factor(area))
     posterior = posterior_from_survey(
-        xy, heights, noise_m=config.noise_m, localization_m=config.localization_m
+        xy,
+        heights,
+        noise_m=config.noise_m,
+        localization_m=config.localization_m,
+        spread=SURVEY_SPREAD,
     )
     state = AdaptiveState(area, posterior, config)
     state.legs, state.samples, state.heights = list(driven.legs), xy, heights
     left, edge = state.lines.left, float(state.lines.v.min())
     state.offsets = [float(leg.axis.mean(axis=0) @ left) - edge for leg in driven.swaths]
     state.predicted = state.predictor.of(xy, posterior)
-    if state.predicted.probability >= config.probability:
+    # Each call is a look.
+    state.n_looks = max(len(state.offsets) - config.n_first, 0)
+    if state.look():
         return AdaptiveSurvey(None, xy, posterior, state.predicted, True)
-    lines = state.further(config.probability)
+    lines = state.further(state.asked)
     if lines is None:
         return AdaptiveSurvey(None, xy, posterior, state.predicted, False)
     state.drive(state.nearest(lines), _unmeasured)

@@ -1,17 +1,19 @@
 """State of an adaptive survey while it is driven."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import WavyConfig
+from planners.guarantee.belief.kernel_posterior import KernelPosterior, posterior_from_survey
 from planners.guarantee.gaps import gaps_filled
-from planners.guarantee.kernel_posterior import KernelPosterior, posterior_from_survey
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.search import fewest
+from planners.guarantee.spending import asked_at
 from planners.guarantee.survey_lines import SurveyLines
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -22,9 +24,14 @@ MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""
 
 MOST_SWATHS = 30
-# A survey is given up after no fewer swaths, unless the densest one has less than this probability.
+SURVEY_SPREAD = 0.05
+"""Standard deviation of the logarithm of actual over predicted error, with the covariance fitted to a survey."""
+# A survey is given up where the densest one has less than this probability: first by the prior, then by so many swaths.
+_HOPELESS = 1e-3
+_HOPE = 0.1
 _LEAST_SEEN = 6
-_HOPE = 0.05
+# A swath is followed by a look where the plan has no more swaths than this left before it.
+_LOOKED_AT = 2
 
 
 @dataclass(frozen=True)
@@ -50,11 +57,34 @@ class AdaptiveConfig(ErrorLimit):
         Heading of the swaths, counter-clockwise from east [deg]; across the narrowest width when left out. The
         prediction assumes terrain that varies alike in all directions: let swaths run across a marked grain
         (`planners.swaths.heading.across_marked_grain`), not along it.
+    shared_m : float
+        Standard deviation of an error of height that all samples share, as of the path [m].
+    max_swaths : int, optional
+        Most swaths to drive; by default as many as are two samples apart, 30 or more.
     """
 
     n_first: int = 2
     first_probability: float = 0.8
     heading_deg: float | None = None
+
+    @classmethod
+    def of(cls, requirement: ErrorLimit, heading_deg: float | None = None) -> Self:
+        """Take limit, probability and errors of the samples from a requirement.
+
+        Parameters
+        ----------
+        requirement : ErrorLimit
+            What the map has to meet.
+        heading_deg : float, optional
+            Heading of the swaths [deg].
+
+        Returns
+        -------
+        AdaptiveConfig
+            With the same errors of the samples.
+        """
+        names = [one.name for one in fields(ErrorLimit)]
+        return cls(**{name: getattr(requirement, name) for name in names}, heading_deg=heading_deg)
 
 
 def nearest_line(lines: Sequence[tuple[float, float]], offset_m: float) -> tuple[float, float]:
@@ -68,9 +98,14 @@ class AdaptiveState:
     def __init__(self, area: SurveyArea, posterior: KernelPosterior, config: AdaptiveConfig) -> None:
         self.config, self.posterior = config, posterior
         self.lines = SurveyLines(area, config.heading_deg)
-        self.predictor = LimitPredictor(area, config.limit_m, config.sample_step_m, FITTED_KERNEL_INFLATION)
+        self.predictor = LimitPredictor(
+            area, config.limit_m, config.sample_step_m, FITTED_KERNEL_INFLATION, config.shared_m
+        )
+        self.most = config.max_swaths or max(
+            MOST_SWATHS, int(self.lines.width_m / (2.0 * config.sample_step_m))
+        )
         self.offsets: list[float] = []
-        self.n_further = 0
+        self.n_further = self.n_looks = 0
         self.legs: list[Leg] = []
         self.samples, self.heights = np.empty((0, 2)), np.empty(0)
         self.predicted = MapPrediction(0.0, float(np.sqrt(posterior.likeliest.variance_m2)))
@@ -98,13 +133,29 @@ class AdaptiveState:
         scales = WavyConfig(swaths=1).wavelength_scales
         return scales * self.posterior.slope_length_m
 
-    def further(self, probability: float) -> list[tuple[float, float]] | None:
-        """Return the fewest further lines that are predicted to be enough; None where none are.
+    @property
+    def asked(self) -> float:
+        """Probability that is asked for at the look to come."""
+        return asked_at(self.config.probability, self.n_looks + 1)
 
-        A prior, or one or two swaths, may make the terrain look rougher than it is: while the probability is not
-        negligible, some swaths are laid over the complete area before the survey is given up.
+    @property
+    def is_look(self) -> bool:
+        """Whether the next swath is followed by a look: settled before it is driven, once the plan is nearly done."""
+        return self.n_further <= _LOOKED_AT
+
+    def look(self) -> bool:
+        """Return whether the map of what was driven meets the limit with the probability that this look asks for."""
+        is_met = self.predicted.probability >= self.asked
+        self.n_looks += 1
+        return is_met
+
+    def further(self, probability: float) -> list[tuple[float, float]] | None:
+        """Return the fewest further lines that are predicted to be enough; None where the densest survey has no hope.
+
+        A prior, or a few swaths, may make the terrain look rougher than it is: while the probability is not
+        negligible, the swaths are doubled, and looked at again.
         """
-        most = MOST_SWATHS - len(self.offsets)
+        most = self.most - len(self.offsets)
         if most < 1:
             return None
 
@@ -115,9 +166,9 @@ class AdaptiveState:
         # The swath just driven has made the last plan one shorter, more or less: begin there.
         found = fewest(is_enough, first=self.n_further - 1, most=most)
         if found is None:
-            found = _LEAST_SEEN - len(self.offsets)
-            if found < 1 or self.predicted.probability < _HOPE:
+            if self.predicted.probability < (_HOPE if len(self.offsets) >= _LEAST_SEEN else _HOPELESS):
                 return None
+            found = min(max(_LEAST_SEEN - len(self.offsets), len(self.offsets)), most)
         self.n_further = found
         return self._filled(found)
 
@@ -168,6 +219,7 @@ class AdaptiveState:
             self.heights,
             noise_m=config.noise_m,
             localization_m=config.localization_m,
+            spread=SURVEY_SPREAD,
         )
         self.predicted = self.predictor.of(self.samples, self.posterior)
 

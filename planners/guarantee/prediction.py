@@ -5,28 +5,29 @@ squared normal numbers. Its mean and variance follow from the posterior covarian
 
 .. math::  E = \frac{1}{M} \mathrm{tr}\, C, \qquad V = \frac{2}{M^2} \mathrm{tr}\, C^2
 
-and the probability that it stays below the squared limit is that of the gamma distribution with the same two
-moments (Satterthwaite 1946).
+which make a gamma distribution (`planners.guarantee.error_distribution`). An error that all samples share adds its
+variance to E. Where there are more samples than can be factorized at once, the map is judged in patches, each from the
+samples nearest to it.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
-from scipy.special import gammainc, gammaln
+from scipy.spatial import cKDTree
 
-from planners.capacity import MOST_SAMPLES, require_samples
-from planners.guarantee.correlogram import Correlogram
-from planners.guarantee.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.guarantee.belief.correlogram import Correlogram
+from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.guarantee.error_distribution import ErrorDistribution, Moments
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.reconstruction.gp.selection.cells import Cell
 
-_N_NODES = 300
+_N_NODES = 200
 
 
 # The first nodes give the covariance of errors at different nodes.
@@ -48,6 +49,16 @@ _AVERAGED = 0.2
 
 # Noise beside the variance of the terrain, below which rounding makes covariances indefinite.
 _LEAST_RATIO = 4e-9
+
+
+# More samples are read in so many patches, of so many samples and places each.
+_MOST_AT_ONCE = 2000
+_N_PATCHES = 12
+_PATCH_SAMPLES = 250
+_PATCH_SHARE = 0.4
+_PATCH_NODES = np.sqrt((np.arange(24) + 0.5) / 24.0)[:, None] * np.column_stack(
+    [np.cos(2.4 * np.arange(24)), np.sin(2.4 * np.arange(24))]
+)
 
 
 class MapPrediction(NamedTuple):
@@ -79,12 +90,15 @@ class LimitPredictor:
         Distance between samples [m].
     inflation : float
         Factor on predicted errors for covariances that are fitted.
+    shared_m : float
+        Standard deviation of an error of height that all samples share [m].
     """
 
     area: SurveyArea
     limit_m: float
     step_m: float
     inflation: float = 1.0
+    shared_m: float = 0.0
 
     @cached_property
     def nodes(self) -> FloatArray:
@@ -118,47 +132,79 @@ class LimitPredictor:
         -------
         MapPrediction
             Weighted over the covariances.
-
-        Raises
-        ------
-        CapacityError
-            More samples than a matrix can be factorized for.
         """
-        if len(xy) > MOST_SAMPLES:
-            length_m = len(xy) * self.step_m
-            require_samples(length_m, self.step_m, MOST_SAMPLES)
+        distribution = self.distribution(xy, posterior).with_shared(self.shared_m)
+        return MapPrediction(distribution.probability(self.limit_m), distribution.rmse_m)
+
+    def distribution(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
+        """Predict the distribution of the map's error, from samples at places (N, 2) [m].
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the samples [m].
+        posterior : KernelPosterior
+            Covariances that the terrain may have.
+
+        Returns
+        -------
+        ErrorDistribution
+            Of the error over the area, without the error that all samples share.
+        """
+        if len(xy) > _MOST_AT_ONCE:
+            return self._in_patches(xy, posterior)
+        return ErrorDistribution(self._moments(xy, posterior, self.nodes), posterior.spread)
+
+    def _in_patches(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
+        """Predict the distribution from the moments of patches, whose errors are independent of one another."""
+        tree, patches = cKDTree(xy), []
+        for centre in self.nodes[:_N_PATCHES]:
+            far_m, near = tree.query(centre[None], _PATCH_SAMPLES)
+            radius_m = _PATCH_SHARE * float(far_m[0, -1])
+            nodes = centre + radius_m * _PATCH_NODES
+            inside = nodes[self.area.contains(nodes)]
+            chosen = inside if len(inside) > 1 else np.vstack([centre, centre])
+            patches.append((self._moments(xy[near[0]], posterior, chosen), np.pi * radius_m**2))
+        total = []
+        for index, one in enumerate(posterior.kernels):
+            mean = float(np.mean([parts[index].mean for parts, _ in patches]))
+            shares = [min(size_m2 / float(self.area.free.area), 1.0) for _, size_m2 in patches]
+            within = [
+                parts[index].variance * share for (parts, _), share in zip(patches, shares, strict=True)
+            ]
+            total.append(Moments(mean, float(np.mean(within)), one.weight))
+        return ErrorDistribution(total, posterior.spread)
+
+    def _moments(self, xy: FloatArray, posterior: KernelPosterior, nodes: FloatArray) -> list[Moments]:
+        """Return the moments of the mean squared error over nodes (M, 2), for each covariance."""
         seen: dict[tuple[str, float], _Seen] = {}
-        each = []
+        found = []
         for one in posterior.kernels:
             thin = self._averaged(one)
             key = one.cell.family, one.cell.length
             if key not in seen:
-                seen[key] = self._seen(xy[::thin], one.cell)
-            each.append(self._under(one, seen[key], thin))
-        weights = np.array([one.weight for one in posterior.kernels])
-        return MapPrediction(
-            float(weights @ [one.probability for one in each]),
-            float(weights @ [one.rmse_m for one in each]),
-        )
+                seen[key] = self._seen(xy[::thin], one.cell, nodes)
+            found.append(self._under(one, seen[key], thin))
+        return found
 
     def _averaged(self, weighted: WeightedKernel) -> int:
         """Return how many samples one place stands for."""
         n = int(_AVERAGED * slope_length_m(weighted.kernel) / self.step_m)
         return min(max(n, 1), weighted.cell.kind.most_averaged)
 
-    def _seen(self, places: FloatArray, cell: Cell) -> _Seen:
-        read, some = Correlogram(cell, self._reach_m), self.nodes[:_N_IN_COMMON]
-        return _Seen(read.between(places, places), read.between(places, self.nodes), read.between(some, some))
+    def _seen(self, places: FloatArray, cell: Cell, nodes: FloatArray) -> _Seen:
+        read, some = _correlogram(cell._replace(ratio=0.0), self._reach_m), nodes[:_N_IN_COMMON]
+        return _Seen(read.between(places, places), read.between(places, nodes), read.between(some, some))
 
-    def _under(self, weighted: WeightedKernel, seen: _Seen, thin: int) -> MapPrediction:
-        """Predict the map for one covariance; each place stands for `thin` samples."""
+    def _under(self, weighted: WeightedKernel, seen: _Seen, thin: int) -> Moments:
+        """Return the moments for one covariance; each place stands for `thin` samples."""
         matrix = seen.among.copy()
         matrix[np.diag_indices(len(matrix))] += max(
             weighted.noise_m**2 / thin / weighted.variance_m2, _LEAST_RATIO
         )
         factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
         if failed:
-            return MapPrediction(0.0, float(np.sqrt(weighted.variance_m2)))
+            return Moments(weighted.variance_m2, weighted.variance_m2**2, weighted.weight)
         half = lapack.dtrtrs(factor, np.column_stack([np.ones(len(matrix)), seen.across]), lower=1)[0]
         ones, explained = half[:, 0], half[:, 1:]
         gap = 1.0 - ones @ explained
@@ -168,13 +214,11 @@ class LimitPredictor:
         scale_m2 = self.inflation**2 * weighted.variance_m2
         common = scale_m2 * common
         common[np.diag_indices(len(common))] += weighted.unseen_m2
-        return self._chance(scale_m2 * left + weighted.unseen_m2, common)
+        mean = float((scale_m2 * left + weighted.unseen_m2).mean())
+        return Moments(mean, 2.0 * float(np.square(common).mean()), weighted.weight)
 
-    def _chance(self, variance_m2: FloatArray, covariance_m2: FloatArray) -> MapPrediction:
-        """Return the chance of a gamma distributed mean square, from the errors' variances and some covariances."""
-        mean = max(float(variance_m2.mean()), 1e-12)
-        variance = max(2.0 * float(np.square(covariance_m2).mean()), 1e-6 * mean**2)
-        shape = mean**2 / variance
-        # The mean of the square root of a gamma distributed number.
-        rmse = np.exp(gammaln(shape + 0.5) - gammaln(shape)) * np.sqrt(mean / shape)
-        return MapPrediction(float(gammainc(shape, shape * self.limit_m**2 / mean)), float(rmse))
+
+@lru_cache(maxsize=32)
+def _correlogram(cell: Cell, reach_m: float) -> Correlogram:
+    """Return the table of a covariance, which plans of one area share."""
+    return Correlogram(cell, reach_m)

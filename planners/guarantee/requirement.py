@@ -5,6 +5,7 @@ from typing import Self
 
 import numpy as np
 
+from planners.guarantee.belief.surfaces import SURFACE_NAMES, Surface
 from survey.core.errors import ConfigError
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.kernel_search import ALL
@@ -25,6 +26,10 @@ class ErrorLimit:
         Standard deviation of a sample's height, and of the rover's place east and north [m].
     sample_step_m : float
         Distance between samples [m].
+    shared_m : float
+        Standard deviation of an error of height that all samples share, as of the path [m].
+    max_swaths : int, optional
+        Most swaths to consider; by default as many as are two samples apart, 30 or more.
     """
 
     limit_m: float
@@ -32,6 +37,8 @@ class ErrorLimit:
     noise_m: float = 0.1
     localization_m: float = 0.0
     sample_step_m: float = 10.0
+    shared_m: float = 0.05
+    max_swaths: int | None = None
 
     def in_grid_metres(self, factor: float) -> Self:
         """Return the settings with their horizontal lengths multiplied by a factor.
@@ -64,14 +71,22 @@ class MapRequirement(ErrorLimit):
         Standard deviation of a sample's height, and of the rover's place east and north [m].
     sample_step_m : float
         Distance between samples [m].
+    shared_m : float
+        Standard deviation of an error of height that all samples share, as of the path [m].
+    max_swaths : int, optional
+        Most swaths to consider; by default as many as are two samples apart, 30 or more.
     prior_sigma_m : float
         Standard deviation of a cell of the prior [m].
+    surface : {"bare-ice", "snow", "moraine", "bedrock", "unknown"}
+        Class of the ground, which says how rough it is below the resolution of the prior.
+    micro_relief_m : float, optional
+        Standard deviation of relief finer than the samples [m]; that of the class by default.
     n_simulations : int
         Number of simulated surveys.
     seed : int
         Seed of the simulated terrain.
     assumed : str, optional
-        Covariance family of the terrain; by default the roughest that the prior does not exclude.
+        Covariance family of the terrain; by default those of the class of surface.
 
     Raises
     ------
@@ -80,7 +95,9 @@ class MapRequirement(ErrorLimit):
     """
 
     prior_sigma_m: float = 1.0
-    n_simulations: int = 100
+    surface: Surface = "unknown"
+    micro_relief_m: float | None = None
+    n_simulations: int = 60
     seed: int = 0
     assumed: SearchedFamily | None = None
 
@@ -92,9 +109,14 @@ class MapRequirement(ErrorLimit):
         for name in ("limit_m", "sample_step_m"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ConfigError(f"{name} is {getattr(self, name)}; it must be greater than 0.")
-        for name in ("noise_m", "localization_m", "prior_sigma_m"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+        for name in ("noise_m", "localization_m", "shared_m", "prior_sigma_m", "micro_relief_m"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"{name} is {getattr(self, name)}; it must be 0 or greater.")
+        if self.surface not in SURFACE_NAMES:
+            raise ConfigError(f"{self.surface} is no class of surface; take {', '.join(SURFACE_NAMES)}.")
+        if self.max_swaths is not None and self.max_swaths < 2:
+            raise ConfigError(f"at most {self.max_swaths} swaths are allowed; allow 2 or more.")
         if self.assumed is not None and self.assumed not in ALL:
             raise ConfigError(f"{self.assumed} is no family of covariances; take {', '.join(ALL)}.")
         if self.n_simulations < 10:

@@ -141,13 +141,37 @@ class ConditionalTerrain:
         InputError
             A grid too coarse for the kernel, or beyond the ground whose cells are known.
         """
-        # The cells reach half a cell beyond nodes that end at their centres.
+        return self.conditioned(Dem.on(self.wide, kernel_field(self.wide, rng, self.kernel)), rng)
+
+    @cached_property
+    def wide(self) -> Grid:
+        """The nodes and a margin: cells reach half a cell beyond nodes that end at their centres."""
         xmin, ymin, xmax, ymax = self.grid.bounds
         margin = self.grid.step_m * np.ceil(self.cells.prior.step_m / self.grid.step_m)
-        wide = Grid(
+        return Grid(
             (xmin - margin, ymin - margin, xmax + margin, ymax + margin), self.grid.step_m, self.grid.crs
         )
-        free = Dem.on(wide, kernel_field(wide, rng, self.kernel))
+
+    def conditioned(self, free: Dem, rng: np.random.Generator) -> Dem:
+        """Return a surface on the `wide` nodes corrected so that it agrees with the cells.
+
+        Parameters
+        ----------
+        free : Dem
+            Any surface on the `wide` nodes [m]; relief that the cells do not show stays.
+        rng : numpy.random.Generator
+            Source of the errors of the cells.
+
+        Returns
+        -------
+        Dem
+            On the nodes of the terrain.
+
+        Raises
+        ------
+        InputError
+            Cells beyond the surface.
+        """
         missing = self.cells.height_m - self.cells.seen_in(free)
         if np.isnan(missing).any():
             raise InputError(

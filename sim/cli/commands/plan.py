@@ -75,7 +75,31 @@ _Assume = Annotated[
     str | None,
     typer.Option(
         "--assume",
-        help="Covariance family of the terrain (squared-exponential, matern-5/2, matern-3/2, whittle); by default the roughest that the prior does not exclude.",
+        help="Covariance family of the terrain (squared-exponential, matern-5/2, matern-3/2, whittle); by default those of the surface.",
+    ),
+]
+_Surface = Annotated[
+    str,
+    typer.Option(
+        "--surface",
+        help="Class of the ground, for the guarantee: bare-ice, snow, moraine, bedrock or unknown.",
+    ),
+]
+_MicroRelief = Annotated[
+    float | None,
+    typer.Option(
+        "--micro-relief",
+        help="Standard deviation of relief finer than the samples [m]; that of the surface by default.",
+    ),
+]
+_Shared = Annotated[
+    float,
+    typer.Option("--shared", help="Standard deviation of an error of height that all samples share [m]."),
+]
+_MaxSwaths = Annotated[
+    int | None,
+    typer.Option(
+        "--max-swaths", help="Most swaths of a guarantee; by default as many as are two samples apart."
     ),
 ]
 _Joint = Annotated[
@@ -120,6 +144,10 @@ def plan(
     localization: _Localization = 0.0,
     prior_sigma: _PriorSigma = 1.0,
     assume: _Assume = None,
+    surface: _Surface = "unknown",
+    micro_relief: _MicroRelief = None,
+    shared: _Shared = 0.05,
+    max_swaths: _MaxSwaths = None,
     joint: _Joint = False,
     adaptive: _Adaptive = False,
     driven: _Driven = None,
@@ -152,6 +180,8 @@ def plan(
 
       firnline plan site.gpkg --prior srtm.tif --require class-3 --probability 0.9
 
+      firnline plan glacier.gpkg --prior glo30.tif --require class-3 --surface bare-ice --max-swaths 60
+
       firnline plan site.gpkg --prior srtm.tif --require class-3 --joint --set aids.base_station=true
 
       firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive -o first_two.geojson
@@ -164,6 +194,7 @@ def plan(
     """
     given = dict(locals())
     given |= {"noise_m": given.pop("noise"), "localization_m": given.pop("localization")}
+    given |= {"micro_relief_m": given.pop("micro_relief"), "shared_m": given.pop("shared")}
     given |= {"prior_sigma_m": given.pop("prior_sigma"), "settings": tuple(given.pop("settings") or ())}
     request = PlanRequest(**given)
     mode_of(request)(request)

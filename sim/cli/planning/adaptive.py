@@ -29,13 +29,7 @@ def plan_adaptive(request: PlanRequest) -> None:
         raise ConfigError("--adaptive fits the covariance to the survey; leave out --assume.")
     requirement = requirement_of(request)
     area, prior = prior_of(request)
-    config = AdaptiveConfig(
-        requirement.limit_m,
-        requirement.probability,
-        noise_m=requirement.noise_m,
-        localization_m=requirement.localization_m,
-        heading_deg=across_marked_grain(FreeGround(area.free), prior),
-    )
+    config = AdaptiveConfig.of(requirement, across_marked_grain(FreeGround(area.free), prior))
     if request.driven is not None and request.measured is not None:
         _continue(request, request.driven, request.measured, area, prior, config)
     else:

@@ -44,7 +44,7 @@ def plan_joint(request: PlanRequest) -> None:
 
     stated = validated(MissionConfig, with_overrides(_stated(request), request.settings), "the options")
     area, prior = prior_of(request)
-    made = found_guarantee(area, prior, requirement_of(request))
+    made = found_guarantee(area, prior, requirement_of(request), quiet=request.quiet)
     mission = stated.model_copy(update={"planner": made.config})
     limit_m, least = made.requirement.limit_m, made.config.swaths or 1
     found = surveys_within(

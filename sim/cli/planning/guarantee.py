@@ -12,8 +12,9 @@ from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import survey
-    from planners.guarantee.guarantee import Guarantee
+    from planners.guarantee.belief.surfaces import Surface
     from planners.guarantee.requirement import MapRequirement
+    from planners.guarantee.result import Guarantee
     from survey.reconstruction.gp.covariance.kernels import Kernel
 
 
@@ -44,6 +45,10 @@ def requirement_of(request: PlanRequest) -> "MapRequirement":
         localization_m=request.localization_m,
         prior_sigma_m=request.prior_sigma_m,
         assumed=request.assume,
+        surface=cast("Surface", request.surface),
+        micro_relief_m=request.micro_relief_m,
+        shared_m=request.shared_m,
+        max_swaths=request.max_swaths,
     )
 
 
@@ -58,30 +63,51 @@ def prior_of(request: PlanRequest) -> "tuple[survey.SurveyArea, survey.Dem]":
 
 
 def found_guarantee(
-    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement"
+    area: "survey.SurveyArea", prior: "survey.Dem", requirement: "MapRequirement", *, quiet: bool
 ) -> "Guarantee":
     """Return the guarantee; end with exit code 5 and one sentence where it does not hold."""
     from planners.guarantee.guarantee import guarantee
+    from sim.cli.progress import counted
+
+    with counted(quiet=quiet) as progress:
+        made = guarantee(area, prior, requirement, progress=progress)
+    if not made.holds:
+        typer.echo(_refusal(made), err=True)
+        raise typer.Exit(NOT_MET)
+    return made
+
+
+def _refusal(made: "Guarantee") -> str:
+    """Return why a guarantee does not hold, and what can be reached, in one sentence."""
     from planners.guarantee.requirement import reachable_class
 
-    made = guarantee(area, prior, requirement)
-    if made.holds:
-        return made
+    requirement = made.requirement
+    if made.predicted.probability >= requirement.probability:
+        return (
+            f"firnline: an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
+            f"to reach it with {made.predicted.probability:.0%}, but simulated surveys of other ground do in "
+            f"{made.simulated_share:.0%} ({_shares(made)})."
+        )
     best = reachable_class(made.reachable_m)
-    typer.echo(
+    return (
         f"firnline: an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
-        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions}).",
-        err=True,
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions})."
     )
-    raise typer.Exit(NOT_MET)
+
+
+def _shares(made: "Guarantee") -> str:
+    """Return the share of simulated surveys that met the limit, by kind of ground."""
+    limit_m = made.requirement.limit_m
+    names = dict.fromkeys(made.simulated.grounds)
+    return ", ".join(f"{name} {made.simulated.share(limit_m, name):.0%}" for name in names)
 
 
 def plan_guaranteed(request: PlanRequest) -> None:
     """Write the shortest route that guarantees the class, and print what it rests on."""
     requirement = requirement_of(request)
     area, prior = prior_of(request)
-    made = found_guarantee(area, prior, requirement)
+    made = found_guarantee(area, prior, requirement, quiet=request.quiet)
     best = made.posterior.likeliest
     write_plan(request, made.route, drawing_of(area, prior, kernel=best.kernel, noise_m=best.noise_m))
     if request.as_json:
@@ -105,6 +131,11 @@ def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
         "likely_rmse_m": made.likely.rmse_m,
         "likely_swaths": made.likely_swaths,
         "simulated_share": made.simulated_share,
+        "simulated_shares": {
+            name: made.simulated.share(made.requirement.limit_m, name)
+            for name in dict.fromkeys(made.simulated.grounds)
+        },
+        "stakes": None if made.stakes is None else str(made.stakes),
         "assumed": made.assumptions,
     } | {
         name: value
@@ -123,17 +154,18 @@ def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
     )
     typer.echo(f"  assumed: {made.assumptions}")
     typer.echo(
-        f"  with that covariance: RMSE {made.predicted.rmse_m:.2f} m, within the limit with "
-        f"{made.predicted.probability:.0%} by prediction, in {made.simulated_share:.0%} of {requirement.n_simulations} "
-        "simulated surveys"
+        f"  with that: RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%} by "
+        f"prediction, in {made.simulated_share:.0%} of {requirement.n_simulations} simulated surveys of other ground "
+        f"({_shares(made)})"
     )
-    if requirement.assumed is None:
-        fewer = made.likely_swaths < (made.config.swaths or 0)
-        remedy = f", and {made.likely_swaths} swaths are enough; --adaptive finds out" if fewer else ""
-        typer.echo(f"  with the likeliest covariance of the prior: RMSE {made.likely.rmse_m:.2f} m{remedy}")
-    typer.echo(
-        "  not included: errors that samples share (--joint predicts them), relief unlike that of the cells"
-    )
+    if made.likely_swaths < (made.config.swaths or 0):
+        typer.echo(
+            f"  with the likeliest covariance alone: RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are "
+            "enough; --adaptive finds out"
+        )
+    if made.stakes is not None:
+        typer.echo(f"  or: {made.stakes}")
+    typer.echo("  not included: errors of position that grow along the path (--joint predicts them)")
     typer.echo(f"  written to {request.written_text}")
 
 

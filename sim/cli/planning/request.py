@@ -35,6 +35,10 @@ class PlanRequest:
     localization_m: float
     prior_sigma_m: float
     assume: str | None
+    surface: str
+    micro_relief_m: float | None
+    shared_m: float
+    max_swaths: int | None
     joint: bool
     adaptive: bool
     driven: Path | None

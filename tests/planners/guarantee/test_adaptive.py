@@ -3,24 +3,24 @@ import numpy as np
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import first_swaths, survey_adaptively
 from planners.guarantee.adaptive_state import AdaptiveConfig
-from planners.guarantee.kernel_posterior import (
+from planners.guarantee.belief.kernel_posterior import (
     KernelPosterior,
     WeightedKernel,
     posterior_from_prior,
 )
+from planners.guarantee.belief.prior_blocks import PriorBlocks
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid
 from survey.core.streams import stream
 from survey.reconstruction.gp.selection.cells import Cell, FoundKernel
 from survey.reconstruction.gp.selection.common_maps import mapped
-from survey.terrain.conditional import CoarseCells
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
 
 def test_an_adaptive_survey_stops_when_its_guarantee_holds():
     terrain = smooth_terrain()
     rng = stream(9)
-    posterior = posterior_from_prior(CoarseCells(coarse(terrain), 0.5), noise_m=0.1)
+    posterior = posterior_from_prior(PriorBlocks.of(AREA, coarse(terrain)), noise_m=0.1)
     config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1)
     heights = []
 
@@ -72,7 +72,7 @@ def test_a_survey_is_not_given_up_while_the_prior_leaves_some_probability():
 
 def test_an_adaptive_survey_says_when_no_survey_is_enough():
     terrain, rng = smooth_terrain(), stream(9)
-    posterior = posterior_from_prior(CoarseCells(coarse(terrain), 0.5), noise_m=2.0)
+    posterior = posterior_from_prior(PriorBlocks.of(AREA, coarse(terrain)), noise_m=2.0)
     config = AdaptiveConfig(limit_m=0.02, noise_m=2.0)
     survey = survey_adaptively(
         AREA, posterior, config, lambda xy: terrain.at(xy) + 2.0 * rng.standard_normal(len(xy))

@@ -23,7 +23,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.reconstruction.gp.covariance.kernels import Kernel
 
-RESOLUTION_CELLS = 2.5
+RESOLUTION_CELLS = 2.0
 """Width of what a cell of a coarse product shows, in cells: products resolve two to three of their cells."""
 
 _SIDE = 10
@@ -111,10 +111,17 @@ class PriorBlocks:
         """Longest side of a block [m]."""
         return self.cell_m * float(max(max(np.ptp(b.row), np.ptp(b.column)) + 1 for b in self.blocks))
 
+    @property
+    def typical_error_m(self) -> float:
+        """White error that cells of this width typically have: half a metre at 30 m [m]."""
+        return 0.5 * float(np.sqrt(self.cell_m / 30.0))
+
     @cached_property
     def relief_m(self) -> float:
         """Standard deviation of the cells' heights about the planes of their blocks [m]."""
-        rest = [block.height_m - basis @ (np.linalg.pinv(basis) @ block.height_m) for block, basis in self._bases]
+        rest = [
+            block.height_m - basis @ (np.linalg.pinv(basis) @ block.height_m) for block, basis in self._bases
+        ]
         return float(np.sqrt(np.mean(np.square(np.concatenate(rest)))))
 
     def fit(self, kernel: Kernel, ratio: float) -> Fit | None:

@@ -1,20 +1,21 @@
 """Posterior distribution of the terrain's covariance, from the cells of a prior or from a survey."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
 
+from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.belief.surfaces import SURFACES, Surface
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.covariance.stationary import Stationary
 from survey.reconstruction.gp.selection.cells import Cell
 from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
-from survey.terrain.conditional import CoarseCells
 
 _LENGTHS_PER_DOUBLING = 2
 
@@ -26,9 +27,12 @@ _MOST_KERNELS = 4
 _LEAST_WEIGHT = 0.01
 
 
-# A family is excluded where the cells are less likely under all of it, by this factor, than under the best. It takes
-# much: on real ground one valley decides the likelihood of coarse cells, and says little about the relief between them.
-_EXCLUDED = 0.001
+# Variances of a cell's error over that of the terrain.
+_RATIOS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+
+
+# Spread of errors where the prior is worse than what it shows.
+_PRIOR_SPREAD = 0.3
 
 
 # Samples of a cluster, counted along the way from its first one, and how many clusters a covariance is learned from.
@@ -77,9 +81,18 @@ class WeightedKernel(NamedTuple):
 
 @dataclass(frozen=True)
 class KernelPosterior:
-    """Covariances that the terrain may have, the weightiest first; weights sum to 1."""
+    """Covariances that the terrain may have, the weightiest first; weights sum to 1.
+
+    Parameters
+    ----------
+    kernels : tuple of WeightedKernel
+        The covariances.
+    spread : float
+        Standard deviation of the logarithm of actual over predicted error, on ground unlike all of them.
+    """
 
     kernels: tuple[WeightedKernel, ...]
+    spread: float = 0.0
 
     @classmethod
     def of(cls, found: list[WeightedKernel]) -> "KernelPosterior":
@@ -88,17 +101,6 @@ class KernelPosterior:
         chosen = [one for one in order[:_MOST_KERNELS] if one.weight > _LEAST_WEIGHT * order[0].weight]
         total = sum(one.weight for one in chosen)
         return cls(tuple(one._replace(weight=one.weight / total) for one in chosen))
-
-    @classmethod
-    def of_families(cls, found: list[WeightedKernel]) -> "KernelPosterior":
-        """Take the weightiest of each family, with the total weight of the family.
-
-        Families that the data do not separate stay in: cells of a prior seldom show how rough the terrain is
-        between them.
-        """
-        best = {one.cell.family: one for one in sorted(found, key=lambda one: one.weight) if one.weight > 0.0}
-        shares = {family: sum(one.weight for one in found if one.cell.family == family) for family in best}
-        return cls.of([one._replace(weight=shares[family]) for family, one in best.items()])
 
     @property
     def likeliest(self) -> WeightedKernel:
@@ -123,84 +125,85 @@ class KernelPosterior:
 
 
 def posterior_from_prior(
-    cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0
+    blocks: PriorBlocks,
+    *,
+    noise_m: float,
+    localization_m: float = 0.0,
+    prior_sigma_m: float = 1.0,
+    surface: Surface = "unknown",
+    micro_relief_m: float | None = None,
+    assumed: SearchedFamily | None = None,
 ) -> KernelPosterior:
-    """Learn covariances from the cells of a coarse prior, all families equally likely beforehand.
+    r"""Learn covariances from the cells of a coarse prior, on ground of a class of surface.
+
+    Each family of the class takes its likeliest length scale, variance and white error of the cells. The weights of the
+    families are those of the class: cells do not show how rough the terrain is between them. What the cells leave open
+    is a factor of the predicted error, log-normal with the `spread` of the class and
+
+    .. math::  0.3^2 \, r^2 / (1 + r^2), \qquad r = \sigma_{prior} / \mathrm{sd}(\mathrm{cells})
+
+    so that a worse prior never makes a survey more certain.
 
     Parameters
     ----------
-    cells : CoarseCells
-        Coarse elevations and their error.
+    blocks : PriorBlocks
+        Cells of the prior on the area.
     noise_m, localization_m : float
         Errors of the samples to come, and of their places [m].
-
-    Notes
-    -----
-    Cells show nothing finer than themselves: how rough the terrain is between them is
-    extrapolated through the families, and no more than that.
-    """
-    return KernelPosterior.of_families(_lattice(cells, ALL, noise_m, localization_m))
-
-
-def cautious_posterior(
-    cells: CoarseCells, *, noise_m: float, localization_m: float = 0.0, assumed: SearchedFamily | None = None
-) -> KernelPosterior:
-    """Return the covariances of the roughest family that the cells of a prior do not exclude.
-
-    Parameters
-    ----------
-    cells : CoarseCells
-        Coarse elevations and their error.
-    noise_m, localization_m : float
-        Errors of the samples to come, and of their places [m].
+    prior_sigma_m : float
+        Standard deviation of a cell [m].
+    surface : {"bare-ice", "snow", "moraine", "bedrock", "unknown"}
+        Class of the ground.
+    micro_relief_m : float, optional
+        Standard deviation of relief finer than the samples [m]; that of the class by default.
     assumed : str, optional
-        The family, where it is known and need not be doubted.
+        Family of covariance, where it is known and need not be doubted.
+
+    Returns
+    -------
+    KernelPosterior
+        With one covariance for each family.
     """
-    found = _lattice(cells, ALL if assumed is None else (assumed,), noise_m, localization_m)
-    most = max(one.weight for one in found)
-    plausible = {one.cell.family for one in found if one.weight >= _EXCLUDED * most}
-    roughest = max(plausible, key=ALL.index)
-    return KernelPosterior.of([one for one in found if one.cell.family == roughest])
+    chosen = SURFACES[surface]
+    weights = chosen.weights if assumed is None else {assumed: 1.0}
+    unseen_m = chosen.micro_relief_m if micro_relief_m is None else micro_relief_m
+    found = []
+    for family, weight in weights.items():
+        cell, variance = _likeliest(blocks, family)
+        noise = localized_noise_m(noise_m, localization_m, cell.kernel(variance))
+        total = float(np.hypot(noise, unseen_m))
+        found.append(WeightedKernel(cell, variance, total, weight, unseen_m**2))
+    share = prior_sigma_m**2 / max(prior_sigma_m**2 + blocks.relief_m**2, 1e-12)
+    spread = float(np.sqrt(chosen.spread**2 + _PRIOR_SPREAD**2 * share))
+    return replace(KernelPosterior.of(found), spread=spread)
 
 
-def _lattice(
-    cells: CoarseCells, families: tuple[SearchedFamily, ...], noise_m: float, localization_m: float
-) -> list[WeightedKernel]:
-    """Weigh the covariances of a lattice of lengths and variances by how likely they make the cells."""
-    height = cells.height_m - cells.height_m.mean()
-    extent = float(np.ptp(cells.places.reshape(-1, 2), axis=0).max())
-    lengths = np.exp2(np.arange(np.log2(extent / 16.0), np.log2(2.0 * extent), 1.0 / _LENGTHS_PER_DOUBLING))
-    variances = float(height.var()) * np.exp2(np.arange(-3.0, 8.0))
-    found, logs = [], []
-    for family in families:
-        for length in lengths:
-            cell = Cell.of(family, float(length), 0.0)
-            unit = cells.covariance(cell.kernel(1.0))
-            for variance in variances.tolist():
-                noise = localized_noise_m(noise_m, localization_m, cell.kernel(variance))
-                logs.append(_log_likelihood(variance * unit, cells.sigma_m, height))
-                found.append(WeightedKernel(cell, variance, noise, 0.0))
-    weights = np.exp(np.array(logs) - np.max(logs)).tolist()
-    return [one._replace(weight=weight) for one, weight in zip(found, weights, strict=True)]
-
-
-def _log_likelihood(covariance: FloatArray, sigma_m: float, height: FloatArray) -> float:
-    """Restricted log likelihood of the cells' heights, their constant mean integrated out."""
-    n = len(height)
-    matrix = covariance.copy()
-    matrix[np.diag_indices(n)] += sigma_m**2 + 1e-6 * matrix[0, 0]
-    factor, failed = lapack.dpotrf(matrix.T, lower=1, clean=1)
-    if failed:
-        return -np.inf
-    half = lapack.dtrtrs(factor, np.column_stack([np.ones(n), height]), lower=1)[0]
-    ones, rest = half[:, 0], half[:, 1]
-    weight = float(ones @ ones)
-    about = rest - ones * (ones @ rest / weight)
-    return float(-0.5 * (about @ about) - np.log(np.diag(factor)).sum() - 0.5 * np.log(weight))
+def _likeliest(blocks: PriorBlocks, family: SearchedFamily) -> tuple[Cell, float]:
+    """Return the likeliest length scale (in a cell) and variance [m²] of one family."""
+    best, most = None, -np.inf
+    first, last = np.log2(2.0 * blocks.cell_m), np.log2(2.0 * blocks.extent_m)
+    for length in np.exp2(np.arange(first, last + 0.01, 1.0 / _LENGTHS_PER_DOUBLING)):
+        cell = Cell.of(family, float(length), 0.0)
+        for ratio in _RATIOS:
+            fit = blocks.fit(cell.kernel(1.0), ratio)
+            if fit is None:
+                continue
+            error_m = np.sqrt(ratio * fit.variance_m2)
+            log = fit.log_likelihood - 0.5 * np.log(error_m / blocks.typical_error_m) ** 2
+            if log > most:
+                best, most = (cell, fit.variance_m2), log
+    if best is None:
+        raise InputError("the prior's cells fit no covariance; take a prior whose heights differ.")
+    return best
 
 
 def posterior_from_survey(
-    xy: FloatArray, heights: FloatArray, *, noise_m: float, localization_m: float = 0.0
+    xy: FloatArray,
+    heights: FloatArray,
+    *,
+    noise_m: float,
+    localization_m: float = 0.0,
+    spread: float = 0.0,
 ) -> KernelPosterior:
     """Learn family, length scale, variance and noise from the samples of a survey.
 
@@ -211,6 +214,13 @@ def posterior_from_survey(
     noise_m, localization_m : float
         Stated errors of a sample, and of its place [m]; the fit may depart from them by some 20 %. What it finds
         beyond them is taken as relief finer than the samples.
+    spread : float
+        Of the posterior.
+
+    Returns
+    -------
+    KernelPosterior
+        The covariances that are nearly as likely as the best.
     """
     stated = max(noise_m, 1e-6)
     chosen = _clusters(len(xy))
@@ -220,14 +230,11 @@ def posterior_from_survey(
 
     if localization_m > 0.0:
         stated = localized_noise_m(stated, localization_m, search(stated).found()[0].kernel)
-    return KernelPosterior.of(
-        [
-            WeightedKernel(
-                one.cell, one.variance_m2, one.noise_m, weight, max(one.noise_m**2 - stated**2, 0.0)
-            )
-            for one, weight in search(stated).plausible()
-        ]
-    )
+    found = [
+        WeightedKernel(one.cell, one.variance_m2, one.noise_m, weight, max(one.noise_m**2 - stated**2, 0.0))
+        for one, weight in search(stated).plausible()
+    ]
+    return replace(KernelPosterior.of(found), spread=spread)
 
 
 def _clusters(n: int) -> IntArray:

@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from planners.guarantee.belief.kernel_posterior import (
+    localized_noise_m,
+    posterior_from_prior,
+    posterior_from_survey,
+)
+from planners.guarantee.belief.prior_blocks import PriorBlocks
+from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from tests.planners.guarantee.smooth_site import AREA, coarse, lines, smooth_terrain
+
+
+@pytest.fixture(scope="module")
+def blocks():
+    return PriorBlocks.of(AREA, coarse(smooth_terrain()))
+
+
+def test_errors_of_place_count_by_the_slope():
+    kernel = SquaredExponential(25.0, 50.0)
+    # Each slope has the variance v / l²; two of them, and no noise of height.
+    assert localized_noise_m(0.0, 2.0, kernel) == pytest.approx(np.sqrt(2 * 4.0 * 25.0 / 2500.0), rel=1e-3)
+    assert localized_noise_m(0.3, 0.0, kernel) == pytest.approx(0.3)
+
+
+def test_the_prior_gives_the_length_scale(blocks):
+    posterior = posterior_from_prior(blocks, noise_m=0.1, assumed="squared-exponential")
+    assert sum(one.weight for one in posterior.kernels) == pytest.approx(1.0)
+    # 36 cells of one field give the scale to within a factor of two.
+    assert 40.0 < posterior.slope_length_m < 160.0
+
+
+def test_the_survey_gives_family_and_noise(rng):
+    terrain, xy = smooth_terrain(), lines(4)
+    posterior = posterior_from_survey(xy, terrain.at(xy) + 0.1 * rng.standard_normal(len(xy)), noise_m=0.1)
+    assert posterior.likeliest.cell.family == "squared-exponential"
+    assert posterior.likeliest.noise_m == pytest.approx(0.1, rel=0.25)
+
+
+def test_the_class_of_surface_says_how_rough_the_ground_is(blocks):
+    growth = {
+        surface: posterior_from_prior(blocks, noise_m=0.1, surface=surface).growth
+        for surface in ("snow", "unknown", "bedrock")
+    }
+    assert growth["snow"] > growth["unknown"] > growth["bedrock"]
+    ice = posterior_from_prior(blocks, noise_m=0.1, surface="bare-ice")
+    stated = posterior_from_prior(blocks, noise_m=0.1, surface="bare-ice", micro_relief_m=0.5)
+    assert {one.unseen_m2 for one in ice.kernels} == {0.3**2}
+    assert {one.unseen_m2 for one in stated.kernels} == {0.5**2}
+    assert stated.likeliest.noise_m == pytest.approx(np.hypot(0.1, 0.5), rel=1e-6)
+
+
+def test_a_worse_prior_leaves_more_open_and_changes_no_covariance(blocks):
+    good, bad = (posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=sigma_m) for sigma_m in (0.5, 10.0))
+    assert good.kernels == bad.kernels
+    assert good.spread < bad.spread
