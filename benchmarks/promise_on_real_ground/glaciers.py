@@ -7,6 +7,7 @@ Glacier has an outline alone: its prior is a drawn surface of the same relief in
 import time
 from dataclasses import dataclass
 
+import geopandas
 import numpy as np
 import rasterio
 from affine import Affine
@@ -20,7 +21,7 @@ from survey.core.streams import stream
 from survey.terrain import random_dem
 
 _CRS = "EPSG:32632"
-_HINTEREISFERNER = (10.735, 46.80)
+_HINTEREISFERNER = "RGI50-11.00897"
 _DATA = "dem_oggm_glaciers"
 
 
@@ -39,20 +40,14 @@ def promised(name: str, cell_m: float) -> Promised:
     area, prior = _hintereisferner(cell_m) if name == "Hintereisferner" else _south_glacier(cell_m)
     start = time.process_time()
     made = guarantee(area, prior, MapRequirement(0.4572, surface="bare-ice", micro_relief_m=0.2))
-    return Promised(
-        made.holds, int(made.config.swaths or 0), made.reachable_m, time.process_time() - start
-    )
+    return Promised(made.holds, int(made.config.swaths or 0), made.reachable_m, time.process_time() - start)
 
 
-def _outline(file: str, crs: str, near: tuple[float, float] | None = None) -> SurveyArea:
-    """Return the outline that holds a place (longitude, latitude), or the only one."""
-    import geopandas
-
+def _outline(file: str, crs: str, rgi_id: str | None = None) -> SurveyArea:
+    """Return the outline of one glacier of a file, or the only one."""
     table = geopandas.read_file(FOLDER / _DATA / "outlines" / file)
-    if near is not None:
-        import shapely
-
-        table = table[table.contains(shapely.Point(near))]
+    if rgi_id is not None:
+        table = table[table["RGIId"] == rgi_id]
     return SurveyArea(table.to_crs(crs).geometry.iloc[0], crs)
 
 
@@ -82,7 +77,9 @@ def _south_glacier(cell_m: float) -> tuple[SurveyArea, Dem]:
     crs = "EPSG:32607"
     area = _outline("SouthGlacier.shp", crs)
     xmin, ymin, xmax, ymax = area.bounds
-    grid = Grid.over((xmin - 2 * cell_m, ymin - 2 * cell_m, xmax + 2 * cell_m, ymax + 2 * cell_m), cell_m, crs)
+    grid = Grid.over(
+        (xmin - 2 * cell_m, ymin - 2 * cell_m, xmax + 2 * cell_m, ymax + 2 * cell_m), cell_m, crs
+    )
     rng = stream(SEED, "south glacier")
     drawn = random_dem("squared-exponential", grid, rng, 150.0, length_scale_m=600.0)
     rough = random_dem("matern-3/2", grid, rng, 6.0, length_scale_m=120.0)

@@ -10,7 +10,7 @@ from planners.ground.drivable_area import Drivable
 from planners.ground.transit import FreeGround
 from planners.ground.traversability import drivable
 from planners.ground_metres import settings_factor
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, posterior_from_prior
+from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel, posterior_from_prior
 from planners.guarantee.belief.prior_blocks import PriorBlocks
 from planners.guarantee.error_distribution import ErrorDistribution
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
@@ -94,7 +94,7 @@ class SwathSearch:
     heading_deg: float
     counts: tuple[int, ...]
     _routes: dict[tuple[str, int], Route] = field(default_factory=dict)
-    _known: dict[tuple[str, int, KernelPosterior], ErrorDistribution] = field(default_factory=dict)
+    _known: dict[tuple[str, int, tuple[WeightedKernel, ...]], ErrorDistribution] = field(default_factory=dict)
 
     @classmethod
     def of(cls, area: SurveyArea, prior: Dem, requirement: MapRequirement) -> "SwathSearch":
@@ -221,11 +221,12 @@ class SwathSearch:
 
     def _distribution(self, shape: LinePattern, n: int) -> ErrorDistribution:
         """Return the distribution of the error of so many swaths."""
-        key = shape.pattern, n, self.posterior
+        key = shape.pattern, n, self.posterior.kernels
         if key not in self._known:
             xy = places(self._route(shape, n)[1], self.requirement.sample_step_m)
             self._known[key] = self.predictor.distribution(xy, self.posterior)
-        return self._known[key].with_shared(self.requirement.shared_m)
+        known = replace(self._known[key], spread=self.posterior.spread)
+        return known.with_shared(self.requirement.shared_m)
 
     def _route(self, shape: LinePattern, n: int) -> tuple[LinePattern, Route]:
         config = shape.model_copy(update={"swaths": n})
