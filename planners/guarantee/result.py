@@ -38,7 +38,8 @@ class Guarantee:
     simulated : SimulatedErrors
         Error of the map in each simulated survey, by kind of ground.
     reachable_m : float
-        Error that the densest survey stays within with the required probability [m]; it does not depend on the limit.
+        Error that the densest survey considered stays within with the required probability [m]; it does not
+        depend on the limit.
     stakes : Stakes or None
         Stakes that save swaths, where errors that samples share cost some.
     """

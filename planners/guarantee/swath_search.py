@@ -133,10 +133,20 @@ class SwathSearch:
             swath_counts(width_m, prior.step_m, requirement),
         )
 
-    def fewest(self, shape: LinePattern, probability: float | None = None) -> int | None:
-        """Return the fewest swaths of a pattern that are predicted to be enough; None where none are."""
-        wanted = self.requirement.probability if probability is None else probability
-        limit_m = self.requirement.limit_m
+    def fewest(self, shape: LinePattern) -> int | None:
+        """Return the fewest swaths of a pattern that are predicted to be enough; None where none are.
+
+        Parameters
+        ----------
+        shape : LawnmowerConfig or WavyConfig
+            The pattern.
+
+        Returns
+        -------
+        int or None
+            One of the numbers that are considered.
+        """
+        wanted, limit_m = self.requirement.probability, self.requirement.limit_m
 
         def is_enough(index: int) -> bool:
             return self._distribution(shape, self.counts[index - 1]).probability(limit_m) >= wanted
@@ -149,7 +159,18 @@ class SwathSearch:
         return None if found is None else self.counts[found - 1]
 
     def best(self, progress: Progress | None = None) -> Guarantee:
-        """Return the guarantee with the fewest swaths, of two alike the shorter; the denser one where none holds."""
+        """Return the guarantee with the fewest swaths, of two alike the shorter; what reaches the least error where none holds.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with what is done, how much of it, and of how much.
+
+        Returns
+        -------
+        Guarantee
+            With the error that the densest survey of either pattern reaches.
+        """
         tried = []
         shapes = list(self.patterns())
         for done, shape in enumerate(shapes):
@@ -157,15 +178,22 @@ class SwathSearch:
                 progress("predicting patterns", done, len(shapes) + 1)
             n = self.fewest(shape)
             route = self._route(shape, n or self.counts[-1])[1]
-            tried.append((n is None, n or self.counts[-1], route.length_m, shape))
+            reached_m = 0.0 if n else self._reachable_m(shape)
+            tried.append((n is None, reached_m, n or self.counts[-1], route.length_m, shape))
         if progress is not None:
             progress("simulating surveys", len(shapes), len(shapes) + 1)
-        is_missed, n, _, shape = min(tried, key=lambda one: one[:3])
+        is_missed, _, n, _, shape = min(tried, key=lambda one: one[:4])
         simulated = SimulatedSurveys(self.predictor.area, self.prior, self.posterior, self.requirement)
         return self._proven(shape, n, simulated, may_grow=not is_missed)
 
     def patterns(self) -> Iterator[LinePattern]:
-        """Yield wavy swaths, and straight ones that end before the border."""
+        """Yield wavy swaths, and straight ones that end before the border.
+
+        Yields
+        ------
+        LawnmowerConfig or WavyConfig
+            With one swath.
+        """
         # Settings are metres on the ground, the posterior's lengths grid metres.
         slope_length_m = self.posterior.slope_length_m / settings_factor(self.predictor.area)
         wavelength_m = WavyConfig(swaths=1).wavelength_scales * slope_length_m
@@ -200,9 +228,13 @@ class SwathSearch:
             self._predicted(likely._distribution(shape, n)),
             min(fewer, n),
             errors,
-            self._distribution(shape, self.counts[-1]).quantile_m(requirement.probability),
+            min(self._reachable_m(one) for one in self.patterns()),
             stakes,
         )
+
+    def _reachable_m(self, shape: LinePattern) -> float:
+        """Return the error that the densest survey of a pattern stays within with the required probability [m]."""
+        return self._distribution(shape, self.counts[-1]).quantile_m(self.requirement.probability)
 
     @property
     def _likely(self) -> KernelPosterior:

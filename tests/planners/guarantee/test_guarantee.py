@@ -5,6 +5,7 @@ import pytest
 
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
+from planners.guarantee.swath_search import SwathSearch
 from survey import Dem, Grid
 from survey.core.errors import InputError
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, coarse, smooth_terrain
@@ -38,3 +39,43 @@ def test_a_prior_that_is_too_coarse_is_refused():
     cells = Dem.on(Grid((75.0, 75.0, 225.0, 225.0), 150.0, CRS), np.zeros((2, 2)))
     with pytest.raises(InputError, match="4 known cells"):
         guarantee(AREA, cells, MapRequirement(0.4572))
+
+
+def test_a_harder_requirement_never_takes_fewer_swaths():
+    prior = coarse(smooth_terrain())
+    easy = MapRequirement(0.6, 0.8, noise_m=0.1, prior_sigma_m=0.5, max_swaths=12)
+    harder = [
+        replace(easy, limit_m=0.3),
+        replace(easy, probability=0.97),
+        replace(easy, prior_sigma_m=10.0),
+        replace(easy, noise_m=0.3),
+    ]
+    few, *many = (_fewest(prior, one) for one in (easy, *harder))
+    assert all(n >= few for n in many)
+
+
+def test_the_error_that_can_be_reached_does_not_depend_on_the_limit():
+    prior, wanted = coarse(smooth_terrain()), MapRequirement(0.05, n_simulations=10, max_swaths=6)
+    strict, loose = (guarantee(AREA, prior, replace(wanted, limit_m=limit_m)) for limit_m in (0.05, 3.0))
+    assert not strict.holds
+    assert loose.holds
+    assert strict.reachable_m == loose.reachable_m
+
+
+def test_no_more_swaths_than_allowed_are_considered():
+    wanted = MapRequirement(0.05, n_simulations=10, max_swaths=5)
+    assert guarantee(AREA, coarse(smooth_terrain()), wanted).config.swaths == 5
+
+
+def test_swaths_are_never_farther_apart_than_five_cells_of_the_prior():
+    flat = Dem.on(
+        Grid((5.0, 5.0, 295.0, 295.0), 10.0, CRS), np.add.outer(np.arange(30.0), np.arange(30.0) % 3)
+    )
+    made = guarantee(AREA, flat, MapRequirement(50.0, n_simulations=10))
+    assert made.config.swaths >= 6
+
+
+def _fewest(prior, requirement):
+    search = SwathSearch.of(AREA, prior, requirement)
+    found = [search.fewest(shape) for shape in search.patterns()]
+    return min((n for n in found if n is not None), default=np.inf)

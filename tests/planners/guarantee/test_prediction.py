@@ -6,6 +6,7 @@ from planners.guarantee.belief.kernel_posterior import (
     posterior_from_survey,
 )
 from planners.guarantee.prediction import LimitPredictor
+from survey.reconstruction.gp.selection.cells import Cell
 from tests.planners.guarantee.smooth_site import AREA, SMOOTH, lines, smooth_terrain
 
 
@@ -43,3 +44,18 @@ def test_relief_finer_than_the_samples_is_an_error_of_the_map(rng):
     assert predictor.of(xy, even).rmse_m < 0.15
     # The bumps themselves, known to some 20 %, and as much again for what they hide of the rest.
     assert 0.24 < predictor.of(xy, bumpy).rmse_m < 0.3 * np.sqrt(2.0)
+
+
+def test_a_large_survey_is_predicted_from_patches_as_from_all_samples(monkeypatch):
+    predictor = LimitPredictor(AREA, limit_m=0.4572, step_m=10.0)
+    rough = KernelPosterior((SMOOTH._replace(cell=Cell.of("matern-3/2", 60.0, -12.0)),))
+    together = predictor.of(lines(12), rough)
+    monkeypatch.setattr("planners.guarantee.prediction._MOST_AT_ONCE", 100)
+    assert predictor.of(lines(12), rough).rmse_m == pytest.approx(together.rmse_m, rel=0.2)
+
+
+def test_a_shared_error_is_an_error_of_the_map():
+    alone, shared = (LimitPredictor(AREA, 0.3, 10.0, shared_m=one) for one in (0.0, 0.25))
+    posterior = KernelPosterior((SMOOTH,))
+    assert shared.of(lines(8), posterior).probability < alone.of(lines(8), posterior).probability
+    assert shared.of(lines(8), posterior).rmse_m > 0.18
