@@ -159,12 +159,12 @@ class LimitPredictor:
         """Predict the distribution from the moments of patches, whose errors are independent of one another."""
         tree, patches = cKDTree(xy), []
         for centre in self.nodes[:_N_PATCHES]:
-            far_m, near = tree.query(centre[None], _PATCH_SAMPLES)
-            radius_m = _PATCH_SHARE * float(far_m[0, -1])
+            far_m, near = tree.query(centre, _PATCH_SAMPLES)
+            radius_m = _PATCH_SHARE * float(np.max(far_m))
             nodes = centre + radius_m * _PATCH_NODES
             inside = nodes[self.area.contains(nodes)]
             chosen = inside if len(inside) > 1 else np.vstack([centre, centre])
-            patches.append((self._moments(xy[near[0]], posterior, chosen), np.pi * radius_m**2))
+            patches.append((self._moments(xy[np.asarray(near)], posterior, chosen), np.pi * radius_m**2))
         total = []
         for index, one in enumerate(posterior.kernels):
             mean = float(np.mean([parts[index].mean for parts, _ in patches]))
