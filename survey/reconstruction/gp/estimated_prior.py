@@ -71,7 +71,7 @@ def estimated_prior(prior: Dem, points: SurfacePoints, errors: PriorErrors) -> E
         + (rows * used_sigma) @ (rows * used_sigma).T
         + sizes.covariance(differing.centre)
     )
-    said = conflicts(found, differing._replace(covariance=total), sizes.white_m, errors.white.median_m)
+    said = conflicts(found, differing._replace(covariance=total), sizes.white_m, errors.white)
     every = prior.xy
     wrong = _rows(mean, every, middle) @ value
     dem = replace(prior, elevation=prior.elevation - wrong.reshape(prior.shape))

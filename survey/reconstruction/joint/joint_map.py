@@ -33,10 +33,11 @@ from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, state
 from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
 from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen
-from survey.reconstruction.joint.satellite_cells import SatelliteCells
+from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
 from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.joint.solution import JointMap, JointSolution
+from survey.reconstruction.prior.products import PriorErrors
 from survey.reconstruction.terrain_model import local_datum_m
 
 CANDIDATES: tuple[KernelFamily, ...] = ("two-scale-matern", "two-scale-mixed", "three-scale")
@@ -125,10 +126,10 @@ class JointTerrain:
     def completed(self, alone: PointsOnly) -> JointSolution:
         """Choose a kernel with the prior's cells, and solve with them."""
         points, bounds, slope = alone.points, alone.bounds, alone.slope
-        found, cells = alone.candidates[0], self._cells(points, bounds)
+        found, (cells, errors) = alone.candidates[0], self._cells(points, bounds)
         conflicts: tuple[str, ...] = ()
         if cells is not None:
-            found, cells, conflicts = chosen(alone, cells, self.joint.satellite.model())
+            found, cells, conflicts = chosen(alone, cells, errors)
             slope = alone.solution(found).gradient(points.xy)
         for _ in range(self.joint.slope_passes - 1):
             rough = self._solution(points, bounds, found, slope, cells)
@@ -236,13 +237,16 @@ class JointTerrain:
         basis = affordable_basis(found.kernel, site, sharpest, tolerance, modes_within(memory_mb))
         return basis, tail_variance(found.kernel, basis)
 
-    def _cells(self, points: SurfacePoints, bounds: Bounds) -> SatelliteCells | None:
+    def _cells(self, points: SurfacePoints, bounds: Bounds) -> tuple[SatelliteCells | None, PriorErrors]:
+        """Return the prior's cells, in blocks where there are thousands of them, with their error model."""
+        errors = self.joint.satellite.model()
         if self.satellite is None:
-            return None
+            return None, errors
         same_vertical_datum(
             self.satellite.vertical_datum, points.vertical_datum, "the satellite and the points"
         )
-        return SatelliteCells.of(self.satellite, points.crs, bounds, self.joint.satellite.model())
+        dem, errors = in_blocks(self.satellite, bounds, errors)
+        return SatelliteCells.of(dem, points.crs, bounds, errors), errors
 
 
 def _functionals(

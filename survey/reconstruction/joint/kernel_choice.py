@@ -100,5 +100,5 @@ def _judged(
         innovations, exact = free.innovations(expected, covariance), errors._replace(level_log_sd=0.0)
         sized = free.with_sizes(likeliest_sizes(innovations, exact))
     total = innovations._replace(covariance=innovations.with_level + sized.covariance)
-    found_conflicts = conflicts(height, total, sized.sizes.white_m, errors.white.median_m)
+    found_conflicts = conflicts(height, total, sized.sizes.white_m, errors.white)
     return ChosenKernel(found, sized, found_conflicts)

@@ -17,6 +17,8 @@ from survey.reconstruction.prior.products import PriorErrors
 
 # Beyond these many cells their covariance is no longer a detail.
 _MOST_CELLS = 4000
+# Blocks of cells where there are more.
+_N_BLOCKS = 1600
 _NONE_ESTIMATED = ErrorSizes(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -169,6 +171,19 @@ class SatelliteCells:
         for side in (self.sides[:, 0], self.sides[:, 1]):
             damped *= np.sinc((side @ omega.T) / (2.0 * np.pi))
         return np.concatenate([damped * np.cos(phase), (damped * np.sin(phase))[:, 1:]], axis=1)
+
+
+def in_blocks(dem: Dem, bounds: Bounds, errors: PriorErrors) -> tuple[Dem, PriorErrors]:
+    """Return a coarse model in blocks of cells where thousands of these meet the site, and the error model of a block.
+
+    The independent error of a block of n × n cells is that of a cell over n; what cells share is unchanged.
+    """
+    n_cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / dem.step_m**2
+    if n_cells <= _MOST_CELLS:
+        return dem, errors
+    n = int(np.ceil(np.sqrt(n_cells / _N_BLOCKS)))
+    white = errors.white._replace(median_m=errors.white.median_m / n)
+    return dem.block_mean(n * dem.step_m), errors._replace(white=white)
 
 
 def _common_errors(centre: FloatArray, slope: FloatArray, errors: PriorErrors) -> tuple[CommonError, ...]:

@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from survey.core.arrays import FloatArray
 from survey.reconstruction.prior.error_sizes import Innovations
+from survey.reconstruction.prior.products import ErrorScale
 
 # An offset beyond these many standard deviations is a conflict; so is a misfit less likely than this.
 _SIGMAS, _LEAST_LIKELY = 3.0, 1e-3
@@ -65,7 +66,9 @@ def level(innovations: Innovations, assumed_sigma_m: float) -> Level:
     return Level(float(weights @ innovations.value_m) / information, information**-0.5, assumed_sigma_m)
 
 
-def conflicts(found: Level, innovations: Innovations, white_m: float, median_m: float) -> tuple[str, ...]:
+def conflicts(
+    found: Level, innovations: Innovations, white_m: float, expected: ErrorScale
+) -> tuple[str, ...]:
     """Return one sentence for every conflict, with its size.
 
     Parameters
@@ -74,8 +77,10 @@ def conflicts(found: Level, innovations: Innovations, white_m: float, median_m: 
         Vertical offset of the prior.
     innovations : Innovations
         Cells less what points alone state, with the covariance of all errors.
-    white_m, median_m : float
-        Independent error of a cell as it was estimated, and as the product's class has it [m].
+    white_m : float
+        Independent error of a cell, as it was estimated [m].
+    expected : ErrorScale
+        The same as the product's class has it.
 
     Returns
     -------
@@ -88,9 +93,9 @@ def conflicts(found: Level, innovations: Innovations, white_m: float, median_m: 
             f"the prior lies {abs(found.offset_m):.2f} m {'above' if found.offset_m > 0.0 else 'below'} the points, "
             f"{found.in_sigmas:.1f} standard deviations of what is expected; its level is not used, check its vertical datum."
         )
-    if white_m > _TOO_LARGE * median_m:
+    if np.isfinite(expected.log_sd) and white_m > _TOO_LARGE * expected.median_m:
         sentences.append(
-            f"the prior's cells differ from the points by {white_m:.2f} m each, and {median_m:.2f} m was expected of this "
+            f"the prior's cells differ from the points by {white_m:.2f} m each, and {expected.median_m:.2f} m was expected of this "
             "class of product; they count with the larger value."
         )
     chance = misfit_chance(innovations)

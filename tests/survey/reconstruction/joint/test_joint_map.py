@@ -344,3 +344,15 @@ def test_a_horizontal_shift_is_found_through_the_slope():
         6.0, abs=3.0 * facts["satellite_shift_east_m_sigma"]
     )
     assert facts["satellite_shift_east_m_sigma"] < 2.0
+
+
+def test_a_fine_prior_is_used_in_blocks():
+    fine = Grid((-39.0, -39.0, 239.0, 239.0), 2.0, CRS)
+    rng = np.random.default_rng(4)
+    heights = hill(fine.xy) + 0.3 * rng.standard_normal(len(fine.xy))
+    joint = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.3))
+    found = mapped(path_error(0.5), seen_points(), Dem.on(fine, heights.reshape(fine.shape)), joint)
+    error = found.reconstruction.mean.elevation - hill(GRID.xy).reshape(GRID.shape)
+    # 100 × 100 cells meet the site; blocks of 3 × 3 err by 0.1 m.
+    assert found.reconstruction.diagnostics["satellite_sigma_m"] == pytest.approx(0.1)
+    assert np.sqrt(np.mean(error**2)) < 0.1
