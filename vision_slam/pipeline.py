@@ -18,6 +18,7 @@ from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
 from vision_slam.fusion.sanity_checks import (
     check_start_by_fixes,
+    clock_sigma_s,
     fix_delay_s,
     refuse_swapped_images,
     remove_repeated_fixes,
@@ -40,6 +41,8 @@ from vision_slam.rotation import quaternions
 
 _DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
 
+_MANY_REFUSED = 2
+_CLOCK_S = 0.1
 _BETTER = 0.1  # share of the fixes that are at least as good as the errors that are assumed
 
 
@@ -98,8 +101,9 @@ def localize(
         return kinematic_survey(recording, settings)
     visual = visual or process_images(recording, visual_config, progress)
     drive = measure_motion(recording, settings, visual)
-    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay, widen_errors):
+    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay, warn_of_clock):
         drive = step(drive)
+    drive = widen_errors(drive)
     accepted = add_loop_closures(fit_memory(drop_refused_fixes(drive)))
     path = smooth(accepted.recording, accepted.path, accepted.config)
     points = place_landmarks(accepted.recording, path, accepted.config)
@@ -259,15 +263,46 @@ def align_drive(drive: Drive) -> Drive:
 
 
 def correct_delay(drive: Drive) -> Drive:
-    """Move delayed fixes back in time."""
+    """Move delayed fixes back in time, and fixes of a clock that is ahead on in time.
+
+    Fixes that were refused count only if most of them are accepted after the shift.
+    """
     if drive.is_interrupted:
         return drive
     delay_s = fix_delay_s(gate_fixes(drive.recording, drive.online), drive.path, drive.config)
+    if delay_s != 0.0:
+        return _shifted(drive, delay_s)
+    if drive.online.n_refused < _MANY_REFUSED:
+        return drive
+    delay_s = fix_delay_s(drive.recording, drive.path, drive.config)
     if delay_s == 0.0:
         return drive
+    moved = _shifted(drive, delay_s)
+    return moved if moved.online.n_refused <= 0.5 * drive.online.n_refused else drive
+
+
+def _shifted(drive: Drive, delay_s: float) -> Drive:
+    """Return the drive with its fixes earlier by so much, and aligned with them."""
     gps = replace(drive.recording.gps, time_s=drive.recording.gps.time_s - delay_s)
-    moved = replace(drive, recording=replace(drive.recording, gps=gps))
-    return align_drive(moved).noted(f"the fixes are about {delay_s:.1f} s late and were moved back in time")
+    moved = align_drive(replace(drive, recording=replace(drive.recording, gps=gps)))
+    late = "late and were moved back" if delay_s > 0.0 else "early and were moved on"
+    return moved.noted(f"the fixes are about {abs(delay_s):.1f} s {late} in time")
+
+
+def warn_of_clock(drive: Drive) -> Drive:
+    """Note an offset between the clocks of fixes and images that the drive cannot show."""
+    if drive.is_interrupted or drive.visual is None or drive.recording.start_is_surveyed:
+        return drive
+    sigma_s = clock_sigma_s(gate_fixes(drive.recording, drive.online), drive.path, drive.config)
+    time_s = drive.recording.odometry.time_s
+    speed_m_s = float(np.linalg.norm(drive.recording.odometry.step, axis=1).sum() / (time_s[-1] - time_s[0]))
+    claimed_m = float(np.hypot(drive.config.gps_bias_sigma_m, drive.config.gps_white_sigma_m))
+    if sigma_s * speed_m_s <= claimed_m:
+        return drive
+    return drive.noted(
+        f"straight on at constant speed nothing shows an offset between the clocks of fixes and images; {_CLOCK_S:g} s "
+        f"would be {_CLOCK_S * speed_m_s:.1f} m along the path, which its standard deviations leave out"
+    )
 
 
 def widen_errors(drive: Drive) -> Drive:
