@@ -54,6 +54,7 @@ def test_the_wheel_owns_exactly_five_names(tmp_path):
     assert owned == set(PACKAGES)
     assert {f"{package}/__init__.pyi" for package in PACKAGES} <= set(names)
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
+    assert "sim/examples/short_drive.toml" in names
     assert any(name.startswith("survey/reporting/") and name.endswith((".html", ".j2")) for name in names)
 
 

@@ -1,6 +1,7 @@
 """Command line ``firnline``: its commands, in the order in which a survey uses them."""
 
 import sys
+from typing import Annotated
 
 import typer
 
@@ -21,6 +22,8 @@ from sim.cli.commands import (
     show,
     simulate,
 )
+from sim.cli.guide import example, topics
+from sim.cli.guide.version import print_version
 from sim.cli.outcome import run_guarded
 
 app = typer.Typer(
@@ -28,11 +31,22 @@ app = typer.Typer(
     help="Plan, simulate and judge robotic surveys of glaciers and other terrain.",
     epilog="Start with: firnline init my-survey.toml, then firnline run my-survey.toml.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
 )
+
+
+@app.callback()
+def firnline(
+    _: Annotated[
+        bool,
+        typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Plan, simulate and judge robotic surveys of glaciers and other terrain."""
+
+
 for command in (
     init.init,
     plan.plan,
@@ -49,8 +63,10 @@ for command in (
     export.export,
     show.show,
     doctor.doctor,
+    example.example,
 ):
     app.command()(command)
+app.command("help")(topics.help_)
 
 
 def main() -> None:

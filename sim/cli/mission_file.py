@@ -1,6 +1,7 @@
 """Mission runs of the commands: run stages, summarize them, print the summary."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,10 @@ import typer
 
 from sim.cli.progress import StageProgress, logged_to
 from sim.config.mission import MissionConfig
-from sim.mission.runs import open_run, read_mission
+from sim.mission.runs import open_run, planned_place, read_mission
 from sim.mission.stages import run_mission
 from survey.core.documents import read_json
-from survey.core.runs.store import RunFolder
+from survey.core.runs.store import STAGES, RunFolder
 
 
 def run_until(
@@ -31,6 +32,29 @@ def run_until(
     with logged_to(run.log_file, verbose):
         run_mission(mission, run, until=stage, watch=StageProgress(quiet=quiet), workers=workers)
     return mission, run
+
+
+def print_stages_of(
+    mission_file: Path,
+    runs: Path,
+    settings: Sequence[str],
+    *,
+    first: str | None = None,
+    until: str = "report",
+) -> None:
+    """Check a mission and its input, and print where it would run and which stages are to be done; write nothing."""
+    mission = read_mission(mission_file, settings)
+    place = planned_place(mission, runs)
+    done = set()
+    if (place / "manifest.json").exists() and first != "plan":
+        run = RunFolder(place)
+        done = {stage for stage in STAGES if run.has(stage)}
+    if first is not None:
+        done -= set(STAGES[STAGES.index(first) :])
+    typer.echo(f"run     {place}{'' if place.exists() else ' (new)'}")
+    for stage in STAGES[: STAGES.index(until) + 1]:
+        typer.echo(f"{'done' if stage in done else 'to do':<7} {stage}")
+    typer.echo("nothing was written (--dry-run)")
 
 
 def summary(run: RunFolder) -> dict[str, Any]:

@@ -19,6 +19,9 @@ Workers = Annotated[
         "--workers", min=1, help="Processes of a drive with images; one for each core when left out, up to 2."
     ),
 ]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Check all input and print what would be done; write nothing.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 Verbose = Annotated[
     int, typer.Option("--verbose", "-v", count=True, help="More detail in the log; -vv shows tracebacks.")

@@ -76,6 +76,7 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
         The mission would not fit into memory; names the setting and a value that would pass.
     """
     inputs = input_checksums(mission.input_files)
+    _checked_place(mission, runs, inputs)
     facts = {
         "mission": mission.name,
         "seed": mission.seed,
@@ -83,14 +84,44 @@ def open_run(mission: MissionConfig, runs: Path, *, first: str | None = None) ->
         "versions": current_versions(),
     }
     text = resolved_text(mission)
-    place = RunFolder.place(runs, mission.name, text, inputs)
-    refuse_unwritable(place, is_folder=True)
-    if not place.exists():
-        require_mission(mission)
     run = RunFolder.open(runs, mission.name, text, inputs, facts, fresh=first == "plan")
     if first not in (None, "plan"):
         run.redo_from(first, facts)
     return run
+
+
+def planned_place(mission: MissionConfig, runs: Path) -> Path:
+    """Return the folder in which a mission runs, after checking its input; write nothing.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+    runs : pathlib.Path
+        The folder of all runs.
+
+    Returns
+    -------
+    pathlib.Path
+        Its name follows from the configuration and from every input file.
+
+    Raises
+    ------
+    InputError
+        An input file is missing, or the folder cannot be written to.
+    CapacityError
+        The mission would not fit into memory.
+    """
+    return _checked_place(mission, runs, input_checksums(mission.input_files))
+
+
+def _checked_place(mission: MissionConfig, runs: Path, inputs: dict[str, str]) -> Path:
+    """Return the folder of a mission; refuse one that cannot be written, and a new mission that is too large."""
+    place = RunFolder.place(runs, mission.name, resolved_text(mission), inputs)
+    refuse_unwritable(place, is_folder=True)
+    if not place.exists():
+        require_mission(mission)
+    return place
 
 
 def input_checksums(files: dict[str, Path]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.options import RUNS, DryRun, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import with_exit_codes
 from sim.cli.planning.modes import mode_of
 from sim.cli.planning.request import PlanRequest
@@ -156,6 +156,7 @@ def plan(
     force: _Force = False,
     runs: Runs = RUNS,
     settings: Settings = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -197,4 +198,10 @@ def plan(
     given |= {"micro_relief_m": given.pop("micro_relief"), "shared_m": given.pop("shared")}
     given |= {"prior_sigma_m": given.pop("prior_sigma"), "settings": tuple(given.pop("settings") or ())}
     request = PlanRequest(**given)
-    mode_of(request)(request)
+    mode = mode_of(request)
+    if dry_run:
+        from sim.cli.planning.dry_run import print_plan_of
+
+        print_plan_of(request)
+        return
+    mode(request)

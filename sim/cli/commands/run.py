@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose, Workers
+from sim.cli.options import RUNS, DryRun, Json, Quiet, Runs, Settings, Verbose, Workers
 from sim.cli.outcome import NOT_MET, with_exit_codes
 
 
@@ -23,6 +23,7 @@ def run(
     ] = False,
     settings: Settings = None,
     workers: Workers = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -37,6 +38,8 @@ def run(
       firnline run examples/srtm_ridge.toml
 
       firnline run mine.toml --set planner.swaths=6 --require
+
+      firnline run mine.toml --dry-run
     """
     from sim.cli.mission_file import class_met, print_summary, run_until, summary
     from survey.core.errors import ConfigError
@@ -46,6 +49,11 @@ def run(
         if stage is not None and stage not in STAGES:
             raise ConfigError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
     start = "plan" if fresh else first
+    if dry_run:
+        from sim.cli.mission_file import print_stages_of
+
+        print_stages_of(mission, runs, tuple(settings or ()), first=start, until=until)
+        return
     done, folder = run_until(
         mission,
         until,

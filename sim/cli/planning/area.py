@@ -23,14 +23,8 @@ def plan_area(request: PlanRequest) -> None:
     import planners
     from planners.driving.rover import depots
     from sim.cli.progress import counted
-    from survey.core.config import Section, validated, with_overrides
 
-    class Wanted(Section):
-        planner: planners.PlannerConfig
-        rover: planners.Rover = planners.Rover()
-        fleet: planners.Fleet = planners.Fleet()
-
-    config = validated(Wanted, with_overrides(_sections(request), request.settings), "the options")
+    config = checked_options(request)
     area, dem = request.read_area()
     depots(area, config.fleet)
     with counted(quiet=request.quiet) as progress:
@@ -49,6 +43,25 @@ def plan_area(request: PlanRequest) -> None:
     left_out = planners.drivable(area, config.rover, dem).left_out
     write_plan(request, route, _drawing(route, area, dem, kernel, config.rover, left_out))
     _print_route(request, route)
+
+
+def checked_options(request: PlanRequest) -> Any:
+    """Return the sections planner, rover and fleet as the options ask for them.
+
+    Raises
+    ------
+    ConfigError
+        A setting that is unknown or wrong.
+    """
+    import planners
+    from survey.core.config import Section, validated, with_overrides
+
+    class Wanted(Section):
+        planner: planners.PlannerConfig
+        rover: planners.Rover = planners.Rover()
+        fleet: planners.Fleet = planners.Fleet()
+
+    return validated(Wanted, with_overrides(_sections(request), request.settings), "the options")
 
 
 def _default_size(pattern: str) -> dict[str, int]:

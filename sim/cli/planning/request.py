@@ -49,6 +49,7 @@ class PlanRequest:
     as_json: bool
     quiet: bool
     verbose: int
+    dry_run: bool = False
 
     @property
     def files(self) -> dict[str, Path]:

@@ -1,0 +1,1 @@
+"""Commands that explain: examples to copy, and help on formats, exit codes and commands."""

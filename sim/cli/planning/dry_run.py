@@ -1,0 +1,41 @@
+"""``firnline plan --dry-run``: read and check everything, and state what would be done, without writing."""
+
+from typing import Any
+
+import typer
+
+from sim.cli.planning.request import PlanRequest
+
+
+def print_plan_of(request: PlanRequest) -> None:
+    """Check the inputs of a plan and print what the command would do."""
+    if request.is_mission:
+        from sim.cli.mission_file import print_stages_of
+
+        print_stages_of(request.source, request.runs, request.settings, until="plan")
+        return
+    for name, value in _facts(request).items():
+        typer.echo(f"{name:<10} {value}")
+    typer.echo("nothing was written (--dry-run)")
+
+
+def _facts(request: PlanRequest) -> dict[str, Any]:
+    from survey.core.map_scale import ground_area_m2
+    from survey.core.quantity_text import area_text
+
+    pattern = "chosen for the guarantee"
+    if request.require is None:
+        from sim.cli.planning.area import checked_options
+
+        config = checked_options(request)
+        pattern = f"{config.planner.pattern}, {config.fleet.rovers} rover{'s' * (config.fleet.rovers > 1)}"
+    area, prior = request.read_area()
+    facts = {
+        "area": f"{request.source}, {area_text(ground_area_m2(area.crs, area.polygon))}, {area.crs.name}",
+        "pattern": pattern,
+        "would write": ", ".join(str(file) for file in request.files.values()),
+    }
+    if prior is not None:
+        rows, columns = prior.shape
+        facts["prior"] = f"{request.prior}, {rows} × {columns} cells of {prior.step_m:g} m"
+    return facts

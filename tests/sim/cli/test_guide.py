@@ -1,0 +1,93 @@
+"""Version, examples, help topics, shell completion and dry runs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import shapely
+from typer.testing import CliRunner
+
+import firnline
+from sim.cli.main import app
+from survey import SurveyArea
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*args: str, code: int = 0):
+    result = CliRunner().invoke(app, [*args])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_the_version_is_that_of_the_package():
+    assert run("--version").stdout == f"firnline {firnline.__version__}\n"
+
+
+def test_examples_are_listed_and_copied():
+    listed = run("example").stdout
+    names = [line.split()[0] for line in listed.splitlines()]
+    assert {"short_drive", "srtm_ridge", "montecarlo_fig10"} <= set(names)
+    assert all(line.endswith(".") for line in listed.splitlines())
+    assert "run: firnline run short_drive.toml" in run("example", "short-drive").stdout
+    assert Path("short_drive.toml").read_bytes() == (ROOT / "examples" / "short_drive.toml").read_bytes()
+    assert "short_drive.toml exists" in run("example", "short_drive", code=3).stderr
+    assert "firnline montecarlo mine.toml" in run("example", "montecarlo_fig10", "-o", "mine.toml").stdout
+    assert "there is no example 'nothing'; take " in run("example", "nothing", code=4).stderr
+
+
+def test_help_explains_topics_and_commands():
+    formats = run("help", "FORMATS").stdout
+    for ending in (".kmz", ".plan", ".laz", ".hgt", ".qgz"):
+        assert ending in formats
+    assert "interrupted" in run("help", "exit-codes").stdout
+    assert "--set KEY=VALUE" in run("help", "settings").stdout
+    assert "Write a file in the format" in run("help", "export").stdout
+    assert "topics: formats" in run("help").stdout
+    assert "there is no topic or command 'poem'" in run("help", "poem", code=4).stderr
+
+
+def test_a_shell_completes_commands():
+    environment = os.environ | {
+        "_FIRNLINE_COMPLETE": "complete_bash",
+        "COMP_WORDS": "firnline pl",
+        "COMP_CWORD": "1",
+        "PYTHONPATH": str(ROOT),
+    }
+    code = "import sys; sys.argv = ['firnline']; from firnline.__main__ import main; main()"
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert ended.stdout.split() == ["plan"]
+
+
+def test_a_dry_run_of_a_plan_reads_everything_and_writes_nothing():
+    area = SurveyArea(shapely.box(526_000.0, 6_478_000.0, 526_200.0, 6_478_100.0), "EPSG:32608")
+    area.write("site.gpkg")
+    out = run("plan", "site.gpkg", "--swaths", "3", "-o", "plan.pdf", "--dry-run").stdout
+    assert "site.gpkg, 2 ha, WGS 84 / UTM zone 8N" in out
+    assert "lawnmower, 1 rover" in out
+    assert "plan.pdf, plan.geojson, plan_sigma.tif" in out
+    assert [file.name for file in Path().iterdir()] == ["site.gpkg"]
+    assert "does not exist" in run("plan", "other.gpkg", "--dry-run", code=3).stderr
+    assert run("plan", "site.gpkg", "--set", "rover.speed=2", "--dry-run", code=4).stderr
+
+
+def test_a_dry_run_of_a_mission_names_its_folder_and_stages():
+    run("init", "mine.toml")
+    out = run("run", "mine.toml", "--runs", "runs", "--dry-run").stdout
+    assert out.splitlines()[0].startswith("run     runs/mine/")
+    assert [line.split() for line in out.splitlines()[1:3]] == [
+        ["to", "do", "plan"],
+        ["to", "do", "simulate"],
+    ]
+    assert not Path("runs").exists()
+    assert run("run", "mine.toml", "--set", "planner.swathes=3", "--dry-run", code=4).stderr
