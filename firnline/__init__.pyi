@@ -74,8 +74,17 @@ from survey.data.sensors.stakes import StakeSightings as StakeSightings
 from survey.data.surface_points import SurfacePoints as SurfacePoints
 from survey.data.trajectory import Trajectory as Trajectory
 from survey.data.truth import Truth as Truth
+from survey.interchange.route_formats import read_plan as read_plan
+from survey.interchange.route_formats import write_plan as write_plan
+from survey.interchange.surroundings import Surroundings as Surroundings
+from survey.interchange.tum_euroc import write_euroc as write_euroc
 from survey.reconstruction.base import Reconstruction as Reconstruction
 from survey.reconstruction.carving.config import SpaceCarvingConfig as SpaceCarvingConfig
+from survey.reconstruction.checks.predictive import HeldOut as HeldOut
+from survey.reconstruction.checks.predictive import PredictiveCheck as PredictiveCheck
+from survey.reconstruction.checks.predictive import PredictiveScores as PredictiveScores
+from survey.reconstruction.checks.rmse_claim import RmseClaim as RmseClaim
+from survey.reconstruction.checks.rmse_claim import RmsePosterior as RmsePosterior
 from survey.reconstruction.gp.config import GaussianProcessConfig as GaussianProcessConfig
 from survey.reconstruction.gp.config import JointConfig as JointConfig
 from survey.reconstruction.gp.covariance.stationary import Kernel as Kernel
@@ -89,7 +98,9 @@ from survey.reconstruction.method import MappingTask as MappingTask
 from survey.reconstruction.method import ReconstructionMethod as ReconstructionMethod
 from survey.reconstruction.method import ScanModel as ScanModel
 from survey.reconstruction.method import ScanSettings as ScanSettings
-from survey.reconstruction.prior import SatelliteErrors as SatelliteErrors
+from survey.reconstruction.prior.config import SatelliteErrors as SatelliteErrors
+from survey.reconstruction.prior.products import ErrorScale as ErrorScale
+from survey.reconstruction.prior.products import PriorErrors as PriorErrors
 from survey.reconstruction.registry import ReconstructionConfig as ReconstructionConfig
 from survey.scoring.accuracy import Calibration as Calibration
 from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics
@@ -111,6 +122,7 @@ from vision_slam.evaluation import trajectory_error as trajectory_error
 from vision_slam.localization import Localization as Localization
 from vision_slam.odometry.config import VisualOdometryConfig as VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth as FrameHealth
+from vision_slam.odometry.lens.self_calibration import LensEstimate as LensEstimate
 from vision_slam.odometry.visual_odometry import VisualOdometry as VisualOdometry
 from vision_slam.pipeline import localize as localize
 

@@ -14,6 +14,9 @@ from planners.ground.drivable_area import Drivable as Drivable
 from planners.ground.drivable_area import LeftOut as LeftOut
 from planners.ground.traversability import RoverLimits as RoverLimits
 from planners.ground.traversability import drivable as drivable
+from planners.guarantee.adaptive import AdaptiveSurvey as AdaptiveSurvey
+from planners.guarantee.adaptive import survey_adaptively as survey_adaptively
+from planners.guarantee.adaptive_state import AdaptiveConfig as AdaptiveConfig
 from planners.patterns.planner import LayoutTask as LayoutTask
 from planners.patterns.planner import Planner as Planner
 from planners.planning import plan as plan

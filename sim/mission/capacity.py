@@ -209,8 +209,8 @@ def _require_rates(mission: MissionConfig, seconds: float) -> None:
     _require("physics.rate_hz", rate_hz, rate_hz * seconds, MOST_PHYSICS_STEPS, "steps of the physics")
     for name, instrument in mission.instruments:
         if isinstance(instrument, InstrumentConfig):
-            rate_hz = instrument.rate_hz
-            _require(f"instruments.{name}.rate_hz", rate_hz, rate_hz * seconds, MOST_READINGS, "readings")
+            n_readings = instrument.rate_hz * seconds
+            _require(f"instruments.{name}.rate_hz", instrument.rate_hz, n_readings, MOST_READINGS, "readings")
 
 
 def _require(setting: str, value: float, n: float, most: int, what: str, *, power: float = 1.0) -> None:

@@ -5,5 +5,7 @@ Route exports, scan readers and dataset layouts live here; formats that know no 
 
 from survey.interchange.convert import convert
 from survey.interchange.route_formats import read_plan, write_plan
+from survey.interchange.tum_euroc import write_euroc
+from survey.io.pose_files import read_kitti
 
-__all__ = ["convert", "read_plan", "write_plan"]
+__all__ = ["convert", "read_kitti", "read_plan", "write_euroc", "write_plan"]

@@ -129,6 +129,15 @@ def others() -> Iterator[Any]:
     yield firnline.RunFolder(Path("runs") / "small" / "1")
     yield DemMean(firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 1.0), 1.0), np.zeros((2, 3))))
     yield firnline.GaussianProcessConfig(fit=False, variance_m2=1.0, length_scale_m=9.0).stated_kernel()
+    yield firnline.SatelliteErrors().model()
+    yield firnline.RmseClaim.of(np.eye(3), np.ones(3))
+    scores = firnline.PredictiveScores.of(np.array([0.1, -0.3]), np.array([0.1, 0.1]))
+    yield firnline.PredictiveCheck("discs", 2, scores, scores, (1.0,), (2.0,), (0.5,), (1.0,))
+    none = np.zeros(0)
+    yield firnline.HeldOut("discs", 2, none, none, none, none, none.astype(int), np.zeros((0, 0)))
+    yield firnline.Surroundings(speed_m_s=1.0)
+    camera = firnline.Camera("pinhole", 6, 4, [[4, 0, 3], [0, 4, 2], [0, 0, 1]], np.zeros(5), np.eye(4))
+    yield firnline.LensEstimate(camera, False, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, "no turn")
 
 
 def parts(value: Any) -> Iterator[Any]:

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from survey.core.arrays import FloatArray, IntArray
+from survey.core.data_object import DataObject
 from survey.core.weighted_chi_square import WeightedChiSquare
 
 LEVEL = 0.01
@@ -65,8 +66,8 @@ class PredictiveScores:
         )
 
 
-@dataclass(frozen=True)
-class HeldOut:
+@dataclass(frozen=True, eq=False, repr=False)
+class HeldOut(DataObject):
     """Points predicted by a map that was made without them.
 
     Parameters
