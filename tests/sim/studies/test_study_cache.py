@@ -1,15 +1,12 @@
 """Drafts and records of studies, with processes that end at every change of a file."""
 
-import os
-import sys
 from functools import partial
 
 import pytest
 
+from benchmarks.kill_points import kill_points
 from sim.studies.study_cache import is_complete, replacing_study
 from survey.core.errors import InputError
-
-CHANGES = ("os.rename", "os.remove", "os.rmdir", "os.mkdir", "shutil.rmtree")
 
 
 def make(folder, *, quick):
@@ -29,25 +26,6 @@ def state(folder):
     return {str(path.relative_to(folder)): path.read_text() for path in files}
 
 
-def ended_at_change(n, act):
-    """Run `act` in a child process that ends without clean-up before its n-th change; return whether it ended so."""
-    child = os.fork()
-    if child == 0:
-        left = [n]
-
-        def count(event, _):
-            left[0] -= event in CHANGES
-            if left[0] < 0:
-                os._exit(9)
-
-        sys.addaudithook(count)
-        act()
-        os._exit(0)
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    assert code in (0, 9)
-    return code == 9
-
-
 def test_a_study_that_is_killed_at_any_change_of_a_file_is_the_old_or_the_new_one(tmp_path):
     folder = tmp_path / "out" / "study"
     outputs = {}
@@ -55,14 +33,15 @@ def test_a_study_that_is_killed_at_any_change_of_a_file_is_the_old_or_the_new_on
         make(folder, quick=quick)
         outputs[quick] = state(folder)
     for quick in (False, True):
-        n = 0
-        while ended_at_change(n, partial(make, folder, quick=quick)):
+        points = []
+        for point in kill_points(partial(make, folder, quick=quick), partial(make, folder, quick=not quick)):
+            points.append(point)
             assert state(folder) in outputs.values()
             make(folder, quick=not quick)
             assert state(folder) == outputs[not quick]
-            n += 1
-        assert n > 10
-        assert [path.name for path in folder.parent.iterdir()] == ["study"]
+        assert len(points) > 10
+    make(folder, quick=False)
+    assert [path.name for path in folder.parent.iterdir()] == ["study"]
 
 
 def test_files_of_a_stopped_study_are_made_again_and_its_blocks_stay(tmp_path):
