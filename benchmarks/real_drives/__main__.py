@@ -165,8 +165,8 @@ def _outcome(
     recording = _recording(changed, fixes)
     try:
         found = localize(recording, case.receiver.config(), visual=visual).trajectory
-    except FirnlineError as error:
-        return Outcome(ended=str(error))
+    except FirnlineError as refusal:
+        return Outcome(ended=str(refusal))
     judged = (found.time_s >= fixes.time_s[0]) & (found.time_s <= fixes.time_s[-1])
     real = _at(found.time_s[judged], times, places)[:, :2]
     error = found.position[judged, :2] - real

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.core.streams import stream
 from survey.data.camera.frames import Frames, Image
 from survey.data.sensors.aiding import Wheels
@@ -89,9 +89,11 @@ def with_undeclared_distortion(sequence: ImageSequence) -> ImageSequence:
     pixels = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
     lens = np.array([_K1, 0.0, 0.0, 0.0, 0.0])
     source = cv2.undistortPoints(pixels[:, None], camera.matrix, lens, P=camera.matrix)[:, 0]
-    maps = [source[:, axis].reshape(columns.shape).astype(np.float32) for axis in (0, 1)]
+    x, y = (source[:, axis].reshape(columns.shape).astype(np.float32) for axis in (0, 1))
     drawn = [
-        cv2.remap(sequence.frames[k], *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        np.asarray(
+            cv2.remap(sequence.frames[k], x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT), np.uint8
+        )
         for k in range(len(sequence.frames))
     ]
     return replace(sequence, frames=Frames(sequence.frames.time_s, Images(drawn)))
@@ -112,12 +114,15 @@ def shifted_image(sequence: ImageSequence, shift_px: float, n: int) -> ImageSequ
     first = sequence.frames[0]
     size = (first.shape[1], first.shape[0])
     drawn = [
-        cv2.warpAffine(
-            first,
-            np.array([[1.0, 0.0, shift_px * k], [0.0, 1.0, 0.0]]),
-            size,
-            flags=cv2.INTER_CUBIC,
-            borderMode=cv2.BORDER_REFLECT,
+        np.asarray(
+            cv2.warpAffine(
+                first,
+                np.array([[1.0, 0.0, shift_px * k], [0.0, 1.0, 0.0]]),
+                size,
+                flags=cv2.INTER_CUBIC,
+                borderMode=cv2.BORDER_REFLECT,
+            ),
+            np.uint8,
         )
         for k in range(n)
     ]
@@ -141,10 +146,11 @@ def reference_places(sequence: ImageSequence) -> FloatArray:
 def travel_m(sequence: ImageSequence) -> FloatArray:
     """Return the travel up to each reference pose (R,) [m]."""
     steps = np.linalg.norm(np.diff(reference_places(sequence), axis=0), axis=1)
-    return np.r_[0.0, np.cumsum(steps)]
+    travel: FloatArray = np.r_[0.0, np.cumsum(steps)]
+    return travel
 
 
-def _selected(sequence: ImageSequence, stays: FloatArray) -> ImageSequence:
+def _selected(sequence: ImageSequence, stays: BoolArray) -> ImageSequence:
     index = np.flatnonzero(stays)
     images = Images([sequence.frames[int(k)] for k in index])
     return replace(sequence, frames=Frames(sequence.frames.time_s[index], images))

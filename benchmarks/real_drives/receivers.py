@@ -53,4 +53,4 @@ LATE = Receiver(late_s=0.5)
 def in_world(places: FloatArray) -> FloatArray:
     """Turn places (N, 3) [m] of the reference by 40° and move them into the CRS."""
     turned: FloatArray = Rotation.from_euler("z", _HEADING_DEG, degrees=True).apply(places)
-    return turned + ORIGIN
+    return np.asarray(turned + ORIGIN)
