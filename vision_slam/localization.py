@@ -16,7 +16,8 @@ class Localization(DataObject):
     ----------
     trajectory : Trajectory
         Smoothed poses with covariances of position [m²], in the CRS of the recording. Its
-        health is 0 where neither images nor wheels support the pose.
+        health is 0 where neither images nor wheels support the pose, and where fixes contradict
+        it to the end of the drive.
     points : SurfacePoints
         Landmarks with 3 × 3 covariances [m²]. Neighbouring landmarks share the error of the
         path: taken as independent points they are overconfident.

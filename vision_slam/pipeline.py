@@ -41,7 +41,7 @@ from vision_slam.rotation import quaternions
 
 _DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
 
-_MANY_REFUSED = 2
+_MANY_REFUSED = 3
 _CLOCK_S = 0.1
 _BETTER = 0.1  # share of the fixes that are at least as good as the errors that are assumed
 
@@ -108,7 +108,7 @@ def localize(
     path = smooth(accepted.recording, accepted.path, accepted.config)
     points = place_landmarks(accepted.recording, path, accepted.config)
     return Localization(
-        _trajectory(accepted, path),
+        _trajectory(accepted, path, drive.is_contradicted),
         points,
         drive.online.trajectory(drive.recording),
         drive.visual,
@@ -151,6 +151,16 @@ class Drive:
     def is_interrupted(self) -> bool:
         """Whether the odometry has gaps that no sensor bridges."""
         return self.visual is not None and len(segment_starts(self.recording, self.visual)) > 0
+
+    @property
+    def is_contradicted(self) -> BoolArray:
+        """Whether fixes contradict each pose (N,) and none agrees with the path any more until the end."""
+        time_s, fix_s = self.recording.odometry.time_s, self.recording.gps.time_s
+        used_s = fix_s[self.used_fixes]
+        if len(used_s) == 0:
+            return np.zeros(len(time_s), dtype=np.bool_)
+        refused_s = fix_s[(fix_s > used_s[-1]) & (fix_s <= time_s[-1])]
+        return time_s >= (refused_s[0] if len(refused_s) >= _MANY_REFUSED else np.inf)
 
     def noted(self, note: str) -> "Drive":
         """Return the drive with one more note."""
@@ -376,7 +386,8 @@ def image_config(config: LocalizationConfig, scale_drift_sigma: float = 0.0) -> 
     return config.model_copy(update=images.model_dump())
 
 
-def _trajectory(drive: Drive, path: SmoothedPath) -> Trajectory:
+def _trajectory(drive: Drive, path: SmoothedPath, is_contradicted: BoolArray) -> Trajectory:
+    """Return the smoothed poses, with health 0 where images, wheels or fixes do not support them."""
     trajectory = Trajectory(
         drive.recording.odometry.time_s,
         path.position,
@@ -385,7 +396,10 @@ def _trajectory(drive: Drive, path: SmoothedPath) -> Trajectory:
         drive.recording.crs,
         error=path.error,
     )
-    return trajectory if drive.visual is None else replace(trajectory, health=1.0 - drive.visual.is_lost)
+    is_lost = is_contradicted if drive.visual is None else is_contradicted | drive.visual.is_lost
+    if drive.visual is None and not is_lost.any():
+        return trajectory
+    return replace(trajectory, health=1.0 - is_lost)
 
 
 def kinematic_survey(recording: Recording, config: LocalizationConfig) -> Localization:

@@ -147,3 +147,14 @@ def test_api_and_command_give_the_same_bytes_on_real_images_without_wheels(
     result = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out"), "-q"])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out" / "trajectory.csv").read_bytes() == (tmp_path / "trajectory.csv").read_bytes()
+
+
+def test_a_path_that_its_last_fixes_contradict_is_lost_from_there_on() -> None:
+    recording, path = _arc()
+    fixes = recording.gps.position.copy()
+    fixes[120:] += [40.0, 0.0, 0.0]
+    result = localize(replace(recording, gps=replace(recording.gps, position=fixes)))
+    assert result.n_fixes_refused == 30
+    np.testing.assert_array_equal(np.flatnonzero(result.trajectory.health < 0.5), np.arange(120, 150))
+    assert np.hypot(*(result.trajectory.position - path)[:, :2].T).max() < 2.0
+    assert (localize(recording).trajectory.health == 1.0).all()
