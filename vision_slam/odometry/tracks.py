@@ -18,7 +18,8 @@ class Track:
 
     ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``;
     ``point`` (3,) its place in the window's frame, None while unknown; ``is_far`` when no
-    motion so far has moved it, so that only its direction counts.
+    motion so far has moved it, so that only its direction counts; ``has_moved`` when its
+    direction changed by more than its error explains, so that it is not far.
     """
 
     pixel: FloatArray
@@ -26,6 +27,7 @@ class Track:
     rays: list[FloatArray] = field(default_factory=list)
     point: FloatArray | None = None
     is_far: bool = False
+    has_moved: bool = False
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:
         """Add an observation from a keyframe."""

@@ -19,6 +19,8 @@ _LEVEL = -0.04  # sine of elevation: from 0.7 m above level ground, what lies 17
 _FREE = 1e3
 _SLIP_SIGMAS = 3.0  # wheels that disagree by more are down-weighted: they slip
 _LEAP_PX = 10.0
+_MOVED_SIGMAS = 4.0
+_DIRECTION_KEYFRAMES = 30  # over which a direction at infinity must stay
 _FAR_M = 400.0  # a point so far away moves by less than 0.1° within a window
 
 
@@ -41,7 +43,9 @@ class Window:
     is eliminated before the poses are solved for, and becomes a direction where no motion
     in the window moves it, so that a far ridge holds the heading and nothing else. That is
     for corners near the horizon only: ground that shows no parallax, as in a turn on the
-    spot, is near all the same, and taken for a mountain it would bend the turn. Turn, along
+    spot, is near all the same, and taken for a mountain it would bend the turn. A corner whose
+    direction changed by more than four standard deviations is no direction either: façades and
+    cars beside a street reach above the horizon. Turn, along
     and aside are the parts of log(M_k⁻¹ T_k⁻¹ T_{k+1}), with M the motion by gyro and
     wheels; the loss ρ is Cauchy's, because wheels slip. Each part has a loss of its own: a
     bump of the ground must not silence the wheels, or the scale drifts.
@@ -138,7 +142,7 @@ class Window:
             return None
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
         sigma = self._config.pixel_sigma / self._focal_px / track.rays[-1][2] ** 1.5
-        params = self._may_be_far if is_level else self._is_ground
+        params = self._may_be_far if is_level and not track.has_moved else self._is_ground
         factor = gtsam.SmartProjectionPoseFactorCal3_S2(
             gtsam.noiseModel.Isotropic.Sigma(2, sigma), self._lens, self._sensor, params
         )
@@ -151,13 +155,22 @@ class Window:
         track.is_far = False
         if result.valid():
             track.point = np.asarray(result.get())
-        elif not is_level:
-            track.point = None
-        else:
-            oldest = max(track.keyframes[0], self.newest - 30)
-            index = next(i for i, k in enumerate(track.keyframes) if k >= oldest)
-            track.point = self._camera_pose(track.keyframes[index])[0] @ track.rays[index]
-            track.is_far = True
+            return
+        track.point = None
+        if not is_level:
+            return
+        directions = self._directions(track)
+        moved = np.linalg.norm(directions - directions[0], axis=1).max()
+        track.has_moved = bool(moved > _MOVED_SIGMAS * self._config.pixel_sigma / self._focal_px)
+        if not track.has_moved:
+            track.point, track.is_far = directions[0], True
+
+    def _directions(self, track: Track) -> FloatArray:
+        """Return the unit directions (N, 3) of the newest observations of a track in the window's frame."""
+        oldest = max(track.keyframes[0], self.newest - _DIRECTION_KEYFRAMES)
+        index = next(i for i, k in enumerate(track.keyframes) if k >= oldest)
+        pairs = zip(track.keyframes[index:], track.rays[index:], strict=True)
+        return np.array([self._camera_pose(k)[0] @ ray for k, ray in pairs])
 
     def _agree(self, tracks: list[Track], was_used: list[bool]) -> list[bool]:
         """Whether the newest sight of each track lies where its point is; unknown points do not object."""

@@ -19,13 +19,16 @@ from vision_slam.odometry.lens.bundle_adjustment import (
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import intersected
 
-# Prior errors of the logarithm of the focal length, of k1 and of k2.
-_PRIOR_SIGMA, _RADIAL = np.array([0.2, 0.2, 0.1]), np.array([0.0, 1.0, 1.0])
+# Prior errors of the logarithm of the focal length, of k1 and of k2: of a calibration whose distortion is unknown,
+# and of one whose focal length is too.
+_CALIBRATED, _ANY_LENS = np.array([0.01, 0.2, 0.1]), np.array([0.2, 0.2, 0.1])
 # Corners creep together, which independent pixel errors do not describe: the lenses of two drives with
 # cameras of one make differ by so many of their formal standard deviations.
 _CORRELATED = 5.0
 _LEAST_TURN_DEG = 20.0
-_LEAST_GAIN = 50.0  # decrease of the cost; by chance it is 2
+_SIGNIFICANT = 7.81  # squared Mahalanobis distance from the given lens (χ² with 3 degrees, 95 %)
+_LEAST_GAIN = 50.0  # decrease of the cost by another focal length; by chance it is 1
+_N_NEAR = 15  # steps, after which the lens hardly changes
 _LEAST_BORDER_PX = 1.0  # below, the given lens is good enough
 _WELL_ABOVE = 0.5  # of the prior's error, below which that of the estimate must be
 _N_PROBED = 5  # steps after which a focal length that is off shows
@@ -50,7 +53,7 @@ class LensEstimate(DataObject):
     lens : (3,) ndarray
         Estimated logarithm of the factor of the focal length, and changes of k1 and k2.
     sigma : (3,) ndarray
-        Their standard deviations; 0 where a given value is held, NaN where nothing was estimated.
+        Their standard deviations; NaN where nothing was estimated.
     border_px : float
         Root mean square distance between estimated and given lens at the border of the image [pixels].
     turned_deg : float
@@ -83,9 +86,9 @@ def estimate_lens(
     In a turn points cross the image, and unmodelled distortion changes their parallax: the scale
     drifts, by 24 to 28 % in turns of 90 degrees under a lens that is 10 pixels off at the border. The
     same turn makes the lens observable; straight motion along the optical axis does not. A
-    lens is accepted where the drive turns by 20 degrees, where the errors of k1 and k2 fall well below
-    those of the prior, and where the cost decreases significantly. The focal length is
-    changed only where it differs by more than 5 %.
+    lens is accepted where the drive turns by 20 degrees, where its errors fall well below
+    those of the prior, and where it differs significantly from the given one. The focal length has a prior error of 1 %, or
+    of 20 % where the images demand a change of more than 5 %.
 
     Parameters
     ----------
@@ -116,23 +119,20 @@ def estimate_lens(
     travel = Travel(rolled, config.wheel_sigma * rolled + 0.002)
 
     def adjustment(prior: FloatArray) -> BundleAdjustment:
-        return BundleAdjustment(camera, seen, config.pixel_sigma, prior, travel)
+        return BundleAdjustment(camera, seen, config.pixel_sigma, prior / _CORRELATED, travel)
 
-    held = adjustment(np.zeros(3)).solve(start)
-    best = _with_focal_length(
-        adjustment(_PRIOR_SIGMA * _RADIAL).solve(held.geometry), adjustment(_PRIOR_SIGMA)
-    )
-    return _judged(camera, poses, best, held.cost - best.cost, turned_deg)
+    near = adjustment(_CALIBRATED).solve(start, _N_NEAR)
+    return _judged(camera, poses, _with_focal_length(near, adjustment(_ANY_LENS)), turned_deg)
 
 
-def _with_focal_length(radial: Adjusted, adjustment: BundleAdjustment) -> Adjusted:
-    """Estimate the focal length too; keep the given one where it differs by little."""
-    probe = adjustment.solve(radial.geometry, _N_PROBED)
+def _with_focal_length(near: Adjusted, adjustment: BundleAdjustment) -> Adjusted:
+    """Estimate any focal length; return the lens near the given one where it differs by less than 5 %."""
+    probe = adjustment.solve(near.geometry, _N_PROBED)
     if abs(probe.geometry.lens.log_focal) < 0.5 * _LEAST_FOCAL:
-        return radial
+        return near
     free = adjustment.solve(probe.geometry)
-    is_other = abs(free.geometry.lens.log_focal) > _LEAST_FOCAL and radial.cost - free.cost > _LEAST_GAIN
-    return free if is_other else radial
+    is_other = abs(free.geometry.lens.log_focal) > _LEAST_FOCAL and near.cost - free.cost > _LEAST_GAIN
+    return free if is_other else near
 
 
 def unknown_lens(camera: Camera, poses: FloatArray, reason: str) -> LensEstimate:
@@ -150,26 +150,27 @@ def unknown_lens(camera: Camera, poses: FloatArray, reason: str) -> LensEstimate
     )
 
 
-def _judged(
-    camera: Camera, poses: FloatArray, found: Adjusted, gain: float, turned_deg: float
-) -> LensEstimate:
+def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: float) -> LensEstimate:
     """Accept an estimate, or state why the given lens is used."""
     lens = found.geometry.lens
-    sigma = _CORRELATED * np.sqrt(np.diag(found.covariance))
-    sigma = np.where(sigma < 1e-4, 0.0, sigma)
+    covariance = _CORRELATED**2 * found.covariance
+    sigma = np.sqrt(np.diag(covariance))
     estimated = lens.applied(camera)
-    if (sigma > _WELL_ABOVE * _PRIOR_SIGMA).any() or not _is_one_to_one(estimated):
+    if (sigma > _WELL_ABOVE * _ANY_LENS).any() or not _is_one_to_one(estimated):
         return unknown_lens(camera, poses, "its errors are hardly below those of the prior")
     border_px = _border_px(camera, estimated)
-    is_accepted = gain > _LEAST_GAIN and border_px > _LEAST_BORDER_PX
+    is_other = float(np.array(lens) @ np.linalg.solve(covariance, np.array(lens))) > _SIGNIFICANT
+    if border_px > _LEAST_BORDER_PX and not is_other:
+        reason = f"the images contradict it by {border_px:.1f} px at the border, which is not significant"
+        return unknown_lens(camera, poses, reason)
+    is_accepted = border_px > _LEAST_BORDER_PX
     note = f"the images agree with the lens within {border_px:.1f} px at the border"
     if is_accepted:
         note = (
             f"the images contradict the lens by {border_px:.1f} px at the border and were used with "
-            f"k1 changed by {lens.k1:.4f} ± {sigma[1]:.4f}, k2 by {lens.k2:.4f} ± {sigma[2]:.4f}"
+            f"k1 changed by {lens.k1:.4f} ± {sigma[1]:.4f}, k2 by {lens.k2:.4f} ± {sigma[2]:.4f}, "
+            f"the focal length by {100.0 * np.expm1(lens.log_focal):.1f} ± {100.0 * sigma[0]:.1f} %"
         )
-    if is_accepted and sigma[0] > 0.0:
-        note += f", the focal length by {100.0 * np.expm1(lens.log_focal):.1f} ± {100.0 * sigma[0]:.1f} %"
     return LensEstimate(
         estimated if is_accepted else camera,
         is_accepted,
