@@ -110,7 +110,7 @@ def localize(
     Written are trajectory.tum and health.csv, landmarks.csv, the pictures map.png and tracks.png,
     with fixes also trajectory.csv (covariances), online_trajectory.csv (the causal path),
     track.gpkg and landmarks.gpkg in their CRS, and with a reference errors.png. Without fixes the
-    path is relative to the first image. A folder of
+    path is relative to the first image, and path.csv has its standard deviations. A folder of
     images takes its times from frames.csv (time_s,file), times.txt or the names of the files, its
     calibration from camera.toml, and wheels.csv and inertial.csv where they are there.
     """
