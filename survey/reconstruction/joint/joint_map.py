@@ -130,7 +130,8 @@ class JointTerrain:
         conflicts: tuple[str, ...] = ()
         if cells is not None:
             found, cells, conflicts = chosen(alone, cells, errors)
-            slope = alone.solution(found).gradient(points.xy)
+            if not errors.white.is_known:
+                slope = alone.solution(found).gradient(points.xy)
         for _ in range(self.joint.slope_passes - 1):
             rough = self._solution(points, bounds, found, slope, cells)
             slope = rough.gradient(points.xy)
