@@ -21,6 +21,7 @@ from sim.config.mission import MissionConfig
 from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
 from sim.simulate.ideal import simulate_ideal
+from sim.simulate.sensed_attitude import sensed_attitude
 from sim.simulate.simulated_drive import ONBOARD
 from sim.simulate.statistical import simulate_statistical
 from sim.world.site import World, build_world
@@ -139,6 +140,8 @@ def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey
     if steering is None:
         return route
     sense = planners.attitude_sensor(world.terrain)
+    if mission.fidelity == "statistical":
+        sense = sensed_attitude(sense, mission)
     area = planners.drivable(world.area, mission.rover, world.prior).within(world.area)
     return planners.rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
 
