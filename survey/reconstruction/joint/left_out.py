@@ -59,6 +59,23 @@ def check_by_swaths(solution: JointSolution) -> PredictiveCheck | None:
     PredictiveCheck or None
         Of about 2,000 points at most.
     """
+    held_out = held_out_swaths(solution)
+    return None if held_out is None else PredictiveCheck.of(held_out)
+
+
+def held_out_swaths(solution: JointSolution) -> HeldOut | None:
+    """Predict swaths that are left out one at a time; None where the drive has fewer than two.
+
+    Parameters
+    ----------
+    solution : JointSolution
+        Estimate from all points.
+
+    Returns
+    -------
+    HeldOut or None
+        Errors and their claimed covariance.
+    """
     swaths = swaths_of(solution.points)
     blocks = _chosen(swaths.number)
     if len(blocks) < 2:
@@ -69,7 +86,7 @@ def check_by_swaths(solution: JointSolution) -> PredictiveCheck | None:
     part = np.concatenate([start + block.tested for start, block in zip(starts, solved, strict=True)])
     distances = [_distance_to_others(solution.points.xy, block.rows) for block in solved]
     own_m2 = solution.noise_m2[rows] - solution.found.nugget_m**2
-    held_out = HeldOut(
+    return HeldOut(
         "parts of swaths" if swaths.are_parts else "swaths",
         len(solved),
         np.concatenate([block.error_m for block in solved]),
@@ -81,7 +98,6 @@ def check_by_swaths(solution: JointSolution) -> PredictiveCheck | None:
         part,
         np.block([[a.own_m2 if a is b else a.with_other(b) for b in solved] for a in solved]),
     )
-    return PredictiveCheck.of(held_out)
 
 
 def _chosen(swath: IntArray) -> list[IntArray]:

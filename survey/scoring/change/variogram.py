@@ -5,46 +5,41 @@ from typing import Self
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.optimize import nnls
 from scipy.special import stdtrit
 
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import InputError
+from survey.scoring.change.structures import Structure, fitted
 
 LARGEST_CELLS = 16_000_000
 """Rasters beyond this are thinned or cut before their variogram is taken."""
 _N_LEAST = 100
 _N_BINS = 30
-_N_RANGES = 24
 # Pairs farther apart than this share of the known ground's extent are too few and too alike to learn from.
 _FARTHEST_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class Variogram:
-    r"""A nugget and spherical structures of several ranges.
+    r"""A nugget and structures of several families and ranges.
 
-    .. math::  \gamma(h) = c_0\,[h > 0] + \sum_k c_k \, \mathrm{sph}(h / a_k), \qquad
-               \mathrm{sph}(s) = \tfrac{3}{2} s - \tfrac{1}{2} s^3 \;(s < 1), \; 1 \text{ beyond}
+    .. math::  \gamma(h) = c_0\,[h > 0] + \sum_k c_k \, g_k(h / a_k)
 
     Parameters
     ----------
     nugget_m2 : float
         Variance of what is independent from cell to cell [m²].
-    sills_m2 : (K,) tuple of float
-        Variance of each structure [m²].
-    ranges_m : (K,) tuple of float
-        Distance beyond which it no longer connects [m].
+    structures : (K,) tuple of Structure
+        Spherical ones, linear at short lags, and smooth ones, Gaussian and Matérn 3/2.
     """
 
     nugget_m2: float
-    sills_m2: tuple[float, ...]
-    ranges_m: tuple[float, ...]
+    structures: tuple[Structure, ...] = ()
 
     @property
     def variance_m2(self) -> float:
         """Variance of one cell's error [m²]."""
-        return self.nugget_m2 + sum(self.sills_m2)
+        return self.nugget_m2 + sum(structure.sill_m2 for structure in self.structures)
 
     def at(self, lag_m: FloatArray) -> FloatArray:
         """Half the mean square difference of two cells at the distances [m], as [m²].
@@ -60,8 +55,8 @@ class Variogram:
             Of the shape of `lag_m` [m²].
         """
         gamma: FloatArray = np.where(lag_m > 0.0, self.nugget_m2, 0.0)
-        for sill, reach in zip(self.sills_m2, self.ranges_m, strict=True):
-            gamma = gamma + sill * _spherical(lag_m / reach)
+        for structure in self.structures:
+            gamma = gamma + structure.at(lag_m)
         return gamma
 
     def covariance(self, lag_m: FloatArray) -> FloatArray:
@@ -84,7 +79,8 @@ class Variogram:
         """Learn from a raster of errors (H, W) [m] on the cells that are known.
 
         Every pair of cells counts, by their Fourier transforms; bins of distance are as wide
-        as they are far, and all weigh alike relative to their value.
+        as they are far, so that the number of pairs in a bin grows as its independent pairs grow fewer, and all
+        weigh alike relative to their value.
 
         Parameters
         ----------
@@ -98,7 +94,7 @@ class Variogram:
         Returns
         -------
         Variogram
-            With one structure for each range that the fit uses.
+            With as few structures as explain the bins (`survey.scoring.change.structures.fitted`).
 
         Raises
         ------
@@ -123,20 +119,7 @@ class Variogram:
                 f"{n} cells of unchanged ground are known; {_N_LEAST} are needed to learn how errors go together."
             )
         lags, gamma, weight = _empirical(difference, known, step_m)
-        return cls._fitted(lags, gamma, weight, step_m)
-
-    @classmethod
-    def _fitted(cls, lags: FloatArray, gamma: FloatArray, weight: FloatArray, step_m: float) -> Self:
-        """Sills by non-negative least squares over a ladder of ranges."""
-        ranges = np.geomspace(2.0 * step_m, 1.5 * max(lags[-1], 2.0 * step_m), _N_RANGES)
-        columns = np.column_stack([np.ones_like(lags), *(_spherical(lags / a) for a in ranges)])
-        sills, _ = nnls(columns * weight[:, None], gamma * weight)
-        used = np.flatnonzero(sills[1:] > 0.0)
-        return cls(
-            float(sills[0]),
-            tuple(float(sills[1 + k]) for k in used),
-            tuple(float(ranges[k]) for k in used),
-        )
+        return cls(*fitted(lags, gamma, weight, 2.0 * step_m))
 
 
 @dataclass(frozen=True)
@@ -180,17 +163,14 @@ def error_of_sum(
 
     Examples
     --------
-    >>> white, all_cells = Variogram(4.0, (), ()), np.ones((3, 3), dtype=bool)
+    >>> white, all_cells = Variogram(4.0), np.ones((3, 3), dtype=bool)
     >>> error_of_sum(np.full((3, 3), 1.0 / 9.0), white, all_cells, 1.0)
     ErrorOfSum(std=0.667, n_free=9.0)
     """
     lags = _lag_lengths(_padded(weights.shape), step_m)
     of_weights, of_cells = (_autocorrelation(a) for a in (weights, learnt_on.astype(np.float64)))
     structures = [(variogram.nugget_m2, np.where(lags > 0.0, 0.0, 1.0))]
-    structures += [
-        (sill, 1.0 - _spherical(lags / reach))
-        for sill, reach in zip(variogram.sills_m2, variogram.ranges_m, strict=True)
-    ]
+    structures += [(one.sill_m2, one.correlation(lags)) for one in variogram.structures]
     n = float(learnt_on.sum())
     parts = np.array([max(0.0, sill * float((of_weights * rho).sum())) for sill, rho in structures])
     free = np.array([n**2 / float((of_cells * rho**2).sum()) for _, rho in structures])
@@ -198,12 +178,6 @@ def error_of_sum(
     if variance == 0.0:
         return ErrorOfSum(0.0, n)
     return ErrorOfSum(float(np.sqrt(variance)), (variance / float((parts / np.sqrt(free)).sum())) ** 2)
-
-
-def _spherical(s: FloatArray) -> FloatArray:
-    near = np.minimum(s, 1.0)
-    result: FloatArray = 1.5 * near - 0.5 * near**3
-    return result
 
 
 def _autocorrelation(raster: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from survey import Dem, Grid, InputError, Reconstruction
 from survey.core.map_scale import ground_area_m2
 from survey.io.vector import write_features
 from survey.scoring import VolumeChange, change, coregister
+from survey.scoring.change.structures import Structure
 from survey.scoring.change.variogram import Variogram, error_of_sum
 
 UTM = "EPSG:32608"
@@ -67,11 +68,11 @@ def test_a_real_landslide_is_recovered(real_data: Path) -> None:
 
 def test_white_errors_average_out_and_shared_ones_do_not() -> None:
     weights, everywhere = np.full((20, 20), 1.0 / 400.0), np.ones((20, 20), dtype=bool)
-    white = error_of_sum(weights, Variogram(1.0, (), ()), everywhere, 10.0)
+    white = error_of_sum(weights, Variogram(1.0), everywhere, 10.0)
     assert white.std == pytest.approx(1.0 / 20.0)
     assert white.n_free == pytest.approx(400.0)
     # A range of 100 times the raster: all cells err together.
-    shared = error_of_sum(weights, Variogram(0.0, (1.0,), (20_000.0,)), everywhere, 10.0)
+    shared = error_of_sum(weights, Variogram(0.0, (Structure("spherical", 20_000.0),)), everywhere, 10.0)
     assert shared.std == pytest.approx(1.0, abs=0.01)
     assert shared.n_free == pytest.approx(1.0, abs=0.03)
 

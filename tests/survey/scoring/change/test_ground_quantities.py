@@ -69,7 +69,7 @@ def test_a_correlation_length_is_that_of_the_ground() -> None:
         outline = {"corner": shapely.box(*centre, centre[0] + 10 * step, centre[1] + 10 * step)}
         found = change(Dem.on(grid, blocks), earlier, outline).variogram
         assert found is not None
-        ranges.append(max(found.ranges_m))
+        ranges.append(max(structure.range_m for structure in found.structures))
     assert ranges[0] == pytest.approx(ranges[1], rel=0.01)
 
 
