@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.optimize import brentq
@@ -16,7 +16,7 @@ LEVEL = 0.01
 """Chance that the test rejects a map whose standard deviation is right."""
 _SIGMAS_95 = 1.959964
 _N_BINS = 3
-_N_LEAST = 20
+_N_LEAST = 10
 _MOST_WIDENED = 30.0
 
 
@@ -66,6 +66,20 @@ class PredictiveScores:
         )
 
 
+class HeldOutGroups(NamedTuple):
+    """Means of neighbouring points that were left out together.
+
+    Errors, variances of prediction and of the points' own errors, distances to the nearest point that was used
+    (K,), and the covariance (K, K) of the errors by the claim of the map [m, m²].
+    """
+
+    error_m: FloatArray
+    variance_m2: FloatArray
+    noise_m2: FloatArray
+    distance_m: FloatArray
+    covariance_m2: FloatArray
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class HeldOut(DataObject):
     """Points predicted by a map that was made without them.
@@ -84,10 +98,8 @@ class HeldOut(DataObject):
         Variance of the point's own error [m²].
     distance_m : (M,) ndarray
         Distance to the nearest point that the prediction used [m].
-    part : (K,) ndarray of int
-        Rows of the points whose errors' covariance is given.
-    covariance_m2 : (K, K) ndarray
-        Covariance of their errors, by the claim of the map [m²].
+    groups : HeldOutGroups
+        Means of neighbours, in which the points' own errors average out and those of the map remain.
     """
 
     kind: str
@@ -96,8 +108,7 @@ class HeldOut(DataObject):
     variance_m2: FloatArray
     noise_m2: FloatArray
     distance_m: FloatArray
-    part: IntArray
-    covariance_m2: FloatArray
+    groups: HeldOutGroups
 
     @property
     def sigma_m(self) -> FloatArray:
@@ -109,9 +120,9 @@ class HeldOut(DataObject):
 class PredictiveCheck:
     r"""Test of a map's standard deviation by points that were left out.
 
-    Within each range of distance to the nearest remaining point the mean of the squared z-scores is compared
-    with its distribution for the covariance that the map claims, :math:`\sum_k \lambda_k X_k^2` with the
-    eigenvalues λ of the z-scores' correlation over their number. Correlated points thus count as few.
+    Within each range of distance to the nearest remaining point the mean of the squared z-scores of group means
+    is compared with its distribution for the covariance that the map claims, :math:`\sum_k \lambda_k X_k^2` with
+    the eigenvalues λ of the z-scores' correlation over their number. Correlated groups thus count as few.
 
     Parameters
     ----------
@@ -124,7 +135,7 @@ class PredictiveCheck:
     distance_m : (B,) tuple of float
         Median distance to the nearest remaining point in each range [m].
     n_effective : (B,) tuple of float
-        Number of independent errors in each range.
+        Number of independent group means in each range.
     p_value : (B,) tuple of float
         Chance of a larger mean square if the claim is right.
     factor : (B,) tuple of float
@@ -143,21 +154,19 @@ class PredictiveCheck:
     @classmethod
     def of(cls, held_out: HeldOut) -> Self | None:
         """Test a map by held-out points; None with too few of them to test anything."""
-        part = held_out.part
-        if len(part) < _N_LEAST:
+        groups = held_out.groups
+        if len(groups.error_m) < _N_LEAST:
             return None
-        distance, sigma = held_out.distance_m[part], held_out.sigma_m[part]
-        z = held_out.error_m[part] / sigma
-        correlation = held_out.covariance_m2 / np.outer(sigma, sigma)
+        sigma = np.sqrt(np.diag(groups.covariance_m2))
+        z, correlation = groups.error_m / sigma, groups.covariance_m2 / np.outer(sigma, sigma)
         middles, effective, p_values, factors = [], [], [], []
-        for here in _ranges(distance):
+        for here in _ranges(groups.distance_m):
             expected = WeightedChiSquare.of_mean_square(correlation[np.ix_(here, here)])
             p_value = expected.above(float(np.mean(z[here] ** 2)))
-            rejected = p_value < LEVEL / _N_BINS
-            middles.append(float(np.median(distance[here])))
+            middles.append(float(np.median(groups.distance_m[here])))
             effective.append(expected.n_effective)
             p_values.append(p_value)
-            factors.append(_factor(held_out, part[here]) if rejected else 1.0)
+            factors.append(_factor(groups, here) if p_value < LEVEL / _N_BINS else 1.0)
         factor = np.interp(held_out.distance_m, middles, factors)
         widened = np.sqrt(factor**2 * held_out.variance_m2 + held_out.noise_m2)
         return cls(
@@ -222,10 +231,9 @@ def _ranges(distance_m: FloatArray) -> list[IntArray]:
     return [here for here in rows if len(here)]
 
 
-def _factor(held_out: HeldOut, rows: IntArray) -> float:
+def _factor(groups: HeldOutGroups, rows: IntArray) -> float:
     """Return the factor on the predicted deviation that brings the mean squared z-score to 1; 1 to 30."""
-    error, variance = held_out.error_m[rows], held_out.variance_m2[rows]
-    noise = held_out.noise_m2[rows]
+    error, variance, noise = groups.error_m[rows], groups.variance_m2[rows], groups.noise_m2[rows]
 
     def excess(factor: float) -> float:
         return float(np.mean(error**2 / (factor**2 * variance + noise))) - 1.0

@@ -60,6 +60,33 @@ def swaths_of(points: SurfacePoints) -> Swaths:
     return Swaths(swath, are_parts)
 
 
+def groups_of(xy: FloatArray, most: int) -> list[IntArray]:
+    """Return the rows of groups of neighbours, by halving the points along their longer extent.
+
+    Parameters
+    ----------
+    xy : (N, 2) ndarray
+        Places [m].
+    most : int
+        Largest number of points in a group.
+
+    Examples
+    --------
+    >>> [rows.tolist() for rows in groups_of(np.array([[0.0, 0.0], [9.0, 0.0], [1.0, 0.0], [8.0, 0.0]]), 2)]
+    [[0, 2], [3, 1]]
+    """
+    found, waiting = [], [np.arange(len(xy))]
+    while waiting:
+        rows = waiting.pop()
+        if len(rows) <= most:
+            found.append(rows)
+            continue
+        axis = int(np.argmax(np.ptp(xy[rows], axis=0)))
+        rows = rows[np.argsort(xy[rows, axis], kind="stable")]
+        waiting += [rows[len(rows) // 2 :], rows[: len(rows) // 2]]
+    return found
+
+
 def _runs(heading_rad: FloatArray) -> list[slice]:
     """Return runs of headings that stay within a turn of that at their beginning."""
     starts, first = [0], heading_rad[0]

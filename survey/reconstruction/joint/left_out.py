@@ -11,30 +11,31 @@ residuals r, the estimate without the block errs at the block by
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.streams import stream
-from survey.reconstruction.checks.predictive import HeldOut, PredictiveCheck
-from survey.reconstruction.checks.swaths import swaths_of
+from survey.reconstruction.checks.predictive import HeldOut, HeldOutGroups, PredictiveCheck
+from survey.reconstruction.checks.swaths import groups_of, swaths_of
 from survey.reconstruction.joint.joint_solve import waves_at
 from survey.reconstruction.joint.solution import JointSolution
 
-# Points that are left out in total, and points of a swath whose errors are held against each other.
+# Points that are left out in total.
 _MOST_POINTS = 2000
-_N_TESTED = 60
+# Points whose errors are averaged, and groups of a swath.
+_GROUP, _MOST_GROUPS = 12, 100
 # Share of the noise that is left to a direction in which only the block itself is informative.
 _LEAST_SHARE = 1e-9
 
 
 class _Block(NamedTuple):
-    """Rows of one block: errors and variances (N_B,), tested rows, and what their covariance with other blocks needs."""
+    """Rows, errors and variances of one block (N_B,); means of groups of it, and what their covariance with other blocks needs."""
 
     rows: IntArray
     error_m: FloatArray
     variance_m2: FloatArray
-    tested: IntArray
+    averages: FloatArray
     own_m2: FloatArray
     waves: FloatArray
     seen_waves: FloatArray
@@ -42,7 +43,7 @@ class _Block(NamedTuple):
     seen_shared: FloatArray
 
     def with_other(self, other: "_Block") -> FloatArray:
-        """Return the covariance of the tested errors with those of another block."""
+        """Return the covariance of the group means' errors with those of another block."""
         return -(self.waves @ other.seen_waves + self.shared @ other.seen_shared)
 
 
@@ -80,24 +81,20 @@ def held_out_swaths(solution: JointSolution) -> HeldOut | None:
     blocks = _chosen(swaths.number)
     if len(blocks) < 2:
         return None
-    solved = [_solved(solution, rows, number) for number, rows in enumerate(blocks)]
+    solved = [_solved(solution, rows) for rows in blocks]
     rows = np.concatenate([block.rows for block in solved])
-    starts = np.cumsum([0, *(len(block.rows) for block in solved[:-1])])
-    part = np.concatenate([start + block.tested for start, block in zip(starts, solved, strict=True)])
-    distances = [_distance_to_others(solution.points.xy, block.rows) for block in solved]
-    own_m2 = solution.noise_m2[rows] - solution.found.nugget_m**2
-    return HeldOut(
-        "parts of swaths" if swaths.are_parts else "swaths",
-        len(solved),
-        np.concatenate([block.error_m for block in solved]),
-        np.concatenate([block.variance_m2 for block in solved])
-        + solution.tail_m2
-        + solution.found.nugget_m**2,
-        own_m2,
-        np.concatenate(distances),
-        part,
-        np.block([[a.own_m2 if a is b else a.with_other(b) for b in solved] for a in solved]),
-    )
+    relief_m2 = solution.tail_m2 + solution.found.nugget_m**2
+    variance = np.concatenate([block.variance_m2 for block in solved]) + relief_m2
+    distance = np.concatenate([_distance_to_others(solution.points.xy, block.rows) for block in solved])
+    error = np.concatenate([block.error_m for block in solved])
+    noise = solution.noise_m2[rows] - solution.found.nugget_m**2
+    averages = block_diag(*(block.averages for block in solved))
+    covariance = np.block([[a.own_m2 if a is b else a.with_other(b) for b in solved] for a in solved])
+    own = averages**2 @ noise
+    predicted = np.maximum(np.diag(covariance) - own, 0.0)
+    groups = HeldOutGroups(averages @ error, predicted, own, averages @ distance, covariance)
+    kind = "parts of swaths" if swaths.are_parts else "swaths"
+    return HeldOut(kind, len(solved), error, variance, noise, distance, groups)
 
 
 def _chosen(swath: IntArray) -> list[IntArray]:
@@ -109,7 +106,7 @@ def _chosen(swath: IntArray) -> list[IntArray]:
     return [np.flatnonzero(swath == names[k]) for k in np.sort(taken)]
 
 
-def _solved(solution: JointSolution, rows: IntArray, number: int) -> _Block:
+def _solved(solution: JointSolution, rows: IntArray) -> _Block:
     """Return errors and covariance of one block, predicted without it."""
     posterior, points = solution.posterior, solution.points
     noise = solution.total_m2[rows]
@@ -125,24 +122,32 @@ def _solved(solution: JointSolution, rows: IntArray, number: int) -> _Block:
     # Whitened by the noise, the error is (1 - P)⁻¹ r and its covariance (1 - P)⁻¹.
     covariance = cho_solve(factor, np.eye(len(rows)))
     error = half * cho_solve(factor, residual / half)
-    rng = stream(0, "points tested", number)
-    tested = np.sort(rng.permutation(len(rows))[:_N_TESTED])
-    reach = (half[tested, None] * covariance[tested]) / half
+    averages = _averages(points.xy[rows])
+    reach = (averages * half) @ covariance / half
     variance = noise * np.diag(covariance) - noise
+    rest = solution.noise_m2[rows] + solution.tail_m2 - noise
     shared_reach = np.asarray((shared.T @ reach.T).T)
-    own = covariance[np.ix_(tested, tested)] * np.outer(half[tested], half[tested])
-    own[np.diag_indices(len(tested))] += (solution.noise_m2[rows] + solution.tail_m2 - noise)[tested]
+    own = (reach * noise) @ averages.T + (averages * rest) @ averages.T
     return _Block(
         rows,
         error,
         np.maximum(variance, 0.0),
-        tested,
+        averages,
         own,
         reach @ waves,
         seen @ reach.T,
         shared_reach,
         posterior.factor.solve(np.ascontiguousarray(shared_reach.T)),
     )
+
+
+def _averages(xy: FloatArray) -> FloatArray:
+    """Return the weights (K, N) of means over groups of neighbours."""
+    groups = groups_of(xy, max(_GROUP, int(np.ceil(2.0 * len(xy) / _MOST_GROUPS))))
+    weights = np.zeros((len(groups), len(xy)))
+    for k, rows in enumerate(groups):
+        weights[k, rows] = 1.0 / len(rows)
+    return weights
 
 
 def _known_shared(factor: Any, rows: Any) -> FloatArray:

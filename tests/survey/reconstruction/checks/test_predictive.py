@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from survey.reconstruction.checks.predictive import HeldOut, PredictiveCheck, PredictiveScores
+from survey.reconstruction.checks.predictive import HeldOut, HeldOutGroups, PredictiveCheck, PredictiveScores
 
 
 def held_out(rng: np.random.Generator, times: float = 1.0, n: int = 240) -> HeldOut:
@@ -15,9 +15,12 @@ def held_out(rng: np.random.Generator, times: float = 1.0, n: int = 240) -> Held
     error = times * np.linalg.cholesky(claimed + 1e-9 * np.eye(n)) @ rng.standard_normal(n)
     noise = np.full(n, 0.05**2)
     error = error + 0.05 * rng.standard_normal(n)
-    rows = np.arange(0, n, 3)
-    covariance = claimed[np.ix_(rows, rows)] + np.diag(noise[rows])
-    return HeldOut("swaths", 4, error, np.full(n, 0.09), noise, place, rows, covariance)
+    averages = np.kron(np.eye(n // 4), np.full((1, 4), 0.25))
+    noise_of_mean = averages**2 @ noise
+    covariance = averages @ claimed @ averages.T + np.diag(noise_of_mean)
+    variance = np.diag(covariance) - noise_of_mean
+    groups = HeldOutGroups(averages @ error, variance, noise_of_mean, averages @ place, covariance)
+    return HeldOut("swaths", 4, error, np.full(n, 0.09), noise, place, groups)
 
 
 def test_honest_deviations_are_rejected_as_rarely_as_the_level_says():
@@ -41,7 +44,7 @@ def test_correlated_points_count_as_fewer():
 
 
 def test_too_few_points_make_no_test():
-    assert PredictiveCheck.of(held_out(np.random.default_rng(7), n=45)) is None
+    assert PredictiveCheck.of(held_out(np.random.default_rng(7), n=32)) is None
 
 
 def test_a_check_comes_back_from_its_record():

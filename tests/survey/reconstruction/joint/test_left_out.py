@@ -45,7 +45,7 @@ def test_a_swath_is_predicted_as_by_an_estimate_without_it():
     points = two_swaths()
     solution = JointTerrain(path_error(0.3, 0.5), None, KNOWN, TWO_M).solved(points, GRID.bounds)
     rows = np.flatnonzero(points.keyframe <= 1.2)
-    block = _solved(solution, rows, 0)
+    block = _solved(solution, rows)
     others = np.setdiff1d(np.arange(len(points)), rows)
     waves = waves_at(points.xy, solution.basis, solution.posterior.weights.amplitudes)
     design = np.hstack([waves, solution.rows.toarray()])
@@ -60,6 +60,8 @@ def test_a_swath_is_predicted_as_by_an_estimate_without_it():
     variance = np.einsum("ij,jk,ik->i", design[rows], covariance, design[rows])
     assert block.error_m == pytest.approx(error, abs=1e-5)
     assert block.variance_m2 == pytest.approx(variance, rel=1e-4)
+    whole = design[rows] @ covariance @ design[rows].T + np.diag((solution.noise_m2 + solution.tail_m2)[rows])
+    assert block.own_m2 == pytest.approx(block.averages @ whole @ block.averages.T, rel=1e-4, abs=1e-9)
 
 
 def test_an_honest_estimate_is_not_contradicted():
