@@ -57,7 +57,9 @@ def measure(quick: bool) -> Iterator[Row]:
         )
         width = float(np.median([one.width for one in found]))
         yield Row.of(f"{name}: half width / true one, median", width, "1", "<=", 1.3)
-        yield Row(f"{name}: 95 % interval holds", 100.0 * np.mean([one.judged.holds for one in found]), "%")
+        yield Row(
+            f"{name}: 95 % interval holds", 100.0 * float(np.mean([one.judged.holds for one in found])), "%"
+        )
     covered = 100.0 * float(np.mean([one.judged.holds for one in everything]))
     shown = f"all filters: 95 % interval holds ({len(everything)} pairs)"
     yield Row(shown, covered, "%", "93 to 97", 93.0 <= covered <= 97.0)
@@ -103,7 +105,8 @@ def _errors(rng: np.random.Generator, filter_cells: float) -> FloatArray:
     gain = np.exp(-0.5 * squared)
     mean_power = np.mean(np.c_[gain, gain[:, 1:-1]] ** 2)
     field: FloatArray = irfft2(rfft2(rng.standard_normal((m, m))) * gain, (m, m))[:_N, :_N]
-    return _SIGMA_M * field / np.sqrt(mean_power)
+    scaled: FloatArray = _SIGMA_M * field / np.sqrt(mean_power)
+    return scaled
 
 
 if __name__ == "__main__":
