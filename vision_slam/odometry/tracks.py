@@ -11,6 +11,8 @@ from survey.data.camera.frames import Image
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.features import Pixels
 
+_LEAST_RAYS = 5
+
 
 @dataclass
 class Track:
@@ -19,7 +21,8 @@ class Track:
     ``rays[i]`` is the unit direction in the camera frame of keyframe ``keyframes[i]``;
     ``point`` (3,) its place in the window's frame, None while unknown; ``is_far`` when no
     motion so far has moved it, so that only its direction counts; ``has_moved`` when its
-    direction changed by more than its error explains, so that it is not far.
+    direction changed by more than its error explains, so that it is not far. ``rest_pixel``
+    is where it was in the last image that moved.
     """
 
     pixel: FloatArray
@@ -28,6 +31,10 @@ class Track:
     point: FloatArray | None = None
     is_far: bool = False
     has_moved: bool = False
+    rest_pixel: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.rest_pixel = self.pixel
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:
         """Add an observation from a keyframe."""
@@ -70,3 +77,28 @@ def epipolar_inliers(before: FloatArray, now: FloatArray, angle: float) -> BoolA
     mask = found[1]
     agree: BoolArray = np.zeros(len(before), dtype=bool) if mask is None else mask.ravel() > 0
     return agree
+
+
+def rotation_between(before: FloatArray, now: FloatArray, angle: float) -> tuple[FloatArray, BoolArray]:
+    """Return the rotation R (3, 3) with before ≈ R now of unit rays (N, 3), and which fit it within an angle [rad].
+
+    Least squares by singular value decomposition, repeated over the inliers of a gate that narrows.
+    """
+    rotation, agree = np.eye(3), np.ones(len(before), dtype=np.bool_)
+    for width in (16.0, 8.0, 4.0, 2.0, 1.0, 1.0):
+        if agree.sum() >= _LEAST_RAYS:
+            left, _, right = np.linalg.svd(before[agree].T @ now[agree])
+            rotation = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+        agree = np.linalg.norm(before - now @ rotation.T, axis=1) < width * angle
+    return rotation, agree
+
+
+def quadrant_shift_px(before: Pixels, now: Pixels, size: tuple[int, int]) -> float:
+    """Return the largest median shift of corners (N, 2) in a quadrant of an image of a size (width, height) [pixels]."""
+    right, below = (before >= 0.5 * np.array(size)).T
+    shifts = [0.0]
+    for index in range(4):
+        inside = 2 * right + below == index
+        if inside.sum() >= _LEAST_RAYS:
+            shifts.append(float(np.linalg.norm(np.median((now - before)[inside], axis=0))))
+    return max(shifts)

@@ -15,12 +15,20 @@ from vision_slam.odometry.features import Pixels, detect
 from vision_slam.odometry.health import FrameHealth, VisionHysteresis, image_health
 from vision_slam.odometry.recognition import ViewRecognizer
 from vision_slam.odometry.resection import resect
-from vision_slam.odometry.tracks import Track, epipolar_inliers, track_corners
+from vision_slam.odometry.tracks import (
+    Track,
+    epipolar_inliers,
+    quadrant_shift_px,
+    rotation_between,
+    track_corners,
+)
 from vision_slam.odometry.wheel_slip import WheelSlipDetector
 from vision_slam.odometry.window import Window, half_turned
 
 _STILL_PX = 0.3
 _ROLLS_M = 0.02
+# A turn on the spot puts so many of the corners within so many pixels of their places.
+_TURN_PX, _LEAST_TURNED = 1.0, 0.8
 _LEAST_FAR = 10
 _SAME_INTERVAL = 0.01  # intervals of images that differ by less count as equal: clocks jitter
 
@@ -68,6 +76,7 @@ class VisualSlam:
         self._pose = np.eye(4) if start is None else start
         self._step, self._step_s = np.eye(4), 0.0
         self._since: RelativeMotion | None = None
+        self._has_travelled = False
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
         self._hysteresis = VisionHysteresis(self.config.n_features)
         self._views = ViewRecognizer(camera, self.config)
@@ -105,7 +114,7 @@ class VisualSlam:
         pose, agree = self._estimate_pose(self._pose if standing else predicted, pixels, came)
         health = self._judge(health, came, agree)
         pose = self._pose if standing else pose if health.is_visual else predicted
-        self._retain(pixels, agree if health.is_visual else np.zeros_like(agree))
+        self._retain(pixels, agree if health.is_visual else np.zeros_like(agree), standing)
         since = self._since = _concatenated(self._since, motion)
         self._step, self._step_s = np.linalg.inv(self._pose) @ pose, motion.seconds
         self._views.add_motion(motion)
@@ -167,8 +176,9 @@ class VisualSlam:
         if motion.rotation is not None:
             step[:3, :3] = motion.rotation
         if motion.travel_m is not None:
+            self._has_travelled = True
             step[:3, 3] = half_turned(step[:3, :3]) @ [self._slip.share * motion.travel_m, 0.0, 0.0]
-        elif len(self.frames) == 1:
+        elif not self._has_travelled:
             step[:3, 3] = [1.0, 0.0, 0.0]
         predicted: FloatArray = self._pose @ step
         return predicted
@@ -205,13 +215,13 @@ class VisualSlam:
         return self.camera.project(seen).astype(np.float32)
 
     def _is_standing(self, motion: RelativeMotion, pixels: Pixels, came: BoolArray) -> bool:
-        """Whether neither the wheels nor the image moved."""
+        """Whether the wheels, or without them the corners since the last image that moved, stayed where they were."""
         if motion.travel_m is not None:
             return motion.is_standing
         if came.sum() < self.config.least_inliers:
             return False
-        before = np.array([track.pixel for track in self._tracks])
-        return bool(np.median(np.linalg.norm(pixels - before, axis=1)[came]) < _STILL_PX)
+        rest = np.array([track.rest_pixel for track in self._tracks])[came]
+        return quadrant_shift_px(rest, pixels[came], (self.camera.width, self.camera.height)) < _STILL_PX
 
     def _estimate_pose(
         self, predicted: FloatArray, pixels: Pixels, came: BoolArray
@@ -220,6 +230,10 @@ class VisualSlam:
         agree = came.copy()
         known = np.array([track.point is not None for track in self._tracks], dtype=bool) & came
         if known.sum() < self.config.least_inliers:
+            turned = None if self._has_travelled else self._turned(pixels, came)
+            if turned is not None:
+                return turned
+            self._has_travelled = True
             return predicted, self._epipolar(pixels, agree)
         index = np.flatnonzero(known)
         points = np.array([self._tracks[i].point for i in index])
@@ -233,6 +247,23 @@ class VisualSlam:
         )  # fmt: skip
         agree[index] = errors < self.config.gate_px / self._focal_px
         return camera @ np.linalg.inv(self.camera.T_body_camera), agree
+
+    def _turned(self, pixels: Pixels, came: BoolArray) -> tuple[FloatArray, BoolArray] | None:
+        """Return pose and inliers of a turn on the spot since the keyframe; None where the corners show travel."""
+        newest = self.window.newest
+        since = came & [track.keyframes[-1] == newest for track in self._tracks]
+        if since.sum() < self.config.least_inliers:
+            return None
+        before = np.array([track.rays[-1] for track in self._tracks])[since]
+        rotation, fits = rotation_between(before, self._rays(pixels[since]), _TURN_PX / self._focal_px)
+        if fits.mean() < _LEAST_TURNED:
+            return None
+        agree = came.copy()
+        agree[since] = fits
+        mount = self.camera.T_body_camera
+        turn = np.eye(4)
+        turn[:3, :3] = mount[:3, :3] @ rotation @ mount[:3, :3].T
+        return self.window.poses[-1] @ turn, agree
 
     def _epipolar(self, pixels: Pixels, came: BoolArray) -> BoolArray:
         """Return the epipolar inliers, before any point is known."""
@@ -259,11 +290,12 @@ class VisualSlam:
         is_clear = health.entropy_bits >= self.config.least_entropy_bits
         return is_clear and not health.is_visual and not self._hysteresis.is_distrusted
 
-    def _retain(self, pixels: Pixels, agree: BoolArray) -> None:
+    def _retain(self, pixels: Pixels, agree: BoolArray, standing: bool = False) -> None:
         tracks = []
         for track, pixel, is_good in zip(self._tracks, pixels, agree, strict=True):
             if is_good:
                 track.pixel = pixel
+                track.rest_pixel = track.rest_pixel if standing else pixel
                 tracks.append(track)
             else:
                 self.finished.append(track)
@@ -289,7 +321,7 @@ class VisualSlam:
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
         for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
             track.add_observation(self.window.newest, ray)
-        if self._tracks:
+        if self._tracks and self._has_travelled:
             self._retain(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
             self._pose = self.window.poses[-1]
         self._observe_height()
