@@ -8,16 +8,23 @@ fixes alone (interpolated linearly) by more than 10 % and the normalised squared
 horizontal position, 2 for true covariances, is at most 6, or where the run ends with an error
 whose message names the fault. Settings were chosen with draws 100 to 104; draws 0 to 2 judge.
 
-Odometry is processed once per set of images. Errors are over the poses between the first and
+Odometry is processed once per set of images. Rows of a case are stored in the system's folder for
+temporary files for as long as the code stays the same, so that a run that was stopped goes on where it was. Errors are over the poses between the first and
 the last fix.
 """
 
+import hashlib
+import json
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 
+import vision_slam
 from benchmarks.real_drives.drives import (
     drive_folders,
     opened,
@@ -36,15 +43,17 @@ from benchmarks.real_drives.receivers import GPS, LATE, PHONE, RTK, RTK_10_HZ, R
 from benchmarks.report import Row, main
 from survey.core.arrays import FloatArray
 from survey.core.errors import FirnlineError
+from survey.core.files.writing import replacing
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
+from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.io.gps_files import GpsLog
 from vision_slam.io.sequence import ImageSequence, georeference, scale_by_reference
 from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 from vision_slam.pipeline import localize
-from vision_slam.recorded_drive import RecordedDrive
 
 DRAWS = range(3)
+PARTS = Path(tempfile.gettempdir()) / "firnline-real-drives"
 UTM = "EPSG:32632"
 _SHIFT_PX, _N_SHIFTED = 0.25, 121
 
@@ -77,6 +86,7 @@ def clean(sequence: ImageSequence) -> ImageSequence:
     return sequence
 
 
+EXACT_WHEELS, WRONG_WHEELS = with_wheels(1.0), with_wheels(1.03)
 CASES = (
     Case("clean", clean),
     Case("1 s gap", with_gap),
@@ -89,61 +99,96 @@ CASES = (
     Case("RTK 10 Hz", clean, RTK_10_HZ),
     Case("phone 1 Hz", clean, PHONE),
     Case("fixes 0.5 s late", clean, LATE, ("time", "clock")),
-    Case("exact wheels and fixes", with_wheels(1.0)),
-    Case("wheels 3 % off and fixes", with_wheels(1.03)),
+    Case("exact wheels and fixes", EXACT_WHEELS),
+    Case("wheels 3 % off and fixes", WRONG_WHEELS),
 )
 # Without fixes: end error in per cent of the way, and its bar.
-ALONE: tuple[tuple[str, Change, float | None], ...] = (
+ALONE: tuple[tuple[str, Change, float], ...] = (
     ("scale from 10 m", lambda sequence: scale_by_reference(sequence, 10.0), 3.0),
-    ("exact wheels", with_wheels(1.0), 1.0),
-    ("wheels 3 % off", with_wheels(1.03), 4.0),
+    ("exact wheels", EXACT_WHEELS, 1.0),
+    ("wheels 3 % off", WRONG_WHEELS, 4.0),
 )
 
 
 def measure(quick: bool) -> Iterator[Row]:
-    """Yield the rows."""
+    """Yield the rows, of short drives first."""
     folders = drive_folders()
     if not folders:
         sys.exit("the recorded drives are not here; set FIRNLINE_DATA.")
-    for name, folder in list(folders.items())[: 1 if quick else None]:
-        sequence = opened(folder)
-        yield from _alone(name, sequence)
-        yield _shifted(name, sequence)
-        yield from _with_fixes(name, sequence, DRAWS[:1] if quick else DRAWS)
+    draws = DRAWS[:1] if quick else DRAWS
+    drives = {name: opened(folder) for name, folder in folders.items()}
+    ordered = sorted(drives, key=lambda name: len(drives[name].frames))
+    for name in ordered[: 1 if quick else None]:
+        drive = _Drive(name, drives[name])
+        for index, alone in enumerate(ALONE):
+            yield from _stored(f"{name}-alone-{index}", partial(_alone, drive, *alone))
+        yield from _stored(f"{name}-shifted", partial(_shifted, drive))
+        for index, case in enumerate(CASES):
+            yield from _stored(f"{name}-{index}-{len(draws)}", partial(_with_fixes, drive, case, draws))
 
 
-def _alone(name: str, sequence: ImageSequence) -> Iterator[Row]:
-    """Yield the rows without fixes."""
-    for case, change, bar in ALONE:
-        drive = RecordedDrive(change(sequence))
-        off = drive.localize().position - reference_places(sequence)
-        end = 100.0 * float(np.linalg.norm(off[-1] - off[0]) / travel_m(sequence)[-1])
-        row = f"{name}: {case}, end error"
-        yield Row(row, end, "%") if bar is None else Row.of(row, end, "%", "<=", bar)
+@dataclass(frozen=True)
+class _Drive:
+    """A drive, and what its images gave for each change."""
+
+    name: str
+    sequence: ImageSequence
+    processed: dict[Change, tuple[ImageSequence, VisualOdometry | str]] = field(default_factory=dict)
+
+    def visual(self, change: Change) -> tuple[ImageSequence, VisualOdometry | str]:
+        """Return the changed images and their odometry, or the message that refuses them."""
+        if change not in self.processed:
+            changed = change(self.sequence)
+            self.processed[change] = changed, _processed(changed)
+        return self.processed[change]
 
 
-def _shifted(name: str, sequence: ImageSequence) -> Row:
+def _stored(part: str, work: Callable[[], list[Row]]) -> list[Row]:
+    """Return the rows of a part of the run, stored by an earlier run of the same code or made now."""
+    file = PARTS / _code() / f"{part}.json"
+    if file.exists():
+        return [Row(**row) for row in json.loads(file.read_text(encoding="utf-8"))]
+    rows = work()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(file) as draft:
+        draft.write_text(json.dumps([asdict(row) for row in rows]), encoding="utf-8")
+    return rows
+
+
+@cache
+def _code() -> str:
+    """Return a digest of the code that localizes and of this benchmark."""
+    sources = [*Path(vision_slam.__file__).parent.rglob("*.py"), *Path(__file__).parent.glob("*.py")]
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sorted(sources))).hexdigest()[:12]
+
+
+def _alone(drive: _Drive, case: str, change: Change, bar: float) -> list[Row]:
+    """Return the end error without fixes."""
+    _, visual = drive.visual(change)
+    row = f"{drive.name}: {case}, end error"
+    if isinstance(visual, str):
+        print(f"  {row}: {visual}", file=sys.stderr)
+        return [Row(row, float("nan"), "%", f"<= {bar:g}", holds=False)]
+    off = DriveEstimate.in_first_frame(visual).position - reference_places(drive.sequence)
+    end = 100.0 * float(np.linalg.norm(off[-1] - off[0]) / travel_m(drive.sequence)[-1])
+    return [Row.of(row, end, "%", "<=", bar)]
+
+
+def _shifted(drive: _Drive) -> list[Row]:
     """Return the heading of a shifted image over that of its shift."""
-    found = visual_odometry(shifted_image(sequence, _SHIFT_PX, _N_SHIFTED))
+    found = visual_odometry(shifted_image(drive.sequence, _SHIFT_PX, _N_SHIFTED))
     heading = np.unwrap(found.odometry.attitude_rad[:, 2])
-    expected = np.arctan(_SHIFT_PX * (_N_SHIFTED - 1) / sequence.camera.matrix[0, 0])
+    expected = np.arctan(_SHIFT_PX * (_N_SHIFTED - 1) / drive.sequence.camera.matrix[0, 0])
     ratio = float((heading[-1] - heading[0]) / expected)
-    holds = abs(ratio - 1.0) <= 0.05
-    return Row(
-        f"{name}: shifted by 0.25 px a frame, heading found over true", ratio, "1", "0.95 to 1.05", holds
-    )
+    name = f"{drive.name}: shifted by 0.25 px a frame, heading found over true"
+    return [Row(name, ratio, "1", "0.95 to 1.05", abs(ratio - 1.0) <= 0.05)]
 
 
-def _with_fixes(name: str, sequence: ImageSequence, draws: range) -> Iterator[Row]:
-    """Yield the rows of all cases with fixes; images are processed once per change."""
-    processed: dict[Change, tuple[ImageSequence, VisualOdometry | str]] = {}
-    for case in CASES:
-        if case.change not in processed:
-            changed = case.change(sequence)
-            processed[case.change] = changed, _processed(changed)
-        changed, visual = processed[case.change]
-        outcomes = [_outcome(case, sequence, changed, visual, draw) for draw in draws]
-        yield from _rows(f"{name}: {case.name}", case, outcomes)
+def _with_fixes(drive: _Drive, case: Case, draws: range) -> list[Row]:
+    """Return the rows of a case with fixes."""
+    changed, visual = drive.visual(case.change)
+    outcomes = [_outcome(case, drive.sequence, changed, visual, draw) for draw in draws]
+    return list(_rows(f"{drive.name}: {case.name}", case, outcomes))
 
 
 def _processed(sequence: ImageSequence) -> VisualOdometry | str:
