@@ -152,6 +152,16 @@ class Trial:
         self.outputs = tuple(digests for digests, _ in self.complete)
         self._now = 1
 
+    def require_same_outputs(self) -> None:
+        """Run both variants to their ends; another output than at first is an error."""
+        for variant, output in enumerate(self.outputs):
+            succeed(self._server, self.command.variants[variant])
+            self._set(variant)
+            if self.found() != output:
+                raise RuntimeError(
+                    f"after the kills, {self.command.variants[variant]} succeeded with another output than before."
+                )
+
     def kill(self, phase: int, share: float) -> str | None:
         """Kill the variant that is not there at a share of the phase's length; return what is there afterwards.
 
@@ -249,9 +259,9 @@ def _mark(path: Path) -> list[tuple[int, int]]:
     return [(stat.st_ino, stat.st_mtime_ns)]
 
 
-def kills(server: ForkServer, folder: Path, name: str, n_kills: int) -> Counter[str]:
+def kills(trial: Trial, name: str, n_kills: int) -> Counter[str]:
     """Kill a command so many times; return how often each outcome was found, and how often it ended before the kill."""
-    trial, moments = Trial(server, folder, COMMANDS[name]), random.Random(name)
+    moments = random.Random(name)
     counts: Counter[str] = Counter()
     n = 0
     while n < n_kills:
@@ -260,10 +270,7 @@ def kills(server: ForkServer, folder: Path, name: str, n_kills: int) -> Counter[
         n += outcome is not None
         if outcome == OUTCOMES[3]:
             return counts
-    for variant, output in zip(trial.command.variants, trial.outputs, strict=True):
-        succeed(server, variant)
-        if trial.found() != output:
-            raise RuntimeError(f"after the kills, {variant} succeeded with another output than before.")
+    trial.require_same_outputs()
     return counts
 
 
@@ -289,7 +296,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place, prepared(Path(place)) as server:
         for name in options.command or COMMANDS:
             began = time.monotonic()
-            row = store(name, kills(server, Path(place), name, options.kills), options.kills)
+            trial = Trial(server, Path(place), COMMANDS[name])
+            row = store(name, kills(trial, name, options.kills), options.kills)
             print(f"{name:<12} {time.monotonic() - began:6.1f} s  {row}", flush=True)
 
 

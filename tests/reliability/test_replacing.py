@@ -1,11 +1,14 @@
 """Every command that replaces its output is killed at random: what is there afterwards is the old output or the new."""
 
+from functools import cache
+
 import pytest
 
 from benchmarks.replacing_kills import COMMANDS, OUTCOMES, Command, Trial, kills, prepared, succeed
 
-N_KILLS = 6
-pytestmark = [pytest.mark.reliability, pytest.mark.slow, pytest.mark.timeout(600)]
+N_KILLS = 3
+"""One in each phase; ``benchmarks.replacing_kills`` kills each command 50 times."""
+pytestmark = [pytest.mark.reliability, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")
@@ -19,9 +22,15 @@ def server(place):
         yield server
 
 
+@pytest.fixture(scope="module")
+def trial_of(server, place):
+    """Return the trial of a command by its name, with the outputs of both variants."""
+    return cache(lambda name: Trial(server, place, COMMANDS[name]))
+
+
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_killed_while_it_replaces_leaves_the_old_output_or_the_new(server, place, name):
-    counts = kills(server, place, name, N_KILLS)
+def test_a_command_killed_while_it_replaces_leaves_the_old_output_or_the_new(trial_of, name):
+    counts = kills(trial_of(name), name, N_KILLS)
     assert counts["other output"] == 0
     assert sum(counts[outcome] for outcome in OUTCOMES) == N_KILLS
 
@@ -35,8 +44,8 @@ def test_a_command_that_ends_with_an_error_before_the_kill_is_a_fault(server, pl
         trial.kill(0, 100.0)
 
 
-def test_a_companion_may_be_absent_but_not_belong_to_another_output(server, place):
-    trial = Trial(server, place, COMMANDS["plan"])
+def test_a_companion_may_be_absent_but_not_belong_to_another_output(trial_of):
+    trial = trial_of("plan")
     before, new = trial.outputs
     assert before.keys() == new.keys() == {"route.geojson", "route.png"}
     assert trial.outcome({"route.geojson": before["route.geojson"]}, 0, 1) == "companion absent"
@@ -48,7 +57,7 @@ def test_a_companion_may_be_absent_but_not_belong_to_another_output(server, plac
 @pytest.mark.parametrize(
     "name", [name for name, command in COMMANDS.items() if not command.run and name != "reproduce"]
 )
-def test_both_variants_write_the_same_files_with_different_content(server, place, name):
-    before, new = Trial(server, place, COMMANDS[name]).outputs
+def test_both_variants_write_the_same_files_with_different_content(trial_of, name):
+    before, new = trial_of(name).outputs
     assert before.keys() == new.keys()
     assert before != new
