@@ -70,7 +70,7 @@ class Outcome:
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    n = 2 if quick else 16
+    n = 2 if quick else 10
     yield from _honest_rows(_surveys("honest", n))
     yield from _wrong_rows("kernels without landforms", _surveys("kernel", n // 2), 0.9)
     yield from _wrong_rows("paths that state a tenth of their error", _surveys("path", n // 2), None)
