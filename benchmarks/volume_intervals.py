@@ -26,7 +26,9 @@ from survey.scoring.change.change import change
 _FIRST_SEED = 93_000
 _FILTERS_CELLS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _N, _STEP_M, _SIGMA_M, _RADIUS_M = 200, 5.0, 0.3, 180.0
-_GRID = Grid((0.0, 0.0, (_N - 1) * _STEP_M, (_N - 1) * _STEP_M), _STEP_M, projected_crs("EPSG:32608", "the benchmark"))
+_GRID = Grid(
+    (0.0, 0.0, (_N - 1) * _STEP_M, (_N - 1) * _STEP_M), _STEP_M, projected_crs("EPSG:32608", "the benchmark")
+)
 _OUTLINE = shapely.Point(500.0, 485.0).buffer(_RADIUS_M, quad_segs=32)
 _N_TRUE = 1000
 
