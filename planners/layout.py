@@ -9,7 +9,7 @@ import shapely
 from planners.config import SwathConfig, WavyConfig
 from planners.driving.fleet import share
 from planners.driving.ordering import connect
-from planners.driving.rover import Crew, Rover, depots
+from planners.driving.rover import Crew, Rover, homes_of
 from planners.driving.turns import headland_m
 from planners.ground.transit import FreeGround
 from planners.swaths.decomposition import clipped, swaths_on
@@ -19,7 +19,7 @@ from planners.swaths.swaths import ReferenceLines, Swath, reference_lines, short
 from planners.swaths.tie_lines import tie_lines
 from planners.swaths.wavy import wavy
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError, InputError
+from survey.core.errors import ConfigError
 from survey.data.area import SurveyArea
 from survey.data.legs import Leg
 from survey.data.route import Route
@@ -155,9 +155,7 @@ def _joined(
     clipped_swaths = [
         Swath(xy, swath.axis) for swath in swaths for xy in clipped(ground, [swath.xy]) if len(xy) > 1
     ]
-    homes = depots(area, crew.fleet)
-    if homes is None and (crew.fleet.return_to_start or crew.makes_round_trips):
-        raise InputError("a rover that returns to its start needs one; mark a start in the area.")
+    homes = homes_of(area, crew)
     if homes is not None and crew.makes_round_trips:
         return _shared(clipped_swaths, ground, homes, crew)
     start = homes[0] if homes is not None else _end_nearest(clipped_swaths, corner)

@@ -122,3 +122,29 @@ def depots(area: SurveyArea, fleet: Fleet) -> FloatArray | None:
     raise InputError(
         f"the area has {n_starts} starts for {rovers}; mark one start for all of them, or one for each."
     )
+
+
+def homes_of(area: SurveyArea, crew: Crew) -> FloatArray | None:
+    """Return where each rover begins, as `depots` does, and refuse rovers that return without a start.
+
+    Parameters
+    ----------
+    area : SurveyArea
+        With its starts.
+    crew : Crew
+        Rovers and fleet.
+
+    Returns
+    -------
+    (K, 2) ndarray or None
+        Starts [m]; None where a single rover may begin anywhere.
+
+    Raises
+    ------
+    InputError
+        Neither one start nor one for each rover; no start where rovers have to return to it.
+    """
+    homes = depots(area, crew.fleet)
+    if homes is None and (crew.fleet.return_to_start or crew.makes_round_trips):
+        raise InputError("a rover that returns to its start needs one; mark a start in the area.")
+    return homes

@@ -1,6 +1,7 @@
 """``firnline plan --require --adaptive``: the first swaths of a survey, or the next one after what was measured."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +11,18 @@ from sim.cli.outcome import NOT_MET
 from sim.cli.planning.guarantee import drawing_of, prior_of, requirement_of
 from sim.cli.planning.outputs import write_plan
 from sim.cli.planning.request import PlanRequest
+from survey.core.quantity_text import length_text
 
 if TYPE_CHECKING:
     import survey
     from planners.guarantee.adaptive_state import AdaptiveConfig
+
+_TEXTS: dict[str, Callable[[Any], str]] = {
+    "length_m": length_text,
+    "probability": "{:.0%}".format,
+    "rmse_m": "{:.2f} m".format,
+}
+"""Facts that people read in other units than machines."""
 
 
 def plan_adaptive(request: PlanRequest) -> None:
@@ -87,4 +96,5 @@ def _print(facts: dict[str, Any], request: PlanRequest) -> None:
         typer.echo(json.dumps(facts, indent=2))
         return
     for name, value in facts.items():
-        typer.echo(f"{name} = {value:.6g}" if isinstance(value, float) else f"{name} = {value}")
+        text = _TEXTS.get(name, str)(value)
+        typer.echo(f"{name.removesuffix('_m').replace('rmse', 'predicted RMSE'):<15} {text}")

@@ -21,12 +21,12 @@ _NOISE_M = 0.1
 def plan_area(request: PlanRequest) -> None:
     """Plan a route of a named pattern, write it with its picture, and print what is expected of it."""
     import planners
-    from planners.driving.rover import depots
+    from planners.driving.rover import Crew, homes_of
     from sim.cli.progress import counted
 
     config = checked_options(request)
     area, dem = request.read_area()
-    depots(area, config.fleet)
+    homes_of(area, Crew(config.rover, config.fleet))
     with counted(quiet=request.quiet) as progress:
         progress("fitting the terrain's covariance", 0, 1)
         kernel = None if dem is None else _kernel(dem, area)

@@ -146,10 +146,11 @@ def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
 
 def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
     from planners.swaths.counting import swaths_text
+    from survey.core.quantity_text import length_text
 
     requirement = made.requirement
     typer.echo(
-        f"{made.config.pattern} pattern, {swaths_text(made.route)}, {made.length_m:.0f} m to drive: an RMSE within "
+        f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
         f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
     )
     typer.echo(f"  assumed: {made.assumptions}")

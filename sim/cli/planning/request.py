@@ -112,11 +112,14 @@ class PlanRequest:
         """Read the area, less the ground that a raster marks, and the prior about it, in one CRS."""
         import survey
         from planners.ground.no_go_mask import without_marked
+        from survey.io.degrees import require_transformation
 
         crs: Any = self.crs
         if crs is None and self.prior is not None:
             crs = own_crs(self.prior)
         area = survey.SurveyArea.read(self.source, crs=crs)
+        if self.out.suffix.lower() == ".pdf":
+            require_transformation(area.crs, self.out)
         prior = None if self.prior is None else read_about(self.prior, area.bounds, area.crs, "the prior")
         if self.no_go is not None:
             mask = read_about(self.no_go, area.bounds, area.crs, "the raster of no-go ground", mask=True)

@@ -82,3 +82,13 @@ def test_a_qgis_project_comes_with_its_layers():
     assert sources["Route"] == "./plan.gpkg|layername=route"
     assert all(Path(source.split("|")[0]).is_file() for source in sources.values())
     assert {"Survey area", "Predicted standard deviation", "Hillshade", "Elevation"} < set(sources)
+
+
+def test_missing_starts_and_a_local_crs_are_refused_before_any_work(monkeypatch):
+    monkeypatch.setattr("planners.terrain_kernel", lambda *_: pytest.fail("work began"))
+    refused = planned("--swaths", "3", "--set", "rover.battery_j=1e6", code=3).stderr
+    assert "needs one; mark a start in the area" in refused
+    local = 'LOCAL_CS["site grid",UNIT["metre",1]]'
+    SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), local).write("local.gpkg")
+    result = CliRunner().invoke(app, ["plan", "local.gpkg", "--swaths", "3", "-o", "plan.pdf", "-q"])
+    assert (result.exit_code, "is a local system" in result.stderr) == (3, True)
