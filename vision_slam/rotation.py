@@ -32,3 +32,28 @@ def turned(vectors: FloatArray, yaw_rad: FloatArray) -> tuple[FloatArray, FloatA
     up = np.zeros_like(vectors)
     up[:, 2] = 1.0
     return np.cross(up, vectors), np.cross(left, vectors)
+
+
+def quaternion_products(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the products (N, 4) of unit quaternions x, y, z, w (N, 4): the second turn, then the first."""
+    x, y, z, w = first.T
+    a, b, c, d = second.T
+    return np.stack(
+        [
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ],
+        axis=1,
+    )
+
+
+def chained(quaternions_xyzw: FloatArray) -> FloatArray:
+    """Return the product (4,) of unit quaternions (N, 4) in their order, normalized."""
+    while len(quaternions_xyzw) > 1:
+        if len(quaternions_xyzw) % 2:
+            quaternions_xyzw = np.vstack([quaternions_xyzw, [0.0, 0.0, 0.0, 1.0]])
+        quaternions_xyzw = quaternion_products(quaternions_xyzw[::2], quaternions_xyzw[1::2])
+    product: FloatArray = quaternions_xyzw[0] / np.linalg.norm(quaternions_xyzw[0])
+    return product

@@ -18,6 +18,7 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.data.sensors.aiding import Inertial
 from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
+from vision_slam.rotation import quaternion_products
 
 ANY_RATE_RAD_S = 1.0
 """Prior standard deviation of the gyro bias, larger than any real one."""
@@ -92,9 +93,9 @@ def _turns(inertial: Inertial, times: FloatArray) -> tuple[Rotation, BoolArray]:
     part = inertial.gyro_rad_s[reading] * np.diff(edges)[:, None]
     first = np.searchsorted(interval, np.arange(len(times) - 1))
     count = np.bincount(interval, minlength=len(times) - 1)
-    turn = np.tile([0.0, 0.0, 0.0, 1.0], (len(times) - 1, 1))
+    turn, parts = np.tile([0.0, 0.0, 0.0, 1.0], (len(times) - 1, 1)), Rotation.from_rotvec(part).as_quat()
     for k in range(int(count.max())):
         here = np.flatnonzero(count > k)
-        turn[here] = (Rotation.from_quat(turn[here]) * Rotation.from_rotvec(part[first[here] + k])).as_quat()
+        turn[here] = quaternion_products(turn[here], parts[first[here] + k])
     lacking = np.bincount(interval, ~is_covered, minlength=len(times) - 1)
     return Rotation.from_quat(turn), lacking == 0

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from survey.core.arrays import FloatArray
 from survey.data.sensors.aiding import Inertial, Wheels
 from vision_slam.io.sequence import VisionRecords
+from vision_slam.rotation import chained
 
 _STANDING_S = 0.5
 _STANDING_M = 2e-3
@@ -111,10 +112,7 @@ def _turned(inertial: Inertial, first_s: float, last_s: float) -> Rotation:
     begin, end = np.searchsorted(times, first_s, side="right"), np.searchsorted(times, last_s)
     edges = np.r_[first_s, times[begin:end], last_s]
     rates = inertial.gyro_rad_s[np.arange(begin, end + 1).clip(max=len(times) - 1)]
-    turn = Rotation.identity()
-    for part in Rotation.from_rotvec(rates * np.diff(edges)[:, None]):
-        turn = turn * part
-    return turn
+    return Rotation.from_quat(chained(Rotation.from_rotvec(rates * np.diff(edges)[:, None]).as_quat()))
 
 
 def _usual_s(records: Wheels | Inertial | None) -> float:

@@ -99,9 +99,10 @@ class Window:
         solved = self._optimized(graph, values)
         for k in free:
             self.poses[k] = solved.atPose3(keys[k]).matrix()
+        turns = self._recent_turns()
         for track, factor, level in zip(tracks, factors, self._level(tracks), strict=True):
             if factor is not None:
-                self._take_point(track, factor.point(solved), level)
+                self._take_point(track, factor.point(solved), level, turns)
         return self._agree(tracks, [factor is not None for factor in factors])
 
     def _optimized(self, graph: Any, values: Any) -> Any:
@@ -150,7 +151,13 @@ class Window:
             factor.add(ray[:2] / ray[2], key)
         return factor
 
-    def _take_point(self, track: Track, result: Any, is_level: bool) -> None:
+    def _recent_turns(self) -> FloatArray:
+        """Return the rotations (N, 3, 3) of the camera at the newest keyframes."""
+        poses = np.array(self.poses[-_DIRECTION_KEYFRAMES - 1 :])
+        turns: FloatArray = poses[:, :3, :3] @ self._body_camera[:3, :3]
+        return turns
+
+    def _take_point(self, track: Track, result: Any, is_level: bool, turns: FloatArray) -> None:
         """Keep the track's point, or the direction of what is level and did not move."""
         track.is_far = False
         if result.valid():
@@ -159,18 +166,20 @@ class Window:
         track.point = None
         if not is_level:
             return
-        directions = self._directions(track)
+        directions = self._directions(track, turns)
         moved = np.linalg.norm(directions - directions[0], axis=1).max()
         track.has_moved = bool(moved > _MOVED_SIGMAS * self._config.pixel_sigma / self._focal_px)
         if not track.has_moved:
             track.point, track.is_far = directions[0], True
 
-    def _directions(self, track: Track) -> FloatArray:
-        """Return the unit directions (N, 3) of the newest observations of a track in the window's frame."""
-        oldest = max(track.keyframes[0], self.newest - _DIRECTION_KEYFRAMES)
-        index = next(i for i, k in enumerate(track.keyframes) if k >= oldest)
-        pairs = zip(track.keyframes[index:], track.rays[index:], strict=True)
-        return np.array([self._camera_pose(k)[0] @ ray for k, ray in pairs])
+    def _directions(self, track: Track, turns: FloatArray) -> FloatArray:
+        """Return the unit directions (N, 3) of a track's observations by the newest keyframes in the window's frame."""
+        keyframes = np.array(track.keyframes) - (len(self.poses) - len(turns))
+        recent = keyframes >= 0
+        directions: FloatArray = np.einsum(
+            "nij,nj->ni", turns[keyframes[recent]], np.array(track.rays)[recent]
+        )
+        return directions
 
     def _agree(self, tracks: list[Track], was_used: list[bool]) -> list[bool]:
         """Whether the newest sight of each track lies where its point is; unknown points do not object."""
