@@ -81,6 +81,7 @@ from survey.interchange.tum_euroc import write_euroc as write_euroc
 from survey.reconstruction.base import Reconstruction as Reconstruction
 from survey.reconstruction.carving.config import SpaceCarvingConfig as SpaceCarvingConfig
 from survey.reconstruction.checks.predictive import HeldOut as HeldOut
+from survey.reconstruction.checks.predictive import HeldOutGroups as HeldOutGroups
 from survey.reconstruction.checks.predictive import PredictiveCheck as PredictiveCheck
 from survey.reconstruction.checks.predictive import PredictiveScores as PredictiveScores
 from survey.reconstruction.checks.rmse_claim import RmseClaim as RmseClaim
@@ -109,11 +110,14 @@ from survey.scoring.change.coregistration import Shift as Shift
 from survey.scoring.change.results import Change as Change
 from survey.scoring.change.results import MassBalance as MassBalance
 from survey.scoring.change.results import VolumeChange as VolumeChange
+from survey.scoring.change.structures import Structure as Structure
 from survey.scoring.change.variogram import Variogram as Variogram
 from survey.scoring.coverage import Coverage as Coverage
 from survey.scoring.covered_area import NodeCounts as NodeCounts
 from survey.scoring.score import Score as Score
 from survey.scoring.score import score as score
+from survey.scoring.standards.certificate import Certificate as Certificate
+from survey.scoring.standards.certificate import certificate as certificate
 from survey.scoring.standards.map_classes import Verdict as Verdict
 from vision_slam.config import ImageOdometryErrors as ImageOdometryErrors
 from vision_slam.config import LocalizationConfig as LocalizationConfig
