@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run, planned_place, read_mission
 from sim.mission.stages import run_mission
 from survey.core.documents import read_json
+from survey.core.errors import InputError
 from survey.core.runs.store import STAGES, RunFolder
 
 
@@ -30,8 +32,22 @@ def run_until(
     mission = read_mission(mission_file, settings or ())
     run = open_run(mission, runs, first=first)
     with logged_to(run.log_file, verbose):
-        run_mission(mission, run, until=stage, watch=StageProgress(quiet=quiet), workers=workers)
+        watch = StageProgress(quiet=quiet, expected_s=earlier_seconds(run))
+        run_mission(mission, run, until=stage, watch=watch, workers=workers)
     return mission, run
+
+
+def earlier_seconds(run: RunFolder) -> dict[str, float]:
+    """Return how long each stage took in other runs of the same mission, the latest that did it [s]."""
+    seconds: dict[str, float] = {}
+    others = [file for file in run.path.parent.glob("*/manifest.json") if not file.parent.is_symlink()]
+    for file in sorted(others, key=lambda file: file.stat().st_mtime):
+        if file.parent == run.path:
+            continue
+        with suppress(InputError):  # damaged runs are refused when they are opened themselves
+            stages = RunFolder(file.parent).manifest["stages"]
+            seconds |= {name: float(entry["wall_s"]) for name, entry in stages.items() if entry["wall_s"]}
+    return seconds
 
 
 def print_stages_of(

@@ -2,10 +2,11 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 
 from rich.console import Console
 from rich.progress import (
@@ -22,6 +23,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from survey.core.quantity_text import duration_text
 from survey.core.runs.log import cut_incomplete_line, log_line
 from survey.core.runs.store import STAGES
 
@@ -35,11 +37,34 @@ _DOING = {
 }
 
 
-class StageProgress:
-    """Progress of the stages of a mission, for the `watch` of `run_mission`."""
+class TimeLeftColumn(ProgressColumn):
+    """Column with the time that is left of a task, by the time that it took before."""
 
-    def __init__(self, *, quiet: bool = False) -> None:
+    def render(self, task: Task) -> Text:
+        """Return the time left as text; nothing where none is known."""
+        expected_s = task.fields.get("expected_s")
+        if expected_s is None:
+            return Text("")
+        left_s = expected_s - (task.elapsed or 0.0)
+        return Text(f"about {duration_text(left_s)} left" if left_s > 1.0 else "about to end")
+
+
+class StageProgress:
+    """Progress of the stages of a mission, for the `watch` of `run_mission`.
+
+    Parameters
+    ----------
+    quiet : bool
+        Print nothing.
+    expected_s : mapping of str to float
+        Time that each stage took in an earlier run of the mission [s].
+    """
+
+    def __init__(
+        self, *, quiet: bool = False, expected_s: Mapping[str, float] = MappingProxyType({})
+    ) -> None:
         self.seconds: dict[str, float] = {}
+        self._expected_s = expected_s
         self._console = Console(stderr=True, quiet=quiet, highlight=False)
 
     @contextmanager
@@ -47,11 +72,11 @@ class StageProgress:
         """Show one stage."""
         number = f"{STAGES.index(stage) + 1}/{len(STAGES)}"
         began = time.perf_counter()
-        columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), TimeLeftColumn())
         with Progress(
             *columns, console=self._console, transient=True, disable=not self._console.is_terminal
         ) as bar:
-            bar.add_task(f"{number} {_DOING[stage]} …", total=None)
+            bar.add_task(f"{number} {_DOING[stage]} …", total=None, expected_s=self._expected_s.get(stage))
             yield
         self.seconds[stage] = time.perf_counter() - began
         self._console.print(f"{number} {stage:<12} {self.seconds[stage]:6.1f} s")

@@ -78,7 +78,8 @@ def _categories(parent: ET.Element, attribute: str, made: Mapping[str, tuple[str
     for index, (value, (label, symbol)) in enumerate(made.items()):
         symbol.set("name", str(index))
         symbols.append(symbol)
-        ET.SubElement(categories, "category", value=value, symbol=str(index), label=label, render="true")
+        facts = {"type": "string", "value": value, "symbol": str(index), "label": label, "render": "true"}
+        ET.SubElement(categories, "category", facts)
 
 
 def _route_symbols(n_rovers: int) -> dict[str, tuple[str, ET.Element]]:
