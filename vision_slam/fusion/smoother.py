@@ -33,6 +33,7 @@ import numpy as np
 from scipy import sparse
 
 from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import InputError
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
@@ -176,6 +177,11 @@ class _Posterior:
 def _nodes(path: FloatArray, odometry: Odometry, config: LocalizationConfig) -> IntArray:
     """Return indices of poses about a spacing apart, with first, last and both ends of unmeasured steps."""
     travel = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
+    if travel[-1] == 0.0:
+        raise InputError(
+            f"the odometry measures no motion from the first to the last of {len(path)} poses; "
+            "record the wheels too, or leave out the images before the rover moves."
+        )
     n = max(2, round(travel[-1] / node_spacing_m(float(travel[-1]), config)) + 1)
     even = np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1)
     unmeasured = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)

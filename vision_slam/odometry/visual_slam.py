@@ -251,7 +251,7 @@ class VisualSlam:
     def _turned(self, pixels: Pixels, came: BoolArray) -> tuple[FloatArray, BoolArray] | None:
         """Return pose and inliers of a turn on the spot since the keyframe; None where the corners show travel."""
         newest = self.window.newest
-        since = came & [track.keyframes[-1] == newest for track in self._tracks]
+        since = came & np.array([track.keyframes[-1] == newest for track in self._tracks], dtype=bool)
         if since.sum() < self.config.least_inliers:
             return None
         before = np.array([track.rays[-1] for track in self._tracks])[since]

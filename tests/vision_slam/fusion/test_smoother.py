@@ -30,6 +30,15 @@ def odometry_of(time_s, position, attitude) -> Odometry:
     return Odometry(time_s, steps, attitude)
 
 
+def test_odometry_without_any_motion_is_refused():
+    standing = Odometry(np.arange(5.0), np.zeros((4, 3)), np.zeros((5, 3)))
+    fixes = GpsFixes(np.arange(5.0), np.column_stack([np.arange(5.0), np.zeros((5, 2))]))
+    sightings = Sightings([3], [[4.0, 0.0, 0.0]], [np.eye(3) * 0.01], [4.0])
+    recording = Recording(CRS, np.zeros(3), gps=fixes, odometry=standing, sightings=sightings)
+    with pytest.raises(InputError, match="measures no motion from the first to the last of 5 poses; record"):
+        localize(recording)
+
+
 def test_dead_reckoning_of_exact_odometry_is_the_path():
     time_s, position, attitude = circle()
     # Sums of 400 rounded steps.
