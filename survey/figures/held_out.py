@@ -39,7 +39,8 @@ def held_out_plot(check: PredictiveCheck) -> Figure:
     left.axhline(0.1, color=MUTED, linestyle="--", linewidth=1.0)
     left.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     left.set(xlim=(0, 1), xlabel="Quantile of the prediction", ylabel="Points left out")
-    left.legend(loc="upper center")
+    left.set_ylim(top=1.35 * left.get_ylim()[1])  # room for the legend above the bars
+    left.legend(loc="upper center", ncols=2)
     left.set_title("Points left out")
     right.plot(check.distance_m, check.factor, color=ESTIMATE, marker="o", markersize=4)
     right.axhline(1.0, color=MUTED, linestyle="--", linewidth=1.0)
