@@ -123,8 +123,9 @@ class DriveEstimate:
 
     @property
     def length_m(self) -> float:
-        """Distance travelled [m]."""
-        return float(np.linalg.norm(np.diff(self.position, axis=0), axis=1).sum())
+        """Distance travelled [m], without the steps to poses that are lost."""
+        steps_m = np.linalg.norm(np.diff(self.position, axis=0), axis=1)
+        return float(steps_m.sum() if self.is_lost is None else steps_m[~self.is_lost[1:]].sum())
 
     @property
     def covariance(self) -> FloatArray | None:

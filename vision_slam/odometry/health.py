@@ -107,11 +107,11 @@ def bridged_sigma_m(steps: FloatArray, health: tuple[FrameHealth, ...]) -> Float
     return sigma
 
 
-def is_lost(poses: FloatArray, health: tuple[FrameHealth, ...]) -> BoolArray:
-    """Return which poses (N, 4, 4) have rested on wheels and gyro for more than 20 m."""
+def is_lost(poses: FloatArray, health: tuple[FrameHealth, ...], has_wheels: bool) -> BoolArray:
+    """Return which poses (N, 4, 4) have rested on wheels and gyro for more than 20 m, or without wheels on nothing."""
     travel = np.r_[0.0, np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)]
     blind_m, lost = 0.0, []
     for index, (length, frame) in enumerate(zip(travel.tolist(), health, strict=True)):
         blind_m = 0.0 if frame.is_visual or index == 0 else blind_m + length
-        lost.append(blind_m > _LOST_M)
+        lost.append(blind_m > (_LOST_M if has_wheels else 0.0))
     return np.array(lost)

@@ -252,7 +252,8 @@ def _corrected(
     ):  # the distance of ridges is assumed in metres, which images alone do not have
         attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
     odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
-    return VisualOdometry(odometry, scale_sightings(sightings, factor), health, is_lost(poses, health))
+    lost = is_lost(poses, health, has_wheels=records.wheels is not None)
+    return VisualOdometry(odometry, scale_sightings(sightings, factor), health, lost)
 
 
 def _scale_factors(slam: VisualSlam, sightings: Sightings, records: VisionRecords) -> FloatArray:
