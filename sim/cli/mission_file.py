@@ -79,11 +79,22 @@ def summary(run: RunFolder) -> dict[str, Any]:
     content: dict[str, Any] = {"run": str(run.path), "stage_wall_s": stages}
     if run.has("simulate") and (run.folder("simulate") / "drive.json").exists():
         content["drive"] = read_json(run.folder("simulate") / "drive.json", "the account of the drive")
+    if run.has("reconstruct"):
+        content["own_claim"] = _own_claim(run.folder("reconstruct"))
     if run.has("score"):
         content["score"] = read_json(run.folder("score") / "score.json", "the score")
     if run.has("report"):
         content["report"] = str(run.folder("report") / "index.html")
     return content
+
+
+def _own_claim(folder: Path) -> list[str]:
+    """Return what the map states of itself: the check by points left out, and its classes."""
+    from survey.reconstruction.base import ELEVATION, Reconstruction
+    from survey.scoring.standards.certificate import own_claim
+
+    result = Reconstruction.read(folder)
+    return own_claim(result) if result.quantity == ELEVATION else []
 
 
 def print_summary(run: RunFolder, *, as_json: bool) -> None:
@@ -101,6 +112,8 @@ def print_summary(run: RunFolder, *, as_json: bool) -> None:
     if "score" in content:
         typer.echo(f"RMSE    {content['score']['elevation']['rmse_m']:.3f} m")
         typer.echo(f"class   {best_class(content['score'])}")
+    for sentence in content.get("own_claim", []):
+        typer.echo(f"map     {sentence}")
     typer.echo(f"report  {content['report']}" if "report" in content else f"run     {content['run']}")
 
 

@@ -11,6 +11,7 @@ from survey.reporting.quantities import named_values, setting
 from survey.reporting.rendering import rendered
 from survey.reporting.score_rows import score_rows
 from survey.reporting.surveyed import SurveyResults
+from survey.scoring.standards.certificate import own_claim
 
 
 def write_report(
@@ -80,7 +81,7 @@ def _said(survey: SurveyResults) -> dict[str, object]:
         "classes": words.classes_by_standard(score),
         "key_numbers": words.key_numbers(score, route),
         "calibration_sentence": words.calibration_sentence(score.calibration),
-        "own_claim": words.own_claim(reconstruction),
+        "own_claim": [sentence[0].upper() + sentence[1:] for sentence in own_claim(reconstruction)],
         "scores": score_rows(score),
         "prediction": named_values(route.prediction),
         "method": reconstruction.method,

@@ -4,9 +4,8 @@ import math
 from collections.abc import Sequence
 
 from survey.data.route import Route
-from survey.reconstruction.base import Reconstruction
 from survey.reporting.quantities import TableRow, number, percent
-from survey.scoring import Calibration, Score, Verdict, certificate
+from survey.scoring import Calibration, Score, Verdict
 
 _STANDARDS = {
     "asprs-1990-as-in-paper": "ASPRS 1990 as read in the glacier paper",
@@ -94,14 +93,6 @@ def calibration_sentence(calibration: Calibration) -> str:
     if ratio > 1.25:
         return f"The claimed uncertainty is honest for most of the map, but a few errors are far larger: {facts}."
     return f"The claimed uncertainty is honest: {facts}."
-
-
-def own_claim(reconstruction: Reconstruction) -> list[str]:
-    """Return what the map states of itself without a reference: the check by points left out, and its classes."""
-    check, certified = reconstruction.check, certificate(reconstruction)
-    sentences = [] if check is None else [check.sentence]
-    sentences += [] if certified is None else [*certified.sentences]
-    return [sentence[0].upper() + sentence[1:] for sentence in sentences]
 
 
 def classes_by_standard(score: Score) -> dict[str, list[tuple[Verdict, str, str]]]:

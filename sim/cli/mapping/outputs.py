@@ -80,10 +80,9 @@ def print_map(made: MadeMap, out: Path, *, as_json: bool) -> None:
 
 def _print_findings(result: survey.Reconstruction) -> None:
     """Print the check by points left out, the classes by the map's claim, and what is to be known of the input."""
-    from survey.scoring.standards.certificate import certificate
+    from survey.scoring.standards.certificate import own_claim
 
-    check, certified = result.check, certificate(result) if result.quantity == ELEVATION else None
-    for sentence in (() if check is None else (check.sentence,)) + (certified.sentences if certified else ()):
+    for sentence in own_claim(result) if result.quantity == ELEVATION else []:
         typer.echo(f"  {sentence}")
     share = result.diagnostics.get("prior_covered_share")
     if share is not None:

@@ -85,6 +85,24 @@ def certificate(reconstruction: Reconstruction, standard: str = PAPER) -> Certif
     return Certificate(claim, absolute, relative, reconstruction.check is not None)
 
 
+def own_claim(reconstruction: Reconstruction) -> list[str]:
+    """Return what a map of elevation states of itself, in sentences: the check by points left out, and its classes.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        A map of elevation.
+
+    Returns
+    -------
+    list of str
+        Empty for a map that was neither tested nor has a joint covariance.
+    """
+    check, certified = reconstruction.check, certificate(reconstruction)
+    sentences = [] if check is None else [check.sentence]
+    return sentences + ([] if certified is None else [*certified.sentences])
+
+
 def _error(posterior: RmsePosterior, verdicts: tuple[Verdict, ...]) -> str:
     """Return the expected error, its 95 % limit and the tightest class met, as text."""
     met = [verdict for verdict in verdicts if verdict.met]

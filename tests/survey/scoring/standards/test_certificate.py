@@ -8,6 +8,7 @@ from survey.data.grid import Grid
 from survey.reconstruction.base import CLAIM, Reconstruction
 from survey.reconstruction.checks.rmse_claim import RmseClaim
 from survey.scoring import certificate
+from survey.scoring.standards.certificate import own_claim
 
 GRID = Grid((0.0, 0.0, 90.0, 90.0), 10.0, "EPSG:32608")
 
@@ -44,3 +45,8 @@ def test_relative_error_is_that_without_the_offset():
     claim = certificate(claimed(0.3, 0.05)).claim
     assert claim.relative.expected_m == pytest.approx(0.05, rel=0.01)
     assert claim.offset_sigma_m == pytest.approx(0.3, rel=0.01)
+
+
+def test_a_map_without_joint_covariance_states_no_class():
+    flat = Dem.on(GRID, np.zeros(GRID.shape))
+    assert own_claim(Reconstruction(flat, flat, np.full(GRID.shape, 3), "tin", {})) == []
