@@ -4,8 +4,9 @@
 
 Terrain of five families with 0.1 and 0.3 m of noise, and windows of a real 1 m DEM where it is at hand
 (FIRNLINE_DATA). A prior of 75 m cells that err by 1 m is known beforehand. ``adaptive`` surveys refit while
-they drive and stop by themselves; ``beforehand`` plans are fixed before the first sample, for the roughest
-family of covariances that the prior does not exclude; ``assumed`` ones for the family that it is. The oracle is the
+they drive and stop by themselves; ``beforehand`` plans are fixed before the first sample, for ground of an
+unknown class; ``surface`` ones for snow on smooth terrain and moraine on rough, ``assumed`` ones for the family of
+covariances that it is. The oracle is the
 lawnmower of fewest swaths that truly passed; it knows the terrain, and maps it the same way. The
 terrain judged on here was used for no setting; its families were.
 
@@ -41,6 +42,7 @@ from planners.guarantee.adaptive import survey_adaptively
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from planners.guarantee.belief.kernel_posterior import posterior_from_prior
 from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.belief.surfaces import Surface
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import places
@@ -115,7 +117,9 @@ def measure(quick: bool) -> Iterator[Row]:
     families = [FAMILIES[0], FAMILIES[4]] if quick else FAMILIES
     noises = (0.1,) if quick else (0.1, 0.3)
     counts = {(family.name, "adaptive"): n for family in families}
-    counts |= {(family.name, kind): n_before for family in families for kind in ("beforehand", "assumed")}
+    counts |= {
+        (family.name, kind): n_before for family in families for kind in ("beforehand", "surface", "assumed")
+    }
     if real_dem() is not None:
         counts |= {(name, "adaptive"): n_real for name in REAL}
         counts |= {(name, "beforehand"): 2 if quick else n_real for name in REAL}
@@ -135,7 +139,7 @@ def measure(quick: bool) -> Iterator[Row]:
         is_smooth = any(family.name == cell.family and family.is_smooth for family in FAMILIES)
         yield Row(f"{where}: surveys", len(outcomes), "")
         yield from _rows(where, outcomes, is_smooth)
-    for kind in ("adaptive", "beforehand", "assumed"):
+    for kind in ("adaptive", "beforehand", "surface", "assumed"):
         every = [one for task, one in made.items() if task.kind == kind and task.family not in REAL]
         yield Row.of(f"all random terrain, {kind}: promises kept", kept(every), "", ">=", 0.9)
         yield Row(f"all random terrain, {kind}: refused", 1.0 - _share_promised(every), "")
@@ -237,12 +241,20 @@ def _beforehand(site: Site, task: Task) -> Outcome:
         sample_step_m=STEP_M,
         n_simulations=N_SIMULATIONS,
         assumed=ASSUMED.get(task.family, "squared-exponential") if task.kind == "assumed" else None,
+        surface=_surface_of(task),
     )
     made = guarantee(site.area, site.prior, wanted)
     xy = places(made.route, STEP_M)
     error = map_error(site, xy, heights_at(site, xy, task, 0), task.noise_m)
     length_m, n = made.route.length_m, len(made.route.swaths)
     return Outcome(made.holds, made.predicted.rmse_m, error, length_m, oracle_m(site, task), n)
+
+
+def _surface_of(task: Task) -> Surface:
+    """Return the class of surface that is stated: snow on smooth terrain, moraine on rough."""
+    if task.kind != "surface":
+        return "unknown"
+    return "moraine" if task.family in ASSUMED else "snow"
 
 
 def oracle_m(site: Site, task: Task) -> float:

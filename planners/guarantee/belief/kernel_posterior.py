@@ -1,5 +1,6 @@
 """Posterior distribution of the terrain's covariance, from the cells of a prior or from a survey."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -136,9 +137,10 @@ def posterior_from_prior(
 ) -> KernelPosterior:
     r"""Learn covariances from the cells of a coarse prior, on ground of a class of surface.
 
-    Each family of the class takes its likeliest length scale, variance and white error of the cells. The weights of the
+    Each family of the class takes its likeliest length scale, and the mean roughness of all. The weights of the
     families are those of the class: cells do not show how rough the terrain is between them. What the cells leave open
-    is a factor of the predicted error, log-normal with the `spread` of the class and
+    is a factor of the predicted error, log-normal with the `spread` of the class, that of the roughness under all length
+    scales and errors of the cells, and
 
     .. math::  0.3^2 \, r^2 / (1 + r^2), \qquad r = \sigma_{prior} / \mathrm{sd}(\mathrm{cells})
 
@@ -167,34 +169,60 @@ def posterior_from_prior(
     chosen = SURFACES[surface]
     weights = chosen.weights if assumed is None else {assumed: 1.0}
     unseen_m = chosen.micro_relief_m if micro_relief_m is None else micro_relief_m
-    found = []
+    found, open_share = [], 0.0
     for family, weight in weights.items():
-        cell, variance = _likeliest(blocks, family)
+        cell, variance, spread = _fitted(blocks, family)
         noise = localized_noise_m(noise_m, localization_m, cell.kernel(variance))
         total = float(np.hypot(noise, unseen_m))
         found.append(WeightedKernel(cell, variance, total, weight, unseen_m**2))
+        open_share += weight * spread**2 / sum(weights.values())
     share = prior_sigma_m**2 / max(prior_sigma_m**2 + blocks.relief_m**2, 1e-12)
-    spread = float(np.sqrt(chosen.spread**2 + _PRIOR_SPREAD**2 * share))
+    spread = float(np.sqrt(chosen.spread**2 + open_share + _PRIOR_SPREAD**2 * share))
     return replace(KernelPosterior.of(found), spread=spread)
 
 
-def _likeliest(blocks: PriorBlocks, family: SearchedFamily) -> tuple[Cell, float]:
-    """Return the likeliest length scale (in a cell) and variance [m²] of one family."""
-    best, most = None, -np.inf
+class _Weighed(NamedTuple):
+    """A length scale (in a cell), the variance that suits it best [m²], its log likelihood and the roughness [log m]."""
+
+    cell: Cell
+    variance_m2: float
+    log_likelihood: float
+    log_roughness: float
+
+
+def _fitted(blocks: PriorBlocks, family: SearchedFamily) -> tuple[Cell, float, float]:
+    """Return the likeliest length scale (in a cell) of one family, a variance [m²], and the spread of the roughness.
+
+    The roughness is the standard deviation of a difference of heights over half a cell: what decides the error between
+    swaths. The variance is that with which the covariance has the mean logarithm of the roughness, over all lengths and
+    errors of the cells; the spread is its standard deviation.
+    """
+    weighed = list(_weighed(blocks, family))
+    if not weighed:
+        raise InputError("the prior's cells fit no covariance; take a prior whose heights differ.")
+    best = max(weighed, key=lambda one: one.log_likelihood)
+    weights = np.exp([one.log_likelihood - best.log_likelihood for one in weighed])
+    logs = np.array([one.log_roughness for one in weighed])
+    mean = float(weights @ logs / weights.sum())
+    spread = float(np.sqrt(weights @ np.square(logs - mean) / weights.sum()))
+    return best.cell, best.variance_m2 * float(np.exp(2.0 * (mean - best.log_roughness))), spread
+
+
+def _weighed(blocks: PriorBlocks, family: SearchedFamily) -> Iterator[_Weighed]:
+    """Yield the fits of all length scales and errors of the cells."""
     first, last = np.log2(2.0 * blocks.cell_m), np.log2(2.0 * blocks.extent_m)
+    half_cell = np.array([0.5 * blocks.cell_m, 0.0])
     for length in np.exp2(np.arange(first, last + 0.01, 1.0 / _LENGTHS_PER_DOUBLING)):
         cell = Cell.of(family, float(length), 0.0)
+        lost = 1.0 - float(cell.kernel(1.0).covariance_of_lag(half_cell))
         for ratio in _RATIOS:
             fit = blocks.fit(cell.kernel(1.0), ratio)
             if fit is None:
                 continue
             error_m = np.sqrt(ratio * fit.variance_m2)
-            log = fit.log_likelihood - 0.5 * np.log(error_m / blocks.typical_error_m) ** 2
-            if log > most:
-                best, most = (cell, fit.variance_m2), log
-    if best is None:
-        raise InputError("the prior's cells fit no covariance; take a prior whose heights differ.")
-    return best
+            log = fit.log_likelihood - 0.5 * float(np.log(error_m / blocks.typical_error_m) ** 2)
+            roughness = 0.5 * float(np.log(2.0 * max(lost, 1e-12) * fit.variance_m2))
+            yield _Weighed(cell, fit.variance_m2, log, roughness)
 
 
 def posterior_from_survey(

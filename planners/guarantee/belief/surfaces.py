@@ -44,11 +44,11 @@ class SurfaceClass(NamedTuple):
 
 
 SURFACES: dict[Surface, SurfaceClass] = {
-    "bare-ice": SurfaceClass({"matern-3/2": 0.7, "whittle": 0.3}, 0.3, 0.22),
-    "snow": SurfaceClass({"squared-exponential": 0.4, "matern-5/2": 0.4, "matern-3/2": 0.2}, 0.03, 0.2),
-    "moraine": SurfaceClass({"matern-3/2": 0.4, "whittle": 0.6}, 0.15, 0.25),
-    "bedrock": SurfaceClass({"matern-3/2": 0.3, "whittle": 0.7}, 0.15, 0.25),
-    "unknown": SurfaceClass({"matern-3/2": 0.6, "whittle": 0.4}, 0.08, 0.22),
+    "bare-ice": SurfaceClass({"matern-3/2": 0.7, "whittle": 0.3}, 0.3, 0.15),
+    "snow": SurfaceClass({"squared-exponential": 0.4, "matern-5/2": 0.4, "matern-3/2": 0.2}, 0.03, 0.15),
+    "moraine": SurfaceClass({"matern-3/2": 0.4, "whittle": 0.6}, 0.15, 0.18),
+    "bedrock": SurfaceClass({"matern-3/2": 0.3, "whittle": 0.7}, 0.15, 0.18),
+    "unknown": SurfaceClass({"matern-3/2": 0.6, "whittle": 0.4}, 0.08, 0.15),
 }
 """Measured or published roughness of each class of surface."""
 
