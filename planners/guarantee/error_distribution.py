@@ -19,7 +19,7 @@ _N_FACTORS = 9
 _N_BISECTIONS = 60
 
 
-class Moments(NamedTuple):
+class ErrorMoments(NamedTuple):
     """Mean [m²] and variance [m⁴] of the mean squared error under one covariance, and the covariance's weight."""
 
     mean: float
@@ -33,13 +33,13 @@ class ErrorDistribution:
 
     Parameters
     ----------
-    parts : sequence of Moments
+    parts : sequence of ErrorMoments
         One for each covariance; weights sum to 1.
     spread : float
         Standard deviation of the logarithm of a factor of the error.
     """
 
-    parts: Sequence[Moments]
+    parts: Sequence[ErrorMoments]
     spread: float = 0.0
 
     def with_shared(self, shared_m: float) -> "ErrorDistribution":

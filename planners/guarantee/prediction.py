@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from planners.guarantee.belief.correlogram import Correlogram
 from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
-from planners.guarantee.error_distribution import ErrorDistribution, Moments
+from planners.guarantee.error_distribution import ErrorDistribution, ErrorMoments
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -172,10 +172,10 @@ class LimitPredictor:
             within = [
                 parts[index].variance * share for (parts, _), share in zip(patches, shares, strict=True)
             ]
-            total.append(Moments(mean, float(np.mean(within)), one.weight))
+            total.append(ErrorMoments(mean, float(np.mean(within)), one.weight))
         return ErrorDistribution(total, posterior.spread)
 
-    def _moments(self, xy: FloatArray, posterior: KernelPosterior, nodes: FloatArray) -> list[Moments]:
+    def _moments(self, xy: FloatArray, posterior: KernelPosterior, nodes: FloatArray) -> list[ErrorMoments]:
         """Return the moments of the mean squared error over nodes (M, 2), for each covariance."""
         seen: dict[tuple[str, float], _Seen] = {}
         found = []
@@ -196,7 +196,7 @@ class LimitPredictor:
         read, some = _correlogram(cell._replace(ratio=0.0), self._reach_m), nodes[:_N_IN_COMMON]
         return _Seen(read.between(places, places), read.between(places, nodes), read.between(some, some))
 
-    def _under(self, weighted: WeightedKernel, seen: _Seen, thin: int) -> Moments:
+    def _under(self, weighted: WeightedKernel, seen: _Seen, thin: int) -> ErrorMoments:
         """Return the moments for one covariance; each place stands for `thin` samples."""
         matrix = seen.among.copy()
         matrix[np.diag_indices(len(matrix))] += max(
@@ -204,7 +204,7 @@ class LimitPredictor:
         )
         factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
         if failed:
-            return Moments(weighted.variance_m2, weighted.variance_m2**2, weighted.weight)
+            return ErrorMoments(weighted.variance_m2, weighted.variance_m2**2, weighted.weight)
         half = lapack.dtrtrs(factor, np.column_stack([np.ones(len(matrix)), seen.across]), lower=1)[0]
         ones, explained = half[:, 0], half[:, 1:]
         gap = 1.0 - ones @ explained
@@ -215,7 +215,7 @@ class LimitPredictor:
         common = scale_m2 * common
         common[np.diag_indices(len(common))] += weighted.unseen_m2
         mean = float((scale_m2 * left + weighted.unseen_m2).mean())
-        return Moments(mean, 2.0 * float(np.square(common).mean()), weighted.weight)
+        return ErrorMoments(mean, 2.0 * float(np.square(common).mean()), weighted.weight)
 
 
 @lru_cache(maxsize=32)

@@ -9,7 +9,7 @@ from planners.guarantee.belief.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
 from planners.guarantee.proof.simulation import SimulatedErrors
 from planners.guarantee.requirement import MapRequirement
-from planners.guarantee.stakes import Stakes
+from planners.guarantee.stakes import StakePlan
 from survey.data.route import Route
 
 LinePattern = LawnmowerConfig | WavyConfig
@@ -40,7 +40,7 @@ class Guarantee:
     reachable_m : float
         Error that the densest survey considered stays within with the required probability [m]; it does not
         depend on the limit.
-    stakes : Stakes or None
+    stakes : StakePlan or None
         Stakes that save swaths, where errors that samples share cost some.
     """
 
@@ -53,7 +53,7 @@ class Guarantee:
     likely_swaths: int
     simulated: SimulatedErrors = field(repr=False)
     reachable_m: float
-    stakes: Stakes | None = None
+    stakes: StakePlan | None = None
 
     @property
     def simulated_share(self) -> float:

@@ -11,14 +11,14 @@ STAKED_M = 0.02
 """Shared error that is left after two stakes, each measured to 3 cm [m]."""
 
 
-class Stakes(NamedTuple):
+class StakePlan(NamedTuple):
     """Places of stakes (K, 2) [m], and the swaths that they save."""
 
     xy: FloatArray
     saved_swaths: int
 
     @classmethod
-    def at_ends(cls, route: Route, saved_swaths: int) -> "Stakes":
+    def at_ends(cls, route: Route, saved_swaths: int) -> "StakePlan":
         """Place a stake at the beginning of the first swath and one at the end of the last.
 
         Parameters
@@ -30,7 +30,7 @@ class Stakes(NamedTuple):
 
         Returns
         -------
-        Stakes
+        StakePlan
             Two places.
         """
         return cls(np.array([route.swaths[0].xy[0], route.swaths[-1].xy[-1]]), saved_swaths)

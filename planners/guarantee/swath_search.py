@@ -18,7 +18,7 @@ from planners.guarantee.proof.simulation import SimulatedErrors, SimulatedSurvey
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.result import Guarantee, LinePattern
 from planners.guarantee.search import fewest as first_enough
-from planners.guarantee.stakes import STAKED_M, Stakes
+from planners.guarantee.stakes import STAKED_M, StakePlan
 from planners.guarantee.survey_lines import SurveyLines
 from planners.planning import planned_on
 from planners.prediction.error_model import places
@@ -241,12 +241,12 @@ class SwathSearch:
         """The likeliest covariance alone."""
         return KernelPosterior.of([self.posterior.likeliest])
 
-    def _stakes(self, shape: LinePattern, n: int, route: Route) -> Stakes | None:
+    def _stakes(self, shape: LinePattern, n: int, route: Route) -> StakePlan | None:
         """Return the stakes that save swaths, or None."""
         requirement = replace(self.requirement, shared_m=min(STAKED_M, self.requirement.shared_m))
         with_stakes = replace(self, requirement=requirement).fewest(shape)
         saved = (self.fewest(shape) or n) - (with_stakes or n)
-        return Stakes.at_ends(route, saved) if saved > 0 else None
+        return StakePlan.at_ends(route, saved) if saved > 0 else None
 
     def _predicted(self, distribution: ErrorDistribution) -> MapPrediction:
         return MapPrediction(distribution.probability(self.requirement.limit_m), distribution.rmse_m)
