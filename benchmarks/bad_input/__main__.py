@@ -2,7 +2,8 @@
 
 A case passes when the command ends with exit code 2, 3, 4 or 5 and one sentence (usage errors may take
 several lines), or with 0 where the input can be used. A traceback, exit code 1, a signal, more than 30 s
-or more than 4 GB is a fault; so is success where a refusal was due.
+or more than 4 GB is a fault; so is success where a refusal was due. The time that a process waits for a processor
+that others use does not count.
 """
 
 import argparse
@@ -16,7 +17,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -78,22 +81,33 @@ def run(case: Case, place: Path) -> dict[str, Any]:
     err = (place / "err.log").read_text(errors="replace") if (place / "err.log").exists() else ""
     return {
         "code": usage[0],
-        "wall_s": round(time.monotonic() - start, 2),
+        "wall_s": round(time.monotonic() - start - usage[2], 2),
         "peak_bytes": usage[1],
         "stderr": err.strip(),
     }
 
 
-def _awaited(child: int, start: float) -> tuple[int, int]:
+def _awaited(child: int, start: float) -> tuple[int, int, float]:
+    """Return exit code, memory [bytes], and the time that the process has waited for a processor [s]."""
+    starved_s = 0.0
     while True:
         done, status, usage = os.wait4(child, os.WNOHANG)
         if done:
-            return os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024
-        if time.monotonic() - start > LONGEST_S:
+            return os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024, starved_s
+        starved_s = max(_starved_s(child), starved_s)
+        if time.monotonic() - start - starved_s > LONGEST_S:
             os.kill(child, signal.SIGKILL)
             _, _, usage = os.wait4(child, 0)
-            return -signal.SIGKILL, usage.ru_maxrss * 1024
-        time.sleep(0.01)
+            return -signal.SIGKILL, usage.ru_maxrss * 1024, starved_s
+        time.sleep(0.02)
+
+
+def _starved_s(process: int) -> float:
+    """Return how long a process has waited for a processor that others used [s]; 0 where that is not known."""
+    try:
+        return int(Path(f"/proc/{process}/schedstat").read_text().split()[1]) / 1e9
+    except (OSError, IndexError):
+        return 0.0
 
 
 def verdict(case: Case, found: dict[str, Any]) -> str:
@@ -132,6 +146,7 @@ def main() -> None:
     )
     parser.add_argument("--only", default="", help="run cases whose name contains this")
     parser.add_argument("--show", action="store_true", help="print every refusal")
+    parser.add_argument("--workers", type=int, default=2, help="cases that run at once")
     given = parser.parse_args()
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[variable] = "1"
@@ -139,18 +154,16 @@ def main() -> None:
     cases = [c for c in all_cases() if given.only in c.name]
     counts: Counter[str] = Counter()
     faults, slowest, largest = [], 0.0, 0
-    with tempfile.TemporaryDirectory() as place:
-        for case in cases:
-            found = run(case, Path(place))
-            kind = verdict(case, found)
-            counts[kind] += 1
-            slowest, largest = max(slowest, found["wall_s"]), max(largest, found["peak_bytes"])
-            if kind.startswith("fault"):
-                faults.append(
-                    {"case": case.name, "kind": kind, "code": found["code"], "words": found["stderr"][-400:]}
-                )
-            if kind.startswith("fault") or given.show:
-                print(f"{kind}  [{case.name}] {found['wall_s']} s  {found['stderr'][-300:]}", flush=True)
+    for case, found in _found(cases, given.workers):
+        kind = verdict(case, found)
+        counts[kind] += 1
+        slowest, largest = max(slowest, found["wall_s"]), max(largest, found["peak_bytes"])
+        if kind.startswith("fault"):
+            faults.append(
+                {"case": case.name, "kind": kind, "code": found["code"], "words": found["stderr"][-400:]}
+            )
+        if kind.startswith("fault") or given.show:
+            print(f"{kind}  [{case.name}] {found['wall_s']} s  {found['stderr'][-300:]}", flush=True)
     table = {
         "cases": len(cases),
         "counts": dict(sorted(counts.items())),
@@ -162,6 +175,27 @@ def main() -> None:
     if not given.only:
         RESULT.write_text(json.dumps(table, indent=2) + "\n")
     sys.exit(bool(faults))
+
+
+def _found(cases: Sequence[Case], n_workers: int) -> Iterator[tuple[Case, dict[str, Any]]]:
+    """Run all cases in so many processes at once, and yield what each gave."""
+    workers = get_context("fork").Pool(n_workers, _set_cases, (cases,))
+    with workers:
+        for number, found in workers.imap_unordered(_run_number, range(len(cases))):
+            yield cases[number], found
+
+
+_CASES: list[Case] = []
+
+
+def _set_cases(cases: Sequence[Case]) -> None:
+    """Store the cases of a worker; they hold functions, which cannot be sent to it."""
+    _CASES[:] = cases
+
+
+def _run_number(number: int) -> tuple[int, dict[str, Any]]:
+    with tempfile.TemporaryDirectory() as place:
+        return number, run(_CASES[number], Path(place))
 
 
 def all_cases() -> list[Case]:
