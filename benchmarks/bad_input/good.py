@@ -8,7 +8,7 @@ import shapely
 from affine import Affine
 from pyproj import CRS
 
-from benchmarks.bad_input.case import Prepare
+from benchmarks.bad_input.case import Prepare, both, text
 from survey.data.area import SurveyArea
 from survey.io.vector import write_features
 
@@ -109,3 +109,28 @@ def write_shape(path: Path, shape: shapely.Geometry, role: str = "area", crs: st
     """Write one shape with a role, unchecked."""
     shapes, roles = ([shape], [role]) if role == "area" else ([polygon(), shape], ["area", role])
     write_features(path, shapes, {"role": np.array(roles, dtype=object)}, CRS(crs), layer="area")
+
+
+GOOD = both(
+    area,
+    raster("dem.tif"),
+    raster("map.tif", 0.1),
+    points,
+    text("m.toml", MISSION),
+    text("s.toml", STUDY),
+)
+"""Writes an input for each of `GOOD_COMMANDS`."""
+GOOD_COMMANDS: tuple[list[str], ...] = (
+    ["plan", "area.gpkg", "--prior", "dem.tif", "-q"],
+    ["reconstruct", "points.csv", "--crs", UTM, "--grid", "10", "-q", "-o", "gp"],
+    ["reconstruct", "points.csv", "--crs", UTM, "--grid", "10", "--method", "tin", "-q", "-o", "tin"],
+    ["score", "map.tif", "--truth", "dem.tif", "--area", "area.gpkg", "-q"],
+    ["score", "map.tif", "--checkpoints", "points.csv", "-q"],
+    ["change", "map.tif", "dem.tif", "--outline", "area.gpkg", "-o", "change"],
+    ["export", "points.csv", "points.ply", "--as", "points", "--crs", UTM],
+    ["export", "dem.tif", "dem.asc"],
+    ["init", "new.toml", "--dem", "dem.tif"],
+    ["run", "m.toml", "--runs", "runs", "-q"],
+    ["montecarlo", "s.toml", "--runs", "runs", "--engine", "serial", "-q"],
+)
+"""Commands that succeed."""

@@ -1,6 +1,7 @@
 """Errors and warnings of the libraries that read and write files."""
 
 import logging
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ def warnings_logged() -> Iterator[None]:
     DamagedError
         A warning reports damage: the values that were read are not those of the file.
     """
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught, _unraisable_logged():
         warnings.simplefilter("always")
         yield
     for warning in caught:
@@ -31,6 +32,17 @@ def warnings_logged() -> Iterator[None]:
         if any(sign in words.lower() for sign in _DAMAGE):
             raise DamagedError(words)
         logging.getLogger(__name__).info("%s", words)
+
+
+@contextmanager
+def _unraisable_logged() -> Iterator[None]:
+    """Send what a library cannot raise, such as a message that is no UTF-8, to the log instead of stderr."""
+    before = sys.unraisablehook
+    sys.unraisablehook = lambda fault: logging.getLogger(__name__).info("%s", fault.exc_value)
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def first_line(reason: object) -> str:

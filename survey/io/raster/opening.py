@@ -12,6 +12,7 @@ from pyproj.exceptions import CRSError
 from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import DamagedError, first_line, warnings_logged
 from survey.io.file_kinds import OFFLINE, RASTER_DRIVERS, check_raster_file
+from survey.io.raster.crs_tag import refuse_altered_crs
 from survey.io.raster.hdf5 import refuse_unreadable
 from survey.io.raster.values import band_scale, refuse_depths, refuse_picture
 
@@ -30,6 +31,7 @@ def opened_dataset(file: Path, band: int) -> Iterator[Any]:
     with _checked(file), rasterio.Env(GDAL_CACHEMAX=_CACHE_BYTES, **OFFLINE), _dataset(file, band) as source:
         if source.tags(ns="OVERVIEWS"):
             raise InputError(f"{file} names a file of overviews; write it again (gdal_translate).")
+        refuse_altered_crs(source, file)
         yield source
 
 

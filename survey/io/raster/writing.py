@@ -18,6 +18,7 @@ from survey.core.errors import InputError
 from survey.core.files.library_messages import warnings_logged
 from survey.core.files.writing import replacing, unwritable
 from survey.io.companions import stale_files
+from survey.io.raster.crs_tag import crs_tag
 from survey.io.raster.facts import VERTICAL_TAG
 from survey.io.raster.georeference import check_transform
 from survey.io.raster.opening import gdal_faults
@@ -84,7 +85,7 @@ def write_raster(
         projected_crs(crs, "the raster to write") if suffix == ".asc" else _written_crs(crs, vertical_datum)
     )
     _write_gdal(
-        Path(path), bands, {**options, "transform": transform, "crs": written.to_wkt()}, vertical_datum
+        Path(path), bands, {**options, "transform": transform, "crs": written.to_wkt()}, crs, vertical_datum
     )
 
 
@@ -118,18 +119,21 @@ def write_bytes_raster(
         path,
         {name: codes.astype(np.float64)},
         {**_COG, **options, "transform": transform, "crs": written},
+        crs,
         UNSTATED,
     )
 
 
-def _tags(bands: Mapping[str, FloatArray], transform: Affine, vertical_datum: str) -> dict[str, str]:
-    """Return what a GeoTIFF says of itself: the vertical datum and a checksum for each band."""
+def _tags(
+    bands: Mapping[str, FloatArray], transform: Affine, crs: CRS, vertical_datum: str
+) -> dict[str, str]:
+    """Return what a GeoTIFF says of itself: the CRS, the vertical datum and a checksum for each band."""
     crcs = " ".join(checksum(checksum_parts(values, transform, vertical_datum)) for values in bands.values())
-    return {CRC_TAG: crcs, **({VERTICAL_TAG: vertical_datum} if vertical_datum else {})}
+    return {CRC_TAG: crcs, **crs_tag(crs), **({VERTICAL_TAG: vertical_datum} if vertical_datum else {})}
 
 
 def _write_gdal(
-    path: Path, bands: Mapping[str, FloatArray], options: Mapping[str, Any], vertical_datum: str
+    path: Path, bands: Mapping[str, FloatArray], options: Mapping[str, Any], crs: CRS, vertical_datum: str
 ) -> None:
     import rasterio
 
@@ -140,7 +144,7 @@ def _write_gdal(
         try:
             with warnings_logged(), rasterio.open(draft, "w", **profile) as target:
                 if options["driver"] == "COG":
-                    target.update_tags(**_tags(bands, options["transform"], vertical_datum))
+                    target.update_tags(**_tags(bands, options["transform"], crs, vertical_datum))
                 for index, (name, values) in enumerate(bands.items(), start=1):
                     target.write(
                         np.where(np.isfinite(values), values, NODATA).astype(profile["dtype"]), index
