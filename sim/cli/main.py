@@ -1,7 +1,6 @@
 """Command line ``firnline``: its commands, in the order in which a survey uses them."""
 
 import sys
-from typing import Annotated
 
 import typer
 
@@ -23,7 +22,7 @@ from sim.cli.commands import (
     simulate,
 )
 from sim.cli.guide import example, topics
-from sim.cli.guide.version import print_version
+from sim.cli.guide.version import options
 from sim.cli.outcome import run_guarded
 
 app = typer.Typer(
@@ -36,17 +35,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-
-@app.callback()
-def firnline(
-    _: Annotated[
-        bool,
-        typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and exit."),
-    ] = False,
-) -> None:
-    """Plan, simulate and judge robotic surveys of glaciers and other terrain."""
-
-
+app.callback()(options)
 for command in (
     init.init,
     plan.plan,

@@ -1,4 +1,6 @@
-"""``firnline --version``: the version of the installed package."""
+"""Options of ``firnline`` before the name of a command: the version."""
+
+from typing import Annotated
 
 import typer
 
@@ -10,3 +12,12 @@ def print_version(wanted: bool) -> None:
 
         typer.echo(f"firnline {version('firnline')}")
         raise typer.Exit
+
+
+def options(
+    _: Annotated[
+        bool,
+        typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Plan, simulate and judge robotic surveys of glaciers and other terrain."""
