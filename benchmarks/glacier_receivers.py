@@ -32,7 +32,7 @@ from vision_slam.pipeline import localize
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 _N_STRETCHES, _N_FIXES, _INTERVAL_S = 40, 40, 900.0
-_POSE_S, _SPEED_M_S, _SIDE_M = 30.0, 0.05, 150.0
+_POSE_S, _SPEED_M_S, _SIDE_M = 60.0, 0.05, 150.0
 _M_PER_DEG = 111320.0
 # Share of the variance that lasts, of a receiver of which nothing else is known.
 _LASTING = 0.8
@@ -109,11 +109,12 @@ def _drive(error: FloatArray, seed: int) -> tuple[Recording, FloatArray]:
     attitude = attitude + np.column_stack([level, level, wrong.ravel()[: len(level)]])
     noise = config.step_sigma_m * np.sqrt(step_m) * rng.standard_normal(steps.shape)
     odometry = Odometry(time_s, (1.0 + config.scale_sigma * rng.standard_normal()) * steps + noise, attitude)
-    fixes: FloatArray = np.column_stack([np.interp(fix_s, time_s, axis) for axis in path.T])
+    fixes = np.zeros((_N_FIXES, 3))
+    fixes[:] = np.column_stack([np.interp(fix_s, time_s, axis) for axis in path.T])
     fixes[:, :2] += error
     one = Sightings(np.array([3]), np.array([[6.0, 0.0, 0.0]]), 0.01 * np.eye(3)[None], np.array([8.0]))
     return Recording(
-        CRS("EPSG:32608"), fixes[0], GpsFixes(fix_s, np.asarray(fixes)), odometry=odometry, sightings=one, start_is_surveyed=False
+        CRS("EPSG:32608"), fixes[0], GpsFixes(fix_s, fixes), odometry=odometry, sightings=one, start_is_surveyed=False
     ), path  # fmt: skip
 
 

@@ -56,6 +56,7 @@ def test_images_without_wheels_are_scaled_by_the_fixes(walk: Recording, visual: 
     assert np.linalg.norm((result.trajectory.position - walk.gps.position)[-1, :2]) < 0.5
     assert result.trajectory.length_m == pytest.approx(STEP_M * (N - 1), rel=0.03)
     assert result.n_fixes == N
+    assert any("offset between the clocks" in note for note in result.notes)  # straight on at constant speed
     # Images that are processed on the way give the same bytes.
     again = localize(walk)
     assert again.visual_odometry is not None

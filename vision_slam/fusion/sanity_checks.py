@@ -149,7 +149,7 @@ def clock_sigma_s(recording: OdometryRecording, path: FloatArray, config: Locali
     shifts = _Shifts.of(recording, path, config)
     if shifts is None:
         return np.inf
-    lag_s = float(_LAGS_S[0])
+    lag_s = float(shifts.lags_s[-1])
     bend = shifts.gain(lag_s) + shifts.gain(-lag_s)
     return lag_s / float(np.sqrt(-bend)) if bend < 0.0 else np.inf
 
