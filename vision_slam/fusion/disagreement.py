@@ -155,16 +155,21 @@ def _refused_tail(recording: OdometryRecording, online: OnlinePath) -> BoolArray
 
 
 def _fitted(chosen: _Comparison, config: LocalizationConfig) -> tuple[LocalizationConfig, float]:
-    """Return the errors of largest evidence, by coordinate ascent from the assumed ones, and their gain."""
+    """Return the errors of largest evidence, by coordinate ascent from the assumed ones, and their gain.
+
+    The first round leaves a setting at its first level that gains nothing; where it shows a
+    disagreement, the next ones try all levels.
+    """
     best, total = config, 0.0
     for _ in range(_ROUNDS):
         before = total
         for setting in _LEVELS:
             for trial in _wider(best, config, setting):
                 gain = chosen.gain(trial, best)
-                if gain <= 0.0:
+                if gain > 0.0:
+                    best, total = trial, total + gain
+                elif before < _CONVINCING:
                     break
-                best, total = trial, total + gain
         if total == before:
             break
     return best, total
