@@ -95,8 +95,11 @@ def export(
         convert(source, out, kind, crs=crs)  # type: ignore[arg-type]  # checked above
         typer.echo(f"{out} written")
         return
+    is_named = dem is not None
     route, area, dem = _route_of(source, area, dem)
     around = _surroundings(route, autopilot, area, dem, speed, returns=returns)
+    if source.is_dir() and not is_named:
+        around = _with_known_heights(route, around)
     _write_route(route, out, rover, around, force=force)
 
 
@@ -158,6 +161,21 @@ def _surroundings(
         speed,
         returns,
     )
+
+
+def _with_known_heights(route: "survey.Route", around: "Surroundings") -> "Surroundings":
+    """Leave the prior of a run out, and print that, where it does not know the height of every waypoint."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    places = np.vstack([leg.xy for leg in route.legs])
+    if around.terrain is None or np.isfinite(around.terrain.at(places)).all():
+        return around
+    typer.echo(
+        "firnline: the prior of the run has voids on the route; heights are left out (--dem).", err=True
+    )
+    return replace(around, terrain=None)
 
 
 def _write_route(

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from sim.cli.main import app
 from survey import Dem, Grid, Route, SurveyArea
+from survey.core.runs.store import RunFolder
 from survey.data.legs import Leg
 from survey.interchange.route_formats import read_plan
 
@@ -156,3 +157,20 @@ def test_kml_has_folders_styles_and_labels(ending):
     back = read_plan("out.kml", CRS)
     np.testing.assert_allclose(back.path(1), Route.read("two.geojson").path(1), atol=1e-3)
     assert [leg.kind for leg in back.legs] == ["swath", "transit", "swath"] * 2
+
+
+@pytest.mark.parametrize("has_void", [False, True])
+def test_a_run_brings_its_area_and_its_prior_where_that_has_no_voids(has_void):
+    facts = {"mission": "m", "seed": 1, "python": "3.11", "versions": {}}
+    run_folder = RunFolder.open(Path("runs"), "m", "a = 1\n", {}, facts)
+    dem = Dem.read("dem.tif")
+    heights = np.where((dem.xy[:, 0] > 526_150.0).reshape(dem.shape) & has_void, np.nan, dem.elevation)
+    with run_folder.stage("plan") as stage:
+        Route.read("one.geojson").write(stage / "route.geojson")
+        SurveyArea.read("site.gpkg").write(stage / "area.gpkg")
+        Dem(heights, dem.transform, dem.crs, dem.vertical_datum).write(stage / "prior.tif")
+    said = run(str(run_folder.path), "survey.plan").stderr
+    assert ("has voids on the route; heights are left out" in said) == has_void
+    plan = json.loads(Path("survey.plan").read_text())
+    assert len(plan["geoFence"]["polygons"]) == 2
+    assert (plan["mission"]["plannedHomePosition"][2] == 0) == has_void
