@@ -131,10 +131,10 @@ _NUMERIC: dict[str, tuple[list[str], frozenset[str]]] = {
     "--rmse": ([*_PRIOR, "--pattern", "best"], frozenset({"1e300", "inf"})),
     "--rovers": (_PLAN, frozenset()),
     "--max-slope": (_PRIOR, frozenset({"1e300", "inf"})),
-    "--probability": (_PROMISE, frozenset()),
-    "--noise": (_PROMISE, frozenset({"1e-300"})),
+    "--probability": (_PROMISE, frozenset({"1e-300"})),
+    "--noise": (_PROMISE, frozenset({"0", "1e-300"})),
     "--localization": (_PROMISE, frozenset({"0", "1e-300"})),
-    "--prior-sigma": (_PROMISE, frozenset({"1e-300"})),
+    "--prior-sigma": (_PROMISE, frozenset({"0", "1e-300"})),
     "--grid": (_MAP, frozenset({"1e300"})),
     "--sigma": (_MAP, frozenset({"0", "-1", "nan", "inf", "1e300", "1e-300"})),  # the points state theirs
     "--workers": (["montecarlo", "s.toml", "--runs", "runs", "-q"], frozenset()),

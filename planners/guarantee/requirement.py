@@ -12,6 +12,10 @@ from survey.reconstruction.gp.selection.kernel_search import ALL
 from survey.scoring.standards.map_classes import map_classes
 
 
+# No error of a survey is larger; squares of more do not fit a number.
+_LARGEST_M = 1e6
+
+
 @dataclass(frozen=True)
 class ErrorLimit:
     """Largest error of a map, with the probability and the errors of samples that a plan assumes.
@@ -113,6 +117,8 @@ class MapRequirement(ErrorLimit):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"{name} is {getattr(self, name)}; it must be 0 or greater.")
+            if value is not None and value > _LARGEST_M:
+                raise ConfigError(f"{name} is {value:g} m; {_LARGEST_M:g} m is the most.")
         if self.surface not in SURFACE_NAMES:
             raise ConfigError(f"{self.surface} is no class of surface; take {', '.join(SURFACE_NAMES)}.")
         if self.max_swaths is not None and self.max_swaths < 2:

@@ -43,7 +43,8 @@ def read_about(path: Path, bounds: "Bounds", crs: "CRS", what: str, *, mask: boo
         same_crs(crs, stated, f"the survey area and {what}")
     west, south, east, north = bounds
     step_m = cell_m(path, crs)
-    require_cells(int((east - west) * (north - south) / step_m**2))
+    if step_m > 0.0:  # a turned raster is refused when it is read
+        require_cells(int((east - west) * (north - south) / step_m**2))
     margin_m = max(_MARGIN_CELLS * step_m, _LEAST_MARGIN_M)
     about = (west - margin_m, south - margin_m, east + margin_m, north + margin_m)
     return survey.Dem.read(path, crs=crs if stated is None else None, bounds=about, mask=mask)
