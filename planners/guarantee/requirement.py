@@ -11,7 +11,6 @@ from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.kernel_search import ALL
 from survey.scoring.standards.map_classes import map_classes
 
-
 # No error of a survey is larger; squares of more do not fit a number.
 _LARGEST_M = 1e6
 
