@@ -52,7 +52,7 @@ def runs(tmp_path_factory) -> Path:
 def test_run_prints_times_rmse_class_and_report(runs):
     out = firnline("run", str(runs / "m.toml"), "--runs", str(runs / "runs"), "-q")
     lines = dict(line.split(maxsplit=1) for line in out.strip().splitlines())
-    assert set(lines) == {"stages", "RMSE", "class", "report"}
+    assert set(lines) == {"stages", "RMSE", "class", "map", "report"}
     assert Path(lines["report"]).is_file()
     assert "Class" in lines["class"]
 
