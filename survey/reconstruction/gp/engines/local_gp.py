@@ -19,7 +19,7 @@ from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.divided import DividedGaussianProcess, trend_of_part
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import TrendName
-from survey.reconstruction.gp.site_tree import SiteTree
+from survey.reconstruction.gp.engines.site_tree import SiteTree
 
 _N_NEAREST = 256
 _N_OWN = 48

@@ -8,8 +8,8 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.kernels import Matern32
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 from survey.reconstruction.gp.engines.local_gp import LocalGaussianProcess
+from survey.reconstruction.gp.engines.site_tree import SiteTree
 from survey.reconstruction.gp.process import conditioned
-from survey.reconstruction.gp.site_tree import SiteTree
 
 KERNEL = Matern32(25.0, 60.0)
 SITE = (0.0, 0.0, 100.0, 100.0)
