@@ -26,7 +26,7 @@ imports: $(VENV)/.ready
 
 check: lint types imports test
 
-# Made anew when the requirements change; a half-made one has no .ready and is made again.
+# Rebuilt when the requirements change; an incomplete one has no .ready and is rebuilt.
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("firnline needs Python 3.11 or newer; set PYTHON=...")'
 	$(PYTHON) -m venv --clear $(VENV)

@@ -4,7 +4,7 @@ Surveys of the statistical fidelity on sites of 160 m with four swaths, terrain 
 satellite's cells of 1 m. Every map is made as a mission makes it, kernel chosen. In the second group the
 kernel is stated, Matérn 3/2 of 2.2 m and 0.1 m, so that landforms vanish between the landmarks; in the third the path
 states a tenth of its error, which moves swaths slowly and looks like terrain: no swath left out shows it. One drive in images (``examples/short_drive.toml``, 150 m) is simulated and mapped too; it is
-kept in the temporary folder. Finished surveys are kept there as well, for as long as the code of the reconstruction
+stored in the temporary folder. Finished surveys are stored there as well, for as long as the code of the reconstruction
 stays the same. Seeds below 100 were used to choose settings; those judged begin at 500.
 """
 
@@ -39,7 +39,7 @@ from survey.scoring import certificate
 from vision_slam import LocalizationConfig, localize
 from vision_slam.odometry.onboard import read_visual_odometry
 
-KEPT = Path(tempfile.gettempdir()) / "firnline-held-out"
+STORED = Path(tempfile.gettempdir()) / "firnline-held-out"
 _FIRST_SEED = 500
 _GRID_STEP_M = 4.0
 _FAR_M = 5.0
@@ -118,7 +118,7 @@ def _wrong_rows(name: str, done: Sequence[Outcome], bar: float | None) -> Iterat
 
 def _image_rows() -> Iterator[Row]:
     """Leave swaths of a drive in images out, with the satellite and without."""
-    run = _simulated(EXAMPLES / "short_drive.toml", KEPT, ())
+    run = _simulated(EXAMPLES / "short_drive.toml", STORED, ())
     recording = Recording.read(run / "2-simulate" / "recording")
     visual = read_visual_odometry(run / "2-simulate" / "recording" / "onboard")
     found = localize(replace(recording, frames=None, camera=None), LocalizationConfig(), visual=visual)
@@ -145,7 +145,7 @@ def _far_scores(held_out: HeldOut) -> PredictiveScores:
 
 def _survey(seed: int, group: Group) -> Outcome:
     """Return the outcome of a survey, from the store where the code is the same."""
-    file = KEPT / _code() / f"{group}-{seed}.pickle"
+    file = STORED / _code() / f"{group}-{seed}.pickle"
     if not file.exists():
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(pickle.dumps(_surveyed(seed, group)))

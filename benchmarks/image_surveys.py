@@ -132,7 +132,7 @@ def _simulated(mission: Path, runs: Path, settings: tuple[str, ...]) -> Path:
 
 
 def seen(run: Path, recording: Recording) -> VisualOdometry:
-    """Return what the images say, kept for as long as the code that reads them stays the same."""
+    """Return what the images say, stored for as long as the code that reads them stays the same."""
     kept = _kept(run)
     if not kept.exists():
         keep(run, visual_odometry(recording))

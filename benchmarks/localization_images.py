@@ -1,7 +1,7 @@
 """What fixes make of the odometry of images: drives of 280 m, several receivers' luck on each.
 
 Run with ``python -m benchmarks.localization_images``. The drives are those of ``examples/glacier_drive.toml`` with seeds
-on which nothing was chosen, their images rendered once and kept in the system's folder for temporary files; on each, the
+on which nothing was chosen, their images rendered once and stored in the system's folder for temporary files; on each, the
 receiver of the mission is drawn eight times, because the luck of one draw would hide the rest. Places that the images
 recognise are left out: these drives never meet themselves.
 """

@@ -3,7 +3,7 @@ r"""What the odometry of images is wrong by, and the wheels, on drives that noth
 Run with ``python -m benchmarks.odometry_errors``. The figures are what `localization.images` and the wheels' settings
 assume, printed beside; the drives are those of ``examples/glacier_drive.toml`` with the seeds 11 to 13, of 280 m, and of
 ``examples/mendenhall_like.toml`` with the seeds 61 and 62, of 2.85 km, on which a heading shows whether it walks away
-(``FIRNLINE_ERROR_SURVEYS="61"`` takes fewer, an empty one none). They are rendered and read once, and kept in the
+(``FIRNLINE_ERROR_SURVEYS="61"`` takes fewer, an empty one none). They are rendered and read once, and stored in the
 system's folder for temporary files. Errors are estimated minus real. A Gauss–Markov error of standard
 deviation σ and correlation length Λ changes over a distance d by
 

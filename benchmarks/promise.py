@@ -18,7 +18,7 @@ been seen to break their promise or to be refused. That a plan beforehand exclud
 a thousand times less likely was set after the first twelve windows of both kinds had been seen to break promises; the
 last eight had not been surveyed beforehand until then. All windows overlap.
 
-Surveys are kept as they finish (FIRNLINE_PROMISE_SURVEYS, a file of JSON lines); a run that was ended goes on where it
+Surveys are stored as they finish (FIRNLINE_PROMISE_SURVEYS, a file of JSON lines); a run that was ended goes on where it
 was. FIRNLINE_PROMISE_N is the number of DEMs of each family and noise, 100 when left out; an eighth of them, and every
 real window, is also surveyed as promised beforehand.
 """
@@ -69,7 +69,7 @@ MOST_ORACLE = 24
 N_SIMULATIONS = 60
 N_DEMS = int(os.environ.get("FIRNLINE_PROMISE_N", "100"))
 N_WORKERS = int(os.environ.get("FIRNLINE_PROMISE_WORKERS", "2"))
-KEPT = Path(
+STORED = Path(
     os.environ.get("FIRNLINE_PROMISE_SURVEYS", Path(tempfile.gettempdir()) / "firnline-promise.jsonl")
 )
 
@@ -133,7 +133,7 @@ def measure(quick: bool) -> Iterator[Row]:
         ),
         key=lambda task: (task.index + 1) / counts[task.family, task.kind],
     )
-    made = surveyed(tasks, None if quick else KEPT)
+    made = surveyed(tasks, None if quick else STORED)
     for cell, outcomes in _cells(made).items():
         where = f"{cell.family}, noise {cell.noise_m:g} m, {cell.kind}"
         is_smooth = any(family.name == cell.family and family.is_smooth for family in FAMILIES)
@@ -146,7 +146,7 @@ def measure(quick: bool) -> Iterator[Row]:
 
 
 def surveyed(tasks: Sequence[Task], file: Path | None) -> dict[Task, Outcome]:
-    """Make those surveys that the file does not hold, each kept there once it is done."""
+    """Make those surveys that the file does not hold, each stored there once it is done."""
     known = _read(file) if file is not None and file.exists() else {}
     missing = [task for task in tasks if task not in known]
     for task, made in run_all(outcome, missing, engine="processes", workers=N_WORKERS):

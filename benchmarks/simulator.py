@@ -1,4 +1,4 @@
-"""The simulator as a whole: its images, then the rover's physics and instruments.
+"""The simulator: its images, then the rover's physics and instruments.
 
 Run with ``python -m benchmarks.simulator``; the halves are `benchmarks.simulator_rendering`
 and `benchmarks.simulator_physics`.

@@ -72,7 +72,7 @@ def _world_rows(side_m: float) -> Iterator[Row]:  # returns the world, too
 
 
 def _forget() -> None:
-    """Empty what is kept of earlier worlds."""
+    """Empty the caches of earlier worlds."""
     for kept in (surface_tile, grain_tile):
         kept.cache_clear()
     fine_terrain(Dem.on(Grid((0.0, 0.0, 9.0, 9.0), 1.0), np.zeros((10, 10))), BUSY, 0)

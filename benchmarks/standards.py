@@ -100,7 +100,7 @@ def _share(name: str, found: Sequence[Judged]) -> Row:
 
 
 def _damage(quick: bool) -> Iterator[Row]:
-    """Read every format damaged; a value that differs although the file says it is whole counts as altered."""
+    """Read every format damaged; a value that differs although the file is stated to be intact counts as altered."""
     counts: Counter[tuple[str, str]] = Counter()
     n = 20 if quick else 100
     with tempfile.TemporaryDirectory() as place:

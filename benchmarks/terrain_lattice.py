@@ -177,7 +177,7 @@ print((peak_bytes() - before) / n**2)
 
 
 def memory(n: int) -> Iterator[Row]:
-    """Peak memory of a map with 32 draws and points everywhere, solved as a whole, in a process of its own."""
+    """Peak memory of a map with 32 draws and points everywhere, solved at once, in a process of its own."""
     done = subprocess.run([sys.executable, "-c", _MEMORY, str(n)], capture_output=True, text=True, check=True)
     name = f"{n * n:,} nodes, 32 draws: peak memory of a node"
     yield Row.of(name, float(done.stdout), "bytes", "<=", 400)

@@ -4,7 +4,7 @@ Run with ``python -m benchmarks.visual_faults``. The route is a hook of 62 m tha
 of camera, receiver and calibration do not move the rover, so that they are put into the records of one drive by
 what puts them there while driving; those of tracks and scenery need drives of their own. Faults of
 images that pass are judged until 15 s later, all else to the end of the drive. Places that images recognise are
-judged on a longer drive, a knot with crossings, a repeated leg and a way back. Recordings are made once and kept
+judged on a longer drive, a knot with crossings, a repeated leg and a way back. Recordings are made once and stored
 in the system's folder for temporary files. A row holds if 95 % of the poses lie within their claimed 3σ ellipse
 and none is off by more than 5 m but where the rover declares itself lost, and it is not lost at the end.
 """

@@ -2,7 +2,7 @@
 
 Run with ``python -m benchmarks.visual_slam``. Drives are those of ``examples/glacier_drive.toml``, 280 m with four
 turns and wheels that are 1.5 % off, with other seeds than the settings were chosen on; their images are rendered
-once and kept in the system's folder for temporary files. Positions are judged without any alignment but the pose at
+once and stored in the system's folder for temporary files. Positions are judged without any alignment but the pose at
 the start, which is given, unless Sim(3) is said. No fix is used: the scale is that of the wheels, as the height of
 the camera above the ground corrects it.
 """

@@ -17,7 +17,7 @@ from vision_slam import LocalizationConfig
 
 
 class AreaConfig(Section):
-    """What is to be surveyed; the whole terrain unless said."""
+    """Area to survey; all of the terrain by default."""
 
     file: str | None = None
     """Polygon file; a relative path counts from the mission file."""
@@ -141,7 +141,7 @@ def _is_prior(terrain: TerrainConfig) -> bool:
 
 
 class MissionConfig(Section):
-    """A whole mission."""
+    """Configuration of a mission."""
 
     schema_version: Literal[1]
     """Version of the format of mission files."""

@@ -58,15 +58,15 @@ def _on_board(simulated: Path) -> OnBoard | None:
     return OnBoard(
         tracks=tracks_on_frames(recording),
         video=animated(recording.frames),
-        believed=_believed(simulated / "believed.csv"),
+        estimated=_estimated_on_board(simulated / "believed.csv"),
     )
 
 
-def _believed(file: Path) -> FloatArray | None:
+def _estimated_on_board(file: Path) -> FloatArray | None:
     """Return the places (N, 2) [m] that the rover steered by, if it did."""
     if not file.exists():
         return None
-    table = read_table(file, ("easting_m", "northing_m"), what="what was believed")
+    table = read_table(file, ("easting_m", "northing_m"), what="the path estimated on board")
     return np.column_stack([table["easting_m"], table["northing_m"]])
 
 

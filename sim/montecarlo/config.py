@@ -83,7 +83,7 @@ class Design(NamedTuple):
 
 
 class StudyConfig(Section):
-    """A whole study: every terrain is surveyed by every planner at every size, once for each trial."""
+    """Configuration of a study: every terrain is surveyed by every planner at every size, once for each trial."""
 
     schema_version: Literal[1]
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")

@@ -81,7 +81,7 @@ def _planned(world: TrialTerrains, design: Design, index: int | None) -> Route:
 
 
 def samples_of(world: TrialTerrains, driven: Driven) -> tuple[FloatArray, FloatArray]:
-    """Return where the rover believes to sample (N, 2) and the heights that it measures (N, B) [m]."""
+    """Return the estimated sample positions (N, 2) and the measured heights (N, B) [m]."""
     samples = world.study.samples
     xy = places(driven.route, samples.step_m)
     heights = np.empty((len(xy), len(driven.mine)))

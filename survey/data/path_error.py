@@ -34,7 +34,7 @@ class PathError(DataObject):
     .. math::  W \Lambda^{-1} W^T
 
     Neighbouring keyframes share nearly all of it: to count each keyframe's marginal as
-    independent is to believe that driving longer mends an offset.
+    independent is to assume that driving longer reduces an offset.
 
     Parameters
     ----------

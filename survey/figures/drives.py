@@ -17,7 +17,7 @@ from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, INK, MUTED, styled
 
 @styled
 def executed_route(
-    route: Route, driven: FloatArray, believed: FloatArray | None = None, *, area: SurveyArea | None = None
+    route: Route, driven: FloatArray, estimated: FloatArray | None = None, *, area: SurveyArea | None = None
 ) -> Figure:
     """Draw the driven path over the planned one.
 
@@ -27,7 +27,7 @@ def executed_route(
         The plan, of one rover.
     driven : (N, 2+) ndarray
         Where the rover went: easting, northing [m].
-    believed : (M, 2+) ndarray, optional
+    estimated : (M, 2+) ndarray, optional
         Its position as estimated while driving [m].
     area : SurveyArea, optional
         Its outline.
@@ -45,7 +45,7 @@ def executed_route(
     'Easting [m]'
     """
     planned = route.path()
-    lines = [line[:, :2] for line in (planned, driven, believed) if line is not None]
+    lines = [line[:, :2] for line in (planned, driven, estimated) if line is not None]
     if area is not None:
         lines.append(np.reshape(area.bounds, (2, 2)))
     low, high = np.vstack(lines).min(axis=0), np.vstack(lines).max(axis=0)
@@ -58,7 +58,7 @@ def executed_route(
     if area is not None:
         draw_area(axes, area, veil=False)
     handles += axes.plot(*planned.T, color=MUTED, linewidth=4.0, alpha=0.45, label="Planned")
-    handles += _draw_both(axes, driven[:, :2], None if believed is None else believed[:, :2])
+    handles += _draw_both(axes, driven[:, :2], None if estimated is None else estimated[:, :2])
     handles += axes.plot(*driven[0, :2], "o", color=INK, markersize=5, label="Start")
     draw_scale_and_north(drawing, crs=route.crs)
     axes.set_title("Driven against planned path")
@@ -67,14 +67,14 @@ def executed_route(
 
 
 @styled
-def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray | None = None) -> Figure:
+def deviation_from_route(route: Route, driven: FloatArray, estimated: FloatArray | None = None) -> Figure:
     """Draw the true and the estimated distance from the route against the share of the drive.
 
     Parameters
     ----------
     route : Route
         The plan, of one rover.
-    driven, believed : (N, 2+) and (M, 2+) ndarray
+    driven, estimated : (N, 2+) and (M, 2+) ndarray
         As for `executed_route`.
 
     Returns
@@ -92,7 +92,7 @@ def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray 
     figure = Figure(figsize=(FULL_IN, 2.4), layout="constrained")
     axes = figure.subplots()
     travelled_off = _travelled_and_off(route, driven)
-    _draw_both(axes, travelled_off, None if believed is None else _travelled_and_off(route, believed))
+    _draw_both(axes, travelled_off, None if estimated is None else _travelled_and_off(route, estimated))
     travelled, off = travelled_off.T
     worst = float(np.percentile(off, 95.0))
     axes.set_title(
@@ -106,11 +106,11 @@ def deviation_from_route(route: Route, driven: FloatArray, believed: FloatArray 
     return figure
 
 
-def _draw_both(axes: Axes, driven: FloatArray, believed: FloatArray | None) -> list[Line2D]:
+def _draw_both(axes: Axes, driven: FloatArray, estimated: FloatArray | None) -> list[Line2D]:
     """Draw the driven line over the estimated one (N, 2); return the handles of the legend."""
     drawn: list[Line2D] = []
-    if believed is not None:
-        drawn += axes.plot(*believed.T, color=CLAIM, linewidth=0.9, label="Believed while driving")
+    if estimated is not None:
+        drawn += axes.plot(*estimated.T, color=CLAIM, linewidth=0.9, label="Estimated on board")
     return drawn + axes.plot(*driven.T, color=ESTIMATE, linewidth=1.4, label="Driven")
 
 

@@ -64,7 +64,7 @@ def path_map(
     reference : (R, 3) ndarray, optional
         Where the rover was.
     is_lost : (N,) ndarray of bool, optional
-        Where the path is not to be believed.
+        Where the path is not reliable.
     in_the_world : bool
         False for a path that counts from its own start: the axes say so.
 

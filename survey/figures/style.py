@@ -14,7 +14,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 FULL_IN = 9.0
-"""Width of a figure that takes the whole page [in]; the report shows 120 CSS pixels per inch."""
+"""Width of a figure over the full page [in]; the report shows 120 CSS pixels per inch."""
 HALF_IN = 4.4
 """Width of a figure that shares the page with another one [in]."""
 DPI = 144

@@ -65,9 +65,9 @@ def map_scans(
     model = method.begin(settings)
     n_scans = n_low_returns = 0
     for n_scans, scan in enumerate(scans, start=1):
-        believed, n_low = without_low_returns(scan)
+        accepted, n_low = without_low_returns(scan)
         n_low_returns += n_low
-        model.update(_ground_of(believed) if settings.rays else believed)
+        model.update(_ground_of(accepted) if settings.rays else accepted)
         on_scan(n_scans)
     if n_scans == 0:
         raise InputError("there are no scans; at least one is needed.")

@@ -41,7 +41,7 @@ class TerrainModel(ABC):
 
     Points carry their standard deviations and, where they have them, the sensor's origins.
     They hold no NaN and neither do places. Where a model is silent, beyond the ground that
-    it covers, it answers NaN, and `UNSEEN` for the support. Heights are kept relative to a
+    it covers, it answers NaN, and `UNSEEN` for the support. Heights are stored relative to a
     local datum (`local_datum_m`), so that adding 1,000 m to every point adds it to the map
     and changes nothing else.
     """

@@ -56,8 +56,8 @@ def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
         pictures |= _path_pictures(survey.trajectory, survey.reference_trajectory, survey.points)
     if survey.on_board is not None:
         pictures |= _camera_pictures(survey.on_board)
-        if survey.on_board.believed is not None and survey.reference_trajectory is not None:
-            pictures |= _drive_pictures(survey, survey.reference_trajectory, survey.on_board.believed)
+        if survey.on_board.estimated is not None and survey.reference_trajectory is not None:
+            pictures |= _drive_pictures(survey, survey.reference_trajectory, survey.on_board.estimated)
     return pictures
 
 
@@ -165,9 +165,9 @@ def _path_pictures(
     }
 
 
-def _drive_pictures(survey: SurveyResults, driven: Trajectory, believed: FloatArray) -> dict[str, Picture]:
+def _drive_pictures(survey: SurveyResults, driven: Trajectory, estimated: FloatArray) -> dict[str, Picture]:
     """Draw the drive beside its plan."""
-    route, paths = survey.route, (driven.position, believed)
+    route, paths = survey.route, (driven.position, estimated)
     return {
         "executed": Picture(
             _png(figures.executed_route(route, *paths, area=survey.area)),

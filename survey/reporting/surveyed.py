@@ -24,13 +24,13 @@ class OnBoard:
         Feature tracks in its images.
     video : bytes, optional
         Images of the drive as an animated WebP.
-    believed : (N, 2) ndarray, optional
+    estimated : (N, 2) ndarray, optional
         Position by which the rover steered [m]; the drive is then shown beside its plan.
     """
 
     tracks: Figure | None = None
     video: bytes | None = None
-    believed: FloatArray | None = None
+    estimated: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""A whole mission in images: killed at random it ends with the same products, and faults leave an honest path."""
+"""A mission in images: killed at random it ends with the same products, and faults leave an honest path."""
 
 import os
 import random

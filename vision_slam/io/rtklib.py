@@ -8,7 +8,7 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 
-# What a solution of each quality is worth at best [m]: RTKLIB states the noise alone.
+# Least standard deviation of a solution of each quality [m]; RTKLIB states the noise alone.
 _LEAST_SIGMA_M = {1: 0.01, 2: 0.05, 3: 0.5, 4: 0.5, 5: 1.0, 6: 0.05}
 _GPS_EPOCH_S = 315964800.0  # 6 January 1980
 _WEEK_S = 604800.0

@@ -117,7 +117,7 @@ class CarvedSurface:
             xyz,
             origins,
             sights.slack_m,
-            sights.believed(self.latest_heights()),
+            sights.accepted(self.latest_heights()),
             sights.vote.outvoted,
             sights.vote.step_m,
             self.before,

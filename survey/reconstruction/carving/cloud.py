@@ -53,8 +53,8 @@ class SightLines(NamedTuple):
     vote: Vote
     gated: bool
 
-    def believed(self, heights: FloatArray) -> BoolArray:
-        """Return which lines of sight (N,) are believed, given the surface's heights at their ends (N,) [m]."""
+    def accepted(self, heights: FloatArray) -> BoolArray:
+        """Return which lines of sight (N,) are accepted, given the surface's heights at their ends (N,) [m]."""
         if not self.gated:
             return np.ones(len(heights), dtype=bool)
         return ~ends_far_below(heights - self.xyz[:, 2], self.sigma_m)

@@ -45,7 +45,7 @@ class SpaceCarvingConfig(Section):
     bound_offset_m: float = Field(default=5.0, gt=0)
     """How far above and below that the upper and the lower surface begin [m]."""
     gate: bool = True
-    """Whether what is alone is not believed.
+    """Whether isolated points are rejected.
 
     Left out are points far from all their neighbours in the scan, and their rays with them; rays that end
     far below the surface carve nothing, and no ray carves more than 0.2 m below the third-lowest over a cell."""

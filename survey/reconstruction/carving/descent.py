@@ -57,7 +57,7 @@ class Visited(NamedTuple):
     """What a pass goes over: hits and sensors (N, 3), and what a surface makes of them.
 
     `slack_m` (N,) is how deep under the surface a line of sight may run [m], `carves` (N,) whether it
-    is believed at all, and `outvoted` (H, W) the heights below which none is [m], on nodes `vote_step_m`
+    is accepted at all, and `outvoted` (H, W) the heights below which none is [m], on nodes `vote_step_m`
     apart from (0, 0); `before` and `known` (N,) are the heights above the prior that earlier runs and
     this one gave the points; `settled` holds the bases of earlier runs, `latest` those of this run's
     passes before.
@@ -107,7 +107,7 @@ def descend(  # noqa: PLR0917 - compiled functions take no keywords
                \alpha_j \leftarrow (1 - \eta_t \lambda) \alpha_j
 
     (Eqs. 12 and 13). The paper has one η, and visits a point and its line of sight together; here all points
-    come first: against a surface half made, lines of sight carve what the next points raise again. Weights are kept relative to what all of this run's have decayed to, so
+    come first: against a surface half made, lines of sight carve what the next points raise again. Weights are stored relative to what all of this run's have decayed to, so
     that a step need not touch the old ones; the tally's ``decayed`` is the factor that all are
     owed afterwards. Bases of earlier runs have decayed in theirs.
     """

@@ -1,4 +1,4 @@
-"""Space-carving kernels: compact kernels fitted to points and kept below lines of sight (Hadsell, Bagnell, Huber, Hebert)."""
+"""Space-carving kernels: compact kernels fitted to points and constrained to lie below lines of sight (Hadsell, Bagnell, Huber, Hebert)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -99,7 +99,7 @@ class SpaceCarvingKernel(TerrainModel):
     _codes: Codes | None = field(default=None, init=False, repr=False)
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Forget everything and learn from points.
+        """Discard the present map and fit the points.
 
         Raises
         ------
@@ -129,29 +129,29 @@ class SpaceCarvingKernel(TerrainModel):
         return self
 
     def begin(self, points: SurfacePoints) -> Self:
-        """Forget everything and take points, without learning from them yet."""
+        """Discard the present map and add points, without optimizing yet."""
         self.n_scans_ = self.n_ghosts_ = self.n_learned_ = 0
-        believed = self._believed(points)
-        datum_m = local_datum_m(believed.z)
+        accepted = self._accepted(points)
+        datum_m = local_datum_m(accepted.z)
         step_m = raster_step_m(self.config.lengths_m())
         self.place = CarvingFrame(0, 0, step_m, datum_m, points.crs, points.vertical_datum)
         self.cloud, self.surfaces_, self.passes_, self._codes = Cloud(), {}, [], None
-        self._cover(believed.xy)
-        level = self.config.prior_m if self.config.prior_m is not None else float(np.median(believed.z))
+        self._cover(accepted.xy)
+        level = self.config.prior_m if self.config.prior_m is not None else float(np.median(accepted.z))
         offset = self.config.bound_offset_m
         above = {MEAN: 0.0} | ({LOWER: -offset, UPPER: offset} if self.config.bounds else {})
         self.surfaces_ = {
-            name: CarvedSurface.new(self.frame, Step(level - datum_m + dz, *self._pace(len(believed))))
+            name: CarvedSurface.new(self.frame, Step(level - datum_m + dz, *self._pace(len(accepted))))
             for name, dz in above.items()
         }
-        return self._taken(believed)
+        return self._taken(accepted)
 
     def add(self, points: SurfacePoints) -> Self:
         """Take more points, without learning from them yet; a run under way visits them from its next pass on."""
         same_crs(self.where.crs, points.crs, "the map and the points")
-        believed = self._believed(points)
-        self._cover(believed.xy)
-        return self._taken(believed)
+        accepted = self._accepted(points)
+        self._cover(accepted.xy)
+        return self._taken(accepted)
 
     def passes(self) -> Iterator[Pass]:
         """Learn pass by pass: between two the model can be asked, given points, or left as it is.
@@ -300,7 +300,7 @@ class SpaceCarvingKernel(TerrainModel):
             raise not_fitted()
         return self.place
 
-    def _believed(self, points: SurfacePoints) -> SurfacePoints:
+    def _accepted(self, points: SurfacePoints) -> SurfacePoints:
         """Return the points without ghosts, thinned, once their lines of sight make sense."""
         if self.config.carve:
             checked_origins(points)

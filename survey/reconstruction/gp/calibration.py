@@ -59,7 +59,7 @@ class SigmaCalibration:
     def cross_validated(
         cls, xy: FloatArray, values: FloatArray, noise_m2: FloatArray, predict: Predict, gaps_m: FloatArray
     ) -> Self:
-        r"""Leave out whole discs of points and single ones, predict them, and compare.
+        r"""Leave out discs of points and single points, predict them, and compare.
 
         A swath's points vouch for one another, so leaving out one at a time shows nothing
         about the ground between swaths: discs as wide as the gaps of the survey do. Within

@@ -18,7 +18,7 @@ class JointConfig(Section):
     bow_sigma_deg: float = Field(default=0.0, ge=0)
     """By how much all landmarks of a drive may rise or sink alike, with their distance ahead and aside [deg]."""
     rank: int | None = Field(default=None, ge=1)
-    """Number of modes of the path's error that are kept, as on large maps; all when left out."""
+    """Number of modes of the path's error that are retained, as on large maps; all when left out."""
     slope_passes: int = Field(default=2, ge=1, le=5)
     """How often the map is solved for: slopes, through which places err, are those of the pass before."""
     memory_mb: float = Field(default=50.0, gt=0)

@@ -13,7 +13,7 @@ def variance_through_slope(covariance: FloatArray, slope: FloatArray) -> FloatAr
 
     A point measured off its place by (dx, dy, dz) lies dz − f_x dx − f_y dy above the
     surface, to first order (McHutchon and Rasmussen 2011, with the covariances between
-    height and place kept, which Eq. 7 of the glacier paper drops).
+    height and place retained, which Eq. 7 of the glacier paper drops).
 
     Parameters
     ----------

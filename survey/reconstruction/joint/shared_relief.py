@@ -41,7 +41,7 @@ def with_shared_relief(
     kernel : Kernel
         Of the terrain.
     basis : FourierBasis
-        The waves that are kept: those of a spectral density above some limit.
+        The retained waves: those of a spectral density above some limit.
     tail_m2 : float
         Variance of the others [m²].
 
@@ -74,7 +74,7 @@ def with_shared_relief(
 
 
 def _spectrum_left_out(kernel: Kernel, basis: FourierBasis, shape: list[int], step_m: float) -> FloatArray:
-    """Return the spectral density of waves weaker than all that are kept, as `scipy.fft.rfft2` orders them."""
+    """Return the spectral density of waves weaker than all retained ones, as `scipy.fft.rfft2` orders them."""
     along_x = 2.0 * np.pi * fft.fftfreq(shape[0], step_m)
     along_y = 2.0 * np.pi * fft.rfftfreq(shape[1], step_m)
     omega = np.stack(np.meshgrid(along_x, along_y, indexing="ij"), axis=-1)

@@ -98,7 +98,7 @@ class FieldLattice(LatticeModel):
     _bounds: tuple[FloatArray, FloatArray] | None = field(default=None, init=False, repr=False)
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Forget everything and learn from points.
+        """Discard the present map and fit the points.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class FieldLattice(LatticeModel):
 
     def _told(self, points: SurfacePoints) -> Self:
         """Take in the points of one scan, and its lines of sight."""
-        scan = self._believed(points)
+        scan = self._accepted(points)
         self.posterior.information.add(self._on_lattice(scan[:, :4]))
         self.recent.add(scan)
         self.n_scans_ += 1
@@ -191,7 +191,7 @@ class FieldLattice(LatticeModel):
             self._solve(part)
         return self
 
-    def _believed(self, points: SurfacePoints) -> FloatArray:
+    def _accepted(self, points: SurfacePoints) -> FloatArray:
         """Return easting, northing, height above the datum and weight (N, 4) of points that are no ghosts.
 
         Where lines of sight count, the sensor's places follow (N, 7).
@@ -209,7 +209,7 @@ class FieldLattice(LatticeModel):
         return scan
 
     def _ends_low(self, scan: FloatArray) -> BoolArray:
-        """Return which points of a scan lie so far below the surface that their lines of sight are not believed."""
+        """Return which points of a scan lie so far below the surface that their lines of sight are rejected."""
         low = bilinear(self._nodes(), self.where.window.coordinates(scan[:, :2])) - scan[:, 2]
         # Beyond the map there is no information.
         return ends_far_below(low, 1.0 / np.sqrt(scan[:, 3])) | np.isnan(low)

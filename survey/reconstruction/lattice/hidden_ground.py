@@ -49,7 +49,7 @@ class Predicted(NamedTuple):
 
 
 PredictHidden = Callable[[BoolArray, FloatArray], Predicted]
-"""From the points kept (N,) and places (M, 2) to what a map of those points says there."""
+"""Function of the retained points (N,) and of places (M, 2) that returns the prediction there."""
 
 
 class BoundFactors(NamedTuple):

@@ -19,7 +19,7 @@ from numba import njit
 from survey.core.arrays import BoolArray, FloatArray
 from survey.reconstruction.nodes import NodeWindow
 
-# The rays kept for a node; the last of them is the one that counts.
+# Number of rays stored for a node; the last of them is the one that counts.
 N_LOWEST = 3
 # A ray's last steps say nothing that its end does not say better.
 _END_IN_STEPS = 1.5

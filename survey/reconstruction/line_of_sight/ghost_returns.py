@@ -21,7 +21,7 @@ def ghosts(xyz: FloatArray) -> BoolArray:
     A ghost lies farther from the median height of its neighbours, within 1 to 2 m, than
     0.3 m and four of their standard deviations, taken from their quartiles, and fewer than
     three of them lie within 0.3 m of its height: the top of a pile is not alone. Where fewer than six points are
-    near, those within 4 to 8 m are asked; without six there, a point is believed.
+    near, those within 4 to 8 m are asked; without six there, a point is accepted.
 
     Examples
     --------

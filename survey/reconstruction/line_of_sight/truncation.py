@@ -101,9 +101,9 @@ def _ceiling(reconstruction: Reconstruction, points: SurfacePoints) -> FloatArra
     corner = np.array([grid.bounds[0], grid.bounds[1], 0.0])
     start, end = origins - corner, points.xyz - corner
     low_m = bilinear(z, window.coordinates(end[:, :2])) - points.z
-    believed = ~ghosts(points.xyz) & ~ends_far_below(low_m, points.sigma_z)
+    accepted = ~ghosts(points.xyz) & ~ends_far_below(low_m, points.sigma_z)
     rays = LowestRays.empty(window.shape)
-    rays.add(window, start[believed], end[believed], points.sigma_z[believed])
+    rays.add(window, start[accepted], end[accepted], points.sigma_z[accepted])
     slope = steepness(z, grid.step_m)
     ceiling = rays.ceiling(np.where(np.isfinite(slope), slope, 0.0))
     return np.ascontiguousarray(ceiling[::-1])

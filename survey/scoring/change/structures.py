@@ -10,7 +10,7 @@ from survey.core.arrays import FloatArray
 
 _N_RANGES = 24
 _MOST_STRUCTURES = 5
-# Beyond the lags that are seen, a range cannot be told from a longer one.
+# Ranges beyond the largest observed lag cannot be estimated.
 _LONGEST = 1.5
 
 

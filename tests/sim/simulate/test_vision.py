@@ -195,7 +195,7 @@ def test_a_carried_rover_records_nothing_and_its_wheels_stand(tmp_path):
 
 
 class GpsNavigator:
-    """Believes a good receiver and a good compass."""
+    """A navigator that assumes a good receiver and a good compass."""
 
     def __init__(self):
         self.seen = []
@@ -212,7 +212,7 @@ class GpsNavigator:
         assert readings.frame is None
 
 
-def test_a_rover_steers_by_what_its_navigator_believes(tmp_path):
+def test_a_rover_steers_by_what_its_navigator_estimates(tmp_path):
     settings = {
         "physics": {"engine": "kinematic"},
         "instruments": {
@@ -228,7 +228,7 @@ def test_a_rover_steers_by_what_its_navigator_believes(tmp_path):
     step = shifted.step
     shifted.step = lambda readings: PoseEstimate(step(readings).xy + [0.0, 2.0], shifted._belief.heading_rad)
     away = simulate_vision(ground(), SHORT, mission(**settings), tmp_path / "shifted", lambda _: shifted)
-    assert away.truth.trajectory.position[-1, 1] < 12.6  # it believes itself 2 m north of where it is
+    assert away.truth.trajectory.position[-1, 1] < 12.6  # it estimates itself 2 m north of where it is
 
 
 def test_bad_drives_are_refused_before_anything_is_written(tmp_path):

@@ -1,4 +1,4 @@
-"""The whole path on measured terrain: right CRS in every file, and nothing scored outside the area."""
+"""Missions on measured terrain: right CRS in every file, and nothing scored outside the area."""
 
 import json
 from pathlib import Path

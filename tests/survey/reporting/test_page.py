@@ -1,4 +1,4 @@
-"""The page: whole in itself, the same each time, honest in words, safe whatever the text."""
+"""The page: self-contained, the same each time, honest in words, safe whatever the text."""
 
 import re
 from dataclasses import replace

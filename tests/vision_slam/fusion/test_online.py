@@ -1,4 +1,4 @@
-"""The filter over whole recordings: nothing of the future in it, mishaps of the receiver survived, honest errors."""
+"""The filter over recordings: nothing of the future in it, mishaps of the receiver survived, honest errors."""
 
 from dataclasses import replace
 

@@ -50,7 +50,7 @@ def _drive(
     return Recording(SITE, path[0], gps, odometry=Odometry(times, steps, attitude)), path
 
 
-def test_a_start_that_fixes_agree_with_is_believed() -> None:
+def test_a_start_that_fixes_agree_with_is_accepted() -> None:
     recording, path = _drive()
     assert recording.odometry is not None
     kept, config = check_start_by_fixes(recording, path, recording.odometry.time_s, CONFIG)

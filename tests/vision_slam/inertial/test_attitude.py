@@ -1,4 +1,4 @@
-"""Roll and pitch by gravity, over a whole drive and over one in two pieces."""
+"""Roll and pitch by gravity, over a drive and over one in two pieces."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

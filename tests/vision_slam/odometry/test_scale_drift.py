@@ -71,7 +71,7 @@ def test_without_wheels_or_ground_the_size_stays_what_it_is() -> None:
     assert scale_corrections(poses[:1], np.zeros(0), NO_GROUND[:1]).tolist() == [1.0]
 
 
-def test_wheels_that_skid_in_a_turn_or_spin_are_not_believed() -> None:
+def test_wheels_that_skid_in_a_turn_or_spin_are_rejected() -> None:
     turn = (np.arange(N) >= 200) & (np.arange(N) < 250)
     spin = (np.arange(N) >= 350) & (np.arange(N) < 375)
     heading = np.cumsum(np.where(turn, np.pi / 50, 0.0))
@@ -82,7 +82,7 @@ def test_wheels_that_skid_in_a_turn_or_spin_are_not_believed() -> None:
     np.testing.assert_allclose(factor[:340], 1.0, atol=0.002)
 
 
-def test_a_mounting_that_cannot_be_is_not_believed() -> None:
+def test_a_mounting_that_cannot_be_is_rejected() -> None:
     factor = scale_corrections(_poses(np.full(N, STEP_M)), np.full(N, STEP_M), _ground(np.full(N, 1.3)))
     np.testing.assert_allclose(
         factor, np.exp(-0.06), rtol=1e-3

@@ -174,7 +174,7 @@ def test_steps_of_exposure_do_not_lose_the_corners(plane_world: object, camera: 
     assert np.linalg.norm(slam.pose(slam.frames[-1])[:3, 3] - [4.6, 0.0, 0.0]) < 0.01 * 4.6
 
 
-def test_the_few_corners_that_outlive_a_leap_are_not_believed(plane_world: object, camera: Camera) -> None:
+def test_the_few_corners_that_outlive_a_leap_are_rejected(plane_world: object, camera: Camera) -> None:
     """One image shows other ground but for a strip: what is followed in the strip is too little for a pose."""
     slam = VisualSlam(camera)
     for k in range(14):

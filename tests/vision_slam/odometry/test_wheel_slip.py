@@ -64,7 +64,7 @@ def test_the_height_of_the_camera_gives_the_scale_of_the_wheels() -> None:
     assert travel_m == pytest.approx(0.25, rel=0.03 * 0.05)
 
 
-def test_a_height_that_cannot_be_is_not_believed() -> None:
+def test_a_height_that_cannot_be_is_rejected() -> None:
     watch = WheelSlipDetector(0.7)
     for _ in range(1200):
         watch.travel_m(0.25, 0.25)

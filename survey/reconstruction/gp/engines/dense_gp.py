@@ -89,7 +89,7 @@ class DenseGaussianProcess(Process):
         return replace(self, data=self.data + added, factor=factor)
 
     def for_values(self, values: FloatArray) -> Self:
-        """Return the process of other values (N,) at the same points; its factor is kept."""
+        """Return the process of other values (N,) at the same points; its factor is reused."""
         data = NoisyValues.of(self.data.xy, values, np.sqrt(self.data.noise_m2))
         return replace(self, data=data)
 

@@ -1,11 +1,11 @@
-"""The Fourier basis of the weight-space engine: which modes are kept, and how it is evaluated.
+"""The Fourier basis of the weight-space engine: which modes are retained, and how it is evaluated.
 
 A stationary field on the site is written as a sum of real waves that are periodic on a box around it,
 
     f(x) = Σ_j d_j (a_j cos ω_j·x + b_j sin ω_j·x),     a_j, b_j ~ N(0, 1),
 
 with ``d_j² = 2 S(ω_j) / (L_x L_y)`` (half of that for the constant), ω_j on the lattice of the box and S the
-spectral density of the kernel.  The waves of one half plane suffice; they are kept as *runs* of neighbouring
+spectral density of the kernel.  The waves of one half plane suffice; they are stored as *runs* of neighbouring
 lattice points, so that every loop over pairs of waves reads memory in order.
 """
 
@@ -26,7 +26,7 @@ TRANSFORM_ACCURACY = 1e-12
 
 @dataclass(frozen=True)
 class FourierBox:
-    """Rectangle on which the terrain is periodic: the site and a margin in which its far sides forget each other.
+    """Rectangle on which the terrain is periodic: the site and a margin beyond which its opposite sides are uncorrelated.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class FourierBox:
 
 @dataclass(frozen=True)
 class FourierBasis:
-    """Waves kept in the half plane, ordered along runs of neighbouring lattice points.
+    """Retained waves of the half plane, ordered along runs of neighbouring lattice points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The paper's two surveys in images: their missions, and small ones through the whole study."""
+"""The paper's two surveys in images: their missions, and small ones through the study."""
 
 import csv
 import os

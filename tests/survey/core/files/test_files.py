@@ -1,4 +1,4 @@
-"""A file is replaced by a whole new one or stays as it was, and what cannot be read is refused."""
+"""A file is replaced by a complete new one or stays as it was, and what cannot be read is refused."""
 
 import errno
 import os

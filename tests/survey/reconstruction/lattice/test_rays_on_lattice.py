@@ -175,7 +175,7 @@ def test_rays_that_end_below_the_surface_do_not_carve() -> None:
     beside = np.flatnonzero(np.hypot(*(ground[:, :2] - [5.0, 0.0]).T) < 0.4)
     ground[beside[::4], 2] -= 1.0
     model = FieldLattice(RAYS.model_copy(update={"gate": False}), BOUNDS).fit(scan(ground))
-    low = model._ends_low(model._believed(scan(ground)))
+    low = model._ends_low(model._accepted(scan(ground)))
     assert low[beside[::4]].all()
     # Around them the surface itself is pulled about, so that some good ends stand out too.
     assert low.mean() < 0.1

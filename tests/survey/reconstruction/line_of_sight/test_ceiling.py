@@ -87,7 +87,7 @@ def test_a_steep_ray_beside_its_sensor_says_nothing() -> None:
     assert not np.isfinite(rays.height[0]).any()
 
 
-def test_one_ray_is_outvoted_and_three_are_believed() -> None:
+def test_one_ray_is_outvoted_and_three_are_accepted() -> None:
     rays = LowestRays.empty(WINDOW.shape)
     start, end = np.array([[-4.0, 0.0, 2.0]]), np.array([[4.0, 0.0, 0.0]])
     for n in range(3):

@@ -162,7 +162,7 @@ class FourierGaussianProcess(FourierProducts):
         )
 
     def for_values(self, values: FloatArray) -> Self:
-        """Return the process of other values (N,) at the same points; its covariance is kept."""
+        """Return the process of other values (N,) at the same points; its covariance is reused."""
         data = NoisyValues.of(self.data.xy, values, np.sqrt(self.data.noise_m2))
         sums = _sums(data, self.trend, self.resolution)
         solutions = self.system.solve_all(sums, self.posterior, _accuracy(self.kernel, self.resolution))
