@@ -1,6 +1,6 @@
 """Named points, such as surveyed marks: read places, numbers and a name for each row."""
 
-import csv
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,13 +11,22 @@ from pyproj import CRS
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
-from survey.io.point_columns import PLACE, in_own_columns
+from survey.io.point_columns import PLACE, in_own_columns, place_columns
 from survey.io.points.formats import read_point_table, refuse_marks
 from survey.io.points.table import PointTable
-from survey.io.tables import read_table
+from survey.io.text_tables.delimited import TextTable, read_text_table
+from survey.io.text_tables.spellings import (
+    ColumnNames,
+    metres_factor,
+    one_column,
+    refuse_feet,
+    renamed_header,
+    say_columns,
+)
 from survey.io.vector import read_features
 
 _NAME = "name"
+_TABLES = (".csv", ".txt", ".tsv")
 
 
 class NamedPoints(NamedTuple):
@@ -27,8 +36,12 @@ class NamedPoints(NamedTuple):
     names: tuple[str, ...]
 
 
-def read_named_points(path: str | Path, what: str) -> NamedPoints:
-    """Read points with a text column ``name`` from CSV, GPX (way points), or any format of points.
+def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | None = None) -> NamedPoints:
+    """Read points with names from tables of text, GPX (way points), or any format of points.
+
+    Tables may have commas, semicolons or tabs between cells, decimal commas, and the usual names of columns
+    (``Point, Easting, Northing, Elevation, SDH, SDV``); where they are not firnline's own, the log states which
+    were read. Columns of text, such as codes, are passed over.
 
     Parameters
     ----------
@@ -36,6 +49,8 @@ def read_named_points(path: str | Path, what: str) -> NamedPoints:
         The file.
     what : str
         What it is, for the message.
+    columns : mapping of str to str, optional
+        Column of a table by own name, such as ``{"x_m": "Rechtswert"}``; others are found by their names.
 
     Returns
     -------
@@ -49,10 +64,9 @@ def read_named_points(path: str | Path, what: str) -> NamedPoints:
     """
     file = existing_file(path, what)
     suffix = file.suffix.lower()
-    if suffix == ".csv":
-        table = PointTable(*in_own_columns(read_table(file, (), what=what, texts=(_NAME,)), f"{what} {file}"))
+    if suffix in _TABLES:
+        table, names = _table(read_text_table(file, what), columns or {})
         refuse_marks(table, file)
-        names = _csv_names(file)
     elif suffix == ".gpx":
         table, names = _gpx(file, what)
     else:
@@ -66,13 +80,34 @@ def read_named_points(path: str | Path, what: str) -> NamedPoints:
     return NamedPoints(table, names)
 
 
-def _csv_names(file: Path) -> tuple[str, ...]:
-    with file.open(encoding="utf-8-sig", newline="") as stream:
-        rows = list(csv.reader(stream))
-    header = [name.strip() for name in rows[0]]
-    if _NAME not in header:
-        return ()
-    return tuple(row[header.index(_NAME)].strip() for row in rows[1:])
+def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple[str, ...]]:
+    """Return places, standard deviations and marks of a table, with the names of its points."""
+    original = dict(zip(renamed_header(text.header, given, text.where), text.header, strict=True))
+    used = _used_columns(list(original), text.where)
+    numbers = {
+        own: metres_factor(original[name]) * text.numbers(original[name])
+        for own, name in used.items()
+        if own != _NAME
+    }
+    names = text.texts(original[used[_NAME]]) if _NAME in used else ()
+    read = {own: original[name] for own, name in used.items()}
+    say_columns(text.where, ColumnNames(read, tuple(n for n in text.header if n not in read.values())))
+    return PointTable(*in_own_columns(numbers, text.where)), names
+
+
+def _used_columns(header: list[str], where: str) -> dict[str, str]:
+    """Return the columns that are read: places, then the others by own name."""
+    refuse_feet(header, where)
+    places = place_columns(header, where)
+    own = ("longitude_deg", "latitude_deg", PLACE[2]) if places.is_geographic else PLACE
+    found = {
+        _NAME: one_column("name", header, where),
+        "sigma_z_m": one_column("sigma_z", header, where),
+        "vegetated": one_column("vegetated", header, where),
+        "control": one_column("control", header, where),
+    }
+    others = {key: name for key, name in found.items() if name is not None}
+    return {**dict(zip(own, places.names, strict=True)), **others}
 
 
 def _gpx(file: Path, what: str) -> tuple[PointTable, tuple[str, ...]]:

@@ -9,21 +9,10 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
+from survey.io.text_tables.spellings import SPELLINGS, normalized
 
 PLACE = ("x_m", "y_m", "z_m")
 WGS84 = CRS.from_epsg(4326)
-_HEIGHTS = (
-    "z_m",
-    "z",
-    "elevation",
-    "height",
-    "h",
-    "altitude",
-    "elevation_m",
-    "height_m",
-    "altitude_m",
-    "elev",
-)
 
 
 class _Family(NamedTuple):
@@ -37,18 +26,9 @@ class _Family(NamedTuple):
 
 # Metres before degrees: a table that has both is read in metres.
 _FAMILIES = (
-    _Family(("x_m", "x"), ("y_m", "y"), "z"),
-    _Family(
-        ("easting_m", "easting", "east_m", "east", "e"),
-        ("northing_m", "northing", "north_m", "north", "n"),
-        "h",
-    ),
-    _Family(
-        ("longitude_deg", "longitude", "lon_deg", "lon"),
-        ("latitude_deg", "latitude", "lat_deg", "lat"),
-        "height",
-        is_geographic=True,
-    ),
+    _Family(SPELLINGS["x"], SPELLINGS["y"], "z"),
+    _Family(SPELLINGS["easting"], SPELLINGS["northing"], "h"),
+    _Family(SPELLINGS["longitude"], SPELLINGS["latitude"], "height", is_geographic=True),
 )
 
 
@@ -60,7 +40,7 @@ class PlaceColumns(NamedTuple):
 
 
 def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
-    """Return the columns that hold the place of each point; letters' case does not matter.
+    """Return the columns that hold the place of each point; case and marks between words do not matter.
 
     Parameters
     ----------
@@ -73,7 +53,8 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
     -------
     PlaceColumns
         Own names (``x_m``, ``y_m``, ``z_m``) first, then ``x, y, z``, ``easting, northing, elevation``,
-        ``E, N, H``, and in degrees ``lon, lat, height`` or ``longitude, latitude, elevation``.
+        ``E, N, H``, and in degrees ``lon, lat, height`` or ``longitude, latitude, elevation``; `SPELLINGS` lists
+        all names.
 
     Raises
     ------
@@ -89,10 +70,10 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
     """
     if all(name in header for name in PLACE):
         return PlaceColumns(PLACE, is_geographic=False)
-    found = {name.lower(): name for name in header}
+    found = {normalized(name): name for name in header}
     if len(found) < len(header):
         raise InputError(
-            f"{where} has columns whose names differ in the case of letters alone; rename or remove them."
+            f"{where} has columns whose names differ in the case of letters or in marks alone; rename or remove them."
         )
     families = [f for f in _FAMILIES if _named(f.first, found) and _named(f.second, found)]
     metric = [family for family in families if not family.is_geographic]
@@ -161,8 +142,8 @@ def _one(names: tuple[str, ...], found: dict[str, str], where: str) -> str:
 
 def _height(family: _Family, found: dict[str, str], where: str) -> str:
     """Return the column of heights: the only one, or the one that belongs to the horizontal columns."""
-    present = [found[name] for name in _HEIGHTS if name in found]
-    if len(present) == 1:
+    present = [found[name] for name in SPELLINGS["height"] if name in found]
+    if len(present) == 1 or PLACE[2] in found:
         return present[0]
     if family.height in found:
         return found[family.height]
@@ -171,5 +152,5 @@ def _height(family: _Family, found: dict[str, str], where: str) -> str:
             f"{where} has no column of heights (found {', '.join(found.values())}); name it z_m, z, elevation or height."
         )
     raise InputError(
-        f"{where} has the columns {' and '.join(present)}, and either could be the height; name the one that is meant z_m."
+        f"{where} has the columns {' and '.join(present)}, and either could be the height; name the one that is meant z_m, or choose it with --columns z=NAME where the command has that option."
     )

@@ -79,7 +79,7 @@ def read_table(
             header = _header(next(rows, []), required, where)
             kept = [index for index, name in enumerate(header) if name not in texts]
             parts = list(_parts(rows, header, kept, where))
-        _refuse_cut_off(file, where)
+        refuse_cut_off(file, where)
     except (UnicodeError, csv.Error, OSError) as error:
         raise InputError(
             f"{where} is no text table ({first_line(error)}); a CSV file was expected."
@@ -154,7 +154,8 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def _refuse_cut_off(file: Path, where: str) -> None:
+def refuse_cut_off(file: Path, where: str) -> None:
+    """Refuse a text file that does not end with the end of a line."""
     with file.open("rb") as stream:
         stream.seek(-1, 2)
         last = stream.read(1)

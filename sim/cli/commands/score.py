@@ -33,6 +33,14 @@ Crs = Annotated[
     str | None,
     typer.Option("--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."),
 ]
+Columns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--columns",
+        metavar="KEY=COLUMN,…",
+        help="Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name; usual names are found.",
+    ),
+]
 Datum = Annotated[str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")]
 
 
@@ -57,6 +65,7 @@ def score(
     class_m: Class = None,
     interval: Interval = None,
     sigma: Sigma = None,
+    columns: Columns = None,
     datum: Datum = None,
     control: Annotated[
         Path | None,
@@ -83,6 +92,8 @@ def score(
 
       firnline score mine.tif --checkpoints gnss.csv --standard asprs-edition-2 --class 0.10
 
+      firnline score mine.tif --checkpoints export.txt --columns x=Rechtswert,y=Hochwert,z=Hoehe,sigma_z=mH
+
       firnline score mine.toml
     """
     if source.suffix == ".toml":
@@ -97,10 +108,16 @@ def score(
             "class_m": class_m,
             "interval_m": interval,
         }
-        given = {"sigma_m": sigma, "vertical_datum": datum}
+        given = {"sigma_m": sigma, "vertical_datum": datum, "columns": _mapping(columns)}
         _score_at(map_of(source, crs), checkpoints, (control, area), given, asked, as_json=as_json)
         return
     _score_file(source, truth, area, route, crs, as_json=as_json)
+
+
+def _mapping(columns: list[str] | None) -> dict[str, str]:
+    from survey.io.text_tables.spellings import parsed_columns
+
+    return parsed_columns(columns or [])
 
 
 def _score_at(

@@ -1,5 +1,6 @@
 """Independent checkpoints and the errors of a map at them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -95,11 +96,13 @@ class Checkpoints:
         crs: Any = None,
         sigma_m: float | None = None,
         vertical_datum: str | None = None,
+        columns: Mapping[str, str] | None = None,
     ) -> Self:
-        """Read checkpoints from CSV, GeoPackage, GeoJSON, GPX, LAS/LAZ or PLY.
+        """Read checkpoints from a table (CSV, text), GeoPackage, GeoJSON, GPX, LAS/LAZ or PLY.
 
         Beside the place, the columns ``sigma_z_m``, ``name``, ``vegetated`` (0 or 1) and
-        ``control`` (0 or 1) are understood.
+        ``control`` (0 or 1) are understood, and those of GNSS exports (``Point, Easting, Northing,
+        Elevation, SDV``).
 
         Parameters
         ----------
@@ -111,6 +114,8 @@ class Checkpoints:
             Standard deviation of all heights [m], for files that state none.
         vertical_datum : str, optional
             For files that do not state it.
+        columns : mapping of str to str, optional
+            Column of a table by own name, such as ``{"x_m": "Rechtswert", "sigma_z_m": "SDV"}``.
 
         Raises
         ------
@@ -118,24 +123,24 @@ class Checkpoints:
             A damaged file, no uncertainty, or points that were control: a map agrees with
             the points that it was made from.
         """
-        named = read_named_points(path, "the checkpoint file")
+        named = read_named_points(path, "the checkpoint file", columns)
         table = named.table
-        columns = table.columns
-        control = columns.get("control")
+        found = table.columns
+        control = found.get("control")
         if control is not None and (control != 0.0).any():
             used = [named.names[k] for k in np.flatnonzero(control)]
             raise InputError(
                 f"{path}: {_listed(used)} served as control; a map agrees with what it was made from, leave them out."
             )
-        sigma = columns.get("sigma_z_m", sigma_m)
+        sigma = found.get("sigma_z_m", sigma_m)
         if sigma is None:
             raise InputError(
-                f"{path} states no uncertainty of the checkpoints; add a column sigma_z_m or name one sigma for all."
+                f"{path} states no uncertainty of the checkpoints' heights; add a column sigma_z_m, choose one with --columns sigma_z=NAME, or name one sigma for all."
             )
         stated = table.vertical_datum
         if stated and vertical_datum:
             same_vertical_datum(stated, vertical_datum, f"{path} and the request")
-        xyz = np.column_stack([columns[name] for name in PLACE])
+        xyz = np.column_stack([found[name] for name in PLACE])
         system = projected_crs(table.crs if crs is None else crs, str(path))
         if table.crs is not None:
             xyz = np.column_stack([transformed(xyz[:, :2], table.crs, system, str(path)), xyz[:, 2]])
@@ -146,7 +151,7 @@ class Checkpoints:
                 system,
                 stated or vertical_datum or UNSTATED,
                 tuple(printable(name) for name in named.names),
-                columns.get("vegetated", np.zeros(len(xyz))) != 0.0,
+                found.get("vegetated", np.zeros(len(xyz))) != 0.0,
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from error

@@ -149,3 +149,19 @@ def test_names_of_outlines_are_escaped_in_tables_and_on_the_terminal(site: Path)
     table = Path("out/change.csv").read_text(encoding="utf-8")
     assert "\x1b" not in table
     assert "'=cmd" in table
+
+
+def test_a_gnss_export_is_judged_by_its_usual_columns_or_by_a_mapping(site: Path) -> None:
+    rows = [line.split(",") for line in Path("all.csv").read_text().splitlines()[1:]]
+    export = "".join(f"{n};{x};{y};{z};0.01;{s};ICE\n".replace(".", ",") for n, x, y, z, s in rows)
+    Path("gnss.csv").write_text("Point;Easting;Northing;Elevation;SDH;SDV;Code\n" + export)
+    Path("odd.csv").write_text("Point;a;b;c;SDH;s;Code\n" + export)
+    args = ("--class", "0.10", "--datum", "EGM96 height", "--json")
+    expected = output_of("score", "map.tif", "--checkpoints", "all.csv", *args)
+    assert output_of("score", "map.tif", "--checkpoints", "gnss.csv", *args) == expected
+    mapping = ("--columns", "x=a,y=b,z=c", "--columns", "sigma_z=s")
+    assert output_of("score", "map.tif", "--checkpoints", "odd.csv", *mapping, *args) == expected
+    assert "no column 'q'" in output_of(
+        "score", "map.tif", "--checkpoints", "odd.csv", "--columns", "x=q", code=3
+    )
+    assert "key=column" in output_of("score", "map.tif", "--checkpoints", "odd.csv", "--columns", "q", code=4)

@@ -1,0 +1,1 @@
+"""Text tables of other programs: separators, decimal commas, and usual names of columns."""

@@ -1,0 +1,173 @@
+"""Text tables of other programs: commas, semicolons or tabs between cells, decimal points or commas."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import CapacityError, InputError
+from survey.core.files.library_messages import first_line
+from survey.core.files.reading import existing_file
+from survey.core.text import printable
+from survey.io.tables import refuse_cut_off
+
+LARGEST_BYTES = 200_000_000
+"""Largest table of text that is read."""
+_COMMENTS = ("#", "%")
+_LONGEST_CELL = 40
+
+
+class TextTable(NamedTuple):
+    """Cells of a text table, with the numbers of their lines."""
+
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    has_decimal_commas: bool
+    where: str
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """Return the cells of a column as they are."""
+        index = self.header.index(name)
+        return tuple(row[index].strip() for row in self.rows)
+
+    def numbers(self, name: str) -> FloatArray:
+        """Return a column of numbers (N,).
+
+        Raises
+        ------
+        InputError
+            A cell that is no number, by its line.
+        """
+        values = np.empty(len(self.rows))
+        for k, (line, cell) in enumerate(zip(self.lines, self.texts(name), strict=True)):
+            values[k] = self._number(cell, line, name)
+        return values
+
+    def _number(self, cell: str, line: int, name: str) -> float:
+        text = cell.replace(",", ".") if self.has_decimal_commas else cell
+        try:
+            if "_" not in text and not (self.has_decimal_commas and "." in cell):
+                return float(text)
+        except ValueError:
+            pass
+        both = " (the table has decimal commas)" if self.has_decimal_commas else ""
+        raise InputError(
+            f"{self.where}, line {line}: {printable(cell)[:_LONGEST_CELL]!r} in the column {name} is no number{both}; correct it."
+        )
+
+
+def read_text_table(path: str | Path, what: str) -> TextTable:
+    """Read a table with a header; the separator is found by itself.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Text file. Lines before the header that begin with ``#`` or ``%``, and empty lines, are skipped.
+    what : str
+        What the table is, for the message.
+
+    Returns
+    -------
+    TextTable
+        The cells. Numbers have decimal commas where cells are separated by semicolons or tabs and a number
+        has a comma.
+
+    Raises
+    ------
+    InputError
+        Missing, no text, no header, no rows, a row of another length, or cut off in the middle of a line.
+    CapacityError
+        Larger than `LARGEST_BYTES`.
+    """
+    file = existing_file(path, what)
+    where = f"{what} {file}"
+    lines = _lines(file, where)
+    header_at = next(
+        (k for k, line in enumerate(lines) if line.strip() and not line.startswith(_COMMENTS)), None
+    )
+    if header_at is None:
+        raise InputError(f"{where} is empty; a header such as Point,Easting,Northing,Elevation was expected.")
+    separator = _separator(lines[header_at])
+    try:
+        cells = list(csv.reader(lines[header_at:], delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise InputError(
+            f"{where} is no text table ({first_line(error)}); a CSV file was expected."
+        ) from error
+    header = _header(cells[0], where)
+    numbered = [(header_at + k, row) for k, row in enumerate(cells[1:], start=2) if any(map(str.strip, row))]
+    _check_rows(numbered, header, where)
+    rows = [row for _, row in numbered]
+    has_commas = separator != "," and any("," in cell and _is_decimal(cell) for row in rows for cell in row)
+    return TextTable(header, rows, [line for line, _ in numbered], has_commas, where)
+
+
+def _lines(file: Path, where: str) -> list[str]:
+    """Return the lines of a file in UTF-8, or in the Windows encoding that spreadsheets still write."""
+    if file.stat().st_size > LARGEST_BYTES:
+        raise CapacityError(
+            f"{where} has {file.stat().st_size:,} bytes; tables of up to {LARGEST_BYTES:,} are read, split it."
+        )
+    content = file.read_bytes()
+    if b"\0" in content:
+        raise InputError(f"{where} is no text table (it holds bytes of 0); a CSV file was expected.")
+    if content.strip():
+        refuse_cut_off(file, where)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        try:
+            text = content.decode("cp1252")
+        except UnicodeDecodeError as error:
+            raise InputError(
+                f"{where} is no text table ({first_line(error)}); a CSV file was expected."
+            ) from error
+    return text.splitlines()
+
+
+def _separator(header: str) -> str:
+    """Return what separates cells: a semicolon or a tab where the header has one, else a comma."""
+    return next((mark for mark in (";", "\t") if mark in header), ",")
+
+
+def _header(cells: Sequence[str], where: str) -> list[str]:
+    names = [cell.strip() for cell in cells]
+    while names and not names[-1]:  # a separator at the end of the line
+        names.pop()
+    if sum(map(_is_decimal, names)) >= 3:
+        raise InputError(
+            f"{where} has no header line (it begins with {printable(', '.join(names))[:80]}); "
+            "add one such as Point,Easting,Northing,Elevation."
+        )
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(
+            f"{where} names the column {twice!r} {names.count(twice)} times; leave the one that is meant."
+        )
+    return names
+
+
+def _check_rows(numbered: list[tuple[int, list[str]]], header: list[str], where: str) -> None:
+    if not numbered:
+        raise InputError(f"{where} has a header and no rows; it may be half-written, make it again.")
+    for line, row in numbered:
+        while len(row) > len(header) and not row[-1].strip():
+            row.pop()
+        if len(row) != len(header):
+            raise InputError(
+                f"{where}, line {line}: {len(row)} values where the header names {len(header)}; "
+                "the file may be cut off, make it again."
+            )
+
+
+def _is_decimal(cell: str) -> bool:
+    """Return whether a cell is a number with a decimal point or a decimal comma."""
+    try:
+        float(cell.strip().replace(",", ".", 1))
+    except ValueError:
+        return False
+    return "_" not in cell
