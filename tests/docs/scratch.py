@@ -1,0 +1,96 @@
+"""Small files for the console transcripts: a site, its satellite elevations, maps, checkpoints and two surveys.
+
+| file | content |
+|---|---|
+| site.geojson, site.gpkg, site.kml | an area of 600 m by 600 m (the KML in degrees) |
+| srtm.tif | coarse elevations around it, cells of 60 m |
+| lidar.tif | the true surface, cells of 5 m |
+| map.tif | a map of it with its standard deviation as second band |
+| gnss.csv | 36 checkpoints as a receiver exports them |
+| landmarks.csv | 300 surface points with their standard deviation |
+| 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
+"""
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from survey import Dem, Grid, SurveyArea
+from survey.core.arrays import FloatArray
+from survey.io.raster import write_raster
+from survey.io.vector import write_features
+
+CRS = "EPSG:32608"
+WEST, SOUTH, SIDE = 500_000.0, 6_700_000.0, 600.0
+DATUM = "EGM96 height"
+
+
+def surface(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Height of the ground [m]: a slope with a few rounded hills."""
+    e, n = x - WEST, y - SOUTH
+    hills = 6.0 * np.sin(e / 95.0) * np.cos(n / 120.0) + 2.0 * np.sin((e + n) / 40.0)
+    return 800.0 + 0.06 * e - 0.03 * n + hills
+
+
+def grid(step_m: float, margin_m: float = 0.0) -> Grid:
+    low, high = (WEST - margin_m, SOUTH - margin_m), (WEST + SIDE + margin_m, SOUTH + SIDE + margin_m)
+    return Grid((*low, *high), step_m, CRS)
+
+
+def ground(step_m: float, margin_m: float = 0.0) -> Dem:
+    nodes = grid(step_m, margin_m)
+    return Dem.on(nodes, surface(*np.meshgrid(nodes.x, nodes.y)), DATUM)
+
+
+def make_scratch(folder: Path) -> None:
+    """Write all files into an existing folder; they are the same each time."""
+    rng = np.random.default_rng(7)
+    area = SurveyArea.rectangle((WEST, SOUTH, WEST + SIDE, SOUTH + SIDE), CRS)
+    for name in ("site.geojson", "site.gpkg", "site.kml"):
+        area.write(folder / name)
+    ground(60.0, 300.0).write(folder / "srtm.tif")
+    truth = ground(5.0)
+    truth.write(folder / "lidar.tif")
+    _write_map(folder / "map.tif", truth, rng)
+    _write_checkpoints(folder / "gnss.csv", rng)
+    _write_landmarks(folder / "landmarks.csv", rng)
+    _write_surveys(folder, rng)
+
+
+def _write_map(path: Path, truth: Dem, rng: np.random.Generator) -> None:
+    noise = rng.normal(0.0, 0.06, truth.shape)
+    bands = {"elevation": truth.elevation + noise, "standard_deviation": np.full(truth.shape, 0.06)}
+    write_raster(path, bands, truth.transform, truth.crs, DATUM)
+
+
+def _write_checkpoints(path: Path, rng: np.random.Generator) -> None:
+    """Write one checkpoint for each of 6 by 6 squares, with the columns of a receiver's export."""
+    offsets = np.arange(50.0, SIDE, 100.0)
+    x, y = (a.ravel() for a in np.meshgrid(WEST + offsets, SOUTH + offsets))
+    x, y = x + rng.uniform(-10.0, 10.0, x.size), y + rng.uniform(-10.0, 10.0, x.size)
+    z = surface(x, y) + rng.normal(0.0, 0.015, x.size)
+    rows = [
+        f"P{k},{e:.3f},{n:.3f},{h:.3f},0.010,0.015,ICE\n"
+        for k, (e, n, h) in enumerate(zip(x, y, z, strict=True), 1)
+    ]
+    path.write_text("Point,Easting,Northing,Elevation,SDH,SDV,Code\n" + "".join(rows), encoding="utf-8")
+
+
+def _write_landmarks(path: Path, rng: np.random.Generator) -> None:
+    x, y = WEST + rng.uniform(0.0, SIDE, 300), SOUTH + rng.uniform(0.0, SIDE, 300)
+    z = surface(x, y) + rng.normal(0.0, 0.1, 300)
+    rows = [f"{e:.3f},{n:.3f},{h:.3f},0.1\n" for e, n, h in zip(x, y, z, strict=True)]
+    path.write_text("x_m,y_m,z_m,sigma_z_m\n" + "".join(rows), encoding="utf-8")
+
+
+def _write_surveys(folder: Path, rng: np.random.Generator) -> None:
+    """Write two surveys; the ice sank by 2 m between them, and each has an error of its own."""
+    old = ground(10.0)
+    ice = shapely.Point(WEST + 300.0, SOUTH + 300.0).buffer(150.0)
+    on_ice = shapely.contains_xy(ice, *old.xy.T).reshape(old.shape)
+    for name, sank in (("2024.tif", 0.0), ("2026.tif", 2.0)):
+        heights = old.elevation - sank * on_ice + rng.normal(0.0, 0.2, old.shape)
+        Dem(heights, old.transform, old.crs, DATUM).write(folder / name)
+    names = {"name": np.array(["North glacier"], dtype=object)}
+    write_features(folder / "glacier.gpkg", [ice], names, old.crs, layer="outlines")
