@@ -238,11 +238,19 @@ class Stationary(Kernel):
         along, across = self._along_and_across(omega)
         return along * self.length_scale_m, across * self.length_scale_m / self.anisotropy
 
+    def squared_along(self, lag_m: FloatArray) -> FloatArray:
+        """Return the squared lengths (...) of lags (..., 2), those across stretched by the anisotropy [m²]."""
+        along, across = self._along_and_across(lag_m)
+        squared: FloatArray = along**2 + (across * self.anisotropy) ** 2
+        return squared
+
+    def covariance_of_squared(self, squared_m2: FloatArray) -> FloatArray:
+        """Return the covariance [m²] at squared lengths (...) as `squared_along` gives them [m²]."""
+        return self.variance_m2 * self._correlation(squared_m2 / self.length_scale_m**2)
+
     def covariance_of_lag(self, lag_m: FloatArray) -> FloatArray:
         """Covariance [m²] at the lags (..., 2) [m]."""
-        along, across = self._along_and_across(lag_m)
-        s2 = (along**2 + (across * self.anisotropy) ** 2) / self.length_scale_m**2
-        return self.variance_m2 * self._correlation(s2)
+        return self.covariance_of_squared(self.squared_along(lag_m))
 
     def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
         """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""

@@ -3,6 +3,7 @@
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.families import KernelFamily
+from survey.reconstruction.gp.selection.amplitude import with_undetermined_variance
 from survey.reconstruction.gp.selection.kernel_fit import (
     N_SEARCHED,
     Hyperparameters,
@@ -33,6 +34,8 @@ def likeliest(
 ) -> Hyperparameters:
     """Fit the families that `config` allows to at most 640 of the points, and return the likeliest.
 
+    Where the points do not determine its variance, the posterior mean of it is returned.
+
     Half of them come in clusters of neighbours, which determine the short scales and the
     nugget; the others are spread over all, which determines the long scale.
 
@@ -49,7 +52,7 @@ def likeliest(
     """
     search = KernelFit.of_few(xy, values, noise_m2, config.nugget_m, shared)
     fitted = [search.fit(family, config) for family in _families(config, candidates)]
-    return max(fitted, key=lambda found: found.score)
+    return with_undetermined_variance(search, max(fitted, key=_score))
 
 
 def with_landforms(

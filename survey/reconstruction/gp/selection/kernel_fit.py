@@ -97,7 +97,7 @@ class KernelFit:
     ) -> "KernelFit":
         """Take all points, with the covariance of the errors that they share."""
         pairs = np.triu_indices(len(xy), k=1)
-        lags = xy[pairs[0]] - xy[pairs[1]]
+        lags = np.asfortranarray(xy[pairs[0]] - xy[pairs[1]])
         extent = max(float(np.ptp(xy, axis=0).max()), 1e-3)
         together = None if shared is None else (shared[pairs], np.diag(shared))
         return cls(values - values.mean(), noise_m2, lags, pairs, extent, nugget_m, together)
@@ -129,6 +129,16 @@ class KernelFit:
         diagonal = found.kernel.variance_m2 + self.noise_m2 + found.nugget_m**2
         squares = float(diagonal @ diagonal + 2.0 * upper @ upper)
         return replace(found, n_points=float(diagonal.sum() ** 2 / squares))
+
+    @property
+    def spread_m2(self) -> float:
+        """Variance of the values, at least that of their noise [m²]."""
+        return self._noise_and_spread[1]
+
+    def log_likelihood(self, kernel: Kernel, nugget_m: float) -> float:
+        """Return the log likelihood of a kernel and a nugget [m]."""
+        nugget_m2 = max(nugget_m**2, 1e-6 * self._noise_and_spread[0])
+        return -self._negative(np.append(kernel.log_parameters, np.log(nugget_m2)), kernel)[0]
 
     @property
     def _noise_and_spread(self) -> tuple[float, float]:
@@ -217,22 +227,21 @@ class KernelFit:
             self.values @ weights + log_determinant + np.log(ones.sum()) + n * np.log(2 * np.pi)
         )
         slope = inverse - np.outer(weights, weights) - np.outer(ones, ones) / ones.sum()
+        of_pairs, half_trace = slope[self.pairs], 0.5 * np.trace(slope)
         gradient = [
-            (slope[self.pairs] @ d_pairs) + 0.5 * np.trace(slope) * d_variance
+            (of_pairs @ d_pairs) + half_trace * d_variance
             for term in terms
             for d_pairs, d_variance in term.derivatives
         ]
-        of_nugget = 0.0 if self.nugget_m is not None else 0.5 * np.trace(slope) * nugget_m2
+        of_nugget = 0.0 if self.nugget_m is not None else half_trace * nugget_m2
         return float(negative), np.array([*gradient, of_nugget])
 
     def _term(self, part: Kernel) -> "_Term":
         """One part of the sum: its covariance of every pair, and how that moves with its parameters."""
+        if isinstance(part, Stationary) and len(part.log_parameters) in _N_PLAIN:
+            return _stationary_term(part, self.lags_m)
         covariance = part.covariance_of_lag(self.lags_m)
         derivatives = [(covariance, part.variance_m2)]
-        if isinstance(part, Stationary) and part.anisotropy != 1.0:
-            return _Term(
-                covariance, [*derivatives, *((d, 0.0) for d in _turned_derivatives(part, self.lags_m))]
-            )
         for step in _STEP * np.eye(len(part.log_parameters))[1:]:
             above = part.with_log_parameters(part.log_parameters + step)
             below = part.with_log_parameters(part.log_parameters - step)
@@ -247,11 +256,31 @@ class _Term:
     derivatives: list[tuple[FloatArray, float]]
 
 
-def _turned_derivatives(part: Stationary, lags_m: FloatArray) -> Iterator[FloatArray]:
-    """Yield how the covariance at lags moves with log length, log anisotropy and angle; the latter two by the chain rule."""
-    up, down = (replace(part, length_scale_m=part.length_scale_m * float(np.exp(h))) for h in (_STEP, -_STEP))
-    by_length = (up.covariance_of_lag(lags_m) - down.covariance_of_lag(lags_m)) / (2 * _STEP)
-    yield by_length
+# Numbers of parameters of a part of one scaled distance: isotropic and turned.
+_N_PLAIN = (2, 4)
+
+
+def _stationary_term(part: Stationary, lags_m: FloatArray) -> _Term:
+    """Return the term of a part of one scaled distance; anisotropy and angle follow from the length by the chain rule."""
+    squared = part.squared_along(lags_m)
+    covariance = part.covariance_of_squared(squared)
+    up, down = (_longer(part, step).covariance_of_squared(squared) for step in (_STEP, -_STEP))
+    by_length = (up - down) / (2 * _STEP)
+    derivatives = [(covariance, part.variance_m2), (by_length, 0.0)]
+    if part.anisotropy != 1.0:
+        derivatives += [(one, 0.0) for one in _turned_derivatives(part, lags_m, by_length)]
+    return _Term(covariance, derivatives)
+
+
+def _longer(part: Stationary, step: float) -> Stationary:
+    """Return a part whose length scale is longer by a step of its logarithm."""
+    if part.anisotropy == 1.0:
+        return part.with_log_parameters(part.log_parameters + [0.0, step])
+    return replace(part, length_scale_m=part.length_scale_m * float(np.exp(step)))
+
+
+def _turned_derivatives(part: Stationary, lags_m: FloatArray, by_length: FloatArray) -> Iterator[FloatArray]:
+    """Yield how the covariance at lags moves with log anisotropy and angle."""
     along, across = part._along_and_across(lags_m)
     wide = np.square(part.anisotropy * across)
     scaled = by_length / np.maximum(np.square(along) + wide, 1e-12)
