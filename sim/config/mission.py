@@ -8,6 +8,7 @@ from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, Pri
 from planners import Fleet, PlannerConfig, Rover
 from sim.config.drive import PhysicsConfig
 from sim.config.faults import FaultConfig
+from sim.config.mismatch import MismatchConfig
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
@@ -87,6 +88,11 @@ class SensorConfig(Section):
     """Error across the line of sight: constant [m] and per metre of range."""
     landmark_along_sigma_m: tuple[float, float] = (0.02, 0.002)
     """Error along the line of sight: constant [m] and per metre of range squared."""
+    landmark_shared_sigma_m: NonNegativeFloat = 0.0
+    """Error of height that all landmarks of five metres of travel share [m]."""
+    landmark_far_bias_m: float = 0.0
+    """Height by which landmarks from beyond 15 m lie too high, since crests are seen and troughs are not [m]; it
+    grows from 0 at 10 m."""
 
 
 class AidsConfig(Section):
@@ -167,6 +173,8 @@ class MissionConfig(Section):
     """Errors that the statistical fidelity draws."""
     aids: AidsConfig = AidsConfig()
     """Aiding sensors beside GPS and odometry."""
+    mismatch: MismatchConfig = MismatchConfig()
+    """Ratios of the errors that the estimator assumes to those that are drawn."""
     scenery: SceneryConfig = SceneryConfig()
     """Objects of the rendered scene."""
     appearance: AppearanceConfig = AppearanceConfig()
@@ -209,7 +217,8 @@ class MissionConfig(Section):
         """What the estimator assumes of its sensors: the ideal sensor is exact to a millimetre."""
         if self.fidelity == "ideal":
             return LocalizationConfig(gps_bias_sigma_m=1e-3, gps_white_sigma_m=1e-3, gps_vertical_factor=1.0)
-        return self.localization.model_copy(update={"start": self.aids.start})
+        stated = self.localization.model_copy(update={"start": self.aids.start})
+        return self.mismatch.assumed(stated, self.seed)
 
     _folder: Path = PrivateAttr(default=Path())
 
@@ -254,3 +263,28 @@ class MissionConfig(Section):
             "satellite.file": self.satellite.file,
         }
         return {key: self.path(file) for key, file in named.items() if file is not None}
+
+
+def mismatched(mission: MissionConfig, seed: int) -> MissionConfig:
+    """Return a mission whose estimator assumes errors that are off by factors of up to two in either direction.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        Mission whose sensors stay as they are, to the same drawn errors.
+    seed : int
+        The ratios follow from it, not from the mission's seed.
+
+    Returns
+    -------
+    MissionConfig
+        With other assumptions in `localization`, and landmarks that claim other errors than the drawn ones.
+    """
+    wide = MismatchConfig(sigma_ratio=(0.5, 2.0), landmark_ratio=(0.5, 2.0), correlation_ratio=(0.5, 2.0))
+    ratio = wide.drawn_landmark_ratio(seed)
+    return mission.model_copy(
+        update={
+            "localization": wide.assumed(mission.localization, seed),
+            "mismatch": MismatchConfig(landmark_ratio=(ratio, ratio)),
+        }
+    )

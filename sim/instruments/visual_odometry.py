@@ -11,6 +11,7 @@ from survey.data.dem import Dem
 from survey.data.sensors.loop_closures import LoopClosures
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from survey.data.shared_views import STRETCH_M, far_share
 from survey.data.trajectory import Trajectory
 from vision_slam.rotation import rotations
 
@@ -42,15 +43,36 @@ def draw_odometry(drive: StatisticalDrive) -> Odometry:
 
 
 def draw_sightings(drive: StatisticalDrive) -> Sightings:
-    """Draw triangulated landmarks: visible places on the ground, with errors along and across the line of sight."""
-    rng = stream(drive.mission.seed, "sensors", "landmarks")
+    """Draw triangulated landmarks: visible places on the ground, with errors along and across the line of sight.
+
+    Range and covariance are those that an estimator computes from the place that it measures; it does not know the
+    place from which the error was drawn.
+    """
+    mission = drive.mission
+    rng = stream(mission.seed, "sensors", "landmarks")
     pose, place, distance = _visible_ground(drive, rng)
     rotation = rotations(drive.attitude_rad[pose])
     offset = np.einsum("nji,nj->ni", rotation, place - drive.trajectory.position[pose])
-    covariance = _sighting_covariance(offset, distance, drive.mission)
-    root = np.linalg.cholesky(covariance)
+    root = np.linalg.cholesky(_sighting_covariance(offset, mission))
     error = np.einsum("nij,nj->ni", root, rng.standard_normal(offset.shape))
-    return Sightings(pose, offset + error, covariance, distance)
+    error += rotation[:, 2, :] * _common_height_error(drive, pose, distance)[:, None]
+    measured = offset + error
+    claimed = mission.mismatch.drawn_landmark_ratio(mission.seed) ** 2 * _sighting_covariance(
+        measured, mission
+    )
+    return Sightings(pose, measured, claimed, np.linalg.norm(_from_camera(measured, mission), axis=1))
+
+
+def _common_height_error(drive: StatisticalDrive, pose: IntArray, distance: FloatArray) -> FloatArray:
+    """Draw the errors of height (M,) that landmarks share: those of a stretch of travel, and the bias of far ones [m]."""
+    sensors, trajectory = drive.mission.sensors, drive.trajectory
+    error: FloatArray = sensors.landmark_far_bias_m * far_share(distance)
+    if sensors.landmark_shared_sigma_m > 0.0:
+        steps = np.linalg.norm(np.diff(trajectory.position, axis=0), axis=1)
+        stretch = (np.r_[0.0, np.cumsum(steps)] / STRETCH_M).astype(np.int64)
+        rng = stream(drive.mission.seed, "sensors", "landmarks", "shared")
+        error = error + sensors.landmark_shared_sigma_m * rng.standard_normal(stretch[-1] + 1)[stretch[pose]]
+    return error
 
 
 def _visible_ground(
@@ -83,15 +105,24 @@ def _clear(terrain: Dem, eye: FloatArray, place: FloatArray) -> BoolArray:
     return clear
 
 
-def _sighting_covariance(offset: FloatArray, distance: FloatArray, mission: MissionConfig) -> FloatArray:
-    """Return covariances (M, 3, 3) in the body frame, along and across the line of sight from the camera."""
-    sensors = mission.sensors
-    ray = offset - [0.0, 0.0, mission.rover.camera_height_m]
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+def _sighting_covariance(offset: FloatArray, mission: MissionConfig) -> FloatArray:
+    """Return covariances (M, 3, 3) of places in the body frame, along and across the line of sight from the camera."""
+    sensors, ray = mission.sensors, _from_camera(offset, mission)
+    distance = np.linalg.norm(ray, axis=1)
+    ray = ray / distance[:, None]
     along = sensors.landmark_along_sigma_m[0] + sensors.landmark_along_sigma_m[1] * distance**2
     across = sensors.landmark_cross_sigma_m[0] + sensors.landmark_cross_sigma_m[1] * distance
     outer = ray[:, :, None] * ray[:, None, :]
-    return along[:, None, None] ** 2 * outer + across[:, None, None] ** 2 * (np.eye(3) - outer)
+    covariance: FloatArray = along[:, None, None] ** 2 * outer + across[:, None, None] ** 2 * (
+        np.eye(3) - outer
+    )
+    return covariance
+
+
+def _from_camera(offset: FloatArray, mission: MissionConfig) -> FloatArray:
+    """Return vectors (M, 3) from the camera to places in the body frame [m]."""
+    ray: FloatArray = offset - [0.0, 0.0, mission.rover.camera_height_m]
+    return ray
 
 
 def draw_loop_closures(drive: StatisticalDrive) -> LoopClosures | None:

@@ -11,7 +11,8 @@ sensed one:
 * barometer, every second: height + datum + Gauss–Markov drift + ν;
 * landmarks: Poisson many per metre, at ranges r with density ∝ r^(−3/2) and bearings within
   ±70° of the heading, where the line of sight from the camera clears the ground; the
-  error is Gaussian, a₀ + a₂ r² along the line of sight (parallax) and c₀ + c₁ r across it.
+  error is Gaussian, a₀ + a₂ r² along the line of sight (parallax) and c₀ + c₁ r across it;
+  range and covariance that come with a landmark are those of the measured place.
 
 Odometry and landmarks are given in the body frame, so errors of attitude reach the map as
 they do in the field. Not modelled: times without vision, slip, wrong matches. Each sensor's

@@ -4,9 +4,11 @@ import heapq
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
+from survey.data.shared_views import SHARED_SIGMA_M, stretches
 from survey.data.surface_points import SurfacePoints
 
 _NODES_PER_LENGTH_SCALE = 2.0
@@ -21,6 +23,7 @@ def most_informative(
     *,
     variance_m2: float = 10.0,
     length_scale_m: float = 17.75,
+    shared_sigma_m: float = SHARED_SIGMA_M,
 ) -> IntArray:
     r"""Return the indices of the `n` points that lower a map's variance the most, the best first.
 
@@ -38,7 +41,8 @@ def most_informative(
     crowd beside the track. The gains are submodular, so the selection is lazy.
 
     Of `covariance` the own part of each point counts where it is given: the error that
-    neighbours share by the path is not reduced by the selection. Sites of more than 2500 nodes
+    neighbours share by the path is not reduced by the selection. The error that points seen from one stretch of
+    the path share is an unknown beside the nodes. Sites of more than 2500 nodes
     are represented on coarser ones.
 
     Parameters
@@ -51,6 +55,9 @@ def most_informative(
         Bounds of the wanted map [m], in the CRS of the points.
     variance_m2, length_scale_m : float
         Variance [m²] and length scale [m] of the terrain about its prior.
+    shared_sigma_m : float
+        Error of height that points share which were seen from one stretch of the path [m]; not of points that name no
+        keyframe.
 
     Returns
     -------
@@ -76,7 +83,8 @@ def most_informative(
         raise InputError(
             f"thinning to {n} points on a terrain of {variance_m2:g} m² over {length_scale_m:g} m; all must be above 0."
         )
-    return _chosen(_on_nodes(points, bounds, variance_m2, length_scale_m), n)
+    model = _on_nodes(points, bounds, variance_m2, length_scale_m)
+    return _chosen(_with_stretches(model, points, shared_sigma_m), n)
 
 
 class _NodeModel(NamedTuple):
@@ -87,9 +95,9 @@ class _NodeModel(NamedTuple):
     wanted: FloatArray
     """(M,) 1 where the map is wanted, else 0."""
     node: IntArray
-    """(N, 4) nodes about each point."""
+    """(N, 4 or 5) nodes about each point, and the unknown of its stretch."""
     weight: FloatArray
-    """(N, 4) w, of those nodes."""
+    """(N, 4 or 5) w, of those."""
     variance: FloatArray
     """r (N,) [m²]."""
 
@@ -145,6 +153,21 @@ def _on_nodes(
     wanted: FloatArray = np.asarray(inside, dtype=np.float64) if inside.any() else np.ones(len(nodes))
     variance: FloatArray = _own_variance(points) + np.maximum(between, 0.0)
     return _NodeModel(at_nodes, wanted, node, weight, variance)
+
+
+def _with_stretches(model: _NodeModel, points: SurfacePoints, shared_sigma_m: float) -> _NodeModel:
+    """Append the errors of stretches of the path to the nodes; nothing is wanted of them."""
+    numbers = stretches(points)
+    if numbers is None or shared_sigma_m == 0.0:
+        return model
+    n = int(numbers.max()) + 1
+    return _NodeModel(
+        block_diag(model.covariance, shared_sigma_m**2 * np.eye(n)),
+        np.r_[model.wanted, np.zeros(n)],
+        np.column_stack([model.node, len(model.wanted) + numbers]),
+        np.column_stack([model.weight, np.ones(len(numbers))]),
+        model.variance,
+    )
 
 
 def _own_variance(points: SurfacePoints) -> FloatArray:

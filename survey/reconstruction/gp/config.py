@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from survey.core.config import Section
+from survey.data.shared_views import SHARED_SIGMA_M
 from survey.reconstruction.gp.covariance.families import KernelFamily, KernelSetting, kernel_of
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.prior import SatelliteErrors
@@ -17,6 +18,11 @@ class JointConfig(Section):
     """Errors of the prior's cells."""
     bow_sigma_deg: float = Field(default=0.0, ge=0)
     """By how much all landmarks of a drive may rise or sink alike, with their distance ahead and aside [deg]."""
+    far_bias_sigma_m: float = Field(default=0.1, ge=0)
+    """Prior standard deviation of the height by which landmarks from beyond 15 m lie too high, as crests do that hide
+    troughs [m]; the bias is estimated with the map."""
+    landmark_shared_sigma_m: float = Field(default=SHARED_SIGMA_M, ge=0)
+    """Error of height that all landmarks of five metres of travel share [m]."""
     rank: int | None = Field(default=None, ge=1)
     """Number of modes of the path's error that are retained, as on large maps; all when left out."""
     slope_passes: int = Field(default=2, ge=1, le=5)

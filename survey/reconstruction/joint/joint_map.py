@@ -33,8 +33,9 @@ from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, state
 from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
 from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen
+from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
-from survey.reconstruction.joint.shared_error import SharedError, bow_levers, dominant_modes, side_by_side
+from survey.reconstruction.joint.shared_error import SharedError, dominant_modes, side_by_side
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.joint.solution import JointMap, JointSolution
 from survey.reconstruction.prior.products import PriorErrors
@@ -79,7 +80,7 @@ class JointTerrain:
     Notes
     -----
     Linear in the path's error: horizontal errors must be small beside the length scale.
-    But for the path, points are taken to err independently; relief between the waves that are
+    Beyond the path, landmarks share the errors of `LandmarkErrors`; relief between the waves that are
     kept is noise that neighbours share, by as much as `with_shared_relief` says.
     """
 
@@ -153,26 +154,18 @@ class JointTerrain:
         self, points: SurfacePoints, slope: FloatArray, plane: FloatArray
     ) -> list[Hyperparameters]:
         """Return the stated hyperparameters, or fits of several kernels, the likeliest first."""
-        config, bow = self.config, self._bow_columns(points)
+        config = self.config
         if not config.fit:
             family = stated_family(config)
             return [Hyperparameters(family, config.stated_kernel(), config.nugget_m or 0.0, 0.0)]
         rows = SharedError.full(points, self.path, slope).rows
         residual = points.z - _columns(points.xy) @ plane
-        own = _own_variance(points, slope)
+        own, landmarks = _own_variance(points, slope), LandmarkErrors.of(points, self.joint)
 
         def shared(part: IntArray) -> FloatArray:
-            return self.path.covariance(rows[part]) + (bow[part] * self._bow_rad**2) @ bow[part].T
+            return self.path.covariance(rows[part]) + landmarks.covariance(part)
 
         return with_landforms(points.xy, residual, own, config, shared, candidates=CANDIDATES)
-
-    @property
-    def _bow_rad(self) -> float:
-        return float(np.radians(self.joint.bow_sigma_deg))
-
-    def _bow_columns(self, points: SurfacePoints) -> FloatArray:
-        """Return what the points' heights answer to bowing (N, 2), or nothing (N, 0) where there is none."""
-        return bow_levers(points) if self._bow_rad > 0.0 else np.zeros((len(points), 0))
 
     def _solution(
         self,
@@ -184,7 +177,7 @@ class JointTerrain:
         *,
         memory_mb: float = _ROUGH_MB,
     ) -> JointSolution:
-        shared = self._shared(points, slope)
+        shared, landmarks = self._shared(points, slope), LandmarkErrors.of(points, self.joint)
         noise = _own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
         datum = local_datum_m(points.z)
         site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
@@ -192,20 +185,18 @@ class JointTerrain:
         total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
         trend = PolynomialTrend("plane", basis.box)
-        columns, bow = trend.columns(points.xy), self._bow_columns(points)
+        columns = trend.columns(points.xy)
         n_common = 0 if cells is None else len(cells.common)
-        more = np.column_stack([columns, bow, np.zeros((len(points), n_common))])
-        bowing = np.full(bow.shape[1], self._bow_rad)
-        before = shared.rows.shape[1], bow.shape[1]
+        before = shared.rows.shape[1], landmarks.rows.shape[1]
         strengths = amplitudes(found.kernel, basis)
-        rows = side_by_side(shared.rows, more)
+        rows = side_by_side(shared.rows, columns, landmarks.rows, sparse.csr_array((len(points), n_common)))
         posterior = JointPosterior.given(
             basis,
             strengths,
             data,
             (
                 rows,
-                _with_more(shared.information, columns.shape[1], bowing, cells),
+                _with_more(shared.information, columns.shape[1], landmarks.sigma, cells),
             ),
             None
             if cells is None
@@ -227,6 +218,7 @@ class JointTerrain:
             noise,
             rows,
             total,
+            landmarks,
         )
 
     def _waves(
@@ -253,16 +245,16 @@ class JointTerrain:
 def _functionals(
     cells: SatelliteCells, trend: PolynomialTrend, waves: FloatArray, datum: float, n_others: tuple[int, int]
 ) -> Functionals:
-    """Return the cells as rows: their waves, the plane at their centres, their common errors; nothing of path and bow."""
-    n_path, n_bow = n_others
-    more = np.column_stack([trend.columns(cells.centre), np.zeros((len(cells), n_bow)), cells.common_rows])
-    before = sparse.csr_array((len(cells), n_path))
-    return Functionals(waves, side_by_side(before, more), cells.height - datum, cells.covariance)
+    """Return the cells as rows: their waves, the plane at their centres, their common errors; nothing of path and landmarks."""
+    n_path, n_landmarks = n_others
+    nothing = [sparse.csr_array((len(cells), n)) for n in (n_path, n_landmarks)]
+    rows = side_by_side(nothing[0], trend.columns(cells.centre), nothing[1], cells.common_rows)
+    return Functionals(waves, rows, cells.height - datum, cells.covariance)
 
 
-def _with_more(information: Any, n_plane: int, bowing_rad: FloatArray, cells: SatelliteCells | None) -> Any:
-    """Return the prior information with that of the plane, which is none, of the bow and of the cells' common errors."""
-    own = np.r_[np.zeros(n_plane), bowing_rad**-2.0]
+def _with_more(information: Any, n_plane: int, landmarks: FloatArray, cells: SatelliteCells | None) -> Any:
+    """Return the prior information with that of the plane, which is none, of the landmarks' and of the cells' common errors."""
+    own = np.r_[np.zeros(n_plane), landmarks**-2.0]
     if cells is not None:
         own = np.r_[own, cells.common_sigma**-2.0]
     blocks: Any = [information, sparse.diags_array(own)]

@@ -18,6 +18,7 @@ from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.correction import PathCorrection
 from survey.reconstruction.joint.joint_solve import JointPosterior, waves_at
+from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, side_by_side
 from survey.reconstruction.support import support_codes
@@ -50,6 +51,7 @@ class JointSolution:
     noise_m2: FloatArray
     rows: Any
     total_m2: FloatArray
+    landmarks: LandmarkErrors
     conflicts: tuple[str, ...] = ()
 
     @property
@@ -159,9 +161,7 @@ class JointSolution:
         """Return what was found out about points, path and satellite, for the record."""
         rows = self.shared.rows
         shift = rows @ self.posterior.shared[: rows.shape[1]]
-        z_scores = (self.points.z - shift - self.height(self.points.xy)) / np.sqrt(
-            self.noise_m2 + self.tail_m2
-        )
+        z_scores = self.residual_m / np.sqrt(self.noise_m2 + self.tail_m2)
         facts: dict[str, Any] = {
             "n_points": len(self.points),
             "n_points_beyond_4_sigma": int((np.abs(z_scores) > _EXTREME).sum()),
@@ -173,10 +173,25 @@ class JointSolution:
                 "n_shared": self._n_shared,
                 "tail_m": float(np.sqrt(self.tail_m2)),
             },
+            **self._landmark_facts(),
         }
         if self.cells is not None:
             facts |= self._prior_facts(self.cells)
         return facts
+
+    def _landmark_facts(self) -> dict[str, float]:
+        """Return the estimated errors that all landmarks share, with their standard deviations."""
+        first, names = self.shared.rows.shape[1] + self.trend.n_columns, self.landmarks.names
+        value, covariance = self._estimated(first, len(names))
+        facts = {f"landmark_{name}": float(value[k]) for k, name in enumerate(names)}
+        sigmas = {f"landmark_{name}_sigma": float(np.sqrt(covariance[k, k])) for k, name in enumerate(names)}
+        return facts | sigmas
+
+    def _estimated(self, first: int, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return the estimates (n,) of some shared unknowns, and their covariance (n, n)."""
+        every = np.arange(n)
+        rows = sparse.csr_array((np.ones(n), (every, first + every)), shape=(n, self._n_shared))
+        return self.posterior.shared[first : first + n], self.posterior.shared_covariance(rows)
 
     def _prior_facts(self, cells: SatelliteCells) -> dict[str, Any]:
         """Return the estimated errors of the prior with their standard deviations, and its conflicts with the points."""
@@ -189,10 +204,7 @@ class JointSolution:
             "satellite_correlation_m": sizes.correlation_m,
             "prior_conflicts": list(self.conflicts),
         }
-        first, n = self._n_shared - len(cells.common), len(cells.common)
-        every = np.arange(n)
-        rows = sparse.csr_array((np.ones(n), (every, first + every)), shape=(n, self._n_shared))
-        covariance, value = self.posterior.shared_covariance(rows), self.posterior.shared[first:]
+        value, covariance = self._estimated(self._n_shared - len(cells.common), len(cells.common))
         for k, one in enumerate(cells.common):
             facts[f"satellite_{one.name}"] = float(value[k])
             facts[f"satellite_{one.name}_sigma"] = float(np.sqrt(covariance[k, k]))

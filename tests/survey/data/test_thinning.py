@@ -81,9 +81,46 @@ def test_the_greedy_choice_is_that_of_the_dense_formula() -> None:
     assert most_informative(points, 6, bounds).tolist() == expected
 
 
-def _summed(covariance: FloatArray, sigma: FloatArray, chosen: list[int]) -> float:
+def test_the_greedy_choice_counts_the_error_that_a_stretch_of_the_path_shares() -> None:
+    rng = np.random.default_rng(7)
+    step = LENGTH_M / 2.0
+    x, y = np.meshgrid(step * np.arange(5), step * np.arange(4))
+    nodes = np.column_stack([x.ravel(), y.ravel()])
+    sigma, stretch = rng.uniform(0.1, 0.2, 20), rng.integers(0, 3, 20)
+    points = SurfacePoints(
+        np.column_stack([nodes, np.zeros(20)]),
+        covariance=sigma[:, None, None] ** 2 * np.eye(3),
+        own_covariance=sigma[:, None, None] ** 2 * np.eye(3),
+        keyframe=stretch.astype(np.float64),
+        heading_rad=np.zeros(20),
+        body=np.column_stack([5.0 * stretch, np.zeros(20), np.zeros(20)]),
+        crs=CRS,
+    )
+    terrain = VARIANCE_M2 * np.exp(-0.5 * ((nodes[:, None] - nodes) ** 2).sum(axis=2) / LENGTH_M**2)
+    shared = 2.0**2 * (stretch[:, None] == stretch)
+    expected: list[int] = []
+    for _ in range(8):
+        left = [
+            _summed(terrain, sigma, [*expected, k], shared) if k not in expected else np.inf
+            for k in range(20)
+        ]
+        expected.append(int(np.argmin(left)))
+    bounds = (0.0, 0.0, 4.0 * step, 3.0 * step)
+    found = [
+        most_informative(
+            points, 8, bounds, variance_m2=VARIANCE_M2, length_scale_m=LENGTH_M, shared_sigma_m=sigma_m
+        ).tolist()
+        for sigma_m in (2.0, 0.0)
+    ]
+    assert found[0] == expected
+    assert found[1] != expected
+
+
+def _summed(
+    covariance: FloatArray, sigma: FloatArray, chosen: list[int], shared: FloatArray | float = 0.0
+) -> float:
     cross = covariance[:, chosen]
-    noisy = covariance[np.ix_(chosen, chosen)] + np.diag(sigma[chosen] ** 2)
+    noisy = (covariance + shared)[np.ix_(chosen, chosen)] + np.diag(sigma[chosen] ** 2)
     return float(np.trace(covariance - cross @ np.linalg.solve(noisy, cross.T)))
 
 

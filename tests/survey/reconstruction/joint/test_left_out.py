@@ -53,6 +53,8 @@ def test_a_swath_is_predicted_as_by_an_estimate_without_it():
     prior = np.zeros((design.shape[1],) * 2)
     prior[:n_waves, :n_waves] = np.eye(n_waves)
     prior[n_waves : n_waves + n_path, n_waves : n_waves + n_path] = solution.path.information.toarray()
+    own = n_waves + n_path + solution.trend.n_columns + np.arange(len(solution.landmarks.sigma))
+    prior[own, own] = solution.landmarks.sigma**-2.0
     weighted = design[others] / solution.total_m2[others, None]
     covariance = np.linalg.inv(prior + design[others].T @ weighted)
     estimate = covariance @ (weighted.T @ (points.z[others] - solution.datum_m))
