@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types imports check
+.PHONY: demo test lint types imports check docs
 
 demo: $(VENV)/.ready
 	$(BIN)/firnline run examples/srtm_ridge.toml
@@ -26,9 +26,18 @@ imports: $(VENV)/.ready
 
 check: lint types imports test
 
+# Builds the pages with all notebooks and figures; open docs/_build/html/index.html. No network is used once the packages are there.
+docs: $(VENV)/.docs
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
+	$(BIN)/python -m docs.check_links docs/_build/html
+
 # Rebuilt when the requirements change; an incomplete one has no .ready and is rebuilt.
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("firnline needs Python 3.11 or newer; set PYTHON=...")'
 	$(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+$(VENV)/.docs: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'
 	touch $@

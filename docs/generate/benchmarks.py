@@ -1,0 +1,109 @@
+"""Tables of benchmarks from ``results/benchmarks``, and the comparison with the papers from ``results/README.md``."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from generate.tables import code, table, toctree
+
+RESULTS = Path(__file__).resolve().parents[2] / "results"
+_HEAD = """\
+# Benchmarks
+
+Each table holds the rows of one file in `results/benchmarks`, as `python -m benchmarks.NAME` wrote it. Times are CPU
+seconds of one thread. A *limit* is what the project asks of the figure; a row without one is for information. Rows that
+miss their limit are shown as missed.
+
+"""
+
+
+def pages() -> dict[str, str]:
+    """Return a page for each benchmark, an overview, and the comparison with the papers."""
+    files = {
+        file.stem: json.loads(file.read_text(encoding="utf-8"))
+        for file in sorted(RESULTS.joinpath("benchmarks").glob("*.json"))
+    }
+    tables = {
+        name: content for name, content in files.items() if isinstance(content, dict) and "rows" in content
+    }
+    texts = {
+        f"reference/benchmarks/{name}.md": benchmark_page(name, content) for name, content in tables.items()
+    }
+    overview = [overview_row(name, content) for name, content in tables.items()]
+    texts["reference/benchmarks/index.md"] = (
+        _HEAD
+        + table(("benchmark", "command", "rows", "limits met", "remarks"), overview)
+        + "\n"
+        + toctree(tables)
+    )
+    texts["reference/papers.md"] = papers_page()
+    return texts
+
+
+def benchmark_page(name: str, content: dict[str, Any]) -> str:
+    """Return the page of a benchmark: command, machine and rows."""
+    what, command, _ = described(name)
+    machine = ", ".join(f"{key} {value}" for key, value in content["machine"].items())
+    rows = [row(item) for item in content["rows"]]
+    head = (
+        f"# {what or title(name)}\n\nCommand: {command or 'see results/README.md'}. Machine: {machine}.\n\n"
+    )
+    return head + table(("figure", "value", "unit", "limit", "met"), rows)
+
+
+def row(item: dict[str, Any]) -> tuple[str, str, str, str, str]:
+    """Return a row of a benchmark."""
+    met = {True: "yes", False: "**missed**", None: ""}[item["holds"]]
+    return escaped(item["name"]), number(item["value"]), item["unit"], item["bar"], met
+
+
+def overview_row(name: str, content: dict[str, Any]) -> tuple[str, str, str, str, str]:
+    """Return a benchmark's line of the overview."""
+    what, command, remarks = described(name)
+    judged = [item["holds"] for item in content["rows"] if item["holds"] is not None]
+    return (
+        f"[{what or title(name)}]({name}.md)",
+        command,
+        str(len(content["rows"])),
+        f"{sum(judged)} of {len(judged)}",
+        remarks,
+    )
+
+
+def described(name: str) -> tuple[str, str, str]:
+    """Return what a benchmark measures, its command and remarks on its run, as ``results/README.md`` has them."""
+    for line in (RESULTS / "README.md").read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+        if len(cells) == 3 and f"benchmarks/{name}.json" in cells[2]:
+            remarks = re.search(r"\((.*)\)\s*\|?$", cells[2])
+            return cells[0].lstrip("| "), cells[1], remarks[1] if remarks else ""
+    return "", "", ""
+
+
+def papers_page() -> str:
+    """Return the sections of ``results/README.md`` that compare with the papers."""
+    text = (RESULTS / "README.md").read_text(encoding="utf-8")
+    start = text.index("## Beside the glacier paper")
+    return (
+        "# Beside the papers\n\n`firnline reproduce --list` names every figure and table.\n\n" + text[start:]
+    )
+
+
+def title(name: str) -> str:
+    """Return the name of a file as a title."""
+    return name.replace("_", " ").capitalize()
+
+
+def number(value: Any) -> str:
+    """Return a number with four digits."""
+    return (
+        code(f"{value:.4g}")
+        if isinstance(value, int | float) and not isinstance(value, bool)
+        else escaped(str(value))
+    )
+
+
+def escaped(text: str) -> str:
+    """Return text without accidental markup."""
+    return re.sub(r"([*_<>\[\]$])", r"\\\1", text)
