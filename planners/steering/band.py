@@ -112,6 +112,24 @@ class Band:
         waypoint: FloatArray = self.axis[0] + u[:, None] * along + v[:, None] * left
         return waypoint
 
+    def foot(self, xy: FloatArray) -> FloatArray:
+        """Return the nearest places of the swath's line.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Where the rovers are [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            Easting and northing [m].
+        """
+        along = self._frame[0]
+        u = np.clip((xy - self.axis[0]) @ along, 0.0, self.length_m)
+        feet: FloatArray = self.axis[0] + u[:, None] * along
+        return feet
+
     def is_at_end(self, xy: FloatArray) -> Any:
         """Return which places are at the swath's end, to a micrometre.
 

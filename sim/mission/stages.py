@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 import vision_slam
+from planners.steering.waypoints import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
@@ -109,11 +110,12 @@ def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: i
             f"the simulation drives one rover, but fleet.rovers is {mission.fleet.rovers}; set it to 1, or end with firnline plan."
         )
     world = build_world(mission)
-    route = steered(survey.Route.read(run.folder("plan") / "route.geojson"), world, mission)
-    route.write(folder / "driven_route.geojson")
+    route = survey.Route.read(run.folder("plan") / "route.geojson")
     if mission.fidelity == "vision":
         _drive_with_images(world, route, mission, folder, workers)
         return
+    route = steered(route, world, mission)
+    route.write(folder / "driven_route.geojson")
     sensed = simulate_ideal if mission.fidelity == "ideal" else simulate_statistical
     recording, truth = sensed(world.terrain, route, mission)
     recording.write(folder / "recording")
@@ -128,21 +130,46 @@ def _drive_with_images(
     from sim.simulate.navigator_process import navigating
     from sim.simulate.vision import simulate_vision
 
-    steers = mission.physics.steer_by == "estimate"
+    steering = _steering_on_the_way(route, world, mission)
     with navigating(mission, workers) as navigate:
-        drive = simulate_vision(world.terrain, route, mission, folder / "recording", navigate, steers=steers)
+        drive = simulate_vision(
+            world.terrain,
+            route,
+            mission,
+            folder / "recording",
+            navigate,
+            steers=mission.physics.steer_by == "estimate",
+            steering=steering,
+        )
+    (route if steering is None else steering.driven()).write(folder / "driven_route.geojson")
     drive.write(folder)
 
 
+def _steering_on_the_way(
+    route: survey.Route, world: World, mission: MissionConfig
+) -> WaypointSteering | None:
+    """Return what chooses the path while the rover drives; None for patterns that are fixed before."""
+    steering = planners.steering_of(mission.planner)
+    if steering is None:
+        return None
+    ground = _drivable(world, mission).free
+    return WaypointSteering(route, steering, ground, stream(mission.seed, "steering"))
+
+
+def _drivable(world: World, mission: MissionConfig) -> survey.SurveyArea:
+    """Return the ground that the rover may drive on, by the prior."""
+    return planners.drivable(world.area, mission.rover, world.prior).within(world.area)
+
+
 def steered(route: survey.Route, world: World, mission: MissionConfig) -> survey.Route:
-    """Return the route as driven: patterns that are steered on the way follow the attitude that the rover senses."""
+    """Return the route as driven without images: steered patterns follow the attitude that the rover senses."""
     steering = planners.steering_of(mission.planner)
     if steering is None:
         return route
     sense = planners.attitude_sensor(world.terrain)
     if mission.fidelity == "statistical":
         sense = sensed_attitude(sense, mission)
-    area = planners.drivable(world.area, mission.rover, world.prior).within(world.area)
+    area = _drivable(world, mission)
     return planners.rollout(area, route, steering, sense, [stream(mission.seed, "steering")])[0]
 
 

@@ -39,7 +39,7 @@ class DriveMonitor:
     def __init__(self, ground: FineTerrain, pursuit: PurePursuit, mission: MissionConfig) -> None:
         self._bounds, self._pursuit = ground.bounds, pursuit
         self._battery_j = mission.rover.battery_j
-        self._limit_s = 3.0 * pursuit.length_m / mission.rover.speed_m_s + 60.0
+        self._speed_m_s = mission.rover.speed_m_s
 
     def ending(self, states: Sequence[RoverState], steered_xy: FloatArray) -> Ending | None:
         """Return how the drive has ended, or None while it goes on.
@@ -57,7 +57,7 @@ class DriveMonitor:
             Ending.BATTERY_EMPTY: self._battery_j is not None and state.energy_j > self._battery_j,
             Ending.ARRIVED: self._pursuit.is_done(steered_xy),
             Ending.STALLED: _is_stalled(states),
-            Ending.OUT_OF_TIME: state.time_s > self._limit_s,
+            Ending.OUT_OF_TIME: state.time_s > 3.0 * self._pursuit.length_m / self._speed_m_s + 60.0,
         }
         return next((ending for ending, is_so in reasons.items() if is_so), None)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from planners.steering.waypoints import WaypointSteering
 from sim.config.mission import MissionConfig
 from sim.instruments.camera import rover_camera
 from sim.instruments.sensor import InstrumentSetup
@@ -21,6 +22,7 @@ from sim.simulate.faults import Faults
 from sim.simulate.monitor import LOGGED_HZ, STANDING_S, STEERED_HZ, DriveMonitor, heading_of
 from sim.simulate.navigation import Navigator, PoseEstimate, Start
 from sim.simulate.simulated_drive import Ending, SimulatedDrive
+from sim.simulate.steered_path import SteeredPath
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.fine_terrain import FineTerrain
@@ -48,6 +50,7 @@ def simulate_vision(
     navigate: Callable[[Start], Navigator] | None = None,
     *,
     steers: bool = True,
+    steering: WaypointSteering | None = None,
 ) -> SimulatedDrive:
     """Simulate a drive in the vision fidelity: physics, instruments and rendered images.
 
@@ -66,6 +69,9 @@ def simulate_vision(
     steers : bool
         Whether the rover steers by the navigator's estimates. If not, the navigator runs
         beside, and the rover steers by its real pose.
+    steering : WaypointSteering, optional
+        Chooses the path while the rover drives, from the roll and pitch that it senses; the route is then the
+        reference, along which stakes stand.
 
     Returns
     -------
@@ -84,7 +90,7 @@ def simulate_vision(
     ground = fine_terrain(terrain, mission.scenery, mission.seed)
     path = route.path()
     _check(ground, path, mission)
-    run = _Run(ground, path, mission)
+    run = _Run(ground, path, mission, None if steering is None else SteeredPath(steering))
     navigator = None if navigate is None else navigate(run.start)
     with FrameWriter(folder / "frames") as writer:
         ending = run.until_the_end(writer, navigator, steers=steers and navigator is not None)
@@ -116,10 +122,18 @@ def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> Non
 class _Run:
     """A drive in progress."""
 
-    def __init__(self, ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
-        self._ground, self._mission = ground, mission
+    def __init__(
+        self, ground: FineTerrain, path: FloatArray, mission: MissionConfig, steered: SteeredPath | None
+    ) -> None:
+        self._ground, self._mission, self._steered = ground, mission, steered
         self._faults = Faults(mission.faults, mission.seed)
-        self._pursuit = PurePursuit(path, mission.rover.speed_m_s, mission.physics)
+        speed_m_s, physics = mission.rover.speed_m_s, mission.physics
+        reference = PurePursuit(path, speed_m_s, physics)
+        self._pursuit = (
+            reference
+            if steered is None
+            else PurePursuit(steered.start[None], speed_m_s, physics, is_complete=False)
+        )
         self._backing = BackingOff(mission.rover.speed_m_s)
         self._physics = rover_physics(ground, path, mission)
         self._monitor = DriveMonitor(ground, self._pursuit, mission)
@@ -127,7 +141,7 @@ class _Run:
         self._recent = [self._physics.state]
         self._start = np.array(self._physics.state.position)
         self._steered_xy = self._start[:2]
-        self._feet = stakes_beside(ground, self._pursuit, mission)
+        self._feet = stakes_beside(ground, reference, mission)
         self._instruments = Instruments(self._setup(), mission.faults)
         self._log = ReadingLog()
         self._camera = rover_camera(mission.imaging)
@@ -176,6 +190,8 @@ class _Run:
         self._steered_xy = self._start[:2] if estimate is None else estimate.xy
         left, right = 0.0, 0.0
         if estimate is not None and time_s >= STANDING_S:
+            if self._steered is not None:
+                self._steered.extend(self._pursuit, estimate)
             wanted = self._pursuit.track_speeds(*estimate)
             left, right = self._backing.track_speeds(time_s, estimate.xy, wanted)
         self._faults.drive(self._physics, time_s)
@@ -205,6 +221,8 @@ class _Run:
             self._frame_times.append(time_s)
         readings = self._read(motion)
         self._log.add(readings)
+        if self._steered is not None:
+            self._steered.sense(readings)
         return replace(readings, frame=None if image is None else (time_s, image))
 
     def _read(self, motion: RoverMotion) -> Readings:

@@ -31,6 +31,8 @@ class PurePursuit:
         On straight stretches [m/s].
     config : PhysicsConfig
         Look-ahead, tracks, fastest turn.
+    is_complete : bool
+        Whether the route ends there; if not, `extend` appends to it, and it is not done before `complete`.
 
     Examples
     --------
@@ -42,13 +44,33 @@ class PurePursuit:
 
     SKID = 1.8
 
-    def __init__(self, path: FloatArray, speed_m_s: float, config: PhysicsConfig) -> None:
+    def __init__(
+        self, path: FloatArray, speed_m_s: float, config: PhysicsConfig, *, is_complete: bool = True
+    ) -> None:
+        self._speed, self._config = speed_m_s, config
+        self._nearest, self._is_complete = 0, is_complete
+        self._follow(path)
+
+    def _follow(self, path: FloatArray) -> None:
+        """Follow a path of waypoints (N, 2) from now on."""
+        self._path = path
         ends = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T))]
         self.length_m = float(ends[-1])
         self._along = np.arange(0.0, self.length_m + _SPACING_M, _SPACING_M).clip(max=self.length_m)
         self._xy = np.column_stack([np.interp(self._along, ends, axis) for axis in path.T])
-        self._speed, self._config = speed_m_s, config
-        self._nearest = 0
+
+    @property
+    def wants_more(self) -> bool:
+        """Whether the route is not complete and its end is no farther than the look-ahead."""
+        return not self._is_complete and self.length_m - self.progress_m <= self._config.look_ahead_m
+
+    def extend(self, waypoints: FloatArray) -> None:
+        """Append waypoints (K, 2) [m] to the route."""
+        self._follow(np.vstack([self._path, waypoints]))
+
+    def complete(self) -> None:
+        """End the route where it ends now."""
+        self._is_complete = True
 
     @property
     def progress_m(self) -> float:
@@ -64,7 +86,9 @@ class PurePursuit:
     def is_done(self, xy: FloatArray) -> bool:
         """Return whether the end of the route is reached."""
         near = float(np.hypot(*(self._xy[-1] - xy))) <= self._config.goal_radius_m
-        return near and self.length_m - self.progress_m <= 2.0 * self._config.goal_radius_m
+        return (
+            self._is_complete and near and self.length_m - self.progress_m <= 2.0 * self._config.goal_radius_m
+        )
 
     def track_speeds(self, xy: FloatArray, heading_rad: float) -> tuple[float, float]:
         """Return the commanded speeds of the left and the right track at a position (2,) and heading [m/s]."""
