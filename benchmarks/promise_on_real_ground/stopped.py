@@ -16,9 +16,9 @@ from survey.core.streams import stream
 from survey.terrain import random_dem, satellite_copy
 
 ASKED = 0.95
-_SIDE_M = 300.0
+_SIDE_M = 200.0
 _CRS = "EPSG:32608"
-_KINDS = (("squared-exponential", 70.0), ("matern-5/2", 90.0), ("matern-3/2", 150.0))
+_KINDS = (("squared-exponential", 47.0), ("matern-5/2", 60.0), ("matern-3/2", 100.0))
 _NOISES_M = (0.05, 0.1, 0.2)
 
 
@@ -54,9 +54,9 @@ def stopped(index: int) -> Stopped:
 
 
 def _site(index: int) -> Site:
-    """Return random terrain with a prior of 50 m cells."""
+    """Return random terrain with a prior of 40 m cells."""
     family, length_m = _KINDS[index // len(_NOISES_M) % len(_KINDS)]
     grid = Grid((0.0, 0.0, _SIDE_M, _SIDE_M), 5.0, _CRS)
     terrain = random_dem(family, grid, stream(SEED, "stopped", index), 10.0, length_scale_m=length_m)
-    prior = satellite_copy(terrain, rng=stream(SEED, "stopped", "prior", index), cell_m=50.0, sigma_m=0.5)
+    prior = satellite_copy(terrain, rng=stream(SEED, "stopped", "prior", index), cell_m=40.0, sigma_m=0.5)
     return Site(terrain, SurveyArea.rectangle((0.0, 0.0, _SIDE_M, _SIDE_M), _CRS), prior, 0.4572)

@@ -111,6 +111,7 @@ def requirement_of(site: Site, task: Task) -> MapRequirement:
         noise_m=task.noise_m,
         shared_m=SHARED_M,
         sample_step_m=STEP_M,
+        prior_sigma_m=site.prior_sigma_m,
         n_simulations=24,
     )
 

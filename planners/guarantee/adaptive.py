@@ -132,7 +132,8 @@ def next_swath(
     -------
     AdaptiveSurvey
         ``route`` leads to the next swath and along it; None when no more is needed (``holds``) or when none is
-        enough. ``predicted`` includes all swaths that are planned to follow.
+        enough. ``predicted`` includes all swaths that are planned to follow. The same swaths and samples give the
+        same answer, however often they are asked about: each line driven is one look.
 
     Raises
     ------
@@ -149,10 +150,9 @@ def next_swath(
     )
     state = AdaptiveState(area, posterior, config)
     state.legs, state.samples, state.heights = list(driven.legs), xy, heights
-    left, edge = state.lines.left, float(state.lines.v.min())
-    state.offsets = [float(leg.axis.mean(axis=0) @ left) - edge for leg in driven.swaths]
+    state.offsets = lines_driven(state, driven)
     state.predicted = state.predictor.of(xy, posterior)
-    # Each call is a look.
+    # The lines driven count, not the calls: a look without a new swath spends no error.
     state.n_looks = max(len(state.offsets) - config.n_first, 0)
     if state.look():
         return AdaptiveSurvey(None, xy, posterior, state.predicted, True)
@@ -162,6 +162,17 @@ def next_swath(
     state.drive(state.nearest(lines), _unmeasured)
     route = Route(tuple(state.legs[len(driven.legs) :]), area.crs, "adaptive")
     return AdaptiveSurvey(route, xy, posterior, state.predicted_with(lines), True)
+
+
+def lines_driven(state: AdaptiveState, driven: Route) -> list[float]:
+    """Return the offsets of the lines driven [m]; pieces of one line, as about a hole, count once."""
+    edge = float(state.lines.v.min())
+    found: list[float] = []
+    for leg in driven.swaths:
+        offset = float(leg.axis.mean(axis=0) @ state.lines.left) - edge
+        if all(abs(offset - other) > 0.1 * state.config.sample_step_m for other in found):
+            found.append(offset)
+    return found
 
 
 def _unmeasured(xy: FloatArray) -> FloatArray:

@@ -24,8 +24,8 @@ MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""
 
 MOST_SWATHS = 30
-SURVEY_SPREAD = 0.05
-"""Standard deviation of the logarithm of actual over predicted error, with the covariance fitted to a survey."""
+SURVEY_SPREAD = 0.07
+"""Scale of the logarithm of actual over predicted error, with the covariance fitted to a survey."""
 # A survey is given up where the densest one has less than this probability: first by the prior, then by so many swaths.
 _HOPELESS = 1e-3
 _HOPE = 0.1
@@ -43,7 +43,7 @@ class AdaptiveConfig(ErrorLimit):
     limit_m : float
         Largest root mean square error of the map [m].
     probability : float
-        Probability with which the limit has to be met, between 0 and 1.
+        Probability with which the limit has to be met, above 0.5 and at most 0.999.
     noise_m, localization_m : float
         Stated error of a sample's height, and of the rover's place east and north [m].
     sample_step_m : float

@@ -11,8 +11,33 @@ from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.kernel_search import ALL
 from survey.scoring.standards.map_classes import map_classes
 
+_LEAST_PROBABILITY, _MOST_PROBABILITY = 0.5, 0.999
 # No error of a survey is larger; squares of more do not fit a number.
 _LARGEST_M = 1e6
+
+
+def require_probability(probability: float) -> None:
+    """Refuse a probability that is no guarantee, or nearer to certainty than a belief about terrain can be.
+
+    Parameters
+    ----------
+    probability : float
+        Probability with which a limit has to be met.
+
+    Raises
+    ------
+    ConfigError
+        A probability of 0.5 or less, or above 0.999.
+
+    Examples
+    --------
+    >>> require_probability(0.95)
+    """
+    if not _LEAST_PROBABILITY < probability <= _MOST_PROBABILITY:
+        raise ConfigError(
+            f"the probability is {probability}; give a number above {_LEAST_PROBABILITY:g} and at most "
+            f"{_MOST_PROBABILITY:g}, e.g. 0.9."
+        )
 
 
 @dataclass(frozen=True)
@@ -24,7 +49,7 @@ class ErrorLimit:
     limit_m : float
         Largest root mean square error of the map [m].
     probability : float
-        Probability with which the limit has to be met, between 0 and 1.
+        Probability with which the limit has to be met, above 0.5 and at most 0.999.
     noise_m, localization_m : float
         Standard deviation of a sample's height, and of the rover's place east and north [m].
     sample_step_m : float
@@ -33,6 +58,11 @@ class ErrorLimit:
         Standard deviation of an error of height that all samples share, as of the path [m].
     max_swaths : int, optional
         Most swaths to consider; by default as many as are two samples apart, 30 or more.
+
+    Raises
+    ------
+    ConfigError
+        A probability out of its range.
     """
 
     limit_m: float
@@ -42,6 +72,9 @@ class ErrorLimit:
     sample_step_m: float = 10.0
     shared_m: float = 0.05
     max_swaths: int | None = None
+
+    def __post_init__(self) -> None:
+        require_probability(self.probability)
 
     def in_grid_metres(self, factor: float) -> Self:
         """Return the settings with their horizontal lengths multiplied by a factor.
@@ -69,7 +102,7 @@ class MapRequirement(ErrorLimit):
     limit_m : float
         Largest root mean square error of the map [m].
     probability : float
-        Probability with which the limit has to be met, between 0 and 1.
+        Probability with which the limit has to be met, above 0.5 and at most 0.999.
     noise_m, localization_m : float
         Standard deviation of a sample's height, and of the rover's place east and north [m].
     sample_step_m : float
@@ -105,10 +138,7 @@ class MapRequirement(ErrorLimit):
     assumed: SearchedFamily | None = None
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.probability < 1.0:
-            raise ConfigError(
-                f"the probability is {self.probability}; give a number between 0 and 1, e.g. 0.9."
-            )
+        super().__post_init__()
         for name in ("limit_m", "sample_step_m"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ConfigError(f"{name} is {getattr(self, name)}; it must be greater than 0.")

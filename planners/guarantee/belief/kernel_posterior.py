@@ -32,8 +32,8 @@ _LEAST_WEIGHT = 0.01
 _RATIOS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 
 
-# Spread of errors where the prior is worse than what it shows.
-_PRIOR_SPREAD = 0.3
+# Spread of errors where the prior says nothing: that of the roughness from landscape to landscape.
+_PRIOR_SPREAD = 0.8
 
 
 # Samples of a cluster, counted along the way from its first one, and how many clusters a covariance is learned from.
@@ -89,7 +89,7 @@ class KernelPosterior:
     kernels : tuple of WeightedKernel
         The covariances.
     spread : float
-        Standard deviation of the logarithm of actual over predicted error, on ground unlike all of them.
+        Scale of the logarithm of actual over predicted error, on ground unlike all of them.
     """
 
     kernels: tuple[WeightedKernel, ...]
@@ -139,12 +139,14 @@ def posterior_from_prior(
 
     Each family of the class takes its likeliest length scale, and the mean roughness of all. The weights of the
     families are those of the class: cells do not show how rough the terrain is between them. What the cells leave open
-    is a factor of the predicted error, log-normal with the `spread` of the class, that of the roughness under all length
-    scales and errors of the cells, and
+    is a factor of the predicted error, whose squared spread is the sum of that of the class, that of the roughness under
+    all length scales and errors of the cells, and
 
-    .. math::  0.3^2 \, r^2 / (1 + r^2), \qquad r = \sigma_{prior} / \mathrm{sd}(\mathrm{cells})
+    .. math::  0.8^2 \, \left( \frac{r^2}{1 + r^2} \right)^2, \qquad
+               r = \sigma_{prior} / \mathrm{sd}(\mathrm{cells})
 
-    so that a worse prior never makes a survey more certain.
+    so that a worse prior never makes a survey more certain, and one that is older than the ground, with a stated
+    deviation of many metres, leaves the roughness as open as it is from landscape to landscape.
 
     Parameters
     ----------
@@ -177,7 +179,7 @@ def posterior_from_prior(
         found.append(WeightedKernel(cell, variance, total, weight, unseen_m**2))
         open_share += weight * spread**2 / sum(weights.values())
     share = prior_sigma_m**2 / max(prior_sigma_m**2 + blocks.relief_m**2, 1e-12)
-    spread = float(np.sqrt(chosen.spread**2 + open_share + _PRIOR_SPREAD**2 * share))
+    spread = float(np.sqrt(chosen.spread**2 + open_share + (_PRIOR_SPREAD * share) ** 2))
     return replace(KernelPosterior.of(found), spread=spread)
 
 

@@ -54,7 +54,7 @@ _Require = Annotated[
     ),
 ]
 _Probability = Annotated[
-    float, typer.Option("--probability", help="Probability of the guarantee, between 0 and 1.")
+    float, typer.Option("--probability", help="Probability of the guarantee, above 0.5 and at most 0.999.")
 ]
 _Noise = Annotated[
     float,

@@ -26,10 +26,14 @@ def mode_of(request: PlanRequest) -> Callable[[PlanRequest], None]:
     Raises
     ------
     ConfigError
-        Options that contradict one another.
+        Options that contradict one another, or a probability out of its range.
     InputError
         An output that exists, is an input or cannot be written.
     """
+    if request.require is not None:
+        from planners.guarantee.requirement import require_probability
+
+        require_probability(request.probability)
     if request.is_mission:
         return _mission_mode(request)
     if request.require is None:

@@ -1,8 +1,9 @@
 import numpy as np
+import shapely
 
 from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import first_swaths, survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive import first_swaths, lines_driven, next_swath, survey_adaptively
+from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState
 from planners.guarantee.belief.kernel_posterior import (
     KernelPosterior,
     WeightedKernel,
@@ -10,7 +11,7 @@ from planners.guarantee.belief.kernel_posterior import (
 )
 from planners.guarantee.belief.prior_blocks import PriorBlocks
 from planners.swaths.heading import across_marked_grain
-from survey import Dem, Grid
+from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.selection.cells import Cell, FoundKernel
 from survey.reconstruction.gp.selection.common_maps import mapped
@@ -79,3 +80,19 @@ def test_an_adaptive_survey_says_when_no_survey_is_enough():
     )
     assert not survey.holds
     assert survey.route is None
+
+
+def test_looks_are_counted_by_lines_driven_not_by_calls_or_pieces():
+    terrain, rng = smooth_terrain(), stream(9)
+    holed = SurveyArea(AREA.polygon.difference(shapely.box(100.0, 20.0, 200.0, 280.0)), CRS)
+    config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1, heading_deg=0.0)
+    driven = first_swaths(holed, KernelPosterior((SMOOTH,)), config)
+    assert len(driven.swaths) > config.n_first
+    xy = driven.sample(10.0).xy
+    heights = terrain.at(xy) + 0.1 * rng.standard_normal(len(xy))
+    first, again = (next_swath(holed, driven, xy, heights, config) for _ in range(2))
+    assert first.predicted == again.predicted
+    assert first.route is not None
+    np.testing.assert_array_equal(first.route.legs[-1].xy, again.route.legs[-1].xy)
+    state = AdaptiveState(holed, first.posterior, config)
+    assert len(lines_driven(state, driven)) == config.n_first

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import pytest
 
+from planners.guarantee.adaptive_state import AdaptiveConfig
 from planners.guarantee.requirement import MapRequirement, reachable_class
 from survey.core.errors import ConfigError
 
@@ -14,7 +15,10 @@ def test_what_is_reachable_is_named_by_its_class():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"probability": 1.0}, "between 0 and 1"),
+        *(
+            ({"probability": value}, "above 0.5 and at most 0.999")
+            for value in (1e-300, 0.5, 0.9999, 1.0, float("nan"))
+        ),
         ({"noise_m": -1.0}, "noise_m is -1.0"),
         ({"limit_m": 0.0}, "limit_m"),
         ({"assumed": "fractal"}, "no family of covariances"),
@@ -23,3 +27,9 @@ def test_what_is_reachable_is_named_by_its_class():
 def test_wishes_out_of_range_are_refused(change, words):
     with pytest.raises(ConfigError, match=words):
         replace(MapRequirement(0.4572), **change)
+
+
+def test_an_adaptive_survey_refuses_the_same_probabilities():
+    with pytest.raises(ConfigError, match=r"above 0\.5 and at most 0\.999"):
+        AdaptiveConfig(limit_m=0.4572, probability=1e-300)
+    assert MapRequirement(0.4572, 0.999).probability == 0.999

@@ -123,3 +123,14 @@ def test_fewer_swaths_are_named_only_where_the_likeliest_covariance_needs_fewer(
     fewer = facts["likely_swaths"] < facts["lines"]
     assert (f"and {facts['likely_swaths']} swaths are enough" in result.stdout) == fewer
     assert ("swaths are enough" in result.stdout) == fewer
+
+
+def test_a_probability_that_is_no_guarantee_is_refused(site):
+    folder, _ = site
+    for probability in ("1e-300", "0.5", "1"):
+        result = firnline(folder, "--require", "class-3", "--probability", probability, code=4)
+        assert "above 0.5 and at most 0.999" in result.stderr
+    mission = CliRunner().invoke(
+        app, ["plan", "examples/quick.toml", "--require", "class-3", "--probability", "0"]
+    )
+    assert mission.exit_code == 4

@@ -54,3 +54,6 @@ def test_a_worse_prior_leaves_more_open_and_changes_no_covariance(blocks):
     good, bad = (posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=sigma_m) for sigma_m in (0.5, 10.0))
     assert good.kernels == bad.kernels
     assert good.spread < bad.spread
+    # Cells that say nothing leave the roughness as open as it is from landscape to landscape.
+    nothing = posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=1e4)
+    assert nothing.spread > 0.8
