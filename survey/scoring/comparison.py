@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs.agreement import same_crs
 from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.errors import InputError
@@ -15,11 +15,12 @@ from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
 
 
 class NodeComparison(NamedTuple):
-    """Errors and stated deviations (N,) [m] where they exist, and the nodes that were left out."""
+    """Errors and stated deviations (N,) [m] where they exist, the counts of nodes, and which nodes were scored."""
 
     errors: FloatArray
     std: FloatArray
     nodes: NodeCounts
+    scored: BoolArray
 
 
 def mean_and_std(reconstruction: Reconstruction | Dem) -> tuple[Dem, FloatArray]:
@@ -47,7 +48,10 @@ def compare(mean: Dem, std: FloatArray, truth: Dem, area: SurveyArea | None) -> 
     counts = counted(heights, reference, inside, has_area=area is not None)
     beyond = 0 if area is None else nodes_beyond(mean.bounds, mean.step_m, area)
     return NodeComparison(
-        (heights - reference)[scored], std.ravel()[scored], counts._replace(silent=counts.silent + beyond)
+        (heights - reference)[scored],
+        std.ravel()[scored],
+        counts._replace(silent=counts.silent + beyond),
+        scored,
     )
 
 

@@ -8,12 +8,14 @@
 | map.tif | a map of it with its standard deviation as second band |
 | gnss.csv | 36 checkpoints as a receiver exports them |
 | landmarks.csv | 300 surface points with their standard deviation |
+| cover.gpkg | polygons of ice and rock |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
 """
 
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import shapely
 
 from survey import Dem, Grid, SurveyArea
@@ -22,6 +24,7 @@ from survey.io.raster import write_raster
 from survey.io.vector import write_features
 
 CRS = "EPSG:32608"
+PROJECTED = pyproj.CRS(CRS)
 WEST, SOUTH, SIDE = 500_000.0, 6_700_000.0, 600.0
 DATUM = "EGM96 height"
 
@@ -55,6 +58,7 @@ def make_scratch(folder: Path) -> None:
     _write_map(folder / "map.tif", truth, rng)
     _write_checkpoints(folder / "gnss.csv", rng)
     _write_landmarks(folder / "landmarks.csv", rng)
+    _write_cover(folder / "cover.gpkg")
     _write_surveys(folder, rng)
 
 
@@ -82,6 +86,13 @@ def _write_landmarks(path: Path, rng: np.random.Generator) -> None:
     z = surface(x, y) + rng.normal(0.0, 0.1, 300)
     rows = [f"{e:.3f},{n:.3f},{h:.3f},0.1\n" for e, n, h in zip(x, y, z, strict=True)]
     path.write_text("x_m,y_m,z_m,sigma_z_m\n" + "".join(rows), encoding="utf-8")
+
+
+def _write_cover(path: Path) -> None:
+    """Write two polygons: ice in the west, rock in the east."""
+    low, middle, high = (WEST - 10.0, SOUTH - 10.0), WEST + 300.0, (WEST + SIDE + 10.0, SOUTH + SIDE + 10.0)
+    halves = [shapely.box(*low, middle, high[1]), shapely.box(middle, low[1], *high)]
+    write_features(path, halves, {"class": np.array(["ice", "rock"], dtype=object)}, PROJECTED, layer="cover")
 
 
 def _write_surveys(folder: Path, rng: np.random.Generator) -> None:

@@ -51,6 +51,9 @@ def change(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for change.tif, .csv, .json, .png.")
     ] = Path("change"),
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a change that is there.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -61,6 +64,8 @@ def change(
       firnline change 2026.tif 2024.tif --outline glacier.gpkg
 
       firnline change 2026.tif srtm.tif --outline glacier.shp --align --density 900 --density-std 20
+
+      firnline change 2026.tif 2024.tif --outline glacier.gpkg --report change.pdf
     """
     import json
 
@@ -71,16 +76,49 @@ def change(
 
     inputs = (later, earlier, outline, stable)
     refuse_existing([out], force=force, inputs=with_companions(inputs), own=OUTPUTS)
+    if report is not None:
+        _refuse_report(report, inputs, force=force)
     options: dict[str, Any] = {"align": align, "level": level, "step_m": grid, "crs": crs}
     found, outlines = _compared(later, earlier, outline, stable, options)
     facts = change_facts(found, density, density_std)
     with replacing_folder(out, own=OUTPUTS) as draft:
         write_change(draft, found, density, density_std)
         (draft / "change.png").write_bytes(png_bytes(change_map(found, outlines)))
+    if report is not None:
+        _write_report(report, inputs, found, outlines, facts)
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
         return
     _print_change(facts, out)
+    if report is not None:
+        typer.echo(f"report written to {report}")
+
+
+def _refuse_report(report: Path, inputs: tuple[Path | None, ...], *, force: bool) -> None:
+    """Refuse a report that is there, that is an input, or that has another form."""
+    from survey.reporting.document.writing import OUTPUTS as REPORT_OUTPUTS
+    from survey.reporting.document.writing import check_target
+
+    own = () if check_target(report).suffix else REPORT_OUTPUTS
+    refuse_existing([report], force=force, inputs=with_companions(inputs), own=own)
+
+
+def _write_report(
+    report: Path,
+    inputs: tuple[Path | None, ...],
+    found: "Change",
+    outlines: dict[str, Any],
+    facts: dict[str, Any],
+) -> None:
+    from sim.cli.scoring.output import today
+    from survey.reporting.accuracy.change import change_report
+    from survey.reporting.accuracy.parts import ReportSetting
+    from survey.reporting.document import write_document
+
+    roles = ("Later survey", "Earlier survey", "Outlines", "Unchanged ground from")
+    names = {role: path.name for role, path in zip(roles, inputs, strict=True) if path is not None}
+    title = f"{names['Later survey']} minus {names['Earlier survey']}"
+    write_document(report, change_report(ReportSetting(title, today(), names), found, outlines, facts))
 
 
 def _compared(
@@ -130,7 +168,7 @@ def _models_compared(
 
 def _surface(source: Path, crs: str | None) -> "Reconstruction | Dem":
     """Read a map that is no terrain model."""
-    from sim.cli.commands.score import map_of
+    from sim.cli.scoring.maps import map_of
 
     if source.suffix == ".npz":
         from survey.core.errors import InputError

@@ -1,20 +1,16 @@
 """``firnline score``: errors, coverage and class of a map against a reference or checkpoints."""
 
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
 from sim.cli.outcome import with_exit_codes
-
-if TYPE_CHECKING:
-    from survey import Dem, Reconstruction, Score
-
-# Rasters of more cells are scored in blocks.
-_LARGE = 20_000_000
-
+from sim.cli.scoring.checkpoints import score_at_checkpoints
+from sim.cli.scoring.maps import map_of
+from sim.cli.scoring.raster import score_against_raster
+from sim.cli.scoring.request import ScoreRequest
 
 Standards = Annotated[
     list[str] | None,
@@ -40,6 +36,24 @@ Columns = Annotated[
         metavar="KEY=COLUMN,…",
         help="Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name; usual names are found.",
     ),
+]
+By = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--by",
+        metavar="slope|FILE",
+        help="Statistics by class: slope, or a raster or polygons of land cover.",
+    ),
+]
+ClassColumn = Annotated[
+    str | None, typer.Option("--class-column", help="Column of the polygons that names the class.")
+]
+Report = Annotated[
+    Path | None,
+    typer.Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf."),
+]
+Language = Annotated[
+    str, typer.Option("--language", help="Language of the statements beside English: en or de.")
 ]
 Datum = Annotated[str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")]
 
@@ -76,6 +90,11 @@ def score(
         Path | None, typer.Option("--route", help="Route that was driven, for coverage, α and β.")
     ] = None,
     crs: Crs = None,
+    by: By = None,
+    class_column: ClassColumn = None,
+    report: Report = None,
+    language: Language = "en",
+    force: Annotated[bool, typer.Option("--force", help="Replace a report that is there.")] = False,
     runs: Runs = RUNS,
     settings: Settings = None,
     as_json: Json = False,
@@ -94,6 +113,10 @@ def score(
 
       firnline score mine.tif --checkpoints export.txt --columns x=Rechtswert,y=Hochwert,z=Hoehe,sigma_z=mH
 
+      firnline score mine.tif --checkpoints gnss.csv --class 0.10 --report accuracy.pdf --language de
+
+      firnline score mine.tif --truth lidar.tif --by slope --by landcover.tif
+
       firnline score mine.toml
     """
     if source.suffix == ".toml":
@@ -102,121 +125,29 @@ def score(
         _, run = run_until(source, "score", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         print_summary(run, as_json=as_json)
         return
-    if checkpoints is not None:
-        asked = {
-            "standards": tuple(standard or ("asprs-edition-2",)),
-            "class_m": class_m,
-            "interval_m": interval,
-        }
-        given = {"sigma_m": sigma, "vertical_datum": datum, "columns": _mapping(columns)}
-        _score_at(map_of(source, crs), checkpoints, (control, area), given, asked, as_json=as_json)
-        return
-    _score_file(source, truth, area, route, crs, as_json=as_json)
-
-
-def _mapping(columns: list[str] | None) -> dict[str, str]:
-    from survey.io.text_tables.spellings import parsed_columns
-
-    return parsed_columns(columns or [])
-
-
-def _score_at(
-    map_: "Reconstruction | Dem",
-    checkpoints: Path,
-    besides: tuple[Path | None, Path | None],
-    given: dict[str, Any],
-    asked: dict[str, Any],
-    *,
-    as_json: bool,
-) -> None:
-    """Judge a map by checkpoints; `besides` are the files of control points and of the area, `given` what the points' file lacks."""
-    import json
-
-    import survey
-    from survey.scoring import Checkpoints, compare, score_at
-    from survey.scoring.standards.checkpoints import control_places
-
-    dem = map_ if isinstance(map_, survey.Dem) else map_.mean
-    points = Checkpoints.read(checkpoints, crs=dem.crs, **given)
-    control, area = besides
-    if control is not None:
-        points.refuse_control(control_places(control, dem.crs))
-    ground = None if area is None else survey.SurveyArea.read(area, crs=dem.crs)
-    judged = score_at(compare(dem, points, ground), **asked)
-    if as_json:
-        typer.echo(json.dumps(judged.to_dict(), indent=2))
-        return
-    _print_statistics(judged.to_dict()["elevation"])
-    low, high = judged.interval.low_m, judged.interval.high_m
-    typer.echo(f"{'rmse 95 %':<12} {low:.4f} to {high:.4f} ({judged.interval.method})")
-    if judged.left_out:
-        typer.echo(f"no height at {', '.join(judged.left_out)}")
-    for finding in judged.assessments:
-        typer.echo(finding.sentence)
-        for caution in finding.cautions:
-            typer.echo(f"  note: {caution}")
-
-
-def _print_statistics(figures: dict[str, Any]) -> None:
-    for name, figure in figures.items():
-        typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
-
-
-def _score_file(
-    source: Path, truth: Path | None, area: Path | None, route: Path | None, crs: str | None, *, as_json: bool
-) -> None:
-    import json
-
-    from sim.cli.mission_file import best_class
-    from survey.core.errors import InputError
-
-    if truth is None:
-        raise InputError(
-            f"{source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
-        )
-    judged = _judged(source, truth, area, route, crs).to_dict()
-    if as_json:
-        typer.echo(json.dumps(judged, indent=2))
-        return
-    _print_statistics(judged["elevation"])
-    typer.echo(best_class(judged))
-
-
-def _judged(source: Path, truth: Path, area: Path | None, route: Path | None, crs: str | None) -> "Score":
-    """Judge in memory, or block by block what is large."""
-    import survey
-    from survey.core.crs.agreement import agreed_crs
-    from survey.io.raster import raster_facts
-    from survey.scoring.blocks import score_files
-
-    reference = raster_facts(truth)
-    if route is None and source.is_file():
-        sizes = (math.prod(shape) for shape in (reference.shape, raster_facts(source).shape))
-        if max(sizes) > _LARGE:
-            system = agreed_crs(reference.crs, crs, str(truth))
-            ground = None if area is None else survey.SurveyArea.read(area, crs=system)
-            return score_files(source, truth, ground, crs=crs)
-    map_, truth_dem = map_of(source, crs), survey.Dem.read(truth, crs=crs)
-    return survey.score(
-        map_,
-        truth=truth_dem,
-        route=None if route is None else survey.Route.read(route),
-        area=None if area is None else survey.SurveyArea.read(area, crs=truth_dem.crs),
+    request = ScoreRequest(
+        source,
+        truth=truth,
+        checkpoints=checkpoints,
+        control=control,
+        area=area,
+        route=route,
+        crs=crs,
+        standards=tuple(standard or ("asprs-edition-2",)),
+        class_m=class_m,
+        interval_m=interval,
+        sigma_m=sigma,
+        datum=datum,
+        columns=tuple(columns or ()),
+        by=tuple(by or ()),
+        class_column=class_column,
+        report=report,
+        language=language,
+        force=force,
+        as_json=as_json,
     )
-
-
-def map_of(source: Path, crs: str | None = None) -> "Reconstruction | Dem":
-    """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation."""
-    import numpy as np
-
-    import survey
-    from survey.io.raster import band_count
-    from survey.reconstruction import INTERPOLATED
-
-    if source.is_dir():
-        return survey.Reconstruction.read(source)
-    mean = survey.Dem.read(source, crs=crs)
-    if band_count(source) < 2:
-        return mean
-    std = survey.Dem.read(source, band=2, crs=crs)
-    return survey.Reconstruction(mean, std, np.full(mean.shape, INTERPOLATED), "outside", {})
+    request.check()
+    if checkpoints is None:
+        score_against_raster(request)
+    else:
+        score_at_checkpoints(request, map_of(source, crs))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -9,7 +10,10 @@ import numpy.typing as npt
 from affine import Affine
 from pyproj import CRS
 
+from survey.core.errors import CapacityError, InputError
+from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
+from survey.io.raster.opening import LARGEST_CELLS, opened_dataset
 from survey.io.raster.writing import write_bytes_raster
 
 
@@ -50,3 +54,49 @@ def write_categories(
     ET.indent(root)
     with replacing(file.with_name(f"{file.name}.aux.xml")) as draft:
         draft.write_bytes(ET.tostring(root, encoding="utf-8") + b"\n")
+
+
+class Codes(NamedTuple):
+    """Whole numbers of a categorical raster with its placement; `unknown` stands for no category."""
+
+    values: npt.NDArray[np.int64]
+    transform: Affine
+    crs: CRS
+    unknown: int | None
+
+
+def read_codes(path: str | Path) -> Codes:
+    """Read the codes of a categorical raster, such as land cover, in any CRS.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Raster of whole numbers; its first band is read.
+
+    Returns
+    -------
+    Codes
+        Codes (H, W) with their placement.
+
+    Raises
+    ------
+    InputError
+        Missing, damaged, without a CRS, or with decimals.
+    CapacityError
+        More than `LARGEST_CELLS` cells.
+    """
+    file = existing_file(path, "the raster of classes")
+    with opened_dataset(file, 1) as source:
+        if source.width * source.height > LARGEST_CELLS:
+            raise CapacityError(
+                f"{file} has {source.width * source.height:,} cells; {LARGEST_CELLS:,} can be read at once, cut it to the area."
+            )
+        if not np.issubdtype(np.dtype(source.dtypes[0]), np.integer):
+            raise InputError(
+                f"{file} holds numbers with decimals; a raster of classes holds whole numbers, write it as integers."
+            )
+        if source.crs is None:
+            raise InputError(f"{file} carries no coordinate reference system; write it with one.")
+        unknown = None if source.nodata is None else int(source.nodata)
+        values = source.read(1).astype(np.int64)
+        return Codes(values, source.transform, CRS.from_wkt(source.crs.to_wkt()), unknown)

@@ -90,6 +90,8 @@ class CheckpointErrors:
         Both the map and the checkpoints state the same vertical datum.
     covered_share : float
         Share of the named area on which the map gives a height; 1 where no area was named.
+    xyz : (N, 3) ndarray, optional
+        Easting, northing and height of the checkpoints [m], where they are known.
     """
 
     errors_m: FloatArray
@@ -101,6 +103,7 @@ class CheckpointErrors:
     n_outside: int = 0
     has_datums: bool = True
     covered_share: float = 1.0
+    xyz: FloatArray | None = None
 
     @cached_property
     def checkpoint_rmse_m(self) -> float:
@@ -130,6 +133,7 @@ class CheckpointErrors:
             sigma_z_m=self.sigma_z_m[mask],
             vegetated=self.vegetated[mask],
             names=names,
+            xyz=None if self.xyz is None else self.xyz[mask],
         )
 
     def beyond(self, limit_m: float) -> tuple[str, ...]:
@@ -208,4 +212,5 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
         int((~inside).sum()),
         dem.vertical_datum == checkpoints.vertical_datum != UNSTATED,
         1.0 if area is None else covered_share(dem, area),
+        frozen(checkpoints.xyz[used]),
     )

@@ -53,20 +53,28 @@ def missing_accuracy(standard: Standard, errors: CheckpointErrors, class_m: floa
 
 
 def missing_in_general(standard: Standard, errors: CheckpointErrors) -> list[str]:
-    """Return what the standard misses in number and spread of the checkpoints."""
-    missing = [] if standard.n_least is None else missing_number(standard, errors, standard.n_least, "any")
+    """Return what the standard misses in the number of checkpoints."""
+    return [] if standard.n_least is None else missing_number(standard, errors, standard.n_least, "any")
+
+
+def guidance_of(standard: Standard, errors: CheckpointErrors) -> list[str]:
+    """Return where the checkpoints are spread less evenly than the standard advises; that is no condition.
+
+    The NSSDA says how points *may* be distributed over a rectangular area of uniform accuracy (appendix 3-C).
+    """
+    advised = []
     share, spacing = standard.quadrant_share, standard.spacing_share
     found = min(errors.spread.quadrant_shares)
     if share is not None and found < share - _SLACK:
-        missing.append(
-            f"{share:.0%} of the checkpoints in every quarter of the area (one has {found:.0%}){_mark(standard, 'quadrant_share')}"
+        advised.append(
+            f"guidance: {share:.0%} of the checkpoints in every quarter of the area (one has {found:.0%}){_mark(standard, 'quadrant_share')}"
         )
     apart = errors.spread.spacing_share
     if spacing is not None and apart < spacing - _SLACK:
-        missing.append(
-            f"{spacing:.0%} of the diagonal between any two checkpoints (two are {apart:.1%} apart){_mark(standard, 'spacing_share')}"
+        advised.append(
+            f"guidance: {spacing:.0%} of the diagonal between any two checkpoints (two are {apart:.1%} apart){_mark(standard, 'spacing_share')}"
         )
-    return missing
+    return advised
 
 
 def cautions_of(standard: Standard, errors: CheckpointErrors, limit_m: float | None) -> list[str]:

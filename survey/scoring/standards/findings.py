@@ -11,6 +11,7 @@ from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread
 from survey.scoring.standards.conditions import (
     cautions_of,
     datum_cautions,
+    guidance_of,
     least_numbers,
     missing_accuracy,
     missing_cover,
@@ -216,7 +217,7 @@ def _finding(
         errors.checkpoint_rmse_m,
         errors.spread,
         tuple(missing),
-        tuple(cautions),
+        (*cautions, *guidance_of(standard, errors)),
     )
 
 

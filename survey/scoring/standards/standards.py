@@ -41,9 +41,9 @@ class Standard:
     n_least : int, optional
         Least number of checkpoints (of either kind, where there are two).
     quadrant_share : float, optional
-        Least share of them in each quarter of the area.
+        Share of them in each quarter of the area that is advised at least; no condition.
     spacing_share : float, optional
-        Least distance between two of them over the area's diagonal.
+        Distance between two of them over the area's diagonal that is advised at least; no condition.
     sharper : float, optional
         How many times more accurate than the class they must be.
     bias_share : float, optional

@@ -83,7 +83,7 @@ def test_score_assigns_the_named_crs_to_rasters_in_a_local_one(site: Path) -> No
 
 
 def test_score_in_blocks_assigns_the_named_crs_too(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.cli.commands.score._LARGE", 100)
+    monkeypatch.setattr("sim.cli.scoring.raster.LARGE", 100)
     plane = Dem.read("map.tif")
     Dem(plane.elevation, plane.transform, LOCAL).write("local.tif")
     assert "rmse_m       0.0000" in output_of("score", "local.tif", "--truth", "map.tif", "--crs", UTM)

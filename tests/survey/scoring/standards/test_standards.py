@@ -96,10 +96,11 @@ def test_nssda_states_and_never_passes() -> None:
     assert finding.value == pytest.approx(0.160, abs=5e-4)
     assert (finding.outcome, finding.limit) == ("reported", None)
     clumped = errors_of(balanced(20, 0.08), spread=Spread((0.1, 0.3, 0.3, 0.3), 0.05, 1e6))
-    missing = first(clumped, "nssda-1998").missing
-    assert len(missing) == 2
-    assert "20% of the checkpoints in every quarter" in missing[0]
-    assert "10% of the diagonal" in missing[1]
+    finding = first(clumped, "nssda-1998")
+    assert (finding.outcome, finding.missing) == ("reported", ())
+    quarters, spacing = finding.cautions[-2:]
+    assert "guidance: 20% of the checkpoints in every quarter" in quarters
+    assert "guidance: 10% of the diagonal" in spacing
 
 
 def test_nmas_counts_points() -> None:

@@ -1,0 +1,31 @@
+"""Printing of error statistics, and writing of reports."""
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from sim.cli.scoring.request import ScoreRequest
+
+if TYPE_CHECKING:
+    from survey.reporting.document import Document
+
+
+def print_statistics(figures: dict[str, Any]) -> None:
+    """Print error statistics, one line each."""
+    for name, figure in figures.items():
+        typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
+
+
+def today() -> str:
+    """Return the date in words, as reports state it."""
+    return f"{datetime.now(UTC):%d %B %Y}"
+
+
+def written(request: ScoreRequest, document: "Document") -> None:
+    """Write a report and state where."""
+    from survey.reporting.document import write_document
+
+    assert request.report is not None
+    target = write_document(request.report, document)
+    typer.echo(f"report written to {target}", err=request.as_json)

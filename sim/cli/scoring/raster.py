@@ -1,0 +1,109 @@
+"""Score of a map against a reference raster, in memory or in blocks."""
+
+import math
+from typing import TYPE_CHECKING
+
+import typer
+
+from sim.cli.scoring.ground_classes import Classes, class_lines, class_values, scores_by_class
+from sim.cli.scoring.maps import map_of
+from sim.cli.scoring.output import print_statistics, today, written
+from sim.cli.scoring.request import ScoreRequest
+
+if TYPE_CHECKING:
+    from survey import Dem, Reconstruction, Score, SurveyArea
+
+LARGE = 20_000_000
+"""Rasters of more cells are scored in blocks."""
+
+
+def score_against_raster(request: ScoreRequest) -> None:
+    """Judge a map against a reference raster, print the score, and write the report that was asked for."""
+    if _is_large(request):
+        _print(request, _in_blocks(request), {})
+        return
+    import survey
+
+    assert request.truth is not None
+    map_, truth = map_of(request.source, request.crs), survey.Dem.read(request.truth, crs=request.crs)
+    area = None if request.area is None else survey.SurveyArea.read(request.area, crs=truth.crs)
+    route = None if request.route is None else survey.Route.read(request.route)
+    score = survey.score(map_, truth=truth, route=route, area=area)
+    classes = _classes(request, map_, truth, area)
+    _print(request, score, classes)
+    if request.report is not None:
+        _write_report(request, (map_, truth), score, area, classes)
+
+
+def _is_large(request: ScoreRequest) -> bool:
+    """Return whether the rasters are scored in blocks; refuse what blocks cannot give."""
+    from survey.core.errors import CapacityError
+    from survey.io.raster import raster_facts
+
+    assert request.truth is not None
+    if request.route is not None or not request.source.is_file():
+        return False
+    files = (request.truth, request.source)
+    cells = max(math.prod(raster_facts(file).shape) for file in files)
+    if cells > LARGE and (request.report is not None or request.by):
+        raise CapacityError(
+            f"{request.source} or {request.truth} has {cells:,} cells; --report and --by take up to {LARGE:,}, cut the rasters to the area."
+        )
+    return cells > LARGE
+
+
+def _in_blocks(request: ScoreRequest) -> "Score":
+    import survey
+    from survey.core.crs.agreement import agreed_crs
+    from survey.io.raster import raster_facts
+    from survey.scoring.blocks import score_files
+
+    assert request.truth is not None
+    system = agreed_crs(raster_facts(request.truth).crs, request.crs, str(request.truth))
+    ground = None if request.area is None else survey.SurveyArea.read(request.area, crs=system)
+    return score_files(request.source, request.truth, ground, crs=request.crs)
+
+
+def _classes(
+    request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem", area: "SurveyArea | None"
+) -> Classes:
+    """Return the statistics by class, at the nodes that are scored."""
+    from survey.scoring.comparison import compare, mean_and_std
+
+    if not request.by:
+        return {}
+    mean, std = mean_and_std(map_)
+    compared = compare(mean, std, truth, area)
+    return scores_by_class(request, compared.errors, compared.std, mean.xy[compared.scored], truth)
+
+
+def _print(request: ScoreRequest, score: "Score", classes: Classes) -> None:
+    import json
+
+    from sim.cli.mission_file import best_class
+
+    judged = score.to_dict()
+    if request.as_json:
+        by_class = {"classes": class_values(classes)} if classes else {}
+        typer.echo(json.dumps({**judged, **by_class}, indent=2))
+        return
+    print_statistics(judged["elevation"])
+    for line in class_lines(classes):
+        typer.echo(line)
+    typer.echo(best_class(judged))
+
+
+def _write_report(
+    request: ScoreRequest,
+    compared: tuple["Reconstruction | Dem", "Dem"],
+    score: "Score",
+    area: "SurveyArea | None",
+    classes: Classes,
+) -> None:
+    from survey.reporting.accuracy.parts import ReportSetting
+    from survey.reporting.accuracy.reference import reference_report
+
+    assert request.truth is not None
+    inputs = {"Map": request.source.name, "Reference": request.truth.name}
+    setting = ReportSetting(request.source.stem, today(), inputs, request.language)
+    written(request, reference_report(setting, *compared, score, area=area, classes=classes))
