@@ -10,8 +10,9 @@ from survey.core.config import Section
 class PhysicsConfig(Section):
     """The tracked, skid-steered rover; its mass, speed, resistance and battery stand in ``rover``."""
 
-    engine: Literal["contact", "kinematic"] = "contact"
-    """Rigid bodies in contact with the ground (needs pybullet), or a rolling model without forces."""
+    engine: Literal["contact", "bullet", "mujoco", "kinematic"] = "contact"
+    """Rigid bodies in contact with the ground, in Bullet where pybullet is installed and else in MuJoCo; one of
+    these two by name; or a rolling model without forces."""
     rate_hz: PositiveInt = 240
     """Steps of the physics per second."""
     track_gauge_m: PositiveFloat = 0.45

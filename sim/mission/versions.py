@@ -15,6 +15,7 @@ _COMPUTING = (
     "finufft",
     "gtsam",
     "opencv-python-headless",
+    "mujoco",
     "pybullet",
     "rasterio",
     "pyproj",
@@ -37,7 +38,7 @@ def current_versions() -> dict[str, str]:
     for name in _COMPUTING:
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # pybullet has no wheels for newer versions of Python
+        except PackageNotFoundError:  # one of the physics engines suffices
             continue
     return found
 

@@ -16,7 +16,7 @@ from survey.data.camera.calibration import Camera
 
 def rover_physics(ground: HeightField, path: FloatArray, mission: MissionConfig) -> Physics:
     """Return the physics of a rover at the start of a path, heading along it."""
-    kind = ContactRover if mission.physics.engine == "contact" else KinematicRover
+    kind = KinematicRover if mission.physics.engine == "kinematic" else ContactRover
     ahead = path[1] - path[0]
     return kind(ground, mission.physics, mission.rover, path[0], float(np.arctan2(ahead[1], ahead[0])))
 

@@ -83,7 +83,7 @@ def simulate_vision(
     InputError
         The route leaves the terrain, or the folder exists and is not empty.
     ConfigError
-        The rates of physics and instruments do not go together, or Bullet is missing.
+        The rates of physics and instruments do not go together, or no physics engine is installed.
     """
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"the recording folder {folder} exists and is not empty; choose another one.")

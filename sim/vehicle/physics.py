@@ -84,7 +84,7 @@ class KinematicRover:
 
     .. math:: v = (1 - i) (v_l + v_r) / 2, \qquad \omega = \kappa (v_r - v_l) / b
 
-    What it cannot do: inertia, side-slip, stalling, tipping over. For machines without Bullet.
+    What it cannot do: inertia, side-slip, stalling, tipping over. For machines without a rigid-body engine.
     """
 
     SLIP = 0.01

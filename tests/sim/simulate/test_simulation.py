@@ -14,7 +14,6 @@ LINE = Route((Leg("swath", [[18.0, 20.0], [20.0, 20.0]]),), GRID.crs, "line")
 
 
 def test_a_drive_in_images_is_returned_and_written(tmp_path):
-    pytest.importorskip("pybullet")
     instruments = InstrumentsConfig(frame_rate_hz=2.0)
     recording, truth = simulate(
         FLAT, LINE, fidelity="vision", instruments=instruments, folder=tmp_path / "drive"

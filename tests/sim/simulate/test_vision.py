@@ -56,7 +56,6 @@ SHORT = route((6.0, 12.0), (10.0, 12.0), (10.0, 14.0))
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
-    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python")
     folder = tmp_path_factory.mktemp("drive")
     done = simulate_vision(ground(), SHORT, mission(), folder / "recording")
     done.write(folder)
@@ -142,7 +141,6 @@ def test_others_read_the_recording(drive, tmp_path):
 def test_a_drive_that_fails_ends_in_a_named_state_with_what_it_has(
     tmp_path, name, terrain, way, settings, endings
 ):
-    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python")
     done = simulate_vision(terrain, way, mission(**settings), tmp_path / "recording")
     done.write(tmp_path)
     assert done.ending in endings
