@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types imports check docs
+.PHONY: demo test test-pythons lint types imports check docs
 
 demo: $(VENV)/.ready
 	$(BIN)/firnline run examples/srtm_ridge.toml
@@ -11,6 +11,10 @@ demo: $(VENV)/.ready
 
 test: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto
+
+# Every Python of the machine: the wheel, a smoke set of tests, both demos.
+test-pythons:
+	.ci/pythons.sh
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .

@@ -1,6 +1,11 @@
-"""The rover's physics and its instruments: speed, patch changes, slip, energy, noise against its models."""
+"""The rover's physics and its instruments: speed, patch changes, slip, energy, noise against its models.
+
+The rows of the physics are repeated for each rigid-body engine that is installed: Bullet and MuJoCo.
+"""
 
 from collections.abc import Iterator
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from scipy.signal import welch
@@ -26,15 +31,21 @@ from survey.terrain import random_dem
 from tests.sim.vehicle.energy_balance import EnergyBalance
 
 ROVER = Rover(mass_kg=18.0, idle_w=20.0)
+ENGINES = {
+    engine: name
+    for engine, (module, name) in {"bullet": ("pybullet", "Bullet"), "mujoco": ("mujoco", "MuJoCo")}.items()
+    if find_spec(module) is not None
+}
 SMOOTH = SceneryConfig(**BARE_SCENERY)
 
 
 def rows(quick: bool) -> Iterator[Row]:
     """Yield one row per claim."""
-    yield from _drive_rows(100.0 if quick else 600.0)
-    yield from _slip_rows()
-    yield from _turn_rows()
-    yield from _energy_rows(5.0 if quick else 20.0)
+    for engine in ENGINES:
+        yield from _drive_rows(engine, 100.0 if quick else 600.0)
+        yield from _slip_rows(engine)
+        yield from _turn_rows(engine)
+        yield from _energy_rows(engine, 5.0 if quick else 20.0)
     n = 100_000 if quick else 200_000
     for name in GPS_PROFILES:
         yield from _gps_rows(name, n)
@@ -61,22 +72,28 @@ def slope(deg: float, size_m: float = 80.0) -> FineTerrain:
     return fine_terrain(Dem.on(grid, np.tan(np.radians(deg)) * east), SMOOTH, 1)
 
 
-def _drive_rows(length_m: float) -> Iterator[Row]:
+def _physics(engine: str, **settings: Any) -> PhysicsConfig:
+    return PhysicsConfig(engine=engine, **settings)  # type: ignore[arg-type]  # one of ENGINES
+
+
+def _drive_rows(engine: str, length_m: float) -> Iterator[Row]:
     """Drive there and back on rolling ground, at 240 Hz, over many patches."""
     lines = np.arange(int(np.ceil(length_m / 110.0)))
     turns = [(20.0 if (k + end) % 2 == 0 else 120.0, 30.0 + 10.0 * k) for k in lines for end in (0, 1)]
     pursuit = PurePursuit(np.array(turns), 1.0, PhysicsConfig())
-    rover = ContactRover(hills(140.0, 5), PhysicsConfig(), ROVER, np.array(turns[0]), 0.0)
+    rover = ContactRover(hills(140.0, 5), _physics(engine), ROVER, np.array(turns[0]), 0.0)
     (places, changes), seconds = cpu_seconds(lambda: _followed(rover, pursuit))
     driven_s = len(places) * rover.dt_s
-    yield Row.of("physics: simulated over CPU time", driven_s / seconds, "", ">=", 20.0)
+    yield Row.of(f"{ENGINES[engine]}: simulated over CPU time", driven_s / seconds, "", ">=", 20.0)
     # A route is done within the goal radius of its end.
-    yield Row.of("physics: drive", pursuit.progress_m, "m", ">=", length_m - PhysicsConfig().goal_radius_m)
+    yield Row.of(
+        f"{ENGINES[engine]}: drive", pursuit.progress_m, "m", ">=", length_m - PhysicsConfig().goal_radius_m
+    )
     jumps = np.linalg.norm(np.diff(places, 2, axis=0), axis=1)
     at_changes = [jumps[max(k - 2, 0) : k + 3].max() for k in changes]
-    yield Row("physics: patch changes", len(changes), "")
-    yield Row.of("physics: largest jump at a change", 1e3 * max(at_changes), "mm", "<=", 1.0)
-    yield Row("physics: largest jump anywhere", 1e3 * float(jumps.max()), "mm")
+    yield Row(f"{ENGINES[engine]}: patch changes", len(changes), "")
+    yield Row.of(f"{ENGINES[engine]}: largest jump at a change", 1e3 * max(at_changes), "mm", "<=", 1.0)
+    yield Row(f"{ENGINES[engine]}: largest jump anywhere", 1e3 * float(jumps.max()), "mm")
 
 
 def _followed(rover: ContactRover, pursuit: PurePursuit) -> tuple[FloatArray, list[int]]:
@@ -99,10 +116,10 @@ def _followed(rover: ContactRover, pursuit: PurePursuit) -> tuple[FloatArray, li
     return np.array(places), changes
 
 
-def uphill_slip(deg: float, friction: float) -> float:
+def uphill_slip(engine: str, deg: float, friction: float) -> float:
     """Share of what the tracks unroll that is not driven, straight up a slope at 1 m/s, after 2 s."""
     rover = ContactRover(
-        slope(deg), PhysicsConfig(friction=friction), ROVER, np.array([20.0, 40.0]), heading_rad=0.0
+        slope(deg), _physics(engine, friction=friction), ROVER, np.array([20.0, 40.0]), heading_rad=0.0
     )
     for _ in range(480):
         rover.step(1.0, 1.0)
@@ -116,22 +133,27 @@ def uphill_slip(deg: float, friction: float) -> float:
     return float(1.0 - driven / np.mean(np.subtract(last.rolled_m, first.rolled_m)))
 
 
-def _slip_rows() -> Iterator[Row]:
+def _slip_rows(engine: str) -> Iterator[Row]:
+    name = ENGINES[engine]
     degrees = (0.0, 5.0, 10.0, 15.0, 18.0)
-    slips = [uphill_slip(deg, 0.5) for deg in degrees]
+    slips = [uphill_slip(engine, deg, 0.5) for deg in degrees]
     for deg, slip in zip(degrees, slips, strict=True):
-        yield Row(f"slip on snow (friction 0.5), {deg:g}° up", 100.0 * slip, "%")
+        yield Row(f"{name}: slip on snow (friction 0.5), {deg:g}° up", 100.0 * slip, "%")
     yield Row.of(
-        "least rise of slip from slope to slope", 100.0 * float(np.diff(slips).min()), "%", ">=", 0.0
+        f"{name}: least rise of slip from slope to slope", 100.0 * float(np.diff(slips).min()), "%", ">=", 0.0
     )
     yield Row.of(
-        "slip on ice (friction 0.15), 5° up: stalls", 100.0 * uphill_slip(5.0, 0.15), "%", ">=", 90.0
+        f"{name}: slip on ice (friction 0.15), 5° up: stalls",
+        100.0 * uphill_slip(engine, 5.0, 0.15),
+        "%",
+        ">=",
+        90.0,
     )
 
 
-def turned(left: float, right: float, heading_rad: float, seconds: float = 6.0) -> float:
+def turned(engine: str, left: float, right: float, heading_rad: float, seconds: float = 6.0) -> float:
     """Turn about the vertical over a time on level ground [rad]."""
-    rover = ContactRover(slope(0.0), PhysicsConfig(), ROVER, np.array([40.0, 40.0]), heading_rad)
+    rover = ContactRover(slope(0.0), _physics(engine), ROVER, np.array([40.0, 40.0]), heading_rad)
     turn = 0.0
     for _ in range(round(seconds / rover.dt_s)):
         rover.step(left, right)
@@ -139,17 +161,17 @@ def turned(left: float, right: float, heading_rad: float, seconds: float = 6.0) 
     return turn
 
 
-def _turn_rows() -> Iterator[Row]:
+def _turn_rows(engine: str) -> Iterator[Row]:
     gauge, seconds = PhysicsConfig().track_gauge_m, 6.0
     for left, right in ((0.7, 1.0), (-0.3, 0.3)):
         kinematic = (right - left) / gauge * seconds
-        turns = [turned(left, right, heading, seconds) for heading in (0.0, 0.5, 0.25 * np.pi)]
-        name = f"tracks {left:g}, {right:g} m/s: turn over the kinematic one"
+        turns = [turned(engine, left, right, heading, seconds) for heading in (0.0, 0.5, 0.25 * np.pi)]
+        name = f"{ENGINES[engine]}: tracks {left:g}, {right:g} m/s: turn over the kinematic one"
         yield Row.of(name, float(np.mean(turns)) / kinematic, "", "<=", 0.9)
         yield Row(f"{name}, spread over three headings", float(np.ptp(turns)) / kinematic, "")
 
 
-def _energy_rows(seconds: float) -> Iterator[Row]:
+def _energy_rows(engine: str, seconds: float) -> Iterator[Row]:
     cases: dict[str, tuple[FineTerrain, float, float]] = {
         "level": (slope(0.0), 1.0, 1.0),
         "10° up": (slope(10.0, 100.0), 0.8, 0.8),
@@ -158,12 +180,12 @@ def _energy_rows(seconds: float) -> Iterator[Row]:
     }
     for name, (ground, left, right) in cases.items():
         x = 20.0 if name == "10° up" else 0.5 * (ground.bounds[0] + ground.bounds[2])
-        rover = ContactRover(ground, PhysicsConfig(), ROVER, np.array([x, 40.0]), 0.3)
+        rover = ContactRover(ground, _physics(engine), ROVER, np.array([x, 40.0]), 0.3)
         balance = EnergyBalance(rover)
         for _ in range(round(seconds / rover.dt_s)):
             balance.step(left, right)
         share = abs(balance.missing_j) / balance.motors_j
-        yield Row.of(f"energy not accounted for, {name}", 100.0 * share, "%", "<=", 2.0)
+        yield Row.of(f"{ENGINES[engine]}: energy not accounted for, {name}", 100.0 * share, "%", "<=", 2.0)
 
 
 def standing(seconds: float) -> RoverMotion:
@@ -266,4 +288,4 @@ def _allan_rows(n: int) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    main("Simulator physics", rows, packages=("numpy", "scipy", "pybullet"))
+    main("Simulator physics", rows, packages=("numpy", "scipy", "pybullet", "mujoco"))

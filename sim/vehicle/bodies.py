@@ -1,21 +1,17 @@
-"""Rigid-body engines of the contact physics: the common interface and the choice of one."""
+"""Rigid bodies of the contact physics: the interface of an engine, and what a rover is made of."""
 
-from importlib.util import find_spec
 from typing import NamedTuple, Protocol
 
 from planners import Rover
 from sim.config.drive import PhysicsConfig
 from sim.vehicle.physics import GRAVITY_M_S2, Vector
 from survey.core.arrays import FloatArray
-from survey.core.errors import ConfigError
 
 N_WHEELS = 3
 WHEEL_MASS_SHARE = 0.02
 AXLE_BELOW_M = 0.06
 SINKAGE_M = 0.002
 HALF_RELIEF_M = 50.0
-
-_MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
 
 
 class GroundPatch(NamedTuple):
@@ -83,40 +79,3 @@ def motor_torque_n_m(config: PhysicsConfig, rover: Rover) -> float:
     """Return the greatest torque of a track's motor."""
     weight = rover.mass_kg * GRAVITY_M_S2
     return 0.5 * config.thrust_share * weight * config.wheel_radius_m
-
-
-def chosen_engine(name: str) -> str:
-    """Return the rigid-body engine that a mission asks for; ``contact`` means the first one installed.
-
-    Raises
-    ------
-    ConfigError
-        The engine is not installed, or none is.
-    """
-    wanted = list(_MODULES) if name == "contact" else [name]
-    for engine in wanted:
-        if find_spec(_MODULES[engine]) is not None:
-            return engine
-    missing = " nor ".join(_MODULES[engine] for engine in wanted)
-    neither = "neither " if len(wanted) > 1 else ""
-    raise ConfigError(
-        f"physics.engine is {name!r}, and {neither}{missing} is {'' if neither else 'not '}installed; "
-        f'install {_MODULES[wanted[-1]]}, or set physics.engine = "kinematic".'
-    )
-
-
-def rigid_bodies(bodies: RoverBodies, patch: GroundPatch) -> RigidBodies:
-    """Return the rover and its ground in the engine of the configuration.
-
-    Raises
-    ------
-    ConfigError
-        The engine is not installed.
-    """
-    if chosen_engine(bodies.config.engine) == "bullet":
-        from sim.vehicle.bullet import BulletBodies
-
-        return BulletBodies(bodies, patch)
-    from sim.vehicle.mujoco_bodies import MujocoBodies
-
-    return MujocoBodies(bodies, patch)

@@ -18,8 +18,8 @@ from sim.vehicle.bodies import (
     BodyState,
     GroundPatch,
     RoverBodies,
-    rigid_bodies,
 )
+from sim.vehicle.engines import rigid_bodies
 from sim.vehicle.physics import GRAVITY_M_S2, HeightField, RoverState, Vector, origin_of
 from survey.core.arrays import FloatArray
 

@@ -5,15 +5,15 @@ import sys
 
 import pytest
 
-from sim.vehicle import bodies
-from sim.vehicle.bodies import chosen_engine
+from sim.vehicle import engines
+from sim.vehicle.engines import chosen_engine
 from survey.core.errors import ConfigError
 
 
 @pytest.fixture
 def installed(monkeypatch):
     def only(*modules):
-        monkeypatch.setattr(bodies, "find_spec", lambda name: name if name in modules else None)
+        monkeypatch.setattr(engines, "find_spec", lambda name: name if name in modules else None)
 
     return only
 
