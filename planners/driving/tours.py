@@ -55,8 +55,12 @@ def tour_length(items: IntArray, t: Transits) -> float:
 def _reverse(tour: Tour, first: int, last: int) -> None:
     """Drive a row of items in the opposite order and direction."""
     items, place = tour
-    row = items[first : last + 1][::-1] ^ 1
-    items[first : last + 1] = row
+    i, j = first, last
+    while i < j:
+        items[i], items[j] = items[j] ^ 1, items[i] ^ 1
+        i, j = i + 1, j - 1
+    if i == j:
+        items[i] ^= 1
     for i in range(first, last + 1):
         place[items[i] >> 1] = i
 
@@ -91,11 +95,13 @@ def _move(tour: Tour, first: int, n_items: int, target: int) -> None:
     """Take out a row of items and put it back where it then begins at `target`."""
     items, place = tour
     row = items[first : first + n_items].copy()
-    if target < first:
-        items[target + n_items : first + n_items] = items[target:first].copy()
-    else:
-        items[first:target] = items[first + n_items : target + n_items].copy()
-    items[target : target + n_items] = row
+    # Element by element: an assignment of slices takes five seconds more to compile.
+    for i in range(first - 1, target - 1, -1):
+        items[i + n_items] = items[i]
+    for i in range(first, target):
+        items[i] = items[i + n_items]
+    for i in range(n_items):
+        items[target + i] = row[i]
     for i in range(min(first, target), max(first, target) + n_items):
         place[items[i] >> 1] = i
 
@@ -174,8 +180,9 @@ def _kick(tour: Tour, numbers: FloatArray) -> list[int]:
     j = min(i + 1 + int(numbers[1] * _LONGEST_ROW), n - 1)
     k = min(j + 1 + int(numbers[2] * _LONGEST_ROW), n)
     ends = [items[i - 1] ^ 1, items[i], items[j - 1] ^ 1, items[j], items[k - 1] ^ 1, items[k % n]]
-    items[i:k] = np.concatenate((items[j:k], items[i:j]))
+    row = np.concatenate((items[j:k], items[i:j]))
     for m in range(i, k):
+        items[m] = row[m - i]
         place[items[m] >> 1] = m
     return ends
 
@@ -198,11 +205,10 @@ def improved(items: IntArray, t: Transits, kicks: FloatArray) -> IntArray:
         _descend(tour, _kick(tour, kicks[kick]), t)
         length = tour_length(row, t)
         if length < best - _GAIN_M:
-            best = length
-            shortest[:] = row
+            best, shortest = length, row.copy()
         else:
-            row[:] = shortest
             for i in range(n):
+                row[i] = shortest[i]
                 place[row[i] >> 1] = i
     return shortest
 
