@@ -1,21 +1,15 @@
 """No data file opens a connection or reads a file other than its own, whatever stands in it."""
 
-import json
 import os
 import socket
-import sqlite3
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
-import rasterio
-import shapely
-from affine import Affine
 from pyproj import CRS
 
 from sim.mission.runs import open_run, read_mission
@@ -24,20 +18,12 @@ from survey.core.errors import FirnlineError
 from survey.data.surface_points import SurfacePoints
 from survey.io.raster import band_count, raster_facts
 from survey.io.tracks import read_track
-from survey.io.vector import write_features
 from survey.scoring.blocks import score_files
+from tests.reliability.bait.places import UTM, Places, laid
+from tests.reliability.bait.rasters import RASTERS, tif, wms
+from tests.reliability.bait.vectors import ANSWERS, VECTORS, ogr_vrt
 
 pytestmark = pytest.mark.reliability
-
-UTM = "EPSG:32608"
-CANARY = 1234.5
-
-
-class Places(NamedTuple):
-    """Where the bait leads: an address that is listened to, and a file that must not be read."""
-
-    url: str
-    canary: Path
 
 
 @pytest.fixture
@@ -66,266 +52,6 @@ def contacts() -> Iterator[tuple[str, list[bytes]]]:
         thread.join()
 
 
-def tif(path: Path, value: float = 1.0) -> Path:
-    profile = {"height": 40, "width": 40, "count": 1, "dtype": "float32", "crs": UTM}
-    place = Affine(10.0, 0.0, 0.0, 0.0, -10.0, 400.0)
-    with rasterio.open(path, "w", driver="GTiff", transform=place, **profile) as target:
-        target.write(np.full((40, 40), value, dtype=np.float32), 1)
-    return path
-
-
-def wms(url: str) -> str:
-    return (
-        f'<GDAL_WMS><Service name="TMS"><ServerUrl>{url}/${{z}}/${{x}}/${{y}}.png</ServerUrl></Service><DataWindow>'
-        "<UpperLeftX>0</UpperLeftX><UpperLeftY>400</UpperLeftY><LowerRightX>400</LowerRightX><LowerRightY>0</LowerRightY>"
-        "<TileLevel>1</TileLevel><SizeX>40</SizeX><SizeY>40</SizeY></DataWindow><Projection>EPSG:32608</Projection>"
-        "<BandsCount>1</BandsCount><DataType>Float32</DataType></GDAL_WMS>"
-    )
-
-
-def vrt(source: str, band: str = "") -> str:
-    return (
-        f'<VRTDataset rasterXSize="40" rasterYSize="40"><SRS>{UTM}</SRS><GeoTransform>0,10,0,400,0,-10</GeoTransform>'
-        f'<VRTRasterBand dataType="Float32" band="1" {band}><SimpleSource>'
-        f'<SourceFilename relativeToVRT="0">{source}</SourceFilename>'
-        "<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"
-    )
-
-
-Bait = Callable[[Path, Places], Path]
-RASTERS: dict[str, Bait] = {}
-VECTORS: dict[str, Bait] = {}
-
-
-def raster_bait(bait: Bait) -> Bait:
-    RASTERS[bait.__name__] = bait
-    return bait
-
-
-def text_bait(kinds: dict[str, Bait], name: str, file: str, text: Callable[[Places], str]) -> None:
-    def write(folder: Path, places: Places) -> Path:
-        (folder / file).write_text(text(places))
-        return folder / file
-
-    kinds[name] = write
-
-
-for ending in ("tif", "asc", "nc", "hgt", "bil", "vrt"):
-    text_bait(RASTERS, f"wms_as_{ending}", f"a.{ending}", lambda p: wms(p.url))
-for ending in ("tif", "asc", "nc", "vrt"):
-    text_bait(
-        RASTERS, f"vrt_with_address_as_{ending}", f"a.{ending}", lambda p: vrt(f"/vsicurl/{p.url}/x.tif")
-    )
-text_bait(RASTERS, "vrt_with_plain_address", "a.vrt", lambda p: vrt(f"{p.url}/x.tif"))
-text_bait(RASTERS, "vrt_with_streamed_address", "a.vrt", lambda p: vrt(f"/vsicurl_streaming/{p.url}/x.tif"))
-text_bait(RASTERS, "vrt_with_wms_inside", "a.vrt", lambda p: vrt(wms(p.url).replace("<", "&lt;")))
-text_bait(RASTERS, "vrt_with_archive", "a.vrt", lambda p: vrt(f"/vsizip//vsicurl/{p.url}/x.zip/x.tif"))
-text_bait(
-    RASTERS,
-    "vrt_with_raw_file",
-    "a.vrt",
-    lambda p: vrt(str(p.canary), 'subClass="VRTRawRasterBand"'),
-)
-text_bait(
-    RASTERS,
-    "vrt_with_python",
-    "a.vrt",
-    lambda p: vrt(str(p.canary), 'subClass="VRTDerivedRasterBand"').replace(
-        "<SimpleSource>",
-        "<PixelFunctionType>f</PixelFunctionType><PixelFunctionLanguage>Python</PixelFunctionLanguage>"
-        f"<PixelFunctionCode>import urllib.request; urllib.request.urlopen('{p.url}')</PixelFunctionCode><SimpleSource>",
-    ),
-)
-text_bait(
-    RASTERS,
-    "vrt_with_entity",
-    "a.vrt",
-    lambda p: f'<!DOCTYPE x [<!ENTITY e SYSTEM "{p.url}/e">]>' + vrt("&e;"),
-)
-
-
-@raster_bait
-def vrt_of_a_vrt_with_address(folder: Path, places: Places) -> Path:
-    (folder / "inner.vrt").write_text(vrt(f"/vsicurl/{places.url}/inner.tif"))
-    (folder / "a.vrt").write_text(vrt(str(folder / "inner.vrt")))
-    return folder / "a.vrt"
-
-
-@raster_bait
-def vrt_of_a_tif_that_is_wms(folder: Path, places: Places) -> Path:
-    (folder / "tile.tif").write_text(wms(places.url))
-    (folder / "a.vrt").write_text(vrt(str(folder / "tile.tif")))
-    return folder / "a.vrt"
-
-
-@raster_bait
-def tif_with_wms_as_mask(folder: Path, places: Places) -> Path:
-    (folder / "a.tif.msk").write_text(wms(places.url))
-    return tif(folder / "a.tif")
-
-
-@raster_bait
-def tif_with_wms_as_overviews(folder: Path, places: Places) -> Path:
-    (folder / "a.tif.ovr").write_text(wms(places.url))
-    return tif(folder / "a.tif")
-
-
-@raster_bait
-def tif_with_address_of_overviews(folder: Path, places: Places) -> Path:
-    with rasterio.open(tif(folder / "a.tif"), "r+") as target:
-        target.update_tags(ns="OVERVIEWS", OVERVIEW_FILE=f"/vsicurl/{places.url}/o.tif")
-    return folder / "a.tif"
-
-
-@raster_bait
-def tif_with_address_in_its_metadata_file(folder: Path, places: Places) -> Path:
-    item = f'<MDI key="OVERVIEW_FILE">/vsicurl/{places.url}/o.tif</MDI>'
-    (folder / "a.tif.aux.xml").write_text(
-        f'<PAMDataset><Metadata domain="OVERVIEWS">{item}</Metadata></PAMDataset>'
-    )
-    return tif(folder / "a.tif")
-
-
-@raster_bait
-def netcdf_with_values_in_another_file(folder: Path, places: Places) -> Path:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(folder / "a.nc", "w") as file:
-        file.create_dataset("z", (40, 40), "f8", external=[(str(places.canary), 0, h5py.h5f.UNLIMITED)])
-    return folder / "a.nc"
-
-
-@raster_bait
-def netcdf_with_link_to_another_file(folder: Path, places: Places) -> Path:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(folder / "other.h5", "w") as file:
-        file["z"] = np.full((40, 40), CANARY)
-    with h5py.File(folder / "a.nc", "w") as file:
-        file["z"] = h5py.ExternalLink(str(folder / "other.h5"), "z")
-    return folder / "a.nc"
-
-
-def geojson(crs: object) -> str:
-    square = shapely.geometry.mapping(shapely.box(0, 0, 400, 400))
-    feature = {"type": "Feature", "properties": {}, "geometry": square}
-    return json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]})
-
-
-def pipeline(p: Places) -> str:
-    return json.dumps(
-        {
-            "type": "gdal_streamed_alg",
-            "command_line": f"gdal vector pipeline ! read /vsicurl/{p.url}/g.geojson",
-        }
-    )
-
-
-def kml(p: Places, inside: str, before: str = "") -> str:
-    return f'{before}<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{inside}</Document></kml>'
-
-
-def ogr_vrt(p: Places) -> str:
-    return (
-        f'<OGRVRTDataSource><OGRVRTLayer name="x"><SrcDataSource>/vsicurl/{p.url}/v.geojson</SrcDataSource>'
-        "</OGRVRTLayer></OGRVRTDataSource>"
-    )
-
-
-for ending in ("geojson", "json", "kml", "gpx", "gpkg", "shp", "fgb"):
-    text_bait(VECTORS, f"ogr_vrt_as_{ending}", f"a.{ending}", ogr_vrt)
-for ending in ("geojson", "kml"):
-    text_bait(
-        VECTORS,
-        f"wfs_as_{ending}",
-        f"a.{ending}",
-        lambda p: f"<OGRWFSDataSource><URL>{p.url}/wfs</URL></OGRWFSDataSource>",
-    )
-text_bait(VECTORS, "pipeline_as_geojson", "a.geojson", pipeline)
-text_bait(VECTORS, "pipeline_as_json", "a.json", pipeline)
-text_bait(
-    VECTORS,
-    "linked_crs",
-    "a.geojson",
-    lambda p: geojson({"type": "link", "properties": {"href": f"{p.url}/c", "type": "ogcwkt"}}),
-)
-text_bait(
-    VECTORS,
-    "linked_crs_with_escapes",
-    "a.geojson",
-    lambda p: geojson({"type": "link", "properties": {"href": f"{p.url}/c"}}).replace('"crs"', '"\\u0063rs"'),
-)
-text_bait(
-    VECTORS,
-    "crs_by_address",
-    "a.geojson",
-    lambda p: geojson({"type": "url", "properties": {"url": f"{p.url}/c"}}),
-)
-text_bait(
-    VECTORS,
-    "crs_named_by_address",
-    "a.geojson",
-    lambda p: geojson({"type": "name", "properties": {"name": f"{p.url}/c"}}),
-)
-text_bait(
-    VECTORS,
-    "crs_named_by_path",
-    "a.geojson",
-    lambda p: geojson({"type": "name", "properties": {"name": str(p.canary)}}),
-)
-text_bait(
-    VECTORS,
-    "network_link",
-    "a.kml",
-    lambda p: kml(p, f"<NetworkLink><Link><href>{p.url}/n.kml</href></Link></NetworkLink>"),
-)
-text_bait(
-    VECTORS,
-    "entity_in_kml",
-    "a.kml",
-    lambda p: kml(
-        p,
-        "<Placemark><name>&e;</name><Point><coordinates>1,2</coordinates></Point></Placemark>",
-        f'<!DOCTYPE k [<!ENTITY e SYSTEM "{p.url}/e">]>',
-    ),
-)
-text_bait(
-    VECTORS,
-    "entity_in_gpx",
-    "a.gpx",
-    lambda p: (
-        f'<!DOCTYPE k [<!ENTITY e SYSTEM "{p.canary}">]><gpx version="1.1"><wpt lat="1" lon="2"><name>&e;</name></wpt></gpx>'
-    ),
-)
-text_bait(
-    VECTORS,
-    "gml_with_schema",
-    "a.kml",
-    lambda p: (
-        '<gml:FeatureCollection xmlns:gml="http://www.opengis.net/gml" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
-        f'xsi:schemaLocation="http://x {p.url}/s.xsd"/>'
-    ),
-)
-
-
-def geopackage_with_virtual_table(folder: Path, places: Places) -> Path:
-    write_features(folder / "a.gpkg", [shapely.box(0, 0, 400, 400)], {}, CRS(UTM), layer="a")
-    database = sqlite3.connect(folder / "a.gpkg")
-    database.execute("PRAGMA writable_schema=1")
-    sql = f"CREATE VIRTUAL TABLE v USING VirtualOGR('/vsicurl/{places.url}/v.geojson')"
-    database.execute(
-        "INSERT INTO sqlite_master(type,name,tbl_name,rootpage,sql) VALUES('table','v','v',0,?)", (sql,)
-    )
-    database.execute(
-        "INSERT INTO gpkg_contents(table_name,data_type,identifier,srs_id) VALUES('v','attributes','v',0)"
-    )
-    database.commit()
-    database.close()
-    return folder / "a.gpkg"
-
-
-VECTORS["geopackage_with_virtual_table"] = geopackage_with_virtual_table
-ANSWERS = {"geopackage_with_virtual_table"}  # the layer with the outline is read, the table is not
-
-
 def refused(read: Callable[[], object]) -> bool:
     try:
         read()
@@ -334,17 +60,10 @@ def refused(read: Callable[[], object]) -> bool:
     return False
 
 
-def bait(write: Bait, folder: Path, url: str) -> Path:
-    canary = folder / "canary" / "canary.bin"
-    canary.parent.mkdir()
-    canary.write_bytes(np.full((40, 40), CANARY).tobytes())
-    return write(folder, Places(url, canary))
-
-
 @pytest.mark.parametrize("name", RASTERS)
 def test_no_raster_leads_elsewhere(name: str, tmp_path: Path, contacts: tuple[str, list[bytes]]) -> None:
     url, found = contacts
-    file = bait(RASTERS[name], tmp_path, url)
+    file = laid(RASTERS[name], tmp_path, url)
     good = tif(tmp_path / "good.tif")
     for read in (
         lambda: Dem.read(file, crs=UTM),
@@ -361,7 +80,7 @@ def test_no_raster_leads_elsewhere(name: str, tmp_path: Path, contacts: tuple[st
 @pytest.mark.parametrize("name", VECTORS)
 def test_no_vector_file_leads_elsewhere(name: str, tmp_path: Path, contacts: tuple[str, list[bytes]]) -> None:
     url, found = contacts
-    file = bait(VECTORS[name], tmp_path, url)
+    file = laid(VECTORS[name], tmp_path, url)
     for read in (
         lambda: SurveyArea.read(file, crs=UTM),
         lambda: SurfacePoints.read(file, crs=UTM),
@@ -391,7 +110,7 @@ def test_no_crs_of_a_point_file_leads_elsewhere(
         (folder / "a.ply").write_text(header.format(crs.format(url=places.url, canary=places.canary)))
         return folder / "a.ply"
 
-    assert refused(lambda: SurfacePoints.read(bait(write, tmp_path, url)))
+    assert refused(lambda: SurfacePoints.read(laid(write, tmp_path, url)))
     assert found == []
 
 
