@@ -3,14 +3,18 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-pythons lint types imports check docs
+.PHONY: demo test test-exhaustive test-pythons lint types imports check docs
 
 demo: $(VENV)/.ready
 	$(BIN)/firnline run examples/srtm_ridge.toml
 	$(BIN)/firnline run examples/short_drive.toml
 
 test: $(VENV)/.ready
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist loadfile
+
+# Hundreds of random sites, every command killed, many kills: claims that `make test` holds on fewer cases.
+test-exhaustive: $(VENV)/.ready
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist loadfile -m exhaustive
 
 # Every Python of the machine: the wheel, a smoke set of tests, both demos.
 test-pythons:

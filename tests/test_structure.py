@@ -1,7 +1,9 @@
 """Structure of the code: sizes of folders, files and functions, and names that stand for one thing.
 
 A function's length is that of its body: lines after the signature, without the docstring, blank lines
-and comments. A file's length counts all its lines but those of docstrings. ``python -m tests.test_structure`` prints the measures.
+and comments. The docstrings are not counted because numpydoc sections make those of public functions longer than
+their bodies. A file's length counts all its lines but those of docstrings; with them, nine files of ten have at most
+250. ``python -m tests.test_structure`` prints the measures.
 """
 
 import ast
@@ -14,7 +16,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim")
 MOST_FILES = 15
-FILE_P90 = 220
+FILE_P90, FILE_P90_WITH_DOCSTRINGS = 220, 250
 FUNCTION_P90 = 17
 LONGEST_FUNCTION = 45
 
@@ -84,6 +86,8 @@ def test_every_class_name_stands_for_one_class():
 
 def test_files_are_short():
     assert np.percentile(list(file_lengths().values()), 90) <= FILE_P90
+    raw = [len(lines) for _, _, lines in trees()]
+    assert np.percentile(raw, 90) <= FILE_P90_WITH_DOCSTRINGS
 
 
 def test_functions_are_short():

@@ -1,4 +1,4 @@
-"""What must hold on any site: checked on hundreds of random ones with holes, thin necks and islands.
+"""What must hold on any site: checked on random ones with holes, thin necks and islands.
 
 "Reachable" is read so: ground that a way joins to the start. Of that, a point may be farther
 than half a spacing from every swath only in a piece that is no longer than one spacing along
@@ -8,6 +8,7 @@ leaving the ground.
 """
 
 import importlib.util
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -39,6 +40,8 @@ _spec.loader.exec_module(sites)
 
 pytestmark = pytest.mark.property
 
+Claim = Callable[..., None]
+
 SPACING_M = 15.0
 # Swaths are laid to half a spacing exactly; a circle drawn with 64 corners is 0.12 % too small.
 SLACK_M = 0.002 * SPACING_M
@@ -46,6 +49,19 @@ SLACK_M = 0.002 * SPACING_M
 seeds = st.integers(0, 2**32 - 1)
 headings = st.sampled_from([0.0, 90.0, 17.0, 63.5, 121.0, 170.0])
 quick = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "derandomize": True}
+
+
+def on_few_and_on_many_sites(few: int, many: int, *strategies: st.SearchStrategy) -> Callable[[Claim], Claim]:
+    """Check a claim on few sites in the suite, and on many in the exhaustive one."""
+
+    def tested(claim: Claim) -> Claim:
+        def test(n_sites: int) -> None:
+            settings(max_examples=n_sites, **quick)(given(*strategies)(claim))()
+
+        exhaustive = pytest.param(many, marks=pytest.mark.exhaustive)
+        return pytest.mark.parametrize("n_sites", [few, exhaustive])(test)
+
+    return tested
 
 
 def planned(
@@ -62,8 +78,7 @@ def metres(legs: tuple[Leg, ...], kind: str) -> float:
     return sum(leg.length_m for leg in legs if leg.kind == kind)
 
 
-@settings(max_examples=500, **quick)
-@given(seeds, headings)
+@on_few_and_on_many_sites(40, 500, seeds, headings)
 def test_no_metre_leaves_the_ground_and_all_that_is_reachable_is_swept(seed: int, heading_deg: float) -> None:
     site = sites.random_site(seed)
     if seed % 2:
@@ -107,8 +122,7 @@ def _spanning_tree_m(swaths: list[np.ndarray]) -> float:
     return total
 
 
-@settings(max_examples=40, **quick)
-@given(seeds, st.sampled_from([0.0, 30.0, 90.0]))
+@on_few_and_on_many_sites(6, 40, seeds, st.sampled_from([0.0, 30.0, 90.0]))
 def test_moving_turning_or_mirroring_the_site_does_the_same_to_the_plan(seed: int, turn_deg: float) -> None:
     site = sites.largest_part(sites.random_site(seed))
     _, swaths, legs = planned(site, 0.0)
@@ -127,8 +141,7 @@ def test_moving_turning_or_mirroring_the_site_does_the_same_to_the_plan(seed: in
         )
 
 
-@settings(max_examples=25, **quick)
-@given(seeds, st.integers(2, 4))
+@on_few_and_on_many_sites(5, 25, seeds, st.integers(2, 4))
 def test_several_rovers_take_between_an_equal_share_and_one_rover(seed: int, n_rovers: int) -> None:
     ground = FreeGround(sites.largest_part(sites.random_site(seed, 80.0)))
     swaths = swaths_on(ground, SPACING_M, 90.0)
@@ -146,8 +159,7 @@ def test_several_rovers_take_between_an_equal_share_and_one_rover(seed: int, n_r
     assert together["time_s"] <= alone["time_s"] + 1e-6
 
 
-@settings(max_examples=25, **quick)
-@given(seeds, st.floats(8.0, 25.0), st.sampled_from([0.0, 3.0]))
+@on_few_and_on_many_sites(5, 25, seeds, st.floats(8.0, 25.0), st.sampled_from([0.0, 3.0]))
 def test_no_metre_is_steeper_than_the_rover_can_stand(seed: int, limit_deg: float, radius_m: float) -> None:
     grid = Grid((-150.0, -150.0, 290.0, 150.0), 10.0, "EPSG:32608")
     bumps = np.random.default_rng(seed).uniform([-120.0, -120.0, 5.0], [250.0, 120.0, 25.0], (6, 3))

@@ -1,12 +1,16 @@
-"""A full disk or a forbidden place ends in one sentence; what was finished before stays whole."""
+"""A full disk or a forbidden place ends in one sentence; complete stages stay as they were."""
 
 import resource
 import subprocess
 import sys
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
+from click.testing import Result
+from typer.testing import CliRunner
 
+from sim.cli.main import app
 from survey.core.runs.store import STAGES
 
 MISSION = """
@@ -30,21 +34,23 @@ length_scale_m = 40.0
 """
 
 
-def run(
-    folder: Path, *, largest_file_bytes: int | None = None, runs: str = "runs"
-) -> subprocess.CompletedProcess[str]:
-    """Run the mission; files beyond the size fail to be written, as on a full disk."""
-
-    def limit() -> None:
-        if largest_file_bytes is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file_bytes, largest_file_bytes))
-
-    command = [sys.executable, "-m", "sim.cli.main", "run", "m.toml", "--runs", runs, "-q"]
-    return subprocess.run(command, cwd=folder, preexec_fn=limit, capture_output=True, text=True, check=False)
+@contextmanager
+def largest_file(n_bytes: int) -> Iterator[None]:
+    """Let files beyond the size fail to be written, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def said(result: subprocess.CompletedProcess[str]) -> str:
-    assert result.returncode == 3, result.stderr
+def run(runs: str = "runs", until: str = "report") -> Result:
+    return CliRunner().invoke(app, ["run", "m.toml", "--runs", runs, "--until", until, "-q"])
+
+
+def said(result: Result) -> str:
+    assert result.exit_code == 3, result.stderr
     assert "Traceback" not in result.stderr
     # GDAL may add warnings of its own; firnline says one sentence.
     (sentence,) = [line for line in result.stderr.splitlines() if line.startswith("firnline: ")]
@@ -52,18 +58,22 @@ def said(result: subprocess.CompletedProcess[str]) -> str:
 
 
 @pytest.mark.reliability
-@pytest.mark.parametrize(("largest_file_bytes", "last_whole_stage"), [(9_000, 0), (150_000, 5)])
-def test_a_full_disk_is_told_and_the_mission_goes_on_afterwards(
-    tmp_path, largest_file_bytes, last_whole_stage
+@pytest.mark.parametrize(
+    ("n_bytes", "last_complete_stage", "until"), [(9_000, 0, "plan"), (150_000, 5, "report")]
+)
+def test_a_full_disk_is_named_and_the_mission_goes_on_afterwards(
+    tmp_path, monkeypatch, n_bytes, last_complete_stage, until
 ):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "m.toml").write_text(MISSION)
     # 9 kB hold no GeoPackage, 150 kB hold everything but the report's pictures.
-    sentence = said(run(tmp_path, largest_file_bytes=largest_file_bytes))
-    assert "space" in sentence
+    with largest_file(n_bytes):
+        result = run()
+    assert "space" in said(result)
     folder = next(p for p in (tmp_path / "runs" / "small").iterdir() if not p.is_symlink())
     stages = sorted(p.name for p in folder.iterdir() if p.is_dir())
-    assert stages == [f"{n}-{name}" for n, name in enumerate(STAGES[:last_whole_stage], start=1)]
-    assert run(tmp_path).returncode == 0
+    assert stages == [f"{n}-{name}" for n, name in enumerate(STAGES[:last_complete_stage], start=1)]
+    assert run(until=until).exit_code == 0
 
 
 @pytest.mark.reliability
@@ -84,6 +94,7 @@ def test_a_raster_that_does_not_fit_is_refused(tmp_path):
 
 
 @pytest.mark.reliability
-def test_a_forbidden_place_is_refused(tmp_path):
+def test_a_forbidden_place_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "m.toml").write_text(MISSION)
-    assert "could not be written" in said(run(tmp_path, runs="/proc/firnline"))
+    assert "could not be written" in said(run("/proc/firnline"))

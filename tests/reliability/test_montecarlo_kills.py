@@ -11,9 +11,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
+from sim.cli.main import app
 from sim.executors import run_on_dask
 from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
@@ -82,28 +84,24 @@ def undisturbed(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.reliability
-def test_killed_parents_and_workers_change_no_byte(tmp_path):
-    (tmp_path / "s.toml").write_text(STUDY.format(trials=400))
-    killed_again_and_again(tmp_path, 3)
-    assert bytes_of(tmp_path / "runs" / "small") == undisturbed(tmp_path)
-
-
-@pytest.mark.reliability
 @pytest.mark.timeout(3600)  # every kill costs a start
-@pytest.mark.skipif(
-    "FIRNLINE_KILLS" not in os.environ, reason="set FIRNLINE_KILLS to a number of kills, e.g. 20"
+@pytest.mark.parametrize(
+    ("n_kills", "trials"), [(2, 200), pytest.param(20, 1500, marks=pytest.mark.exhaustive)]
 )
-def test_many_kills_change_no_byte(tmp_path):
-    (tmp_path / "s.toml").write_text(STUDY.format(trials=1500))
-    killed_again_and_again(tmp_path, int(os.environ["FIRNLINE_KILLS"]))
+def test_killed_parents_and_workers_change_no_byte(tmp_path, n_kills, trials):
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=trials))
+    killed_again_and_again(tmp_path, n_kills)
     assert bytes_of(tmp_path / "runs" / "small") == undisturbed(tmp_path)
 
 
 @pytest.mark.reliability
 @pytest.mark.filterwarnings("ignore")  # dask and tornado warn while their workers are being killed
-def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path):
+@pytest.mark.parametrize(
+    ("killed_after", "trials"), [((1,), 100), pytest.param((1, 3), 300, marks=pytest.mark.exhaustive)]
+)
+def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path, killed_after, trials):
     distributed = pytest.importorskip("distributed")
-    (tmp_path / "s.toml").write_text(STUDY.format(trials=300))
+    (tmp_path / "s.toml").write_text(STUDY.format(trials=trials))
     study = read_study(tmp_path / "s.toml")
     blocks = blocks_of(study)
     expected = {block: survey_block(study, block) for block in blocks}
@@ -112,9 +110,9 @@ def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path):
         distributed.Client(cluster, set_as_default=False) as client,
     ):
         results = {}
-        for block, trials in run_on_dask(client, partial(survey_block, study), blocks):
-            results[block] = trials
-            if len(results) in (1, 3):
+        for block, done in run_on_dask(client, partial(survey_block, study), blocks):
+            results[block] = done
+            if len(results) in killed_after:
                 (victim, *_) = client.run(os.getpid).values()
                 os.kill(victim, signal.SIGKILL)
     assert results == expected
@@ -161,16 +159,17 @@ def test_a_scheduler_that_dies_is_named(tmp_path):
 
 
 @pytest.mark.reliability
-def test_a_full_disk_is_refused_and_the_study_goes_on_afterwards(tmp_path):
+def test_a_full_disk_is_refused_and_the_study_goes_on_afterwards(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "s.toml").write_text(STUDY.format(trials=50))
 
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
-
-    command = [*MONTECARLO, "--engine", "serial"]
-    result = subprocess.run(
-        command, cwd=tmp_path, preexec_fn=limit, capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 3, result.stderr
+    command = [*MONTECARLO[3:], "--engine", "serial"]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
+    try:
+        result = CliRunner().invoke(app, command)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert result.exit_code == 3, result.stderr
     assert "free space" in result.stderr
-    assert subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+    assert CliRunner().invoke(app, command).exit_code == 0
