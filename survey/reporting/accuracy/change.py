@@ -8,7 +8,7 @@ from shapely import MultiPolygon, Polygon
 from survey.figures.change import change_map
 from survey.reporting.accuracy.methods import HUSS, NUTH, ROLSTAD
 from survey.reporting.accuracy.parts import ReportSetting, facts_table, methods_section
-from survey.reporting.document import Document, DrawnFigure, Section, Table
+from survey.reporting.document import Chapter, Document, DrawnFigure, Table
 from survey.reporting.quantities import MINUS, number, percent
 from survey.scoring.change.results import Change
 
@@ -45,10 +45,10 @@ def change_report(
     )
     cited = [ROLSTAD, HUSS] + ([NUTH] if change.shift is not None else [])
     sections = (
-        Section("Result", paragraphs=_sentences(facts), tables=(_volumes(facts),)),
-        Section("Map", figures=(figure,)),
-        Section("What was compared", tables=(_inputs(setting, change, facts),)),
-        Section("Assumptions", paragraphs=(*change.notes, _assumption(facts))),
+        Chapter("Result", paragraphs=_sentences(facts), tables=(_volumes(facts), _masses(facts))),
+        Chapter("Map", figures=(figure,)),
+        Chapter("What was compared", tables=(_inputs(setting, change, facts),)),
+        Chapter("Assumptions", paragraphs=(*change.notes, _assumption(facts))),
         methods_section(cited),
     )
     return Document("Change report", setting.title, setting.subtitle, sections, setting.signature)
@@ -68,13 +68,11 @@ def _volumes(facts: Mapping[str, Any]) -> Table:
         "Outline",
         "Area [m²]",
         "Mapped",
-        "Mean change [m]",
+        "Change [m]",
         "Volume [m³]",
         "σ [m³]",
-        "95 % from [m³]",
+        "95 % from",
         "to [m³]",
-        "Mass [t]",
-        "σ [t]",
     )
     rows = tuple(
         (
@@ -83,11 +81,24 @@ def _volumes(facts: Mapping[str, Any]) -> Table:
             percent(row["known_share"]),
             number(row["mean_change_m"]),
             *(_round(row[f"volume_{key}_m3"]) for key in ("change", "std", "low_95", "high_95")),
-            *(_round(row[f"mass_{key}_kg"] / 1000.0) for key in ("change", "std")),
         )
         for row in facts["volumes"]
     )
-    return Table("volumes", "Change within each outline", headings, rows)
+    return Table("volumes", "Change of height and volume within each outline", headings, rows)
+
+
+def _masses(facts: Mapping[str, Any]) -> Table:
+    headings = ("Outline", "Mass [t]", "σ [t]", "Balance [m w.e.]", "σ [m w.e.]")
+    rows = tuple(
+        (
+            row["name"],
+            *(_round(row[f"mass_{key}_kg"] / 1000.0) for key in ("change", "std")),
+            number(row["specific_mass_balance_m_we"]),
+            number(row["specific_std_m_we"]),
+        )
+        for row in facts["volumes"]
+    )
+    return Table("masses", "Change of mass within each outline", headings, rows)
 
 
 def _inputs(setting: ReportSetting, change: Change, facts: Mapping[str, Any]) -> Table:
@@ -117,7 +128,7 @@ def _shift(shift: Mapping[str, float] | None) -> str:
 
 def _shown(value: Any) -> str:
     if isinstance(value, list | tuple):
-        return ", ".join(_shown(item) for item in value)
+        return ", ".join(_shown(item) for item in value) or "none"
     if isinstance(value, dict):
         return ", ".join(f"{name} {_shown(item)}" for name, item in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -14,7 +14,7 @@ from survey.reporting.accuracy.parts import (
     methods_section,
     statistics_facts,
 )
-from survey.reporting.document import Document, DrawnFigure, Section, Table
+from survey.reporting.document import Chapter, Document, DrawnFigure, Table
 from survey.reporting.document.content import Statement
 from survey.reporting.quantities import number, percent
 from survey.reporting.statements import statement, template
@@ -67,12 +67,12 @@ def checkpoint_report(
     )
     grouped = tuple(class_table(name, rows) for name, rows in (classes or {}).items())
     sections = [
-        Section("Accuracy statement", _statements(score, setting.language), _notes(score)),
-        Section("What was compared", tables=(_inputs(setting, dem, errors),)),
-        Section("Error statistics", tables=(_statistics(score),), figures=figures),
-        *([Section("Errors by class of ground", tables=grouped)] if grouped else []),
-        Section("Distribution of the checkpoints", paragraphs=_spread(errors)),
-        Section("Residuals", tables=(_residuals(errors),)),
+        Chapter("Accuracy statement", _statements(score, setting.language), _notes(score)),
+        Chapter("What was compared", tables=(_inputs(setting, dem, errors),)),
+        Chapter("Error statistics", tables=(_statistics(score),), figures=figures),
+        *([Chapter("Errors by class of ground", tables=grouped)] if grouped else []),
+        Chapter("Distribution of the checkpoints", paragraphs=_spread(errors)),
+        Chapter("Residuals", tables=(_residuals(errors),)),
         methods_section([*(BY_STANDARD[it.standard] for it in score.assessments), HOEHLE]),
     ]
     return Document("Accuracy report", setting.title, setting.subtitle, tuple(sections), setting.signature)

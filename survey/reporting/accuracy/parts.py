@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from survey.core.arrays import FloatArray
 from survey.figures.residuals import residual_histogram, residual_quantiles
-from survey.reporting.document import DrawnFigure, Section, Table
+from survey.reporting.document import Chapter, DrawnFigure, Table
 from survey.reporting.quantities import number, percent
 from survey.reporting.statements import template
 from survey.scoring.accuracy import ErrorStatistics
@@ -104,6 +104,6 @@ def class_table(name: str, rows: Sequence[ClassScore]) -> Table:
     return Table(f"by_{name}", f"Errors by class: {name.replace('_', ' ')}", headings, cells)
 
 
-def methods_section(cited: Sequence[str]) -> Section:
+def methods_section(cited: Sequence[str]) -> Chapter:
     """Return the section of citations, each once."""
-    return Section("Methods and standards cited", paragraphs=tuple(dict.fromkeys(cited)))
+    return Chapter("Methods and standards cited", paragraphs=tuple(dict.fromkeys(cited)))

@@ -15,7 +15,7 @@ from survey.reporting.accuracy.parts import (
     methods_section,
     statistics_facts,
 )
-from survey.reporting.document import Document, DrawnFigure, Section, Table
+from survey.reporting.document import Chapter, Document, DrawnFigure, Table
 from survey.reporting.quantities import number, percent
 from survey.scoring.class_scores import ClassScore
 from survey.scoring.score import Score
@@ -68,13 +68,13 @@ def reference_report(
     )
     grouped = tuple(class_table(name, rows) for name, rows in (classes or {}).items())
     sections = [
-        Section("What was compared", tables=(_inputs(setting, surveyed.mean, score),)),
-        Section(
+        Chapter("What was compared", tables=(_inputs(setting, surveyed.mean, score),)),
+        Chapter(
             "Error statistics", tables=(facts_table("statistics", "Errors, map minus reference", _facts(score)),)
         ),
-        Section("Figures", figures=figures),
-        *([Section("Errors by class of ground", tables=grouped)] if grouped else []),
-        Section("Classes of the RMSE", paragraphs=(_NO_STATEMENT, score.verdicts[0].note), tables=(_classes(score),)),
+        Chapter("Figures", figures=figures),
+        *([Chapter("Errors by class of ground", tables=grouped)] if grouped else []),
+        Chapter("Classes of the RMSE", paragraphs=(_NO_STATEMENT, score.verdicts[0].note), tables=(_classes(score),)),
         methods_section([HOEHLE]),
     ]  # fmt: skip
     return Document("Accuracy report", setting.title, setting.subtitle, tuple(sections), setting.signature)

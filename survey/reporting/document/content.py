@@ -54,8 +54,8 @@ class DrawnFigure(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Section:
-    """Section of a document.
+class Chapter:
+    """Chapter of a document.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Document:
         What it is about.
     subtitle : str
         Line below the title, with date and program.
-    sections : tuple of Section
+    sections : tuple of Chapter
         In order.
     signature : tuple of str
         Labels of the lines to fill in by hand.
@@ -99,7 +99,7 @@ class Document:
     kind: str
     title: str
     subtitle: str
-    sections: tuple[Section, ...]
+    sections: tuple[Chapter, ...]
     signature: tuple[str, ...] = ()
 
     @property

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from survey.core.arrays import FloatArray
 from survey.figures.sheets.frame import LEFT_IN, RIGHT_IN, WIDTH_IN, Column, Page
 from survey.figures.style import MUTED, styled
-from survey.reporting.document.content import Document, DrawnFigure, Section, Statement, Table
+from survey.reporting.document.content import Chapter, Document, DrawnFigure, Statement, Table
 
 _ROOM_IN = WIDTH_IN - LEFT_IN - RIGHT_IN
 _GAP_IN = 0.2
@@ -58,7 +58,7 @@ class _Pages:
         return self.pages[-1]
 
 
-def _add_section(pages: _Pages, section: Section) -> None:
+def _add_section(pages: _Pages, section: Chapter) -> None:
     page = pages.with_room(1.6)
     page.top_in -= 0.14
     page.heading(section.heading)
@@ -105,8 +105,11 @@ def _columns(table: Table) -> list[Column]:
     wanted = [n / _LETTERS_PER_INCH + 0.12 for n in longest]
     excess = sum(wanted) - (_ROOM_IN - gaps_in)
     if excess > 0.0:
+        # The widest column gives way first, down to twice the mean width; then all of them.
         widest = wanted.index(max(wanted))
-        wanted[widest] = max(wanted[widest] - excess, 1.0)
+        wanted[widest] = max(wanted[widest] - excess, min(wanted[widest], 2.0 * _ROOM_IN / len(wanted)))
+        shrunk = min((_ROOM_IN - gaps_in) / sum(wanted), 1.0)
+        wanted = [shrunk * width for width in wanted]
     return [
         Column(heading, width, "left" if k < table.n_text_columns else "right")
         for k, (heading, width) in enumerate(zip(table.headings, wanted, strict=True))
