@@ -11,6 +11,8 @@ _UNKNOWN_START_M = 100.0
 _UNKNOWN_HEADING_DEG = 5.0
 UNKNOWN_MEMORY_S = 500.0
 """Correlation time of the fixes' errors of a receiver of which nothing is known; on a glacier 220 to 900 s [s]."""
+UNKNOWN_CLOCK_S = 0.5
+"""Offset between the clocks of a receiver and of images of which nothing is known: transport and buffering [s]."""
 
 
 class ImageOdometryErrors(Section):
@@ -106,6 +108,9 @@ class LocalizationConfig(Section):
     """Independent horizontal error of each fix [m]."""
     gps_vertical_factor: PositiveFloat = 1.7
     """Vertical over horizontal error of the fixes."""
+    clock_sigma_s: NonNegativeFloat = 0.0
+    """Offset between the clocks of fixes and images [s]; unless set, 0.5 s for images whose start was not surveyed.
+    0 where one clock stamps both, as with hardware triggers."""
     barometer_drift_sigma_m: PositiveFloat = 1.0
     """Drift of the pressure altitude by weather [m]."""
     barometer_correlation_time_s: PositiveFloat = 1800.0

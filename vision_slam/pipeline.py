@@ -11,14 +11,13 @@ from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from vision_slam.config import UNKNOWN_MEMORY_S, LocalizationConfig
+from vision_slam.config import UNKNOWN_CLOCK_S, UNKNOWN_MEMORY_S, LocalizationConfig
 from vision_slam.fusion.base_station import stated_errors
 from vision_slam.fusion.disagreement import fitted_memory_s, reconcile
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
 from vision_slam.fusion.sanity_checks import (
     check_start_by_fixes,
-    clock_sigma_s,
     fix_delay_s,
     refuse_swapped_images,
     remove_repeated_fixes,
@@ -42,7 +41,8 @@ from vision_slam.rotation import quaternions
 _DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
 
 _MANY_REFUSED = 3
-_CLOCK_S = 0.1
+_CLOCK_SIGMAS = 2.0
+_SURVEY_GRADE_M = 0.1
 _BETTER = 0.1  # share of the fixes that are at least as good as the errors that are assumed
 
 
@@ -101,11 +101,12 @@ def localize(
         return kinematic_survey(recording, settings)
     visual = visual or process_images(recording, visual_config, progress)
     drive = measure_motion(recording, settings, visual)
-    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay, warn_of_clock):
+    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay):
         drive = step(drive)
     drive = widen_errors(drive)
     accepted = add_loop_closures(fit_memory(drop_refused_fixes(drive)))
     path = smooth(accepted.recording, accepted.path, accepted.config)
+    accepted = note_delay(accepted, path)
     points = place_landmarks(accepted.recording, path, accepted.config)
     return Localization(
         _trajectory(accepted, path, drive.is_contradicted),
@@ -180,7 +181,7 @@ def measure_motion(
         Odometry without sightings, images that could not be followed, or fixes that cannot
         give a scale.
     """
-    settings = _stated(recording, config if recording.start_is_surveyed else _foreign(config))
+    settings = _stated(recording, config if recording.start_is_surveyed else _foreign(config, visual))
     if visual is None:
         if recording.odometry is None or recording.sightings is None:
             raise InputError(
@@ -197,9 +198,13 @@ def measure_motion(
     return Drive(with_images, image_config(settings, visual.scale_drift_sigma), visual, visual.notes)
 
 
-def _foreign(config: LocalizationConfig) -> LocalizationConfig:
-    """Return the configuration for a recording of others: unknown start, and unless set a memory of minutes."""
+def _foreign(config: LocalizationConfig, visual: VisualOdometry | None) -> LocalizationConfig:
+    """Return the configuration for a recording of others: unknown start, and unless set a memory of minutes and two clocks."""
     changed: dict[str, object] = {"start": "unknown"}
+    claimed_m = float(np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m))
+    is_survey_grade = claimed_m < _SURVEY_GRADE_M  # such receivers state hardware time
+    if visual is not None and not is_survey_grade and "clock_sigma_s" not in config.model_fields_set:
+        changed["clock_sigma_s"] = UNKNOWN_CLOCK_S
     if "gps_correlation_time_s" not in config.model_fields_set:
         changed["gps_correlation_time_s"] = UNKNOWN_MEMORY_S
     return config.model_copy(update=changed)
@@ -279,13 +284,15 @@ def correct_delay(drive: Drive) -> Drive:
     """
     if drive.is_interrupted:
         return drive
-    delay_s = fix_delay_s(gate_fixes(drive.recording, drive.online), drive.path, drive.config)
-    if delay_s != 0.0:
+    one_clock = drive.config.model_copy(update={"clock_sigma_s": 0.0})
+    least_s = _CLOCK_SIGMAS * drive.config.clock_sigma_s  # what is less is estimated with the path
+    delay_s = fix_delay_s(gate_fixes(drive.recording, drive.online), drive.path, one_clock)
+    if abs(delay_s) > least_s:
         return _shifted(drive, delay_s)
     if drive.online.n_refused < _MANY_REFUSED:
         return drive
-    delay_s = fix_delay_s(drive.recording, drive.path, drive.config)
-    if delay_s == 0.0:
+    delay_s = fix_delay_s(drive.recording, drive.path, one_clock)
+    if abs(delay_s) <= least_s:
         return drive
     moved = _shifted(drive, delay_s)
     return moved if moved.online.n_refused <= 0.5 * drive.online.n_refused else drive
@@ -299,22 +306,6 @@ def _shifted(drive: Drive, delay_s: float) -> Drive:
     return moved.noted(f"the fixes are about {abs(delay_s):.1f} s {late} in time")
 
 
-def warn_of_clock(drive: Drive) -> Drive:
-    """Note an offset between the clocks of fixes and images that the drive cannot show."""
-    if drive.is_interrupted or drive.visual is None or drive.recording.start_is_surveyed:
-        return drive
-    sigma_s = clock_sigma_s(gate_fixes(drive.recording, drive.online), drive.path, drive.config)
-    time_s = drive.recording.odometry.time_s
-    speed_m_s = float(np.linalg.norm(drive.recording.odometry.step, axis=1).sum() / (time_s[-1] - time_s[0]))
-    claimed_m = float(np.hypot(drive.config.gps_bias_sigma_m, drive.config.gps_white_sigma_m))
-    if sigma_s * speed_m_s <= claimed_m:
-        return drive
-    return drive.noted(
-        f"straight on at constant speed nothing shows an offset between the clocks of fixes and images; {_CLOCK_S:g} s "
-        f"would be {_CLOCK_S * speed_m_s:.1f} m along the path, which its standard deviations leave out"
-    )
-
-
 def widen_errors(drive: Drive) -> Drive:
     """Widen the errors of the odometry where it and the fixes disagree beyond both claims."""
     if drive.is_interrupted:
@@ -324,6 +315,19 @@ def widen_errors(drive: Drive) -> Drive:
         return drive
     widened = replace(drive, config=agreement.config, used=agreement.used)
     return widened if agreement.gain == 0.0 else widened.noted(agreement.note)
+
+
+def note_delay(drive: Drive, path: SmoothedPath) -> Drive:
+    """Note the estimated delay of the fixes where it, or its standard deviation along the path, exceeds their errors."""
+    time_s, step = drive.recording.odometry.time_s, drive.recording.odometry.step
+    speed_m_s = float(np.linalg.norm(step, axis=1).sum() / (time_s[-1] - time_s[0]))
+    claimed_m = float(np.hypot(drive.config.gps_bias_sigma_m, drive.config.gps_white_sigma_m))
+    if max(abs(path.delay_s), path.delay_sigma_s) * speed_m_s <= claimed_m:
+        return drive
+    return drive.noted(
+        f"the clock of the fixes is late by {path.delay_s:.2f} ± {path.delay_sigma_s:.2f} s against that of the images, "
+        f"{path.delay_sigma_s * speed_m_s:.1f} m along the path, which its standard deviations contain"
+    )
 
 
 def drop_refused_fixes(drive: Drive) -> Drive:

@@ -10,6 +10,7 @@ from vision_slam.fusion.nodes import Nodes
 from vision_slam.fusion.normal_equations import (
     BIAS,
     DATUM,
+    DELAY,
     DRIFT,
     FORCE_PITCH,
     FORCE_ROLL,
@@ -182,15 +183,20 @@ def _add_gps(
     system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
     position, left = differenced_fixes(recording, config)
-    time_s = recording.gps.time_s
+    time_s = recording.gps.time_s - along.delay_s
     mast = rotations(along.odometry.attitude_rad)[:, :, 2] * recording.antenna_height_m
     at_fix = np.column_stack(
         [np.interp(time_s, along.odometry.time_s, column) for column in (along.dead_reckoned + mast).T]
     )
     ratio = stated_errors(recording.gps, config)
     weight = (ratio**-2.0)[:, None]
+    velocity = along.velocity(time_s) if system.has_delay else np.zeros_like(at_fix)
+    off = at_fix - position
+    if system.has_delay:
+        off += _beyond_ends(along, time_s, velocity) + along.delay_s * velocity
+        system.add_prior(DELAY, config.clock_sigma_s)
     # Fixes at one node are averaged by their weights; bias and white error are as much larger as stated.
-    parts = np.column_stack([weight * (at_fix - position), weight * ratio[:, None], weight])
+    parts = np.column_stack([weight * off, weight * ratio[:, None], weight, weight * velocity])
     node, mean, count = along.averaged(time_s, parts)
     shared = mean[:, 4]
     mean = mean / shared[:, None]
@@ -199,9 +205,18 @@ def _add_gps(
     white = left.gps_white_sigma_m / np.sqrt(count * shared)
     for axis in range(3):
         factor = config.gps_vertical_factor if axis == 2 else 1.0
-        terms = [(unknown(node, E + axis), one), (unknown(node, BIAS + axis), -larger)]
+        terms: list[Term] = [(unknown(node, E + axis), one), (unknown(node, BIAS + axis), -larger)]
+        if system.has_delay:
+            terms.append((np.array(DELAY), mean[:, 5 + axis]))
         system.add(terms, mean[:, axis], factor * white)
         system.add_gauss_markov(BIAS + axis, memory, factor * left.gps_bias_sigma_m)
+
+
+def _beyond_ends(along: Nodes, time_s: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return how far the path goes on (N, 3) [m] at times before its first pose or after its last."""
+    beyond_s = time_s - np.clip(time_s, *along.odometry.time_s[[0, -1]])
+    further: FloatArray = beyond_s[:, None] * velocity
+    return further
 
 
 def _add_barometer(

@@ -110,18 +110,26 @@ class Hypotheses:
         return walked / (walked + noise)
 
     def correct(
-        self, fix: FloatArray, gate: float, rng: np.random.Generator, error_ratio: float = 1.0
+        self,
+        fix: FloatArray,
+        gate: float,
+        rng: np.random.Generator,
+        error_ratio: float = 1.0,
+        along_m: FloatArray | None = None,
     ) -> bool:
         """Update by a fix (3,) [m]; return whether it passed the gate.
 
         A fix whose squared Mahalanobis distance from all likely hypotheses exceeds the gate
-        changes nothing. Its bias and white error are those of the model times `error_ratio`.
+        changes nothing. Its bias and white error are those of the model times `error_ratio`;
+        `along_m` (3,) is the error by the clock of the fixes, in the frame of the odometry.
         """
         sees = _SEES_FIX.copy()
         sees[:, _BIAS] *= error_ratio
         innovation = self._innovation(fix, sees)
         seen = self._covariance @ sees.T
         spread = sees @ seen + np.diag(error_ratio**2 * self._model.fix_variance)
+        if along_m is not None:
+            spread += np.outer(along_m, along_m)
         precision = np.asarray(np.linalg.inv(spread), dtype=np.float64)
         misfit = np.einsum("ni,ni->n", innovation @ precision, innovation)
         if misfit[self._log_weight > self._log_weight.max() - _COUNTS].min() > gate:

@@ -11,19 +11,22 @@ from vision_slam.rotation import rotations
 
 # Readings this long before the first pose or after the last count as taken at it: rovers stand there.
 _BESIDE_S = 1.0
+_HALF_S = 0.25
 
 
 @dataclass(frozen=True)
 class Nodes:
     """The nodes among the poses of the odometry, its dead_reckoned path, and a guess (K, PER_NODE) of their unknowns.
 
-    How steps answer to attitude and scale is taken about that guess.
+    How steps answer to attitude and scale is taken about that guess, and how fixes answer to their
+    delay about ``delay_s``.
     """
 
     odometry: Odometry
     dead_reckoned: FloatArray
     index: IntArray
     guess: FloatArray
+    delay_s: float = 0.0
 
     @property
     def time_s(self) -> FloatArray:
@@ -54,6 +57,18 @@ class Nodes:
         attitude = self.odometry.attitude_rad[:-1] - off
         steps = np.einsum("nij,nj->ni", rotations(attitude), self.odometry.step)
         return steps * (1.0 - wrong[SCALE])[:, None], attitude[:, 2]
+
+    def velocity(self, time_s: FloatArray) -> FloatArray:
+        """Return the velocity (N, 3) [m/s] at some times, about the guess, averaged over half a second."""
+        steps, _ = self.guessed
+        path = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+        poses_s = self.odometry.time_s
+        ends = [np.clip(time_s + half_s, *poses_s[[0, -1]]) for half_s in (-_HALF_S, _HALF_S)]
+        before, after = (
+            np.column_stack([np.interp(end_s, poses_s, axis) for axis in path.T]) for end_s in ends
+        )
+        velocity: FloatArray = (after - before) / np.maximum(ends[1] - ends[0], _HALF_S)[:, None]
+        return velocity
 
     def summed(self, values: FloatArray) -> FloatArray:
         """Sum what belongs to steps (N - 1, …) from node to node."""

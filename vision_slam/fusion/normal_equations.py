@@ -11,9 +11,10 @@ from survey.core.arrays import FloatArray, IntArray
 PER_NODE = 13
 """Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), barometer's drift, scale, slow part of yaw, gyro's bias."""
 E, YAW, PITCH, ROLL, BIAS, DRIFT, SCALE, HEADING, GYRO = 0, 3, 4, 5, 6, 9, 10, 11, 12
-MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-8, 0)
-"""Unknowns that all nodes share, counted from the end."""
+DELAY, MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-9, 0)
+"""Unknowns that all nodes share, counted from the end; the delay of the fixes is left out where it is known."""
 N_GLOBALS = 8
+"""Number of shared unknowns without the delay of the fixes."""
 
 Term = tuple[IntArray, FloatArray]
 
@@ -23,6 +24,7 @@ class NormalEquations:
     """Rows ``Σ coefficient · unknown = value ± sigma``, and what they amount to."""
 
     n_nodes: int
+    has_delay: bool = False
     rows: list[IntArray] = field(default_factory=list)
     columns: list[IntArray] = field(default_factory=list)
     entries: list[FloatArray] = field(default_factory=list)
@@ -33,7 +35,7 @@ class NormalEquations:
     @property
     def n_unknowns(self) -> int:
         """Number of unknowns, globals included."""
-        return self.n_nodes * PER_NODE + N_GLOBALS
+        return self.n_nodes * PER_NODE + N_GLOBALS + self.has_delay
 
     def add(self, terms: list[Term], value: FloatArray, sigma: FloatArray) -> None:
         """Add rows; a term's columns and coefficients have one entry a row, or one for all."""

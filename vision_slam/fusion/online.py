@@ -19,6 +19,7 @@ from vision_slam.inertial.gyro import GyroErrors, gyro_residual_rad
 from vision_slam.rotation import quaternions, rotations
 
 _SET_OFF_M = 5.0
+_HALF_S = 0.25  # to either side, over which the velocity is taken
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ def filter_path(
 
     Where the heading at the start is not known to 1°, the odometry is rotated back to the
     compass; without a compass all headings are tried. Roll and pitch are not causal for
-    images: they are levelled by gravity over half a minute to either side.
+    images: they are levelled by gravity over half a minute to either side. The clock of the fixes
+    is not estimated: its error is one of each fix along the path, and of each pose.
     """
     poses_s = recording.odometry.time_s
     fixes, settings = differenced_fixes(recording, config)
@@ -80,20 +82,26 @@ def filter_path(
     events = _events(recording, measured is not None)
     walk = _Walk(recording, path, np.array([now_s for now_s, _, _ in events]), settings)
     accepted = np.zeros(len(antenna), dtype=np.bool_)
+    clock = None if settings.clock_sigma_s == 0.0 else _Clock(poses_s, path, settings.clock_sigma_s)
     estimates = []
     for k, (_, kind, index) in enumerate(events):
         walk.on(k, filtered)
         if kind == _POSE:
             estimates.append(filtered.estimate())
         elif kind == _FIX:
-            accepted[index] = filtered.correct(antenna[index], float(ratio[index]))
+            along_m = None if clock is None else clock.at(float(recording.gps.time_s[index]))
+            accepted[index] = filtered.correct(antenna[index], float(ratio[index]), along_m)
         else:
             filtered.correct_height(float(heights[index]))
+    covariance = np.array([now.covariance for now in estimates])
+    turned_rad = np.array([now.heading_rad for now in estimates])
+    if clock is not None:
+        covariance = covariance + clock.covariance(turned_rad)
     return OnlinePath(
         poses_s,
         np.array([now.position for now in estimates]),
-        np.array([now.covariance for now in estimates]),
-        np.array([now.heading_rad for now in estimates]) + back,
+        covariance,
+        turned_rad + back,
         np.array([now.is_lost for now in estimates]),
         accepted,
         sum(kind == _FIX for _, kind, _ in events),
@@ -134,6 +142,27 @@ def predicted_covariance(odometry: Odometry, config: LocalizationConfig) -> Floa
         filtered.move(step, seconds, metres, turn)
         covariance.append(filtered.estimate().covariance)
     return np.array(covariance)
+
+
+class _Clock:
+    """Error along a path (N, 3) [m] by the offset between the clocks of fixes and images."""
+
+    def __init__(self, time_s: FloatArray, path: FloatArray, sigma_s: float) -> None:
+        ends = [np.clip(time_s + half_s, *time_s[[0, -1]]) for half_s in (-_HALF_S, _HALF_S)]
+        before, after = (_at(end_s, time_s, path) for end_s in ends)
+        self._time_s = time_s
+        self._along_m = sigma_s * (after - before) / np.maximum(ends[1] - ends[0], _HALF_S)[:, None]
+
+    def at(self, time_s: float) -> FloatArray:
+        """Return the standard deviation (3,) at a time, in the direction of motion [m]."""
+        return _at(np.array([time_s]), self._time_s, self._along_m)[0]
+
+    def covariance(self, turned_rad: FloatArray) -> FloatArray:
+        """Return the covariances (N, 3, 3) of the poses, whose frames are turned by so much [m²]."""
+        level = np.zeros_like(turned_rad)
+        turn = rotations(np.column_stack([level, level, turned_rad]))
+        along_m = np.einsum("nij,nj->ni", turn, self._along_m)
+        return np.asarray(along_m[:, :, None] * along_m[:, None, :])
 
 
 _FIX, _HEIGHT, _POSE = range(3)

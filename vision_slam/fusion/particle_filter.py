@@ -146,7 +146,7 @@ class ParticleFilter:
             if hypotheses is not None:
                 hypotheses.roll(rolled_m, travel_m, abs(turned_rad))
 
-    def correct(self, fix: FloatArray, error_ratio: float = 1.0) -> bool:
+    def correct(self, fix: FloatArray, error_ratio: float = 1.0, along_m: FloatArray | None = None) -> bool:
         """Update the particles by a fix.
 
         Parameters
@@ -155,6 +155,8 @@ class ParticleFilter:
             Position of the body [m].
         error_ratio : float
             Errors of this fix over those that the configuration assumes.
+        along_m : (3,) ndarray, optional
+            Additional error by the clock of the fixes, in the frame of the odometry [m].
 
         Returns
         -------
@@ -164,12 +166,12 @@ class ParticleFilter:
         if self._current is None:
             self._current = Hypotheses.anywhere(fix, self._n, self._config, self._rng, error_ratio)
             return True
-        if self._current.correct(fix, _CONSISTENT, self._rng, error_ratio):
+        if self._current.correct(fix, _CONSISTENT, self._rng, error_ratio, along_m):
             self._alternative, self._n_jumps, self._contradicted_s = None, 0, 0.0
             return True
         self._n_jumps += 1
         if self._n_jumps >= _N_JUMPS:
-            self._test_alternative(self._current, fix, error_ratio)
+            self._test_alternative(self._current, fix, error_ratio, along_m)
         return False
 
     def correct_height(self, height_m: float) -> None:
@@ -208,10 +210,12 @@ class ParticleFilter:
             position, heading, self._current.scale(), covariance, bool(unsure or self._n_jumps > 1)
         )
 
-    def _test_alternative(self, here: Hypotheses, fix: FloatArray, error_ratio: float) -> None:
+    def _test_alternative(
+        self, here: Hypotheses, fix: FloatArray, error_ratio: float, along_m: FloatArray | None
+    ) -> None:
         """Update the alternative hypotheses by a refused fix; accept them once they are consistent."""
         alternative = self._alternative
-        if alternative is None or not alternative.correct(fix, _CONSISTENT, self._rng, error_ratio):
+        if alternative is None or not alternative.correct(fix, _CONSISTENT, self._rng, error_ratio, along_m):
             self._alternative = Hypotheses.anywhere(fix, self._n, self._config, self._rng, error_ratio)
             return
         heading, sureness = alternative.heading()

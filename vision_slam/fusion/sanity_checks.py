@@ -141,19 +141,6 @@ def fix_delay_s(recording: OdometryRecording, path: FloatArray, config: Localiza
     return delay_s
 
 
-def clock_sigma_s(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:
-    """Return how exactly the drive shows the delay of its fixes: its standard deviation by the likelihood [s].
-
-    Infinite where the likelihood does not fall to both sides, as on a straight line at constant speed.
-    """
-    shifts = _Shifts.of(recording, path, config)
-    if shifts is None:
-        return np.inf
-    lag_s = float(shifts.lags_s[-1])
-    bend = shifts.gain(lag_s) + shifts.gain(-lag_s)
-    return lag_s / float(np.sqrt(-bend)) if bend < 0.0 else np.inf
-
-
 @dataclass(frozen=True)
 class _Shifts:
     """A recording with only those fixes that no delay moves beyond its path, to compare delays."""

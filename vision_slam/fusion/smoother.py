@@ -3,7 +3,8 @@ r"""Batch smoother: sparse least squares for the slowly varying errors of the od
 At nodes k along the path the unknowns are the errors (estimated minus real) of position
 e, yaw ψ, of its slow part η, pitch θ, roll φ and scale s, the GPS bias b, the barometer's
 drift c and the gyro's bias β; the constant parts of pitch, roll and scale, the wheels' scale
-ω and skidding χ, the accelerometer's bias a and the barometer's datum c₀ are common to all.
+ω and skidding χ, the accelerometer's bias a and the barometer's datum c₀ are common to all, and so is
+the delay τ of the fixes where their clock is not known to be that of the odometry.
 With L the travel between nodes, t the time, and (u, v) = how the step answers to yaw and
 pitch:
 
@@ -13,7 +14,7 @@ pitch:
     g_k            = β̄ Δt − (ψ_{k+1} − ψ_k) + ν       (turn of the gyro beyond the odometry's)
     W_k − D_k      = D_k (ω − s̄) + χ |Δψ| + ν          (travel of the wheels, D that of the odometry,
                                                         both back again where the rover reverses)
-    p̃_k − z_k      = e_k − b_k + ν                     (GPS, ν white, b Gauss–Markov in time)
+    p̃_k − z_k      = e_k − b_k + τ v_k + ν             (GPS, ν white, b Gauss–Markov in time, v the velocity)
     p̃_{z,k} − h_k  = e_{z,k} − c_k − c₀ + ν            (barometer)
     θ̃_k − θ(g)_k   = θ_k − a_θ + ν                     (gravity; roll alike)
 
@@ -39,9 +40,10 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
+from vision_slam.fusion.clock_offset import delay_moments
 from vision_slam.fusion.error_terms import add_terms
 from vision_slam.fusion.nodes import Nodes
-from vision_slam.fusion.normal_equations import PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
+from vision_slam.fusion.normal_equations import DELAY, PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
 from vision_slam.fusion.pose_constraints import PoseConstraints, gate_constraints, pose_constraints
 
 logger = logging.getLogger(__name__)
@@ -51,6 +53,8 @@ _LONGER = 4.0
 _CONVINCING = 5.4
 # A swath of 600 m that turns by less bends by 2 cm; beyond that steps answer differently about the path that was found.
 _BENT_RAD = np.radians(0.5)
+# Fixes are compared with the path at their delayed time; a delay that changes by less bends it by millimetres.
+_LATER_S = 0.01
 _MOST_PASSES = 5
 _MOST_NODES = 2000
 
@@ -63,7 +67,8 @@ class SmoothedPath:
     (N, 6, 6) of position, yaw, pitch and roll [m, rad], ``error`` the joint posterior of
     the keyframes, ``n_constraints`` and ``n_refused`` the numbers of stakes and loop closures
     used and refused, ``gps_evidence`` the gain in log likelihood of a GPS correlation time
-    four times as long as assumed.
+    four times as long as assumed, ``delay_s`` and ``delay_sigma_s`` the delay of the fixes and its
+    standard deviation [s], 0 where one clock stamps fixes and odometry.
     """
 
     position: FloatArray
@@ -73,6 +78,8 @@ class SmoothedPath:
     n_constraints: int = 0
     n_refused: int = 0
     gps_evidence: float = 0.0
+    delay_s: float = 0.0
+    delay_sigma_s: float = 0.0
 
 
 def smooth(
@@ -83,6 +90,8 @@ def smooth(
     time_s = recording.odometry.time_s[nodes]
     posterior = _Posterior.of(recording, dead_reckoned, nodes, config)
     gain = _gain_if_longer(recording, dead_reckoned, nodes, config, posterior.log_evidence)
+    if config.clock_sigma_s > 0.0:
+        posterior = posterior.with_delay(*delay_moments(*posterior.delay(config), config.clock_sigma_s))
     constraints = pose_constraints(recording, dead_reckoned, time_s, posterior.chain.n_unknowns)
     accepted = gate_constraints(constraints, posterior.chain, posterior.estimate, config.tie_gate)
     posterior = posterior.with_constraints(accepted)
@@ -93,8 +102,14 @@ def smooth(
             len(constraints),
         )
     path = _corrected(recording, dead_reckoned, nodes, posterior)
+    delay_s, delay_sigma_s = posterior.delay(config)
     return replace(
-        path, n_constraints=len(accepted), n_refused=len(constraints) - len(accepted), gps_evidence=gain
+        path,
+        n_constraints=len(accepted),
+        n_refused=len(constraints) - len(accepted),
+        gps_evidence=gain,
+        delay_s=delay_s,
+        delay_sigma_s=delay_sigma_s,
     )
 
 
@@ -127,19 +142,21 @@ class _Posterior:
         nodes: IntArray,
         config: LocalizationConfig,
     ) -> "_Posterior":
-        guess = np.zeros((len(nodes), PER_NODE))
+        guess, delay_s = np.zeros((len(nodes), PER_NODE)), 0.0
         for _ in range(_MOST_PASSES):
-            along = Nodes(recording.odometry, dead_reckoned, nodes, guess)
+            along = Nodes(recording.odometry, dead_reckoned, nodes, guess, delay_s)
             found = cls._about(recording, along, config)
             estimate = found.estimate[: guess.size].reshape(guess.shape)
-            if np.abs(estimate - guess)[:, YAW].max() < _BENT_RAD:
+            found_s = found.delay(config)[0]
+            is_straight = np.abs(estimate - guess)[:, YAW].max() < _BENT_RAD
+            if is_straight and abs(found_s - delay_s) < _LATER_S:
                 break
-            guess = estimate
+            guess, delay_s = estimate, found_s
         return found
 
     @classmethod
     def _about(cls, recording: OdometryRecording, along: Nodes, config: LocalizationConfig) -> "_Posterior":
-        system = NormalEquations(len(along.index))
+        system = NormalEquations(len(along.index), has_delay=config.clock_sigma_s > 0.0)
         add_terms(system, recording, along, config)
         design, values = system.design, system.values
         information = sparse.csr_array(design.T @ design)
@@ -161,6 +178,28 @@ class _Posterior:
         )
         left: FloatArray = own - gain @ seen.transpose(0, 2, 1)
         return 0.5 * (left + left.transpose(0, 2, 1))
+
+    def with_delay(self, mean_s: float, sigma_s: float) -> "_Posterior":
+        """Return the posterior with another marginal of the delay; all else given the delay stays as it is."""
+        one = np.zeros((self.chain.n_unknowns, 1))
+        one[DELAY] = 1.0
+        answer = self.chain.solve(one)[:, 0]
+        variance = float(answer[DELAY])
+        estimate = self.estimate + answer * (mean_s - self.estimate[DELAY]) / variance
+        n = self.chain.n_unknowns
+        gained = np.array([sigma_s**-2.0 - 1.0 / variance])
+        added = sparse.csr_array((gained, ([n + DELAY], [n + DELAY])), shape=(n, n))
+        information = sparse.csr_array(self.information + added)
+        chain = BlockTridiagonal.of(sparse.coo_array(information), PER_NODE, len(self.chain.inverses))
+        return replace(self, chain=chain, information=information, estimate=estimate)
+
+    def delay(self, config: LocalizationConfig) -> tuple[float, float]:
+        """Return the delay of the fixes and its standard deviation [s]; 0 where it is no unknown."""
+        if config.clock_sigma_s == 0.0:
+            return 0.0, 0.0
+        one = np.zeros((self.chain.n_unknowns, 1))
+        one[DELAY] = 1.0
+        return float(self.estimate[DELAY]), float(np.sqrt(self.chain.solve(one)[DELAY, 0]))
 
     def with_constraints(self, constraints: PoseConstraints) -> "_Posterior":
         """Return the posterior with stakes and loop closures (Woodbury over the factorization)."""
@@ -189,12 +228,13 @@ def _nodes(path: FloatArray, odometry: Odometry, config: LocalizationConfig) -> 
 
 
 def node_spacing_m(length_m: float, config: LocalizationConfig) -> float:
-    """Return the travel between nodes, shorter than configured where the scale varies and fixes are precise.
+    """Return the travel between nodes, shorter than configured where fixes are precise.
 
     A fix counts as of the nearest node. Over half a spacing the error of the odometry shall vary
-    by less than half the white error of a fix.
+    by less than half the white error of a fix. Odometry of constant scale from a surveyed start has
+    the configured spacing.
     """
-    if config.scale_wander_sigma == 0.0:
+    if config.scale_wander_sigma == 0.0 and config.start == "surveyed":
         return config.node_spacing_m
     per_m = config.step_sigma_m**2 + 2.0 * config.scale_wander_m * config.scale_wander_sigma**2
     precise_m = 0.5 * config.gps_white_sigma_m**2 / per_m
