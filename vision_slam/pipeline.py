@@ -14,6 +14,7 @@ from survey.data.trajectory import Trajectory
 from vision_slam.config import UNKNOWN_CLOCK_S, UNKNOWN_MEMORY_S, LocalizationConfig
 from vision_slam.fusion.base_station import stated_errors
 from vision_slam.fusion.disagreement import fitted_memory_s, reconcile
+from vision_slam.fusion.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
 from vision_slam.fusion.sanity_checks import (
@@ -314,7 +315,21 @@ def widen_errors(drive: Drive) -> Drive:
     if np.array_equal(agreement.used, drive.online.accepted) and agreement.gain == 0.0:
         return drive
     widened = replace(drive, config=agreement.config, used=agreement.used)
-    return widened if agreement.gain == 0.0 else widened.noted(agreement.note)
+    if agreement.gain == 0.0:
+        return widened
+    if is_worse_than_fixes(drive.recording, drive.path, agreement.config):
+        return follow_fixes(drive)
+    return widened.noted(agreement.note)
+
+
+def follow_fixes(drive: Drive) -> Drive:
+    """Replace odometry that predicts the fixes worse than their neighbours do by lines between them."""
+    recording, config = along_fixes(drive.recording, drive.config)
+    followed = replace(drive, recording=recording, config=config)
+    return followed.noted(
+        "odometry and fixes disagree so much that lines between the fixes predict them better; the path is that of the fixes: "
+        "check focal length, lens distortion, order of the images and times"
+    )
 
 
 def note_delay(drive: Drive, path: SmoothedPath) -> Drive:

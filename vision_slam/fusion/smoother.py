@@ -91,7 +91,10 @@ def smooth(
     posterior = _Posterior.of(recording, dead_reckoned, nodes, config)
     gain = _gain_if_longer(recording, dead_reckoned, nodes, config, posterior.log_evidence)
     if config.clock_sigma_s > 0.0:
-        posterior = posterior.with_delay(*delay_moments(*posterior.delay(config), config.clock_sigma_s))
+        mean_s, sigma_s = delay_moments(*posterior.delay(config), config.clock_sigma_s)
+        if mean_s == 0.0:
+            posterior = _Posterior.of(recording, dead_reckoned, nodes, config, is_delay_linear=True)
+        posterior = posterior.with_delay(mean_s, sigma_s)
     constraints = pose_constraints(recording, dead_reckoned, time_s, posterior.chain.n_unknowns)
     accepted = gate_constraints(constraints, posterior.chain, posterior.estimate, config.tie_gate)
     posterior = posterior.with_constraints(accepted)
@@ -141,13 +144,14 @@ class _Posterior:
         dead_reckoned: FloatArray,
         nodes: IntArray,
         config: LocalizationConfig,
+        is_delay_linear: bool = False,
     ) -> "_Posterior":
         guess, delay_s = np.zeros((len(nodes), PER_NODE)), 0.0
         for _ in range(_MOST_PASSES):
             along = Nodes(recording.odometry, dead_reckoned, nodes, guess, delay_s)
             found = cls._about(recording, along, config)
             estimate = found.estimate[: guess.size].reshape(guess.shape)
-            found_s = found.delay(config)[0]
+            found_s = 0.0 if is_delay_linear else found.delay(config)[0]
             is_straight = np.abs(estimate - guess)[:, YAW].max() < _BENT_RAD
             if is_straight and abs(found_s - delay_s) < _LATER_S:
                 break

@@ -1,0 +1,100 @@
+"""Path of the fixes alone, for odometry that predicts fixes worse than their neighbours do."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray
+from survey.data.recording import OdometryRecording
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
+from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.smoother import smooth
+from vision_slam.rotation import rotations
+
+_LEAST_FIXES = 5
+_STEP_SIGMA_M = 0.3  # error of straight lines between fixes, per square root of a metre [m]
+
+
+def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> bool:
+    """Test by cross-validation whether the smoothed path predicts fixes worse than their neighbours do.
+
+    Every second fix is left out and predicted by the path smoothed with the others, and by linear
+    interpolation between the others; then the same with the other half.
+
+    Parameters
+    ----------
+    recording : OdometryRecording
+        Odometry and fixes.
+    path : (N, 3) ndarray
+        Dead-reckoned positions [m].
+    config : LocalizationConfig
+        Errors assumed of the sensors.
+
+    Returns
+    -------
+    bool
+        Whether the squared horizontal errors by the path sum to more; False for fewer than five fixes.
+    """
+    time_s, poses_s = recording.gps.time_s, recording.odometry.time_s
+    gps = recording.gps.select((time_s >= poses_s[0]) & (time_s <= poses_s[-1]))
+    if len(gps) < _LEAST_FIXES:
+        return False
+    by_path = by_fixes = 0.0
+    for first in (0, 1):
+        held = np.zeros(len(gps), dtype=np.bool_)
+        held[1 + first : -1 : 2] = True
+        smoothed = smooth(replace(recording, gps=gps.select(~held)), path, config).position
+        by_path += _squares(gps, held, poses_s, smoothed)
+        by_fixes += _squares(gps, held, gps.time_s[~held], gps.position[~held])
+    return by_path > by_fixes
+
+
+def along_fixes(
+    recording: OdometryRecording, config: LocalizationConfig
+) -> tuple[OdometryRecording, LocalizationConfig]:
+    """Replace the odometry by straight lines between the fixes, with the errors of such lines.
+
+    Roll and pitch stay; the heading is that of the lines.
+
+    Parameters
+    ----------
+    recording : OdometryRecording
+        Odometry and fixes.
+    config : LocalizationConfig
+        Errors assumed of the sensors.
+
+    Returns
+    -------
+    recording : OdometryRecording
+        Its path goes through the fixes.
+    config : LocalizationConfig
+        With the errors of straight lines between fixes.
+    """
+    odometry, gps = recording.odometry, recording.gps
+    level = _extended(odometry.time_s, gps) - [0.0, 0.0, recording.antenna_height_m]
+    steps = np.diff(level, axis=0)
+    attitude = odometry.attitude_rad.copy()
+    attitude[:-1, 2] = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    attitude[-1, 2] = attitude[-2, 2]
+    own = np.einsum("nji,nj->ni", rotations(attitude[:-1]), steps)
+    straight = Odometry(odometry.time_s, own, attitude)
+    errors = config.model_copy(update={"step_sigma_m": _STEP_SIGMA_M, "start": "unknown"})
+    return replace(recording, odometry=straight, start=level[0]), errors
+
+
+def _extended(time_s: FloatArray, gps: GpsFixes) -> FloatArray:
+    """Interpolate fixes; before the first and after the last go on at the mean velocity of a second or more."""
+    place = np.column_stack([np.interp(time_s, gps.time_s, axis) for axis in gps.position.T])
+    for end, other in ((0, min(2, len(gps) - 1)), (-1, max(-3, -len(gps)))):
+        velocity = (gps.position[end] - gps.position[other]) / (gps.time_s[end] - gps.time_s[other])
+        beyond_s = time_s - gps.time_s[end]
+        is_beyond = beyond_s < 0.0 if end == 0 else beyond_s > 0.0
+        place[is_beyond] += beyond_s[is_beyond, None] * velocity
+    return place
+
+
+def _squares(gps: GpsFixes, held: BoolArray, time_s: FloatArray, place: FloatArray) -> float:
+    """Return the sum of squared horizontal distances of the held-out fixes from a path [m²]."""
+    at = np.column_stack([np.interp(gps.time_s[held], time_s, axis) for axis in place[:, :2].T])
+    return float(((gps.position[held, :2] - at) ** 2).sum())
