@@ -13,7 +13,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.config import UNKNOWN_CLOCK_S, UNKNOWN_MEMORY_S, LocalizationConfig
 from vision_slam.fusion.base_station import stated_errors
-from vision_slam.fusion.disagreement import fitted_memory_s, reconcile
+from vision_slam.fusion.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
 from vision_slam.fusion.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
@@ -105,7 +105,7 @@ def localize(
     for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay):
         drive = step(drive)
     drive = widen_errors(drive)
-    accepted = add_loop_closures(fit_memory(drop_refused_fixes(drive)))
+    accepted = add_loop_closures(fit_turn_errors(fit_memory(drop_refused_fixes(drive))))
     path = smooth(accepted.recording, accepted.path, accepted.config)
     accepted = note_delay(accepted, path)
     points = place_landmarks(accepted.recording, path, accepted.config)
@@ -359,6 +359,14 @@ def fit_memory(drive: Drive) -> Drive:
     longer = drive.config.model_copy(update={"gps_correlation_time_s": memory_s})
     note = f"the errors of the fixes last longer than the {assumed_s:g} s assumed; {memory_s:g} s was used"
     return replace(drive, config=longer).noted(note)
+
+
+def fit_turn_errors(drive: Drive) -> Drive:
+    """Take a smaller error of turns for the images of others where precise fixes show it."""
+    if drive.visual is None or drive.recording.start_is_surveyed:
+        return drive
+    smaller_m = fitted_turn_sigma_m(drive.recording, drive.path, drive.config)
+    return replace(drive, config=drive.config.model_copy(update={"turn_sigma_m": smaller_m}))
 
 
 def add_loop_closures(drive: Drive) -> Drive:
