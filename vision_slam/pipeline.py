@@ -333,15 +333,16 @@ def follow_fixes(drive: Drive) -> Drive:
 
 
 def note_delay(drive: Drive, path: SmoothedPath) -> Drive:
-    """Note the estimated delay of the fixes where it, or its standard deviation along the path, exceeds their errors."""
+    """Note the estimated delay of the fixes where it, or its standard deviation along the path, exceeds half their errors."""
     time_s, step = drive.recording.odometry.time_s, drive.recording.odometry.step
     speed_m_s = float(np.linalg.norm(step, axis=1).sum() / (time_s[-1] - time_s[0]))
     claimed_m = float(np.hypot(drive.config.gps_bias_sigma_m, drive.config.gps_white_sigma_m))
-    if max(abs(path.delay_s), path.delay_sigma_s) * speed_m_s <= claimed_m:
+    if max(abs(path.delay_s), path.delay_sigma_s) * speed_m_s <= 0.5 * claimed_m:
         return drive
     return drive.noted(
-        f"the clock of the fixes is late by {path.delay_s:.2f} ± {path.delay_sigma_s:.2f} s against that of the images, "
-        f"{path.delay_sigma_s * speed_m_s:.1f} m along the path, which its standard deviations contain"
+        f"the offset between the clocks of fixes and images is {path.delay_s:.2f} ± {path.delay_sigma_s:.2f} s, "
+        f"{path.delay_sigma_s * speed_m_s:.1f} m along the path, which its standard deviations contain; set "
+        "localization.clock_sigma_s where it is known better"
     )
 
 

@@ -155,7 +155,8 @@ class _Clock:
 
     def at(self, time_s: float) -> FloatArray:
         """Return the standard deviation (3,) at a time, in the direction of motion [m]."""
-        return _at(np.array([time_s]), self._time_s, self._along_m)[0]
+        along_m: FloatArray = _at(np.array([time_s]), self._time_s, self._along_m)[0]
+        return along_m
 
     def covariance(self, turned_rad: FloatArray) -> FloatArray:
         """Return the covariances (N, 3, 3) of the poses, whose frames are turned by so much [m²]."""

@@ -13,7 +13,7 @@ from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.disagreement import fitted_memory_s, reconcile
+from vision_slam.fusion.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
@@ -119,3 +119,11 @@ def test_errors_of_fixes_that_last_longer_are_given_their_memory(
     assumed = LocalizationConfig(gps_bias_sigma_m=0.5, gps_white_sigma_m=0.1, gps_correlation_time_s=120.0)
     reckoned = dead_reckoning(recording.odometry, recording.start)
     assert fitted_memory_s(recording, reckoned, assumed) in expected_s
+
+
+def test_precise_fixes_show_that_turns_are_followed_better_than_assumed() -> None:
+    recording, path = _hook()
+    loose = RTK.model_copy(update={"turn_sigma_m": 0.2, "start": "unknown"})
+    assert fitted_turn_sigma_m(recording, path, loose) < 0.15
+    coarse = loose.model_copy(update={"gps_bias_sigma_m": 1.0, "gps_white_sigma_m": 0.5})
+    assert fitted_turn_sigma_m(recording, path, coarse) == 0.2

@@ -186,7 +186,10 @@ def smooth_without(recording: Recording, reckoned: np.ndarray) -> SmoothedPath:
 
 def test_nodes_lie_closer_where_fixes_are_more_precise_than_a_varying_scale() -> None:
     exact = LocalizationConfig(gps_white_sigma_m=0.02)
-    assert node_spacing_m(100.0, exact) == exact.node_spacing_m  # odometry whose scale does not vary
+    assert node_spacing_m(100.0, exact) == exact.node_spacing_m  # a constant scale, from a surveyed start
+    # Over half the spacing, steps of 6 mm/√m vary by half of 2 cm.
+    unknown = exact.model_copy(update={"start": "unknown"})
+    assert node_spacing_m(100.0, unknown) == pytest.approx(0.5 * 0.02**2 / 0.006**2)
     images = exact.model_copy(update=exact.images.model_dump())
     assert node_spacing_m(100.0, images) < 0.1
     assert node_spacing_m(2700.0, images) == 2700.0 / 2000.0
