@@ -109,6 +109,7 @@ class StudyConfig(Section):
     samples: SamplesConfig = SamplesConfig()
     rover: RoverConfig = RoverConfig()
     sensors: SensorConfig = SensorConfig()
+    """Errors of the statistical fidelity; in both, steered patterns follow attitudes with these errors."""
     localization: LocalizationConfig = LocalizationConfig()
     satellite: SatelliteConfig = SatelliteConfig()
 

@@ -13,14 +13,13 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from planners.prediction.error_model import places
-from planners.steering.attitude import AttitudeSensor
 from sim.config.mission import MissionConfig
 from sim.config.terrain import RandomTerrain
 from sim.montecarlo.blocks import Trial, TrialBlock
 from sim.montecarlo.config import Design, StudyConfig
 from sim.montecarlo.map_config import GivenMap, Map, ReconstructedMap, SearchedMap
 from sim.montecarlo.terrains import TrialTerrains
-from sim.simulate.sensed_attitude import sensed_attitude
+from sim.simulate.sensed_attitude import sensed_attitudes
 from sim.simulate.statistical import simulate_statistical
 from survey import Route
 from survey.core.arrays import FloatArray
@@ -69,20 +68,16 @@ def routes(world: TrialTerrains, design: Design) -> list[Driven]:
     steering = planners.steering_of(design.planner)
     if steering is None:
         return [Driven(design, route, everyone)]
-    rngs = [world.stream("steering", trial, design.label, design.swaths) for trial in world.trials]
-    if world.study.fidelity == "ideal":
-        driven = planners.rollout(world.area, route, steering, planners.attitude_sensor(world.dems), rngs)
-    else:
-        driven = [
-            planners.rollout(world.area, route, steering, _sensed(world, design, index), [rngs[index]])[0]
-            for index in everyone
-        ]
+    trials = [(trial, design.label, design.swaths) for trial in world.trials]
+    sense = sensed_attitudes(
+        planners.attitude_sensor(world.dems),
+        world.study.sensors,
+        world.study.rover.speed_m_s,
+        [world.stream("sensed attitude", *trial) for trial in trials],
+    )
+    rngs = [world.stream("steering", *trial) for trial in trials]
+    driven = planners.rollout(world.area, route, steering, sense, rngs)
     return [Driven(design, route, [index]) for index, route in enumerate(driven)]
-
-
-def _sensed(world: TrialTerrains, design: Design, index: int) -> AttitudeSensor:
-    """Return the attitude that the rover of one trial senses, with the errors of its sensors."""
-    return sensed_attitude(planners.attitude_sensor(world.dems[index]), _mission(world, design, index))
 
 
 def _planned(world: TrialTerrains, design: Design, index: int | None) -> Route:
@@ -223,17 +218,10 @@ def _localized(
     world: TrialTerrains, driven: Driven, index: int
 ) -> tuple[survey.Trajectory, survey.SurfacePoints]:
     """Return the path and the landmarks that one survey with sensors that err estimates."""
-    mission = _mission(world, driven.design, index)
-    recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
-    result = localize(recording, mission.assumed)
-    return result.trajectory, result.points
-
-
-def _mission(world: TrialTerrains, design: Design, index: int) -> MissionConfig:
-    """Return the mission of one trial of a design, with its own seed."""
+    design = driven.design
     seed = int(world.stream("sensors", world.trials[index], design.label, design.swaths).integers(2**62))
     study = world.study
-    return MissionConfig(
+    mission = MissionConfig(
         schema_version=1,
         name=study.name,
         seed=seed,
@@ -243,3 +231,6 @@ def _mission(world: TrialTerrains, design: Design, index: int) -> MissionConfig:
         sensors=study.sensors,
         localization=study.localization,
     )
+    recording, _ = simulate_statistical(world.dems[index], driven.route, mission)
+    result = localize(recording, mission.assumed)
+    return result.trajectory, result.points

@@ -47,12 +47,13 @@ STUDIES: dict[str, str] = {
     "carving-fig11": "sim.studies.carving.bounds_and_timing:figure_11",
     "carving-fig12": "sim.studies.carving.bounds_and_timing:figure_12",
     "carving-fig13": "sim.studies.carving.maps:figure_13",
+    "carving-algorithm1": "sim.studies.carving.comparison:algorithm_1",
 }
 """Study name → its function as ``module:function``, in the order of the papers."""
 
 LONG: dict[str, str] = {
-    "glacier-fig12": "two surveys of 2.7 km in images, about 25 minutes of CPU each; they go on where they were stopped",
-    "glacier-fig13": "the same two surveys, which are driven once",
+    "glacier-fig12": "ten surveys of about 2.7 km in images, about 25 minutes of CPU each; they continue where they were stopped",
+    "glacier-fig13": "the same ten surveys, which are driven once",
 }
 """Studies that take more than half an hour, and why."""
 

@@ -15,6 +15,7 @@ from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.scene import SceneryConfig
 from sim.config.terrain import RandomTerrain
 from sim.montecarlo.summary import SummaryRow, write_rows
+from sim.simulate.sensed_attitude import sensed_attitude
 from sim.simulate.statistical import simulate_statistical
 from sim.simulate.vision import simulate_vision
 from sim.studies.glacier.terrain_figures import (
@@ -67,14 +68,15 @@ def glacier_fig6(folder: Path, *, quick: bool, progress: Progress) -> None:  # n
 
 
 def glacier_fig7(folder: Path, *, quick: bool, progress: Progress) -> None:  # noqa: ARG001
-    """Draw a piecewise-continuous path over terrain whose trends are slow."""
-    world = build_world(_mission("statistical"))
+    """Draw a piecewise-continuous path over terrain whose trends are slow, steered by sensed roll and pitch."""
+    mission = _mission("statistical")
+    world = build_world(mission)
     config = planners.PiecewiseContinuousConfig(swaths=2)
     reference = planners.plan(world.area, world.prior, config)
     steering = planners.steering_of(config)
     if steering is None:
         raise TypeError("the piecewise-continuous pattern is steered")
-    sense = planners.attitude_sensor(world.terrain)
+    sense = sensed_attitude(planners.attitude_sensor(world.terrain), mission)
     driven = planners.rollout(world.area, reference, steering, sense, [stream(SEED, "fig7")])[0]
     write_quantized(
         folder / "piecewise_continuous_path.png", survey_map(world.terrain, area=world.area, route=driven)

@@ -7,7 +7,7 @@ from planners import PiecewiseContinuousConfig
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
 from sim.mission.stages import steered
-from sim.simulate.sensed_attitude import sensed_attitude
+from sim.simulate.sensed_attitude import sensed_attitude, sensed_attitudes
 from sim.world.site import build_world
 
 NO_ERRORS = {"tilt_sigma_deg": 0.0, "gps_bias_sigma_m": 0.0}
@@ -74,3 +74,19 @@ def test_the_route_follows_what_is_sensed_and_not_the_ground_itself() -> None:
         driven["errors"].shape != driven["ideal"].shape
         or np.abs(driven["errors"] - driven["ideal"]).max() > 1.0
     )
+
+
+def test_errors_of_a_rover_do_not_depend_on_others_nor_on_waiting_for_them() -> None:
+    sensors = SensorConfig(tilt_sigma_deg=1.0)
+
+    def driven(ways: list[np.ndarray], seeds: list[int]) -> np.ndarray:
+        sense = sensed_attitudes(level, sensors, 1.0, [np.random.default_rng(seed) for seed in seeds])
+        return np.array(
+            [sense(np.array(here), np.zeros(len(here))).roll_rad for here in zip(*ways, strict=True)]
+        )
+
+    straight = np.column_stack([10.0 * np.arange(8.0), np.zeros(8)])
+    waiting = straight[[0, 1, 2, 2, 2, 3, 4, 5]]
+    alone, beside = driven([straight], [3])[:, 0], driven([waiting, straight], [5, 3])
+    np.testing.assert_array_equal(beside[:, 1], alone)
+    np.testing.assert_array_equal(beside[[0, 1, 2, 5, 6, 7], 0], driven([straight], [5])[:6, 0])
