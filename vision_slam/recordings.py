@@ -26,6 +26,8 @@ def open_recording(
     crs: CRS | str | None = None,
     gps_shift_s: float = 0.0,
     scale_from_m: float | None = None,
+    columns: Sequence[str] = (),
+    frame_rate_hz: float | None = None,
 ) -> RecordedDrive:
     """Open a firnline recording, a ROS bag, or a folder of images, and check it.
 
@@ -45,6 +47,10 @@ def open_recording(
         Added to the times of the fixes [s].
     scale_from_m : float, optional
         Take the scale from the first metres of the layout's reference [m].
+    columns : sequence of str
+        Columns of a table of fixes by key, such as ``time=t,x=Easting``.
+    frame_rate_hz : float, optional
+        Images per second, for a folder of images without times.
 
     Returns
     -------
@@ -60,15 +66,18 @@ def open_recording(
     if not place.exists():
         raise InputError(f"{place} does not exist; check the path.")
     if (place / "recording.json").is_file():
-        if camera or topics or gps or crs or scale_from_m is not None:
+        if camera or topics or gps or crs or frame_rate_hz or scale_from_m is not None:
             raise ConfigError(
-                f"{place} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs and --scale-from out."
+                f"{place} is a recording with calibration, fixes and CRS of its own; leave --camera, --topic, --gps, --crs, --frame-rate and --scale-from out."
             )
         return _firnline_recording(place)
-    sequence = _read_images(place, topics, None if camera is None else Camera.read(camera))
+    if columns and gps is None:
+        raise ConfigError("--columns names columns of a table of fixes; name the table with --gps.")
+    lens = None if camera is None else Camera.read(camera)
+    sequence = _read_images(place, topics, lens, frame_rate_hz)
     if scale_from_m is not None:
         sequence = scale_by_reference(sequence, scale_from_m)
-    log = sequence.gps if gps is None else read_gps(gps)
+    log = sequence.gps if gps is None else read_gps(gps, columns)
     if log is not None:
         return _with_fixes(sequence, log, crs, gps_shift_s)
     if crs is not None or gps_shift_s != 0.0:
@@ -79,11 +88,18 @@ def open_recording(
     return RecordedDrive(sequence, notes, sequence.reference_time_s, sequence.reference)
 
 
-def _read_images(place: Path, topics: Sequence[str], camera: Camera | None) -> ImageSequence:
+def _read_images(
+    place: Path, topics: Sequence[str], camera: Camera | None, frame_rate_hz: float | None
+) -> ImageSequence:
     """Read a bag or a folder; refuse topics of a folder, and fewer than two images."""
     if topics and not is_bag(place):
         raise ConfigError(f"{place} is no bag and has no topics; leave --topic out.")
-    sequence = read_bag(place, topics, camera) if is_bag(place) else read_sequence(place, camera)
+    if is_bag(place):
+        if frame_rate_hz is not None:
+            raise ConfigError(f"{place} is a bag, whose images have times; leave --frame-rate out.")
+        sequence = read_bag(place, topics, camera)
+    else:
+        sequence = read_sequence(place, camera, frame_rate_hz)
     if len(sequence.frames) < 2:
         raise InputError(f"{place} holds one image; motion needs at least two.")
     return sequence
@@ -92,7 +108,7 @@ def _read_images(place: Path, topics: Sequence[str], camera: Camera | None) -> I
 def _with_fixes(sequence: ImageSequence, log: GpsLog, crs: CRS | str | None, shift_s: float) -> RecordedDrive:
     """Place images in the CRS of their fixes."""
     recording = georeference(sequence, log, crs, shift_s)
-    notes = (*sequence.notes, f"works in {recording.crs.name}")
+    notes = (*sequence.notes, *log.notes, f"works in {recording.crs.name}")
     if log.n_without_fix:
         notes += (f"{log.n_without_fix} records of the receiver without a fix are left out",)
     if sequence.wheels is None:

@@ -1,6 +1,8 @@
-"""GPS files: NMEA sentences, RTKLIB positions, GPX tracks, CSV tables."""
+"""GPS files: NMEA, RTKLIB, u-blox, Android GnssLogger, GPX tracks, tables."""
 
 import csv
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,6 +20,10 @@ from survey.core.files.reading import existing_file
 from survey.data.sensors.aiding import GpsFixes
 from survey.io.tables import read_table
 from survey.io.tracks import read_track
+from vision_slam.io.receivers.gnss_logger import read_gnss_logger
+from vision_slam.io.receivers.rows import ReceiverFixes
+from vision_slam.io.receivers.tables import read_fix_table
+from vision_slam.io.receivers.ublox import SYNC, read_ublox
 from vision_slam.io.rtklib import read_positions
 
 WGS84 = CRS.from_epsg(4326)
@@ -49,6 +55,8 @@ class GpsLog:
         What heights count from; ``""`` when the file does not state it.
     sigma_m : (N,) ndarray, optional
         Horizontal standard deviation of each fix [m], where the file states it or its quality.
+    notes : tuple of str
+        What the reader chose or left out, one sentence each.
     """
 
     time_s: FloatArray
@@ -58,6 +66,7 @@ class GpsLog:
     n_without_fix: int = 0
     vertical_datum: str = UNSTATED
     sigma_m: FloatArray | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def utm(self) -> CRS | None:
@@ -105,20 +114,23 @@ class GpsLog:
         return GpsFixes(self.time_s, np.column_stack([xy, self.place[:, 2]]), self.sigma_m), target
 
 
-def read_gps(path: str | Path) -> GpsLog:
+def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
     """Read a GPS file; records without a fix are left out and counted.
 
-    ``.gpx``; ``.csv`` with the columns time_s, easting_m, northing_m, height_m or time_s,
-    latitude_deg, longitude_deg, height_m, and with or without sigma_m; ``.pos`` of RTKLIB in
-    degrees; anything else is read as NMEA 0183, bare or as phones log it, of which the GGA
-    sentences give time of day, position, quality and height above the geoid, GST sentences the
-    standard deviation, and RMC sentences the date. Where no GST sentence states it, fixed RTK
-    solutions count as of 2 cm, float ones of 0.3 m.
+    ``.gpx``; ``.ubx`` of u-blox (NAV-PVT); RTKLIB's positions in degrees (``.pos``); logs of Android's
+    GnssLogger; tables with the columns time_s, easting_m, northing_m, height_m or time_s,
+    latitude_deg, longitude_deg, height_m, and with or without sigma_m, or with the usual names
+    of other programs (lat, lon, alt, timestamp, hAcc …); NMEA 0183, bare or as phones log
+    it, of which the GGA sentences give time of day, position, quality and height above the geoid, GST
+    sentences the standard deviation, and RMC sentences the date. Where no GST sentence states it,
+    fixed RTK solutions count as of 2 cm, float ones of 0.3 m. Other suffixes are recognized by their content.
 
     Parameters
     ----------
     path : str or pathlib.Path
         The file.
+    columns : sequence of str
+        Columns of a table by key, such as ``time=t,x=Easting``.
 
     Returns
     -------
@@ -129,17 +141,60 @@ def read_gps(path: str | Path) -> GpsLog:
     ------
     InputError
         Missing, damaged, or no fix at all.
+    ConfigError
+        Columns are named, and the file is no table.
     """
     file = existing_file(path, "the fixes")
-    if file.suffix.lower() == ".gpx":
-        time_s, place = read_track(file, WGS84)
-        return GpsLog(time_s + _GPX_EPOCH_S, place, is_dated=True)
-    if file.suffix.lower() == ".pos":
-        time_s, place, sigma_m = read_positions(file)
-        return GpsLog(time_s, place, is_dated=True, sigma_m=sigma_m)
-    if file.suffix.lower() == ".csv":
-        return _from_table(file)
-    return _from_nmea(file)
+    suffix = file.suffix.lower()
+    kind = suffix if suffix in _READERS and suffix != ".txt" else _kind_of(file)
+    if columns and kind != ".csv":
+        raise ConfigError(f"{file} is no table; leave --columns out.")
+    if columns or (kind == ".csv" and not _has_own_columns(file)):
+        return GpsLog(**read_fix_table(file, columns)._asdict())
+    return _READERS[kind](file)
+
+
+def _has_own_columns(file: Path) -> bool:
+    """Return whether a table has firnline's own names of columns."""
+    header = set(_header(file))
+    return set(_DEGREES) <= header or set(_METRES) <= header
+
+
+def _kind_of(file: Path) -> str:
+    """Return the suffix that fits the content of a file."""
+    with file.open("rb") as stream:
+        head = stream.read(_SNIFFED_BYTES)
+    if SYNC in head[:_SYNC_WITHIN]:
+        return ".ubx"
+    lines = [line.strip() for line in head.decode("utf-8", errors="replace").splitlines()]
+    if lines and "RINEX" in lines[0]:
+        raise InputError(
+            f"{file} holds raw observations (RINEX) and no positions; process them with RTKLIB and give its .pos file."
+        )
+    if any(line.startswith(("Fix,", "# Fix,")) for line in lines):
+        return ".txt"
+    if any("$G" in line and "," in line for line in lines):
+        return ".nmea"
+    plain = next((line for line in lines if line and not line.startswith(("%", "#"))), "")
+    if _RTKLIB_LINE.match(plain):
+        return ".pos"
+    has_header = any(mark in plain for mark in ",;\t") and any(map(str.isalpha, plain))
+    return ".csv" if has_header else ".nmea"
+
+
+def _from_gpx(file: Path) -> GpsLog:
+    time_s, place = read_track(file, WGS84)
+    return GpsLog(time_s + _GPX_EPOCH_S, place, is_dated=True)
+
+
+def _from_positions(file: Path) -> GpsLog:
+    time_s, place, sigma_m = read_positions(file)
+    return GpsLog(time_s, place, is_dated=True, sigma_m=sigma_m)
+
+
+def _log_of(read: Callable[[Path], ReceiverFixes]) -> Callable[[Path], GpsLog]:
+    """Return a reader of logs from a reader of fixes."""
+    return lambda file: GpsLog(**read(file)._asdict())
 
 
 def is_receiver_file(path: str | Path) -> bool:
@@ -282,3 +337,15 @@ def _checked_words(line: str, where: str) -> list[str]:
 def _degrees(text: str, n_digits: int) -> float:
     """Degrees of ddmm.mmmm or dddmm.mmmm."""
     return float(text[:n_digits]) + float(text[n_digits:]) / 60.0
+
+
+_SNIFFED_BYTES, _SYNC_WITHIN = 65536, 4096
+_RTKLIB_LINE = re.compile(r"(\d{4}[/-]\d{2}[/-]\d{2}[ ,]+\d{1,2}:\d{2}:|\d{4}[ ,]+\d{1,6}\.\d+[ ,])")
+_READERS: dict[str, Callable[[Path], GpsLog]] = {
+    ".gpx": _from_gpx,
+    ".pos": _from_positions,
+    ".ubx": _log_of(read_ublox),
+    ".csv": _from_table,
+    ".nmea": _from_nmea,
+    ".txt": _log_of(read_gnss_logger),
+}

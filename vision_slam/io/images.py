@@ -14,6 +14,7 @@ from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Image
+from vision_slam.io.photos.exif import read_photo
 
 PICTURES = (".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff")
 _END_MARKS = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}
@@ -26,19 +27,22 @@ class AnyImages:
     """Image files read when asked for; values of more than 8 bits are divided by 2 to the power `shift`.
 
     One divisor for all images of the sequence: scaling each image by itself would depend on
-    its brightest pixel.
+    its brightest pixel. JPEG images are turned upright as their EXIF orientation asks.
     """
 
     files: Sequence[Path]
     shift: int = 0
+    orientations: Sequence[int] = ()
 
     def __getitem__(self, index: int) -> Image:
-        return eight_bits(read_pixels(self.files[index]), self.shift, str(self.files[index]))
+        pixels = eight_bits(read_pixels(self.files[index]), self.shift, str(self.files[index]))
+        return upright(pixels, self.orientations[index]) if self.orientations else pixels
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was done to the pixels, in words."""
-        return (scaling_note(self.shift),) if self.shift else ()
+        scaled = (scaling_note(self.shift),) if self.shift else ()
+        return (*scaled, "images are turned upright by their EXIF") if self.orientations else scaled
 
 
 def images_of(files: Sequence[Path]) -> AnyImages:
@@ -59,7 +63,36 @@ def images_of(files: Sequence[Path]) -> AnyImages:
     deepest = 8
     if first.dtype == np.uint16:
         deepest = max(bits_used(read_pixels(files[index])) for index in sample)
-    return AnyImages(tuple(files), deepest - 8)
+    orientations = tuple(read_photo(file).orientation if is_jpeg(file) else 1 for file in files)
+    return AnyImages(tuple(files), deepest - 8, orientations if max(orientations) > 1 else ())
+
+
+def is_jpeg(file: Path) -> bool:
+    """Return whether a file is a JPEG image by its suffix.
+
+    Examples
+    --------
+    >>> is_jpeg(Path("DSC_0001.JPG")), is_jpeg(Path("1.png"))
+    (True, False)
+    """
+    return file.suffix.lower() in {".jpg", ".jpeg"}
+
+
+def upright(pixels: Image, orientation: int) -> Image:
+    """Return an image turned and mirrored as an EXIF orientation (1 to 8) asks.
+
+    Examples
+    --------
+    >>> upright(np.array([[1, 2]], np.uint8), 6).tolist(), upright(np.array([[1, 2]], np.uint8), 3).tolist()
+    ([[1], [2]], [[2, 1]])
+    """
+    if orientation >= 5:
+        pixels = np.swapaxes(pixels, 0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return np.ascontiguousarray(pixels)
 
 
 def scaling_note(shift: int) -> str:
@@ -124,12 +157,14 @@ def refuse_cut_off(path: Path) -> None:
 
 
 def refuse_other_sizes(files: Sequence[Path], camera: Camera) -> None:
-    """Refuse images that are not of the calibration's size, by their headers alone where they are PNG."""
+    """Refuse images that are not of the calibration's size, by their headers alone where they are PNG or JPEG."""
     for index, file in enumerate(files):
         with file.open("rb") as stream:
             head = stream.read(24)
         if head.startswith(b"\x89PNG"):
             size = struct.unpack(">II", head[16:24])
+        elif is_jpeg(file):
+            size = read_photo(file).upright_size
         elif index == 0:
             height, width = read_pixels(file).shape[:2]
             size = (width, height)

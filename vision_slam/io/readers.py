@@ -1,16 +1,16 @@
-"""Readers of KITTI, TUM and EuRoC layouts, and of folders of images with times."""
+"""Readers of KITTI, TUM and EuRoC layouts, and of folders of images."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames, ImageFiles
 from survey.data.sensors.aiding import Inertial, Wheels
 from vision_slam.io.euroc import read_euroc_sequence
+from vision_slam.io.image_folder import read_images, refuse_other_kinds
 from vision_slam.io.kitti import read_kitti_sequence
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import (
@@ -20,23 +20,23 @@ from vision_slam.io.sequence_files import (
     poses_of,
     read_numbers,
     require_all_there,
-    require_as_many,
 )
 
-_LISTS_OF_TIMES = ("times.txt", "timestamps.txt")
-_UNIX_NS = 1e15  # a file name that counts more than this counts nanoseconds
 
-
-def read_sequence(folder: str | Path, camera: Camera | None = None) -> ImageSequence:
+def read_sequence(
+    folder: str | Path, camera: Camera | None = None, frame_rate_hz: float | None = None
+) -> ImageSequence:
     """Read a folder of images in one of the supported layouts.
 
     KITTI odometry: ``calib.txt`` beside ``image_0`` or ``image_l``. TUM: ``rgb.txt``.
-    EuRoC: ``mav0/cam0`` or ``cam0``. Otherwise images with times: a table ``frames.csv``
-    (time_s,file) in the folder or in its ``frames``; or images in the folder or in its
-    ``images``, whose times stand in ``times.txt`` or ``timestamps.txt`` (seconds, one a line,
-    in the order of the file names) or are the file names themselves (seconds, or whole
-    nanoseconds). TUM and folders of images are calibrated by ``camera.toml``;
-    beside plain images, ``wheels.csv`` and ``inertial.csv`` as in a recording are read too.
+    EuRoC: ``mav0/cam0`` or ``cam0``. Otherwise a table ``frames.csv`` (time_s,file) in the folder
+    or in its ``frames``; or images in the folder or in its ``images``, whose times stand in
+    ``times.txt`` or ``timestamps.txt`` (seconds, one a line, in the natural order of the file
+    names), are the file names themselves (seconds, or whole nanoseconds), or stand in EXIF or in
+    names such as ``IMG_20240612_101502.jpg``; frames of a video have a rate. TUM and folders of
+    images are calibrated by ``camera.toml``; photographs without one take the focal length
+    that EXIF states. Positions in EXIF become fixes. Beside plain images, ``wheels.csv`` and
+    ``inertial.csv`` as in a recording are read too.
 
     All images are checked for completeness and size before any is used.
 
@@ -46,6 +46,8 @@ def read_sequence(folder: str | Path, camera: Camera | None = None) -> ImageSequ
         The recording.
     camera : Camera, optional
         Calibration to use instead of that of the layout.
+    frame_rate_hz : float, optional
+        Images per second, for images without any times.
 
     Returns
     -------
@@ -57,10 +59,29 @@ def read_sequence(folder: str | Path, camera: Camera | None = None) -> ImageSequ
     InputError
         The layout is none of these, calibration or times lack, or do not fit the images, or
         an image is cut off.
+    ConfigError
+        A frame rate, and images that have times.
     """
     place = Path(folder)
     if not place.is_dir():
         raise InputError(f"{place} is no folder; name the folder of a recording.")
+    if frame_rate_hz is None:
+        layout = _named_layout(place, camera)
+        if layout is not None:
+            return layout
+    for inner in (place, place / "images"):
+        files = image_files(inner)
+        if files:
+            return _with_motion(read_images(place, inner, files, camera, frame_rate_hz), place)
+    refuse_other_kinds(place)
+    raise InputError(
+        f"{place} has no layout that is known (KITTI calib.txt, TUM rgb.txt, EuRoC cam0/data.csv, "
+        "or images with times and camera.toml); add frames.csv with the columns time_s,file."
+    )
+
+
+def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:
+    """Read a layout that a file of its own identifies; None for plain images."""
     if (place / "calib.txt").is_file():
         return read_kitti_sequence(place, camera)
     if (place / "rgb.txt").is_file():
@@ -72,21 +93,11 @@ def read_sequence(folder: str | Path, camera: Camera | None = None) -> ImageSequ
         if (inner / "frames.csv").is_file():
             frames = Frames.read(inner)
             assert isinstance(frames.images, ImageFiles)
+            files = list(frames.images.files)
             return _with_motion(
-                assemble_sequence(
-                    camera or calibrated_camera(place), frames.time_s, list(frames.images.files)
-                ),
-                place,
+                assemble_sequence(camera or calibrated_camera(place), frames.time_s, files), place
             )
-    for inner in (place, place / "images"):
-        files = image_files(inner)
-        if files:
-            times = _times(place, inner, files)
-            return _with_motion(assemble_sequence(camera or calibrated_camera(place), times, files), place)
-    raise InputError(
-        f"{place} has no layout that is known (KITTI calib.txt, TUM rgb.txt, EuRoC cam0/data.csv, "
-        "or images with times and camera.toml); add frames.csv with the columns time_s,file."
-    )
+    return None
 
 
 def _with_motion(sequence: ImageSequence, place: Path) -> ImageSequence:
@@ -97,26 +108,6 @@ def _with_motion(sequence: ImageSequence, place: Path) -> ImageSequence:
         wheels=Wheels.read(wheels) if wheels.exists() else None,
         inertial=Inertial.read(inertial) if inertial.exists() else None,
     )
-
-
-def _times(place: Path, inner: Path, files: list[Path]) -> FloatArray:
-    """Return the times of the images of a plain folder: from their list, else from their names."""
-    for listed in (folder / name for folder in (inner, place) for name in _LISTS_OF_TIMES):
-        if listed.is_file():
-            times = read_numbers(listed, 1)[:, 0]
-            require_as_many(times, files, listed)
-            return times
-    try:
-        times = np.array([float(file.stem) for file in files])
-    except ValueError as error:
-        raise InputError(
-            f"{inner} has images and no times ({error}); add frames.csv with the columns time_s,file."
-        ) from error
-    if len(times) > 1 and np.array_equal(times, np.arange(times[0], times[0] + len(times))):
-        raise InputError(
-            f"the images in {inner} are numbered and have no times; add times.txt with one time [s] a line."
-        )
-    return times * 1e-9 if times[0] > _UNIX_NS else times
 
 
 def _tum(place: Path, camera: Camera | None) -> ImageSequence:

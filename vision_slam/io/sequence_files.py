@@ -12,6 +12,7 @@ from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from survey.data.sensors.aiding import Inertial
 from vision_slam.io.images import PICTURES, images_of, refuse_other_sizes
+from vision_slam.io.photos.names import natural_key
 from vision_slam.io.sequence import ImageSequence
 
 # Where x right, y down, z forward lie on a body with x forward, y left, z up.
@@ -47,15 +48,17 @@ def calibrated_camera(place: Path) -> Camera:
     """Read the calibration beside the images of a folder."""
     if not (place / "camera.toml").is_file():
         raise InputError(
-            f"{place} holds images and no camera.toml; calibrate the camera and put it there, or name it with --camera."
+            f"{place} holds images and no camera.toml; calibrate the camera (firnline calibrate) and put it there, or name "
+            "it with --camera."
         )
     return Camera.read(place / "camera.toml")
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Return the image files of a folder in the order of their names."""
+    """Return the image files of a folder in the natural order of their names; hidden files are left out."""
     files = folder.iterdir() if folder.is_dir() else ()
-    return sorted(file for file in files if file.suffix.lower() in PICTURES)
+    images = (file for file in files if file.suffix.lower() in PICTURES and not file.name.startswith("."))
+    return sorted(images, key=natural_key)
 
 
 def poses_of(place: FloatArray, quaternion: FloatArray, where: Path) -> FloatArray:

@@ -28,7 +28,24 @@ _Topic = Annotated[
 ]
 _Gps = Annotated[
     Path | None,
-    typer.Option("--gps", help="Fixes recorded beside the images: NMEA, RTKLIB .pos, .gpx or .csv."),
+    typer.Option(
+        "--gps",
+        help="Fixes recorded beside the images: NMEA, u-blox .ubx, GnssLogger .txt, RTKLIB .pos, .gpx or .csv.",
+    ),
+]
+_Columns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--columns",
+        metavar="KEY=NAME,…",
+        help="Columns of a table of fixes where their names are not usual ones, e.g. time=t,x=Easting,y=Northing,z=H; keys: time, x, y, z, lon, lat, sigma_xy.",
+    ),
+]
+_FrameRate = Annotated[
+    float | None,
+    typer.Option(
+        "--frame-rate", min=1e-3, help="Images per second, where neither names nor files state times [Hz]."
+    ),
 ]
 _Crs = Annotated[
     str | None,
@@ -81,6 +98,8 @@ def localize(
     camera: _Camera = None,
     topic: _Topic = None,
     gps: _Gps = None,
+    columns: _Columns = None,
+    frame_rate: _FrameRate = None,
     crs: _Crs = None,
     gps_shift: _GpsShift = 0.0,
     scale_from: _ScaleFrom = None,
@@ -103,6 +122,10 @@ def localize(
 
       firnline localize my-images --camera camera.toml --gps log.nmea
 
+      firnline localize phone-photos --camera camera.toml --gps gnss_log.txt
+
+      firnline localize video-frames --frame-rate 30 --gps fixes.csv --columns time=t,lat=phi,lon=lambda
+
       firnline localize my-images --gps track.gpx --set localization.landmark_thinning=information
 
       firnline localize drive.bag --topic /left/image_raw --viewer drive.rrd
@@ -111,8 +134,9 @@ def localize(
     with fixes also trajectory.csv (covariances), online_trajectory.csv (the causal path),
     track.gpkg and landmarks.gpkg in their CRS, and with a reference errors.png. Without fixes the
     path is relative to the first image, and path.csv has its standard deviations. A folder of
-    images takes its times from frames.csv (time_s,file), times.txt or the names of the files, its
-    calibration from camera.toml, and wheels.csv and inertial.csv where they are there.
+    images takes its times from frames.csv (time_s,file), times.txt, the names of the files or
+    EXIF, its calibration from camera.toml (see firnline calibrate) or the focal length in EXIF,
+    positions in EXIF as fixes, and wheels.csv and inertial.csv where they are there.
     """
     from sim.cli.outputs import refuse_existing
     from vision_slam.recordings import open_recording
@@ -133,6 +157,8 @@ def localize(
         crs=crs,
         gps_shift_s=gps_shift,
         scale_from_m=scale_from,
+        columns=columns or [],
+        frame_rate_hz=frame_rate,
     )
     judge = None if reference is None else drive.read_reference(reference)
     lens_setting = [] if lens == "auto" else [f"visual.lens={lens}"]

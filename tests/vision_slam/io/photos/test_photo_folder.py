@@ -1,0 +1,179 @@
+"""Folders of photographs as phones and cameras write them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+from survey.core.errors import ConfigError, InputError
+from vision_slam.io.readers import read_sequence
+from vision_slam.recordings import open_recording
+
+NOON = 1718186400.0  # 2024-06-12 10:00:00 UTC
+
+
+def photo(path, second=0, size=(64, 48), exif=True, gps=None, orientation=None, subseconds="50"):
+    """Write a JPEG whose left half is dark, with EXIF."""
+    pixels = np.full((size[1], size[0], 3), 200, np.uint8)
+    pixels[:, : size[0] // 2] = 20
+    header = Image.Exif()
+    if orientation is not None:
+        header[274] = orientation
+    if exif:
+        folder = {36867: f"2024:06:12 12:00:{second:02d}", 36881: "+02:00", 41989: 26}
+        if subseconds:
+            folder[37521] = subseconds
+        header.get_ifd(0x8769).update(folder)
+    if gps is not None:
+        header.get_ifd(0x8825).update(gps)
+    path.parent.mkdir(exist_ok=True)
+    Image.fromarray(pixels).save(path, exif=header)
+
+
+def position(latitude, longitude, height=500.0, radius=None):
+    def dms(angle):
+        seconds = IFDRational(round(abs(angle) * 3600 * 1000), 1000)
+        return (IFDRational(0, 1), IFDRational(0, 1), seconds)
+
+    tags = {
+        1: "N" if latitude >= 0 else "S",
+        2: dms(latitude),
+        3: "E" if longitude >= 0 else "W",
+        4: dms(longitude),
+        5: b"\x00",
+        6: IFDRational(round(height * 10), 10),
+    }
+    return tags if radius is None else {**tags, 31: IFDRational(round(radius * 10), 10)}
+
+
+def test_exif_gives_times_with_subseconds_and_offset_and_a_focal_length(tmp_path):
+    for k in range(3):
+        photo(tmp_path / f"DSC_{k + 9}.JPG", second=k)  # 9, 10, 11 without leading zeros
+    sequence = read_sequence(tmp_path)
+    np.testing.assert_allclose(sequence.frames.time_s - NOON, [0.5, 1.5, 2.5])
+    assert sequence.camera.matrix[0, 0] == pytest.approx(26.0 * 80.0 / 43.27)
+    assert sequence.camera.distortion_is_assumed
+    assert "48 ± 1 pixels from EXIF" in sequence.notes[1]
+
+
+def test_a_calibration_beside_the_images_wins_over_exif(tmp_path):
+    photo(tmp_path / "a.jpg", 0)
+    photo(tmp_path / "b.jpg", 1)
+    camera = read_sequence(tmp_path).camera
+    camera.write(tmp_path / "camera.toml")
+    assert len(read_sequence(tmp_path).notes) == 1  # the times alone
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["IMG_20240612_100000.jpg", "IMG_20240612_100001.jpg"],
+        ["PXL_20240612_100000000.jpg", "PXL_20240612_100001000.jpg"],
+        ["2024-06-12 10.00.00.jpg", "2024-06-12 10.00.01.jpg"],
+        ["DJI_20240612100000_0001.jpg", "DJI_20240612100001_0002.jpg"],
+    ],
+)
+def test_names_of_phones_give_times(tmp_path, names):
+    for name in names:
+        photo(tmp_path / name, exif=False)
+    camera_file(tmp_path)
+    sequence = read_sequence(tmp_path)
+    np.testing.assert_allclose(sequence.frames.time_s - NOON, [0.0, 1.0])
+    assert "taken for UTC" in sequence.notes[0]
+
+
+def camera_file(folder):
+    other = folder / "other"
+    photo(other / "a.jpg", 0)
+    photo(other / "b.jpg", 1)
+    read_sequence(other).camera.write(folder / "camera.toml")
+
+
+def test_frames_of_a_video_need_a_rate(tmp_path):
+    for k in (1, 2, 10):
+        photo(tmp_path / f"frame{k}.png", exif=False)
+    camera_file(tmp_path)
+    with pytest.raises(InputError, match="name --frame-rate for those of a video"):
+        read_sequence(tmp_path)
+    sequence = read_sequence(tmp_path, frame_rate_hz=10.0)
+    np.testing.assert_allclose(sequence.frames.time_s, [0.0, 0.1, 0.2])
+    assert [file.stem for file in sequence.frames.images.files] == ["frame1", "frame2", "frame10"]
+
+
+def test_a_rate_beside_times_is_refused(tmp_path):
+    photo(tmp_path / "a.jpg", 0)
+    photo(tmp_path / "b.jpg", 1)
+    with pytest.raises(ConfigError, match="have times of their own; leave --frame-rate out"):
+        read_sequence(tmp_path, frame_rate_hz=2.0)
+
+
+def test_images_of_one_whole_second_are_spread_over_it(tmp_path):
+    for k in range(4):
+        photo(tmp_path / f"IMG_{k}.jpg", k // 2, subseconds=None)
+    sequence = read_sequence(tmp_path)
+    np.testing.assert_allclose(sequence.frames.time_s - NOON, [0.0, 0.5, 1.0, 1.5])
+    assert "4 images state whole seconds alone" in sequence.notes[0]
+
+
+def test_images_are_turned_upright(tmp_path):
+    photo(tmp_path / "a.jpg", 0, orientation=6)
+    photo(tmp_path / "b.jpg", 1, orientation=6)
+    sequence = read_sequence(tmp_path)
+    assert (sequence.camera.width, sequence.camera.height) == (48, 64)
+    image = sequence.frames[0]
+    assert image.shape[:2] == (64, 48)
+    assert image[:30].max() < 60 < image[34:].min()  # the stored left half is the upper one
+    assert "turned upright" in sequence.notes[-1]
+
+
+def test_sizes_that_differ_are_refused_by_name(tmp_path):
+    photo(tmp_path / "a.jpg", 0)
+    photo(tmp_path / "b.jpg", 1, size=(48, 64))
+    with pytest.raises(InputError, match=r"b\.jpg has 48 × 64 pixels and a\.jpg 64 × 48"):
+        read_sequence(tmp_path)
+
+
+def test_an_image_without_a_time_among_dated_ones_is_refused(tmp_path):
+    photo(tmp_path / "a.jpg", 0)
+    photo(tmp_path / "b.jpg", exif=False)
+    with pytest.raises(InputError, match=r"b\.jpg has no EXIF time, and 1 of 2 images"):
+        read_sequence(tmp_path)
+
+
+def test_positions_become_fixes_with_their_own_error(tmp_path):
+    for k, east in enumerate((0.0, 0.0, 1e-4, 2e-4)):  # the second repeats the first
+        photo(tmp_path / f"{k}.jpg", k, gps=position(-46.0, 8.0 + east, radius=3.0))
+    drive = open_recording(tmp_path)
+    assert drive.records.crs.to_epsg() == 32732
+    np.testing.assert_allclose(drive.gps.time_s - NOON, [0.5, 2.5, 3.5])
+    np.testing.assert_allclose(drive.gps.sigma_m, 3.0 / 1.51, atol=1e-3)
+    np.testing.assert_allclose(np.diff(drive.gps.position[:, 0]), 7.75, atol=0.05)
+    assert any("3 fixes from EXIF; 1 that repeat" in note for note in drive.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("a.heic", "convert the images to JPEG or PNG"), ("a.mp4", "extract its images .ffmpeg")],
+)
+def test_kinds_that_are_not_read_are_refused_with_the_remedy(tmp_path, name, words):
+    (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(InputError, match=words):
+        read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xd8\xff no image \xff\xd9"])
+def test_a_damaged_image_is_refused_in_one_sentence(tmp_path, content):
+    photo(tmp_path / "a.jpg", 0)
+    Path(tmp_path / "b.jpg").write_bytes(content)
+    with pytest.raises(InputError, match=r"b\.jpg"):
+        read_sequence(tmp_path)
+
+
+def test_a_damaged_date_is_refused_in_one_sentence(tmp_path):
+    header = Image.Exif()
+    header.get_ifd(0x8769)[36867] = "2024-99-12 12"
+    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "a.jpg", exif=header)
+    with pytest.raises(InputError, match="damaged EXIF"):
+        read_sequence(tmp_path)

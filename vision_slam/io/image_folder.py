@@ -1,0 +1,127 @@
+"""Plain folders of images: times from a list, names, EXIF or a frame rate; calibration from a file or EXIF."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import ConfigError, InputError
+from survey.data.camera.calibration import Camera
+from vision_slam.io.gps_files import GpsLog
+from vision_slam.io.photos.exif import Photo
+from vision_slam.io.photos.folder import PhotoTimes, checked_photos, photo_camera, photo_fixes, photo_times
+from vision_slam.io.photos.names import times_in_names
+from vision_slam.io.sequence import ImageSequence
+from vision_slam.io.sequence_files import (
+    FORWARD,
+    assemble_sequence,
+    calibrated_camera,
+    read_numbers,
+    require_as_many,
+)
+
+_LISTS_OF_TIMES = ("times.txt", "timestamps.txt")
+_UNIX_NS = 1e15  # a file name that counts more than this counts nanoseconds
+_RAW = (".heic", ".heif", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".avif", ".webp")
+_VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".insv", ".360")
+
+
+def read_images(
+    place: Path, inner: Path, files: list[Path], camera: Camera | None, frame_rate_hz: float | None
+) -> ImageSequence:
+    """Read the images of a plain folder.
+
+    Parameters
+    ----------
+    place, inner : Path
+        The recording, and its folder of images.
+    files : list of Path
+        Images in their natural order.
+    camera : Camera, optional
+        Calibration to use instead of ``camera.toml`` and EXIF.
+    frame_rate_hz : float, optional
+        Images per second, for images without any times.
+
+    Raises
+    ------
+    InputError, ConfigError
+        As `vision_slam.io.readers.read_sequence` does.
+    """
+    times = _listed_times(place, inner, files)
+    photos: list[Photo] = []
+    if times is None:
+        photos = checked_photos(files)
+        times = photo_times(photos)
+    if times is not None and frame_rate_hz is not None:
+        raise ConfigError(f"the images in {inner} have times of their own; leave --frame-rate out.")
+    if times is None:
+        times = _at_rate(inner, files, frame_rate_hz)
+    camera, camera_note = _camera(place, files, photos, camera)
+    sequence = assemble_sequence(camera, times.time_s, [files[index] for index in times.order])
+    fixes = photo_fixes(photos, times) if photos else None
+    return replace(
+        sequence,
+        gps=None if fixes is None else GpsLog(**fixes._asdict()),
+        notes=tuple(note for note in (times.note, camera_note, *sequence.notes) if note),
+    )
+
+
+def refuse_other_kinds(place: Path) -> None:
+    """Refuse a folder of photographs or videos of kinds that are not read, with the way to convert them."""
+    files = [file for folder in (place, place / "images") if folder.is_dir() for file in folder.iterdir()]
+    raw = next((file for file in sorted(files) if file.suffix.lower() in _RAW), None)
+    if raw is not None:
+        raise InputError(f"{raw} is of a kind that is not read; convert the images to JPEG or PNG.")
+    video = next((file for file in sorted(files) if file.suffix.lower() in _VIDEOS), None)
+    if video is not None:
+        raise InputError(
+            f"{video} is a video; extract its images (ffmpeg -i {video.name} images/%06d.png) and name --frame-rate."
+        )
+
+
+def _listed_times(place: Path, inner: Path, files: list[Path]) -> PhotoTimes | None:
+    """Return the times of a list or of names that are numbers; None where there are neither."""
+    order = list(range(len(files)))
+    for listed in (folder / name for folder in (inner, place) for name in _LISTS_OF_TIMES):
+        if listed.is_file():
+            times = read_numbers(listed, 1)[:, 0]
+            require_as_many(times, files, listed)
+            return PhotoTimes(times, order, "")
+    if times_in_names(files) is not None:
+        return None
+    try:
+        times = np.array([float(file.stem) for file in files])
+    except ValueError:
+        return None
+    if len(times) > 1 and np.array_equal(times, np.arange(times[0], times[0] + len(times))):
+        return None
+    return PhotoTimes(_seconds(times), order, "")
+
+
+def _seconds(times: FloatArray) -> FloatArray:
+    return times * 1e-9 if times[0] > _UNIX_NS else times
+
+
+def _at_rate(inner: Path, files: Sequence[Path], frame_rate_hz: float | None) -> PhotoTimes:
+    """Return the times of images that come at a rate."""
+    if frame_rate_hz is None:
+        raise InputError(
+            f"the images in {inner} have no times in a list, in EXIF or in their names (such as {files[0].name}); name "
+            "--frame-rate for those of a video, or add times.txt with one time [s] a line."
+        )
+    note = f"times are those of {frame_rate_hz:g} images a second, in the order of the names"
+    return PhotoTimes(np.arange(len(files)) / frame_rate_hz, list(range(len(files))), note)
+
+
+def _camera(place: Path, files: list[Path], photos: list[Photo], camera: Camera | None) -> tuple[Camera, str]:
+    """Return the calibration that is named, that of the folder, or that of EXIF, and a note of the last."""
+    if camera is not None:
+        return camera, ""
+    if (place / "camera.toml").is_file():
+        return calibrated_camera(place), ""
+    found = photo_camera(photos or checked_photos(files), FORWARD)
+    if found is None:
+        return calibrated_camera(place), ""  # refuses with the remedy
+    return found

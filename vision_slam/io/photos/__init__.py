@@ -1,0 +1,1 @@
+"""Images of phones and cameras: names, EXIF times, focal lengths and positions."""

@@ -1,0 +1,53 @@
+"""Names of image files: natural order, and times in the names that phones and cameras give."""
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+
+_STAMP = re.compile(
+    r"(?<!\d)((?:19|20)\d{2})[-_.]?(\d{2})[-_.]?(\d{2})[-_T. ]?(\d{2})[-_.h]?(\d{2})[-_.m]?(\d{2})[-_.]?(\d{3})?(?!\d)"
+)
+
+
+def natural_key(file: Path) -> tuple[tuple[int, int, str], ...]:
+    """Return the key of a file's natural order: numbers in its name count as numbers.
+
+    Examples
+    --------
+    >>> [file.name for file in sorted(map(Path, ["f10.png", "f9.png", "F1.png"]), key=natural_key)]
+    ['F1.png', 'f9.png', 'f10.png']
+    """
+    parts = re.split(r"(\d+)", file.name.lower())
+    key = tuple((0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part)
+    return (*key, (2, 0, file.name))
+
+
+def times_in_names(files: Sequence[Path]) -> FloatArray | None:
+    """Return the times (N,) that all names state, as Unix times of UTC [s]; None where one does not.
+
+    Examples
+    --------
+    >>> times_in_names([Path("IMG_20240612_101502.jpg"), Path("PXL_20240612_101502500.jpg")]).tolist()
+    [1718187302.0, 1718187302.5]
+    >>> times_in_names([Path("DSC_0001.JPG")]) is None
+    True
+    """
+    times = [_time_in(file.stem) for file in files]
+    return None if any(time is None for time in times) else np.array(times, dtype=np.float64)
+
+
+def _time_in(name: str) -> float | None:
+    found = _STAMP.search(name)
+    if found is None:
+        return None
+    *parts, millis = found.groups()
+    try:
+        date = datetime(*map(int, parts), tzinfo=UTC)  # type: ignore[misc, arg-type]  # six numbers
+    except ValueError:
+        return None
+    return date.timestamp() + 1e-3 * int(millis or 0)

@@ -1,0 +1,1 @@
+"""Formats of satellite receivers: Android GnssLogger, u-blox, tables of other programs."""

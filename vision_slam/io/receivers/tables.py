@@ -1,0 +1,152 @@
+"""Tables of fixes of other programs: usual names of columns, times as numbers or dates, a mapping by the user."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.core.text import printable
+from survey.io.text_tables.delimited import TextTable, read_text_table
+from survey.io.text_tables.spellings import (
+    OWN_NAMES,
+    ColumnNames,
+    metres_factor,
+    normalized,
+    one_column,
+    parsed_columns,
+    renamed_header,
+)
+from vision_slam.io.receivers.rows import ReceiverFixes, axis_sigma_m
+
+KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
+# Unix times beyond these count nano-, micro- and milliseconds.
+_UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
+_DATED_S = 1e8
+_RADII = ("acc",)  # accuracy, hAcc
+
+
+def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
+    """Read a table with columns of time, place and height by their usual names.
+
+    Parameters
+    ----------
+    file : Path
+        Text table with a header; commas, semicolons or tabs between the cells.
+    columns : sequence of str
+        ``key=column`` pairs for names that are not usual; keys are those of `KEYS`.
+
+    Returns
+    -------
+    ReceiverFixes
+        In degrees or in metres. Times are numbers (seconds, or Unix milli-, micro- or
+        nanoseconds) or dates in ISO 8601, of UTC unless they state an offset. A column of accuracy
+        counts as the radius of 68 %, one of a horizontal standard deviation as that of the
+        distance; a note says which columns were read.
+
+    Raises
+    ------
+    InputError
+        A column is missing, could be several, or holds something else.
+    ConfigError
+        The mapping is not understood.
+    """
+    table = read_text_table(file, "the table of fixes")
+    given = parsed_columns(columns, KEYS)
+    table = table._replace(header=renamed_header(table.header, given, table.where))
+    names = _names(table)
+    time_s, unit = _times(table, names["time"])
+    is_geodetic = "longitude" in names
+    first, second = ("longitude", "latitude") if is_geodetic else ("easting", "northing")
+    place = np.column_stack([_metres(table, names[kind]) for kind in (first, second, "height")])
+    if is_geodetic and (np.abs(place[:, 0]).max() > 360.0 or np.abs(place[:, 1]).max() > 90.0):
+        raise InputError(
+            f"{table.where} holds places that are no degrees in {names[first]} and {names[second]}; "
+            f"name columns of metres with --columns x={names[first]},y={names[second]}."
+        )
+    read = ColumnNames({kind: given.get(name, name) for kind, name in names.items()}, _unused(table, names))
+    return ReceiverFixes(
+        time_s,
+        place,
+        _sigma_m(table, names, given),
+        is_geodetic=is_geodetic,
+        is_dated=bool(time_s[0] > _DATED_S),
+        notes=(read.sentence(str(file)).rstrip(".") + unit,),
+    )
+
+
+def _names(table: TextTable) -> dict[str, str]:
+    """Return the columns of time, place, height and error by what they hold; metres before degrees."""
+    header, where = table.header, table.where
+    found: dict[str, str] = {}
+    for kind in ("time", "x", "y", "easting", "northing", "longitude", "latitude", "height", "sigma_xy"):
+        name = one_column(kind, header, where)
+        if name is not None:
+            found[kind] = name
+    for old, new in (("x", "easting"), ("y", "northing")):
+        if old in found:
+            found[new] = found.pop(old)
+    metric, degrees = {"easting", "northing"}, {"longitude", "latitude"}
+    drop = degrees if metric <= found.keys() else metric
+    found = {kind: name for kind, name in found.items() if kind not in drop}
+    place = metric if drop is degrees else degrees
+    missing = [kind for kind in ("time", *sorted(place), "height") if kind not in found]
+    if missing:
+        keys = {"longitude": "lon", "latitude": "lat", "height": "z", "easting": "x", "northing": "y"}
+        key = keys.get(missing[0], missing[0])
+        raise InputError(
+            f"{where} has no column of {' and '.join(missing)} (found {printable(', '.join(header))[:200]}); "
+            f"name it with --columns {key}=NAME."
+        )
+    return found
+
+
+def _unused(table: TextTable, names: dict[str, str]) -> tuple[str, ...]:
+    return tuple(name for name in table.header if name not in names.values())
+
+
+def _metres(table: TextTable, name: str) -> FloatArray:
+    return metres_factor(name) * table.numbers(name)
+
+
+def _sigma_m(table: TextTable, names: dict[str, str], given: dict[str, str]) -> FloatArray | None:
+    """Return the standard deviation in each axis; None without a column."""
+    if "sigma_xy" not in names:
+        return None
+    name = names["sigma_xy"]
+    stated = _metres(table, name)
+    if not (stated > 0.0).all():
+        raise InputError(
+            f"{table.where} holds an error that is not above 0 in the column {name}; correct it."
+        )
+    is_radius = any(part in normalized(given.get(name, name)) for part in _RADII)
+    return axis_sigma_m(stated) if is_radius else stated / np.sqrt(2.0)
+
+
+def _times(table: TextTable, name: str) -> tuple[FloatArray, str]:
+    """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds."""
+    try:
+        float(table.texts(name)[0])
+    except ValueError:
+        return _dates(table, name), ", times are dates"
+    numbers = table.numbers(name)
+    for least, factor, word in _UNITS:
+        if numbers[0] > least:
+            return factor * numbers, f", times are Unix {word}"
+    return numbers, ""
+
+
+def _dates(table: TextTable, name: str) -> FloatArray:
+    times = np.empty(len(table.rows))
+    for k, (line, cell) in enumerate(zip(table.lines, table.texts(name), strict=True)):
+        try:
+            date = datetime.fromisoformat(cell.replace("/", "-"))
+        except ValueError as error:
+            raise InputError(
+                f"{table.where}, line {line}: {printable(cell)[:40]!r} in the column {name} is no number and no date such as "
+                "2024-06-12T10:15:02.5Z; correct it."
+            ) from error
+        times[k] = (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+    return times
