@@ -89,9 +89,10 @@ def _names(table: TextTable) -> dict[str, str]:
         if old in found:
             found[new] = found.pop(old)
     metric, degrees = {"easting", "northing"}, {"longitude", "latitude"}
-    drop = degrees if metric <= found.keys() else metric
+    is_metric = metric <= found.keys() or (metric & found.keys() and not degrees & found.keys())
+    drop = degrees if is_metric else metric
     found = {kind: name for kind, name in found.items() if kind not in drop}
-    place = metric if drop is degrees else degrees
+    place = metric if is_metric else degrees
     missing = [kind for kind in ("time", *sorted(place), "height") if kind not in found]
     if missing:
         keys = {"longitude": "lon", "latitude": "lat", "height": "z", "easting": "x", "northing": "y"}
