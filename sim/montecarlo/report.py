@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from sim.montecarlo.config import StudyConfig
 from sim.montecarlo.summary import SummaryRow, curves, minimum_swaths
 from survey.core.files.writing import replacing
-from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, png_bytes, styled
-from survey.reporting.pictures import Picture
+from survey.figures.style import FULL_IN, INK, MUTED, ROVERS, styled
+from survey.reporting.pictures import Picture, picture_of
 from survey.reporting.quantities import number, percent
 from survey.reporting.rendering import rendered
 from survey.scoring.standards.map_classes import map_classes
@@ -23,18 +23,19 @@ _DASHES = ("-", (0, (4, 1.5)), ":", (0, (6, 1, 1, 1)))
 def write_study_report(folder: Path, study: StudyConfig, rows: Sequence[SummaryRow]) -> Path:
     """Write ``index.html`` and ``figures/*.png`` into the study's folder; return the page."""
     (folder / "figures").mkdir(exist_ok=True)
-    pictures = {}
+    pictures, names = {}, {}
     for index, kind in enumerate(study.terrains):
         mine = [row for row in rows if row["terrain"] == kind.name]
-        png = png_bytes(error_curves({kind.name: mine}, study.limit_m))
-        with replacing(folder / "figures" / f"{index:02d}-error.png") as draft:
-            draft.write_bytes(png)
-        pictures[kind.name] = Picture(
-            png,
+        names[kind.name] = f"figures/{index:02d}-error.png"
+        picture = picture_of(
+            error_curves({kind.name: mine}, study.limit_m),
             f"Mean error of the map against swaths and distance on {kind.name}",
             "Mean over the trials with its 95 % bootstrap interval; the limits of the map classes are drawn.",
         )
-    page = _render(study, rows, pictures)
+        with replacing(folder / names[kind.name]) as draft:
+            draft.write_bytes(picture.image)
+        pictures[kind.name] = picture
+    page = _render(study, rows, pictures, names)
     with replacing(folder / "index.html") as draft:
         draft.write_text(page, encoding="utf-8")
     return folder / "index.html"
@@ -110,8 +111,11 @@ def draw_limits(axes: Axes, limit_m: float, *, named: bool = True) -> None:
         )
 
 
-def _render(study: StudyConfig, rows: Sequence[SummaryRow], pictures: dict[str, Picture]) -> str:
+def _render(
+    study: StudyConfig, rows: Sequence[SummaryRow], pictures: dict[str, Picture], names: dict[str, str]
+) -> str:
     settings = tomlkit.dumps(study.model_dump(mode="json", exclude_none=True))
+    minimum = [_shown_minimum(row) for row in minimum_swaths(rows, study)]
     return rendered(
         "montecarlo.html.j2",
         title=study.name,
@@ -120,10 +124,18 @@ def _render(study: StudyConfig, rows: Sequence[SummaryRow], pictures: dict[str, 
         limit=number(study.limit_m, "m", 4),
         required=study.require.replace("class-", "Class "),
         pictures=pictures,
-        minimum=[_shown_minimum(row) for row in minimum_swaths(rows, study)],
+        files=names,
+        minimum=minimum,
+        minimum_rows=_as_rows(minimum),
+        table_rows=_as_rows(rows),
         table=[_shown(row) for row in rows],
         config_text=settings,
     )
+
+
+def _as_rows(rows: Sequence[SummaryRow]) -> list[list[object]]:
+    """Return names and values of a table, for its download."""
+    return [list(rows[0]), *(list(row.values()) for row in rows)] if rows else []
 
 
 def _shown_minimum(row: SummaryRow) -> SummaryRow:

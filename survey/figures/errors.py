@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import FuncFormatter
 from scipy.spatial import cKDTree
 
 from survey.core.arrays import FloatArray
@@ -162,7 +162,7 @@ def error_histogram(
     axes.set_xlim(-reach, reach)
     axes.set_xlabel("Reconstruction \u2212 reference [m]")
     axes.set_ylabel("Share of nodes")
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100.0 * share:g}%"))
     axes.set_title("Distribution of the error")
     figure.legend(loc="outside lower center", ncols=2)
     return figure

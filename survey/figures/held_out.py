@@ -2,7 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import FuncFormatter
 
 from survey.figures.style import CLAIM, ESTIMATE, FULL_IN, MUTED, styled
 from survey.reconstruction.checks.predictive import PredictiveCheck
@@ -37,7 +37,7 @@ def held_out_plot(check: PredictiveCheck) -> Figure:
         label="After widening",
     )
     left.axhline(0.1, color=MUTED, linestyle="--", linewidth=1.0)
-    left.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    left.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100.0 * share:g}%"))
     left.set(xlim=(0, 1), xlabel="Quantile of the prediction", ylabel="Points left out")
     left.set_ylim(top=1.35 * left.get_ylim()[1])  # room for the legend above the bars
     left.legend(loc="upper center", ncols=2)

@@ -18,6 +18,8 @@ FULL_IN = 9.0
 HALF_IN = 4.4
 """Width of a figure that shares the page with another one [in]."""
 DPI = 144
+SHARP_DPI = 240
+"""Pixels per inch of figures in pages: two for each CSS pixel."""
 
 INK = "#1d2a35"
 MUTED = "#66727c"
@@ -85,21 +87,23 @@ def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]
 
 
 @styled
-def png_bytes(figure: Figure) -> bytes:
+def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     """Render a figure; the same figure gives the same bytes (no date, no program name).
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
         Any figure of this package.
+    dpi : int
+        Pixels per inch.
 
     Returns
     -------
     bytes
-        A PNG file of 144 pixels per inch.
+        A PNG file.
     """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 

@@ -11,6 +11,7 @@ from survey.reporting.quantities import named_values, setting
 from survey.reporting.rendering import rendered
 from survey.reporting.score_rows import score_rows
 from survey.reporting.surveyed import SurveyResults
+from survey.scoring.score import Score
 from survey.scoring.standards.certificate import own_claim
 
 
@@ -25,8 +26,8 @@ def write_report(
 ) -> Path:
     """Write ``index.html`` and ``figures/*.png`` into a folder.
 
-    The page loads nothing: figures are inside it, there are no scripts and no links to
-    other files. Equal input gives equal bytes; the page states no date.
+    The page loads nothing: figures are inside it as WebP, and there are no scripts. Links download tables from the
+    page itself, and figures from the folder beside it. Equal input gives equal bytes; the page states no date.
 
     Parameters
     ----------
@@ -79,6 +80,7 @@ def _said(survey: SurveyResults) -> dict[str, object]:
         "verdict_sentence": words.verdict_sentence(score.verdicts),
         "conditions": words.conditions(score),
         "classes": words.classes_by_standard(score),
+        "classes_as_rows": _class_rows(score),
         "key_numbers": words.key_numbers(score, route),
         "calibration_sentence": words.calibration_sentence(score.calibration),
         "own_claim": [sentence[0].upper() + sentence[1:] for sentence in own_claim(reconstruction)],
@@ -87,6 +89,17 @@ def _said(survey: SurveyResults) -> dict[str, object]:
         "method": reconstruction.method,
         "hyperparameters": {name: setting(v) for name, v in reconstruction.hyperparameters.items()},
         "crs": f"{reconstruction.mean.crs.name}, heights above {datum}",
+    }
+
+
+def _class_rows(score: Score) -> dict[str, list[list[str]]]:
+    """Return the rows of each table of classes as text, for its download."""
+    return {
+        standard: [
+            ["class", "contour interval", "limit of the RMSE", "verdict"],
+            *([v.map_class, interval, limit, "met" if v.met else "not met"] for v, interval, limit in rows),
+        ]
+        for standard, rows in words.classes_by_standard(score).items()
     }
 
 

@@ -1,21 +1,28 @@
 """Pictures of a report, each with its alternative text and caption."""
 
 import base64
+import io
 import struct
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 from survey import figures
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
+from survey.figures.style import SHARP_DPI, png_bytes
 from survey.reporting.surveyed import OnBoard, SurveyResults
+
+_SCALE = 2
+_WIDE_PX = 720
+_QUALITY = 90
 
 
 class Picture(NamedTuple):
-    """A figure of the page: PNG or animated WebP bytes, alternative text, caption."""
+    """Figure of a page: PNG of two pixels for each CSS pixel, or animated WebP; alternative text; caption."""
 
     image: bytes
     alt: str
@@ -28,26 +35,49 @@ class Picture(NamedTuple):
 
     @property
     def source(self) -> str:
-        """The image itself as a data URI."""
-        return f"data:image/{self.kind};base64," + base64.b64encode(self.image).decode("ascii")
+        """What the page shows, as a data URI: WebP, a quarter as large as the PNG."""
+        image = self.image if self.kind == "webp" else _as_webp(self.image)
+        return f"data:image/webp;base64,{base64.b64encode(image).decode('ascii')}"
+
+    @property
+    def file_source(self) -> str:
+        """The file itself as a data URI."""
+        return f"data:image/{self.kind};base64,{base64.b64encode(self.image).decode('ascii')}"
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in pixels, from the header."""
+        """Width and height in CSS pixels, from the header."""
         if self.kind == "webp":
             # The extended format, which animations have, states the canvas less one, in 24 bits each.
             width, height = (int.from_bytes(self.image[at : at + 3], "little") + 1 for at in (24, 27))
             return width, height
         width, height = struct.unpack(">II", self.image[16:24])
-        return int(width), int(height)
+        return round(width / _SCALE), round(height / _SCALE)
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether it takes the width of a page, so that a phone shows a part of it at a time."""
+        return self.size[0] > _WIDE_PX and self.kind == "png"
+
+
+def picture_of(figure: Figure, alt: str, caption: str) -> Picture:
+    """Render a figure for a page."""
+    return Picture(png_bytes(figure, SHARP_DPI), alt, caption)
+
+
+def _as_webp(png: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as image:
+        image.convert("RGB").save(buffer, format="webp", quality=_QUALITY, method=4)
+    return buffer.getvalue()
 
 
 def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
     """Draw the pictures of a survey, by their names."""
     pictures = _map_pictures(survey) | _error_pictures(survey)
     if survey.reconstruction.check is not None:
-        pictures["held_out"] = Picture(
-            _png(figures.held_out_plot(survey.reconstruction.check)),
+        pictures["held_out"] = picture_of(
+            figures.held_out_plot(survey.reconstruction.check),
             "Quantiles of points that were left out, and the factor on the standard deviation",
             "Points that were left out, in tenths of their predictive distribution (10 % each when the standard "
             "deviation is right), and the factor by which it is widened.",
@@ -65,32 +95,32 @@ def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:
     """Draw maps of route, terrain, standard deviation, support and landmarks."""
     area, route, reconstruction = survey.area, survey.route, survey.reconstruction
     pictures = {
-        "map": Picture(
-            _png(figures.survey_map(reconstruction.mean, area=area, route=route)),
+        "map": picture_of(
+            figures.survey_map(reconstruction.mean, area=area, route=route),
             "Hillshaded map of the site with the route",
             "The reconstructed terrain with the route. Numbers give the order of the swaths.",
         ),
-        "terrain": Picture(
-            _png(figures.terrain_comparison(survey.truth, reconstruction, survey.prior, area=area)),
+        "terrain": picture_of(
+            figures.terrain_comparison(survey.truth, reconstruction, survey.prior, area=area),
             "Reference and reconstruction side by side",
             "Reference, reconstruction and prior in the same colours."
             if survey.prior
             else "Reference and reconstruction in the same colours.",
         ),
-        "std": Picture(
-            _png(figures.deviation_map(reconstruction, area=area, route=route)),
+        "std": picture_of(
+            figures.deviation_map(reconstruction, area=area, route=route),
             "Map of the claimed standard deviation",
             "Standard deviation of the map: small along the swaths, larger between them.",
         ),
-        "support": Picture(
-            _png(figures.support_map(reconstruction, area=area, route=route)),
+        "support": picture_of(
+            figures.support_map(reconstruction, area=area, route=route),
             "Map of the support of each node",
             "Support of each height: measured, bounded by a line of sight, interpolated or unseen.",
         ),
     }
     if survey.points is not None:
-        pictures["landmarks"] = Picture(
-            _png(figures.landmark_map(survey.points, reconstruction.mean, area=area, route=route)),
+        pictures["landmarks"] = picture_of(
+            figures.landmark_map(survey.points, reconstruction.mean, area=area, route=route),
             "Map of the density of landmarks",
             "Density of the measured points.",
         )
@@ -101,28 +131,28 @@ def _error_pictures(survey: SurveyResults) -> dict[str, Picture]:
     """Draw the errors of the map and their calibration."""
     area, truth, route, reconstruction = survey.area, survey.truth, survey.route, survey.reconstruction
     return {
-        "error": Picture(
-            _png(figures.error_map(reconstruction, truth, area=area, route=route)),
+        "error": picture_of(
+            figures.error_map(reconstruction, truth, area=area, route=route),
             "Map of the error",
             "Red: the map lies too high, blue: too low. The limits hold 99% of the errors.",
         ),
-        "profile": Picture(
-            _png(figures.terrain_profile(reconstruction, truth, route, prior=survey.prior, area=area)),
+        "profile": picture_of(
+            figures.terrain_profile(reconstruction, truth, route, prior=survey.prior, area=area),
             "Terrain profiles along one swath and across the survey",
             "Profiles along one swath and across the survey; below, the error inside its claimed band (± 2 σ).",
         ),
-        "calibration": Picture(
-            _png(figures.calibration_plot(reconstruction, truth, survey.score.calibration, area=area)),
+        "calibration": picture_of(
+            figures.calibration_plot(reconstruction, truth, survey.score.calibration, area=area),
             "Observed against claimed coverage, and errors in claimed standard deviations",
             "On the diagonal (left) and under the curve (right), claim and error agree.",
         ),
-        "histogram": Picture(
-            _png(figures.error_histogram(reconstruction, truth, survey.score.elevation, area=area)),
+        "histogram": picture_of(
+            figures.error_histogram(reconstruction, truth, survey.score.elevation, area=area),
             "Histogram of the errors with RMSE, NMAD and 95th percentile",
             "Distribution of the errors.",
         ),
-        "distance": Picture(
-            _png(figures.error_against_distance(reconstruction, truth, route, area=area)),
+        "distance": picture_of(
+            figures.error_against_distance(reconstruction, truth, route, area=area),
             "Error against distance to the route",
             "Error and standard deviation against the distance to the route.",
         ),
@@ -138,8 +168,8 @@ def _path_pictures(
     )
     is_lost = np.asarray(trajectory.health) < 0.5
     return {
-        "path": Picture(
-            _png(
+        "path": picture_of(
+            (
                 figures.path_map(
                     trajectory.position,
                     trajectory.covariance,
@@ -152,13 +182,13 @@ def _path_pictures(
             "Map of the estimated path with its 1σ ellipses, the reference and the landmarks",
             "Estimated path with its 1σ ellipses, the reference, and the landmarks.",
         ),
-        "path_error": Picture(
-            _png(figures.error_over_distance(trajectory.position, at_times, trajectory.covariance, is_lost)),
+        "path_error": picture_of(
+            figures.error_over_distance(trajectory.position, at_times, trajectory.covariance, is_lost),
             "Horizontal and vertical error of the position over the distance driven, with the claimed band",
             "Error of the position against the distance driven, with the estimated standard deviation.",
         ),
-        "trajectory": Picture(
-            _png(figures.trajectory_error(trajectory, reference)),
+        "trajectory": picture_of(
+            figures.trajectory_error(trajectory, reference),
             "Error of the estimated position over time with its claimed band",
             "Error of the estimated position: east, north and up. The band is ± 2 estimated σ.",
         ),
@@ -169,13 +199,13 @@ def _drive_pictures(survey: SurveyResults, driven: Trajectory, estimated: FloatA
     """Draw the drive beside its plan."""
     route, paths = survey.route, (driven.position, estimated)
     return {
-        "executed": Picture(
-            _png(figures.executed_route(route, *paths, area=survey.area)),
+        "executed": picture_of(
+            figures.executed_route(route, *paths, area=survey.area),
             "Map of the planned and the driven path",
             "Planned path, driven path, and the path as estimated while driving.",
         ),
-        "deviation": Picture(
-            _png(figures.deviation_from_route(route, *paths)),
+        "deviation": picture_of(
+            figures.deviation_from_route(route, *paths),
             "Distance from the planned path over the distance driven",
             "True and estimated distance from the route.",
         ),
@@ -189,13 +219,9 @@ def _camera_pictures(on_board: OnBoard) -> dict[str, Picture]:
         alt = "Images of the drive, one after the other"
         pictures["video"] = Picture(on_board.video, alt, "Images of the camera, from start to end.")
     if on_board.tracks is not None:
-        pictures["tracks"] = Picture(
-            _png(on_board.tracks),
+        pictures["tracks"] = picture_of(
+            (on_board.tracks),
             "Images of the drive with tracked corners, before and after CLAHE",
             "Tracked corners: left in the raw images, right after contrast enhancement (CLAHE).",
         )
     return pictures
-
-
-def _png(figure: Figure) -> bytes:
-    return figures.png_bytes(figure)

@@ -1,5 +1,6 @@
 """Layout of maps: what they show, their axes, titles, and scale of the page."""
 
+import math
 from typing import NamedTuple
 
 from matplotlib.axes import Axes
@@ -84,7 +85,7 @@ def _set_up_map(axes: Axes, bounds: Bounds, *, first: bool, crowded: bool) -> No
     xmin, ymin, xmax, ymax = bounds
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", facecolor=VEIL, xlabel="Easting [m]")
     axes.spines[:].set_visible(True)
-    decimals = 0 if max(xmax - xmin, ymax - ymin) >= 20.0 else 1
+    decimals = _decimals(max(xmax - xmin, ymax - ymin), min(xmax - xmin, ymax - ymin))
     # Where maps stand close together, labels at their edges would run into each other.
     edge = 0.1 * (xmax - xmin) if crowded else 0.0
 
@@ -98,6 +99,19 @@ def _set_up_map(axes: Axes, bounds: Bounds, *, first: bool, crowded: bool) -> No
     axes.tick_params(axis="y", labelleft=first)
     if first:
         axes.set_ylabel("Northing [m]")
+
+
+def _decimals(longer_m: float, shorter_m: float) -> int:
+    """Return how many decimals tell the labels of the shorter side apart.
+
+    Examples
+    --------
+    >>> _decimals(600.0, 300.0), _decimals(12.0, 6.0), _decimals(0.5, 0.25)
+    (0, 1, 2)
+    """
+    if longer_m >= 20.0:
+        return 0
+    return max(1, math.ceil(-math.log10(0.2 * shorter_m)))
 
 
 def grouped(value: float, decimals: int = 0) -> str:

@@ -7,10 +7,10 @@ from survey.core.errors import ConfigError
 from survey.core.files.replacing import replacing_folder
 from survey.core.files.writing import replacing
 from survey.figures.sheets.pages import pdf_bytes
-from survey.figures.style import png_bytes
+from survey.figures.style import SHARP_DPI, png_bytes
 from survey.reporting.document.content import Document
 from survey.reporting.document.pdf import document_pages
-from survey.reporting.pictures import Picture
+from survey.reporting.pictures import picture_of
 from survey.reporting.rendering import rendered
 
 OUTPUTS = ("index.html", "report.pdf", "figures", "figures/*", "tables", "tables/*")
@@ -79,10 +79,10 @@ def write_document(target: str | Path, document: Document) -> Path:
 
 def html_page(document: Document, *, is_alone: bool = True) -> str:
     """Return the HTML page; alone it holds its downloads, else they are files beside it."""
-    pictures = {it.name: Picture(png_bytes(it.figure), it.alt, it.caption) for it in document.figures}
+    pictures = {it.name: picture_of(it.figure, it.alt, it.caption) for it in document.figures}
     tables = {table.name: _table_source(table.csv) for table in document.tables}
     links = (
-        {**{name: it.source for name, it in pictures.items()}, **tables}
+        {**{name: it.file_source for name, it in pictures.items()}, **tables}
         if is_alone
         else {**{name: f"figures/{name}.png" for name in pictures}, **{n: f"tables/{n}.csv" for n in tables}}
     )
@@ -94,7 +94,7 @@ def _write_folder(folder: Path, document: Document) -> Path:
         for place in ("figures", "tables"):
             (draft / place).mkdir()
         for drawn in document.figures:
-            (draft / "figures" / f"{drawn.name}.png").write_bytes(png_bytes(drawn.figure))
+            (draft / "figures" / f"{drawn.name}.png").write_bytes(png_bytes(drawn.figure, SHARP_DPI))
         for table in document.tables:
             (draft / "tables" / f"{table.name}.csv").write_text(table.csv, encoding="utf-8", newline="\n")
         (draft / "index.html").write_text(html_page(document, is_alone=False), encoding="utf-8")

@@ -87,7 +87,7 @@ def test_the_page_loads_nothing(page):
     outline = Outline(page)
     images = outline.all("img")
     assert len(images) == len(FIGURES)
-    assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in images)
+    assert all(image["src"].startswith("data:image/webp;base64,") and image["alt"] for image in images)
     assert not {"script", "link", "iframe", "object", "video"} & {tag for tag, _ in outline.tags}
     assert not re.search(r"https?://|url\(|@import", page)
 
