@@ -114,6 +114,29 @@ _Adaptive = Annotated[
 ]
 _Driven = Annotated[Path | None, typer.Option("--driven", help="Route driven so far (adaptive).")]
 _Measured = Annotated[Path | None, typer.Option("--measured", help="Points measured so far (adaptive).")]
+_Season = Annotated[
+    str | None,
+    typer.Option(
+        "--season",
+        help="Design two surveys: half the 95 % interval of the mass balance [m w.e.], such as 0.2, or of the change of volume, such as 5%; needs --prior and --dates.",
+    ),
+]
+_Dates = Annotated[
+    str | None,
+    typer.Option("--dates", help="Days of both surveys of a season, such as 2026-05-01,2026-09-20."),
+]
+_Melt = Annotated[
+    float | None,
+    typer.Option("--melt", help="Mean melt of a day in the season [m w.e.]; that of the surface by default."),
+]
+_Emergence = Annotated[
+    float,
+    typer.Option(
+        "--emergence",
+        help="Standard deviation of the mean vertical motion of the ice over the area [m per year]; 0 for a complete glacier.",
+    ),
+]
+_KmADay = Annotated[float, typer.Option("--km-a-day", help="Distance driven in a day of a season [km].")]
 _Out = Annotated[
     Path,
     typer.Option(
@@ -152,6 +175,11 @@ def plan(
     adaptive: _Adaptive = False,
     driven: _Driven = None,
     measured: _Measured = None,
+    season: _Season = None,
+    dates: _Dates = None,
+    melt: _Melt = None,
+    emergence: _Emergence = 0.0,
+    km_a_day: _KmADay = 10.0,
     out: _Out = Path("route.geojson"),
     force: _Force = False,
     runs: Runs = RUNS,
@@ -189,6 +217,8 @@ def plan(
 
       firnline plan site.gpkg --prior srtm.tif --require class-3 --adaptive --driven so_far.geojson --measured so_far.csv
 
+      firnline plan glacier.gpkg --prior glo30.tif --season 0.3 --dates 2026-05-01,2026-09-20 --surface bare-ice
+
       firnline plan mine.toml
 
       firnline plan mine.toml --require class-3
@@ -197,6 +227,7 @@ def plan(
     given |= {"noise_m": given.pop("noise"), "localization_m": given.pop("localization")}
     given |= {"micro_relief_m": given.pop("micro_relief"), "shared_m": given.pop("shared")}
     given |= {"prior_sigma_m": given.pop("prior_sigma"), "settings": tuple(given.pop("settings") or ())}
+    given |= {"melt_m_we_day": given.pop("melt"), "emergence_m_year": given.pop("emergence")}
     request = PlanRequest(**given)
     mode = mode_of(request)
     if dry_run:

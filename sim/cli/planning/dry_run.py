@@ -23,8 +23,8 @@ def _facts(request: PlanRequest) -> dict[str, Any]:
     from survey.core.map_scale import ground_area_m2
     from survey.core.quantity_text import area_text
 
-    pattern = "chosen for the guarantee"
-    if request.require is None:
+    pattern = "chosen for the guarantee" if request.season is None else "chosen for the season"
+    if request.require is None and request.season is None:
         from sim.cli.planning.area import checked_options
 
         config = checked_options(request)

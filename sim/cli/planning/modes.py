@@ -16,7 +16,7 @@ _OF_A_MISSION = (
     "max_slope",
     "pattern",
 )
-_OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force")
+_OF_AN_AREA = ("joint", "adaptive", "driven", "measured", "assume", "force", "season", "dates")
 _DECIDED = ("pattern", "swaths", "spacing", "budget", "rmse", "rovers", "max_slope")
 
 
@@ -36,6 +36,10 @@ def mode_of(request: PlanRequest) -> Callable[[PlanRequest], None]:
         require_probability(request.probability)
     if request.is_mission:
         return _mission_mode(request)
+    if request.given("season", "dates"):
+        mode = _season_mode(request)
+        request.check_outputs()
+        return mode
     if request.require is None:
         from survey.core.errors import ConfigError
 
@@ -73,6 +77,24 @@ def _mission_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
     from sim.cli.planning.mission import plan_mission, required_swaths
 
     return plan_mission if request.require is None else required_swaths
+
+
+def _season_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
+    """Return the function for a season; options that contradict it are refused."""
+    from survey.core.errors import ConfigError
+
+    if request.season is None or request.dates is None:
+        raise ConfigError(
+            "--season and --dates belong together: the wanted error, and the days of both surveys."
+        )
+    stated = request.given(*_DECIDED, "require", "joint", "adaptive", "assume", "settings")
+    if stated:
+        raise ConfigError(f"--season chooses swaths, stakes and days itself; leave out {', '.join(stated)}.")
+    if request.out.suffix.lower() not in (".geojson", ".gpkg"):
+        raise ConfigError(f"--season writes a route (.geojson, .gpkg), not {request.out}; choose another -o.")
+    from sim.cli.planning.season import plan_season
+
+    return plan_season
 
 
 def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:

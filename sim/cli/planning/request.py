@@ -50,12 +50,18 @@ class PlanRequest:
     quiet: bool
     verbose: int
     dry_run: bool = False
+    season: str | None = None
+    dates: str | None = None
+    melt_m_we_day: float | None = None
+    emergence_m_year: float = 0.0
+    km_a_day: float = 10.0
 
     @property
     def files(self) -> dict[str, Path]:
         """Files that may be written, by what they hold."""
         if self.out.suffix.lower() in _ROUTES:
-            return {"route": self.out, "picture": self.out.with_suffix(".png")}
+            files = {"route": self.out, "picture": self.out.with_suffix(".png")}
+            return files if self.season is None else files | self._season_files
         sigma = self.out.with_name(f"{self.out.stem}_sigma.tif")
         if self.out.suffix.lower() == ".qgz":
             area, terrain = (
@@ -64,6 +70,14 @@ class PlanRequest:
             route = self.out.with_suffix(".gpkg")
             return {"project": self.out, "route": route, "area": area, "sigma": sigma, "terrain": terrain}
         return {"sheets": self.out, "route": self.out.with_suffix(".geojson"), "sigma": sigma}
+
+    @property
+    def _season_files(self) -> dict[str, Path]:
+        """Files of a season's design beside the route."""
+        return {
+            name: self.out.with_name(f"{self.out.stem}_season{suffix}")
+            for name, suffix in (("table", ".csv"), ("errors", ".png"))
+        }
 
     @property
     def written(self) -> dict[str, str]:
