@@ -12,6 +12,7 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
+import shapely
 from threadpoolctl import threadpool_limits
 
 import planners
@@ -128,9 +129,9 @@ def _drive_with_images(
     """Drive with rendered images, steered by the estimate or by the real pose, and write the drive."""
     # Here: physics and compiled rendering take a second to import.
     from sim.simulate.navigator_process import navigating
-    from sim.simulate.vision import simulate_vision
+    from sim.simulate.vision import EDGE_M, simulate_vision
 
-    steering = _steering_on_the_way(route, world, mission)
+    steering = _steering_on_the_way(route, world, mission, EDGE_M)
     with navigating(mission, workers) as navigate:
         drive = simulate_vision(
             world.terrain,
@@ -146,13 +147,13 @@ def _drive_with_images(
 
 
 def _steering_on_the_way(
-    route: survey.Route, world: World, mission: MissionConfig
+    route: survey.Route, world: World, mission: MissionConfig, edge_m: float
 ) -> WaypointSteering | None:
-    """Return what chooses the path while the rover drives; None for patterns that are fixed before."""
+    """Return what chooses the path while the rover drives, off the terrain's edge; None for patterns that are fixed before."""
     steering = planners.steering_of(mission.planner)
     if steering is None:
         return None
-    ground = _drivable(world, mission).free
+    ground = _drivable(world, mission).free.intersection(shapely.box(*world.terrain.bounds).buffer(-edge_m))
     return WaypointSteering(route, steering, ground, stream(mission.seed, "steering"))
 
 

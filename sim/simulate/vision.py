@@ -39,7 +39,8 @@ from survey.data.truth import Truth
 from vision_slam.odometry.visual_odometry import VisualOdometry
 
 _MEMORY_S = 0.5
-_EDGE_M = 3.0  # a rover that turns at the end of a swath swings out by so much
+EDGE_M = 3.0
+"""Distance from the edge of the terrain that routes keep to [m]: a rover that turns at the end of a swath swings out."""
 
 
 def simulate_vision(
@@ -100,13 +101,11 @@ def simulate_vision(
 def _check(ground: FineTerrain, path: FloatArray, mission: MissionConfig) -> None:
     """Refuse routes and rates that cannot be simulated, before anything is written."""
     xmin, ymin, xmax, ymax = ground.bounds
-    outside = ((path < [xmin + _EDGE_M, ymin + _EDGE_M]) | (path > [xmax - _EDGE_M, ymax - _EDGE_M])).any(
-        axis=1
-    )
+    outside = ((path < [xmin + EDGE_M, ymin + EDGE_M]) | (path > [xmax - EDGE_M, ymax - EDGE_M])).any(axis=1)
     if outside.any():
         east, north = path[outside][0]
         raise InputError(
-            f"the route comes at ({east:.1f}, {north:.1f}) within {_EDGE_M:g} m of where the terrain ends, whose bounds are "
+            f"the route comes at ({east:.1f}, {north:.1f}) within {EDGE_M:g} m of where the terrain ends, whose bounds are "
             f"{ground.bounds}; a rover needs ground to turn on, so set area.bounds_m further inside, or take a larger terrain."
         )
     rate = mission.physics.rate_hz

@@ -6,7 +6,7 @@ import planners
 from planners import PiecewiseContinuousConfig
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
-from sim.mission.stages import steered
+from sim.mission.stages import _steering_on_the_way, steered
 from sim.simulate.sensed_attitude import sensed_attitude, sensed_attitudes
 from sim.world.site import build_world
 
@@ -90,3 +90,22 @@ def test_errors_of_a_rover_do_not_depend_on_others_nor_on_waiting_for_them() -> 
     alone, beside = driven([straight], [3])[:, 0], driven([waiting, straight], [5, 3])
     np.testing.assert_array_equal(beside[:, 1], alone)
     np.testing.assert_array_equal(beside[[0, 1, 2, 5, 6, 7], 0], driven([straight], [5])[:6, 0])
+
+
+def test_a_mission_in_images_chooses_a_steered_path_while_it_drives_off_the_terrains_edge() -> None:
+    config = mission("vision")
+    world = build_world(config)
+    route = planners.plan(world.area, world.prior, config.planner, rover=config.rover)
+    steering = _steering_on_the_way(route, world, config, 3.0)
+    assert steering is not None
+    _, south, _, north = world.terrain.bounds
+    left_up = planners.Attitude(np.array([0.2]), np.zeros(1), np.zeros(1))
+    places = [steering.start]
+    while (stretch := steering.next_stretch(left_up)) is not None:
+        places += list(stretch)
+    # Bands reach half a spacing, which is the border here, to either side of the swaths.
+    aside = np.array(places)[:, 1]
+    assert south + 2.99 <= aside.min()
+    assert aside.max() <= north - 2.99
+    fixed = config.model_copy(update={"planner": planners.LawnmowerConfig(swaths=2)})
+    assert _steering_on_the_way(route, world, fixed, 3.0) is None
