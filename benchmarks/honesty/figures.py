@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.honesty.priors import BAD
 from benchmarks.honesty.priors import KINDS as PRIORS
-from benchmarks.honesty.surveys import BEFORE, CLASS_3_M, NAME_BEFORE, NO_PRIOR
+from benchmarks.honesty.surveys import BEFORE, CLASS_3_M, NAME_BEFORE, NAME_MISMATCHED, NO_PRIOR
 from benchmarks.honesty.terrains import KINDS as TERRAINS
 from benchmarks.report import Row
 from survey.reconstruction.base import CHECK, CLAIM
@@ -48,6 +48,9 @@ def _coverage(found: Outcomes) -> Iterator[Row]:
     yield Row(
         "no prior: coverage of 95 %, mean over surveys", _mean(chosen(found, prior=NO_PRIOR), "coverage"), "1"
     )
+    mismatched = chosen(found, prior=NAME_MISMATCHED)
+    if mismatched:
+        yield Row(f"{NAME_MISMATCHED}: coverage of 95 %", _mean(mismatched, "coverage"), "1")
     cells = {
         (terrain, kind): _mean(chosen(found, prior=kind, terrain=terrain), "coverage")
         for terrain in TERRAINS
@@ -106,31 +109,49 @@ _CERTIFICATES: dict[str, Callable[[dict[str, Any]], bool]] = {
 def _errors(found: Outcomes) -> Iterator[Row]:
     none = _mean(chosen(found, prior=NO_PRIOR), "rmse_m")
     for kind, what in PRIORS.items():
-        ours = _mean(chosen(found, prior=kind), "rmse_m")
-        reference = "truthful" if what.stated_factor else kind
-        best = _mean(chosen(found, prior=reference, is_oracle=True), "rmse_m")
-        yield Row.of(f"{kind}: RMSE over that of an oracle", ours / best, "x", "<=", 1.10)
+        ours = chosen(found, prior=kind)
+        best = chosen(found, prior=what.reference, is_oracle=True)
+        ratio = _mean(_of_surveys(ours, best), "rmse_m") / _mean(best, "rmse_m")
+        yield Row.of(f"{kind}: RMSE over that of an oracle", ratio, "x", "<=", 1.10)
+        ratio = _mean(ours, "rmse_m") / none
         if kind in BAD:
-            yield Row.of(f"{kind}: RMSE over that without a prior", ours / none, "x", "<=", 1.02)
+            yield Row.of(f"{kind}: RMSE over that without a prior", ratio, "x", "<=", 1.02)
         else:
-            yield Row(f"{kind}: RMSE over that without a prior", ours / none, "x")
+            yield Row(f"{kind}: RMSE over that without a prior", ratio, "x")
+
+
+def _of_surveys(found: Outcomes, others: Outcomes) -> list[dict[str, Any]]:
+    """Return the outcomes of the surveys that others belong to."""
+    wanted = {(one["terrain"], one["seed"]) for one in others}
+    return [one for one in found if (one["terrain"], one["seed"]) in wanted]
 
 
 def _before(found: Outcomes) -> Iterator[Row]:
-    """Compare with an isotropic kernel that the points alone choose, on the same surveys."""
+    """Compare with an isotropic kernel that the points alone choose, and an exact level, on the same surveys."""
     for terrain in BEFORE:
         old = chosen(found, prior=NAME_BEFORE, terrain=terrain)
-        seeds = {one["seed"] for one in old}
-        new = [one for one in chosen(found, prior="truthful", terrain=terrain) if one["seed"] in seeds]
         if not old:
             continue
-        limit = 1.10 if terrain == "SRTM windows" else 0.35
-        ratio = _mean(new, "rmse_m") / _mean(old, "rmse_m")
-        yield Row.of(f"{terrain}, truthful: RMSE over that of an isotropic kernel", ratio, "x", "<=", limit)
-        yield Row.of(f"{terrain}, truthful: coverage", _mean(new, "coverage"), "1", ">=", 0.92)
-        yield Row(f"{terrain}, truthful, isotropic kernel: coverage", _mean(old, "coverage"), "1")
-        plain = [one for one in chosen(found, prior=NO_PRIOR, terrain=terrain) if one["seed"] in seeds]
+        for kind in ("truthful", "truthful, stated so"):
+            yield from _over_isotropic(terrain, kind, _of_surveys(chosen(found, prior=kind), old), old)
+        plain = _of_surveys(chosen(found, prior=NO_PRIOR), old)
         cost = _mean(plain, "kernel_cpu_s") / _mean(old, "kernel_cpu_s")
+        yield Row(f"{terrain}, isotropic kernel: coverage", _mean(old, "coverage"), "1")
         yield Row.of(
             f"{terrain}: CPU time of the fit of kernels over that of isotropic ones", cost, "x", "<=", 1.5
         )
+
+
+def _over_isotropic(terrain: str, kind: str, new: Outcomes, old: Outcomes) -> Iterator[Row]:
+    """Yield RMSE over that of the isotropic kernel on the mean, and on the seed where that one errs most."""
+    name = f"{terrain}, {kind}"
+    over = f"{name}: RMSE over that of an isotropic kernel and an exact level"
+    mean = _mean(new, "rmse_m") / _mean(old, "rmse_m")
+    if terrain == "SRTM windows":
+        yield Row.of(over, mean, "x", "<=", 1.10)
+    else:
+        worst = max(old, key=lambda one: one["rmse_m"])
+        there = _mean(_of_surveys(new, [worst]), "rmse_m") / worst["rmse_m"]
+        yield Row(over, mean, "x")
+        yield Row.of(f"{over}, on its worst seed", there, "x", "<=", 0.35)
+    yield Row.of(f"{name}: coverage", _mean(new, "coverage"), "1", ">=", 0.92)

@@ -18,13 +18,21 @@ class PriorKind:
     """One kind of prior.
 
     ``offset_m``, ``shift_m`` and ``correlated_m`` are sizes of its errors, ``stated_factor`` is the ratio of the stated
-    to the true white error, 0 where none is stated; odd seeds take its inverse, and the opposite offset.
+    to the true white error, 0 where none is stated; odd seeds take its inverse, and the opposite offset. ``product`` is
+    the class that the user states.
     """
 
     offset_m: float = 0.0
     shift_m: float = 0.0
     correlated_m: float = 0.0
     stated_factor: float = 0.0
+    product: str = "unknown"
+
+    @property
+    def reference(self) -> str:
+        """Name of the kind whose oracle this one is compared with: that with the same cells."""
+        alike = PriorKind(self.offset_m, self.shift_m, self.correlated_m)
+        return next(name for name, kind in KINDS.items() if kind == alike)
 
     @property
     def oracle(self) -> SatelliteErrors:
@@ -39,9 +47,9 @@ class PriorKind:
         )
 
     def assumed(self, seed: int) -> SatelliteErrors:
-        """Return what an ordinary user states: nothing, or a white error that is wrong by a factor."""
+        """Return what an ordinary user states: a class, or a white error that is wrong by a factor."""
         if self.stated_factor == 0.0:
-            return SatelliteErrors()
+            return SatelliteErrors(product=self.product)
         return SatelliteErrors(sigma_m=self.stated_factor if seed % 2 == 0 else 1.0 / self.stated_factor)
 
     def errors(self, seed: int) -> ProductErrors:
@@ -56,6 +64,7 @@ class PriorKind:
 
 KINDS = {
     "truthful": PriorKind(),
+    "truthful, stated so": PriorKind(product="unbiased"),
     "datum 0.5 m": PriorKind(offset_m=0.5),
     "shift 7 m": PriorKind(shift_m=7.0),
     "correlated 3 m": PriorKind(correlated_m=3.0),
@@ -63,7 +72,7 @@ KINDS = {
     "wrong stated sigma": PriorKind(stated_factor=3.0),
 }
 """The kinds; white errors are 1 m in all of them."""
-BAD = tuple(name for name in KINDS if name != "truthful")
+BAD = tuple(name for name in KINDS if not name.startswith("truthful"))
 
 
 def prior(kind: str, terrain: Dem, name: str, seed: int) -> Dem:

@@ -12,7 +12,7 @@ from benchmarks.honesty.priors import KINDS as PRIORS
 from benchmarks.honesty.priors import prior
 from benchmarks.honesty.terrains import CRS, KINDS, SIDE_M, terrain
 from planners import LawnmowerConfig
-from sim.config.mission import MissionConfig, SensorConfig
+from sim.config.mission import MissionConfig, SensorConfig, mismatched
 from sim.config.terrain import RandomTerrain
 from sim.simulate.statistical import simulate_statistical
 from survey.core.arrays import FloatArray, IntArray
@@ -38,12 +38,16 @@ TAUS_S = (60.0, 120.0, 300.0, 600.0, 900.0)
 ASSUMED_TAU_S = 300.0
 FIRST_SEED = 7101
 NO_PRIOR, NAME_BEFORE = "no prior", "isotropic, by points alone"
+NAME_MISMATCHED, PRIOR_MISMATCHED = "all together, other sensors", "all together"
+"""Maps whose estimator assumes errors of the sensors that are wrong by factors of up to two."""
 BEFORE = ("anisotropic ridges", "moraine ridges", "SRTM windows")
 """Kinds of terrain that are mapped as before anisotropic kernels, too."""
 CANDIDATES_BEFORE = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 CLASS_3_M = 0.4572
 _PROBABILITIES = np.linspace(0.1, 0.9, 9)
-_MEMORY_MB, _NODE_SPACING_M, _N_BEFORE = 9.0, 20.0, 2
+_MEMORY_MB, _NODE_SPACING_M = 6.0, 30.0
+_LANDMARKS_PER_M = 0.25
+_N_BEFORE, _ORACLE_EVERY, _MISMATCHED_EVERY = 4, 3, 6
 _TESTED = (NO_PRIOR, "truthful", "all together")
 
 
@@ -73,22 +77,52 @@ def survey_of(kind: str, seed: int) -> list[dict[str, Any]]:
     tau_s = TAUS_S[(seed + KINDS.index(kind)) % len(TAUS_S)]
     mission = _mission(100 * seed + KINDS.index(kind), tau_s)
     recording, _ = simulate_statistical(real, planners.plan(AREA, None, mission.planner), mission)
-    ordinary, oracle = (_Localized.of(recording, mission, tau) for tau in (ASSUMED_TAU_S, tau_s))
+    ordinary = _Localized.of(recording, mission, ASSUMED_TAU_S)
     start = time.process_time()
     fitted = ordinary.fitted()
     seconds = time.process_time() - start
     outcomes = [replace(_mapped(ordinary, fitted, real, NO_PRIOR), kernel_cpu_s=seconds)]
-    as_well = oracle.fitted(fitted.candidates)
     if kind in BEFORE and seed - FIRST_SEED < _N_BEFORE:
         outcomes.append(_before(ordinary, real, prior("truthful", real, kind, seed)))
     for name, what in PRIORS.items():
         cells = prior(name, real, kind, seed)
         outcomes.append(_mapped(ordinary, fitted, real, name, cells=cells, errors=what.assumed(seed)))
-        if what.stated_factor == 0.0:
-            outcomes.append(
-                _mapped(oracle, as_well, real, name, cells=cells, errors=what.oracle, is_oracle=True)
-            )
+    turn = seed + KINDS.index(kind)
+    if turn % _MISMATCHED_EVERY == 1:
+        outcomes.append(_mismatched(mission, fitted.candidates, real, kind, seed))
+    if turn % _ORACLE_EVERY == 0:
+        oracle = _Localized.of(recording, mission, tau_s)
+        outcomes += _of_oracle(oracle, oracle.fitted(fitted.candidates), real, kind, seed)
     return [asdict(one) | {"terrain": kind, "seed": seed, "tau_s": tau_s} for one in outcomes]
+
+
+def _mismatched(
+    mission: MissionConfig, candidates: list[Hyperparameters], real: Dem, kind: str, seed: int
+) -> Outcome:
+    """Survey with the same errors, of which other sizes are assumed and claimed, and map with a bad prior."""
+    other = mismatched(mission, seed)
+    recording, _ = simulate_statistical(real, planners.plan(AREA, None, other.planner), other)
+    localized = _Localized.of(recording, other, ASSUMED_TAU_S)
+    cells, errors = prior(PRIOR_MISMATCHED, real, kind, seed), PRIORS[PRIOR_MISMATCHED].assumed(seed)
+    fitted = localized.fitted(candidates)
+    return _mapped(localized, fitted, real, NAME_MISMATCHED, cells=cells, errors=errors)
+
+
+def _of_oracle(oracle: "_Localized", fitted: PointsOnly, real: Dem, kind: str, seed: int) -> list[Outcome]:
+    """Map with every kind of prior by its error model."""
+    return [
+        _mapped(
+            oracle,
+            fitted,
+            real,
+            name,
+            cells=prior(name, real, kind, seed),
+            errors=what.oracle,
+            is_oracle=True,
+        )
+        for name, what in PRIORS.items()
+        if what.reference == name
+    ]
 
 
 @dataclass(frozen=True)
@@ -120,7 +154,7 @@ def _mission(seed: int, tau_s: float) -> MissionConfig:
         seed=seed,
         terrain=RandomTerrain(source="random"),
         planner=LawnmowerConfig(swaths=4),
-        sensors=SensorConfig(gps_correlation_time_s=tau_s, landmarks_per_m=0.4),
+        sensors=SensorConfig(gps_correlation_time_s=tau_s, landmarks_per_m=_LANDMARKS_PER_M),
         localization=LocalizationConfig(node_spacing_m=_NODE_SPACING_M),
     )
 
