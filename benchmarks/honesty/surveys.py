@@ -35,7 +35,7 @@ from vision_slam import LocalizationConfig, localize
 AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
 NODES = Grid((4.0, 4.0, SIDE_M - 4.0, SIDE_M - 4.0), 8.0, CRS)
 TAUS_S = (60.0, 120.0, 300.0, 600.0, 900.0)
-ASSUMED_TAU_S = 300.0
+ASSUMED_TAU_S = 120.0
 FIRST_SEED = 7101
 NO_PRIOR, NAME_BEFORE = "no prior", "isotropic, by points alone"
 NAME_MISMATCHED, PRIOR_MISMATCHED = "all together, other sensors", "all together"
