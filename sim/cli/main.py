@@ -21,7 +21,7 @@ from sim.cli.commands import (
     show,
     simulate,
 )
-from sim.cli.guide import example, topics
+from sim.cli.guide import example, schema, topics
 from sim.cli.guide.version import options
 from sim.cli.outcome import run_guarded
 
@@ -53,6 +53,7 @@ for command in (
     show.show,
     doctor.doctor,
     example.example,
+    schema.schema,
 ):
     app.command()(command)
 app.command("help")(topics.help_)

@@ -16,6 +16,9 @@ from survey.core.config import Section
 from survey.reconstruction.registry import ReconstructionConfig
 from vision_slam import LocalizationConfig
 
+SCHEMA_VERSION = 1
+"""Version of the keys of mission and study files; it grows when a key changes its meaning."""
+
 
 class AreaConfig(Section):
     """Area to survey; all of the terrain by default."""

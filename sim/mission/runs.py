@@ -7,11 +7,11 @@ from pathlib import Path
 
 import tomlkit
 
-from sim.config.mission import MissionConfig
+from sim.config.mission import SCHEMA_VERSION, MissionConfig
 from sim.mission.capacity import require_mission
 from sim.mission.versions import current_versions
 from survey.core.arguments import check_types
-from survey.core.config import read_toml, validated, with_overrides
+from survey.core.config import read_toml, refuse_newer_schema, validated, with_overrides
 from survey.core.files.reading import existing_file
 from survey.core.files.replacing import refuse_unwritable
 from survey.core.runs.manifest import file_sha256
@@ -40,9 +40,11 @@ def read_mission(path: Path, overrides: Sequence[str] = ()) -> MissionConfig:
     InputError
         The file is missing.
     ConfigError
-        It is no TOML, or a setting is unknown or wrong.
+        It is no TOML, of a newer schema, or a setting is unknown or wrong.
     """
-    mission = validated(MissionConfig, with_overrides(read_toml(path), overrides), str(path))
+    values = with_overrides(read_toml(path), overrides)
+    refuse_newer_schema(values, SCHEMA_VERSION, str(path))
+    mission = validated(MissionConfig, values, str(path))
     return mission.read_from(path.parent)
 
 

@@ -2,16 +2,25 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import tomlkit
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 from tomlkit.items import Table
 
 from planners import LawnmowerConfig
 from sim.config.mission import AreaConfig, MissionConfig
 from sim.config.terrain import DemTerrain, RandomTerrain
 from survey.core.files.links import resolved
+
+_DIRECTIVE = "#:schema mission.schema.json\n"  # editors know no space after the mark
+_HEAD = (
+    "A firnline mission; lengths in metres, times in seconds, angles in degrees.",
+    "Every key stands at its default; a key that is deleted takes it. A key behind # has no default.",
+    "firnline schema mission > mission.schema.json lets editors complete and check this file.",
+)
+_LIMITS = (("ge", "at least"), ("gt", "above"), ("le", "at most"), ("lt", "below"))
 
 
 def mission_template(name: str, dem: Path | None = None, *, clip_to_terrain: bool = False) -> str:
@@ -31,11 +40,10 @@ def mission_template(name: str, dem: Path | None = None, *, clip_to_terrain: boo
         planner=LawnmowerConfig(swaths=4),
     )
     document = tomlkit.document()
-    document.add(
-        tomlkit.comment("A firnline mission; lengths in metres, times in seconds, angles in degrees.")
-    )
+    for line in _HEAD:
+        document.add(tomlkit.comment(line))
     _fill(document, mission)
-    return tomlkit.dumps(document)
+    return _DIRECTIVE + tomlkit.dumps(document)
 
 
 def _fill(table: Table | tomlkit.TOMLDocument, section: BaseModel) -> None:
@@ -45,7 +53,7 @@ def _fill(table: Table | tomlkit.TOMLDocument, section: BaseModel) -> None:
         if isinstance(value, BaseModel):
             nested.append((key, value))
             continue
-        meaning = " ".join((info.description or "").split())
+        meaning = _explained(info)
         if value is None:
             table.add(tomlkit.comment(f"{key} =    # {meaning}"))
         else:
@@ -55,6 +63,18 @@ def _fill(table: Table | tomlkit.TOMLDocument, section: BaseModel) -> None:
         _fill(block, inner)
         table.add(tomlkit.nl())
         table.add(key, block)
+
+
+def _explained(info: FieldInfo) -> str:
+    """Return the meaning of a setting, with its choices or limits in brackets."""
+    meaning = " ".join((info.description or "").split())
+    if get_origin(info.annotation) is Literal:
+        choices = get_args(info.annotation)
+        allowed = ["one of " + ", ".join(map(str, choices))] if len(choices) > 1 else []
+    else:
+        bounds = ((word, getattr(part, key, None)) for part in info.metadata for key, word in _LIMITS)
+        allowed = [f"{word} {bound:g}" for word, bound in bounds if bound is not None]
+    return f"{meaning} ({', '.join(allowed)})".strip() if allowed else meaning
 
 
 def _item(value: Any) -> Any:

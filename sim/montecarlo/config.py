@@ -14,10 +14,10 @@ from pydantic import (
 )
 
 from planners import PlannerConfig, planner_config
-from sim.config.mission import RoverConfig, SensorConfig
+from sim.config.mission import SCHEMA_VERSION, RoverConfig, SensorConfig
 from sim.config.terrain import SatelliteConfig, TerrainFamily
 from sim.montecarlo.map_config import Map, MapClassName, Name, ReconstructedMap, SearchedMap
-from survey.core.config import Section, read_toml, validated, with_overrides
+from survey.core.config import Section, read_toml, refuse_newer_schema, validated, with_overrides
 from survey.core.errors import ConfigError
 from survey.reconstruction.registry import METHODS
 from survey.scoring.standards.map_classes import map_classes
@@ -195,7 +195,9 @@ def read_study(path: Path, overrides: Sequence[str] = ()) -> StudyConfig:
     ConfigError
         It is no TOML, or a setting is unknown or wrong.
     """
-    study = validated(StudyConfig, with_overrides(read_toml(path), overrides), str(path))
+    values = with_overrides(read_toml(path), overrides)
+    refuse_newer_schema(values, SCHEMA_VERSION, str(path))
+    study = validated(StudyConfig, values, str(path))
     try:
         study.check()
     except ConfigError as error:

@@ -81,6 +81,26 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise ConfigError(f"{file} nests its values too deeply for a configuration; correct it.") from error
 
 
+def refuse_newer_schema(values: Mapping[str, Any], known: int, where: str) -> None:
+    """Refuse a file whose ``schema_version`` is newer than this program reads.
+
+    Raises
+    ------
+    ConfigError
+        A newer version; any other value is left to the checks of the configuration.
+
+    Examples
+    --------
+    >>> refuse_newer_schema({"schema_version": 1}, 1, "mine.toml")
+    """
+    found = values.get("schema_version")
+    if isinstance(found, int) and found > known:
+        raise ConfigError(
+            f"{where} has schema_version {found}, and this firnline reads version {known}; update firnline, or write the file "
+            "again with firnline init."
+        )
+
+
 def with_overrides(values: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """Return a copy with ``section.key=value`` settings put in; values are read as TOML.
 

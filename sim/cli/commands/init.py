@@ -37,4 +37,6 @@ def init(
     has_voids = dem is not None and not np.isfinite(Dem.read(dem).elevation).all()
     with replacing(resolved(path)) as draft:
         draft.write_text(mission_template(path.stem, dem, clip_to_terrain=has_voids), encoding="utf-8")
-    typer.echo(f"{path} written; edit it, then run: firnline run {path}")
+    ground = "random terrain" if dem is None else f"the ground of {dem}"
+    typer.echo(f"{path} written: 4 swaths on {ground}; every other setting is explained and at its default")
+    typer.echo(f"edit it, then run: firnline run {path}")
