@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 _MISSIONS = (".plan", ".waypoints")
 
+_OWN_ROUTES = (".geojson", ".gpkg", ".json")
+
 
 @with_exit_codes
 def export(
@@ -64,7 +66,11 @@ def export(
         ),
     ] = None,
     crs: Annotated[
-        str | None, typer.Option("--crs", help="CRS of files that carry none; of areas, the one to write in.")
+        str | None,
+        typer.Option(
+            "--crs",
+            help="CRS of files that carry none; of areas and of plans of other tools, the one to write in.",
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
@@ -96,7 +102,7 @@ def export(
         typer.echo(f"{out} written")
         return
     is_named = dem is not None
-    route, area, dem = _route_of(source, area, dem)
+    route, area, dem = _route_of(source, area, dem, crs)
     around = _surroundings(route, autopilot, area, dem, speed, returns=returns)
     if source.is_dir() and not is_named:
         around = _with_known_heights(route, around)
@@ -121,16 +127,31 @@ def _refuse_route_options(
 
 
 def _route_of(
-    source: Path, area: Path | None, dem: Path | None
+    source: Path, area: Path | None, dem: Path | None, crs: str | None
 ) -> "tuple[survey.Route, Path | None, Path | None]":
     """Return a route with the files of its area and terrain; a run has both."""
     import survey
     from survey.core.runs.store import RunFolder
 
     if not source.is_dir():
-        return survey.Route.read(source), area, dem
+        return _read_route(source, crs), area, dem
     stage = RunFolder.find(source).verified("plan")
     return survey.Route.read(stage / "route.geojson"), area or stage / "area.gpkg", dem or stage / "prior.tif"
+
+
+def _read_route(source: Path, crs: str | None) -> "survey.Route":
+    """Read a route of firnline, or, into a named CRS, a plan in any format that is read."""
+    import survey
+    from survey.core.errors import ConfigError
+    from survey.interchange.route_formats import read_plan
+    from survey.interchange.route_readers import READERS
+
+    if crs is not None:
+        return read_plan(source, crs)
+    suffix = source.suffix.lower()
+    if suffix in READERS and suffix not in _OWN_ROUTES:
+        raise ConfigError(f"{source} states no projected CRS; name that of the route, e.g. --crs EPSG:32608.")
+    return survey.Route.read(source)
 
 
 def _surroundings(
