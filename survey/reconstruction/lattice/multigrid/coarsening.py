@@ -99,6 +99,23 @@ def add_prolonged(coarse: FloatArray, fine: FloatArray) -> None:
             fine[j, i] += 0.25 * (a[i // 2] + a[i // 2 + 1] + b[i // 2] + b[i // 2 + 1])
 
 
+# Assignments of slices, array expressions and `np.where` take several seconds to compile, loops a tenth of one.
+@njit(cache=True)
+def copy(source: FloatArray, target: FloatArray) -> None:
+    """Set one grid to another of its shape."""
+    for j in range(source.shape[0]):
+        for i in range(source.shape[1]):
+            target[j, i] = source[j, i]
+
+
+@njit(cache=True)
+def subtract(part: FloatArray, target: FloatArray) -> None:
+    """Subtract a grid from another of its shape, in place."""
+    for j in range(part.shape[0]):
+        for i in range(part.shape[1]):
+            target[j, i] -= part[j, i]
+
+
 @njit(cache=True)
 def dot(a: FloatArray, b: FloatArray) -> float:
     """Return the sum of products, added in one order whatever the machine's threads do."""
@@ -138,7 +155,8 @@ def dense(stencil: FloatArray, weights: Weights, soft: FloatArray) -> FloatArray
     for k in range(rows * columns):
         unit[k // columns, k % columns] = 1.0
         apply(stencil, weights, soft, unit, out)
-        matrix[k] = out.ravel()
+        for node in range(rows * columns):
+            matrix[k, node] = out[node // columns, node % columns]
         unit[k // columns, k % columns] = 0.0
     return matrix
 

@@ -10,6 +10,7 @@ from survey.reconstruction.lattice.multigrid.coarsening import (
     cholesky,
     coarsen_stencil,
     coarsened_factors,
+    copy,
     dense,
 )
 from survey.reconstruction.lattice.multigrid.plate_prior import Weights
@@ -151,6 +152,18 @@ def clear(array: FloatArray, rim: RimCounts) -> None:
 
 
 @njit(cache=True)
+def _hold_rim(rim: RimCounts, held: FloatArray, bound: FloatArray) -> None:
+    """Give the nodes of a rim a great weight, and no step of the smoother."""
+    free, weight = np.ones(bound.shape), _HEAVY * bound.max()
+    clear(free, rim)
+    for j in range(bound.shape[0]):
+        for i in range(bound.shape[1]):
+            held[j, i] += weight * (1.0 - free[j, i])
+            if free[j, i] <= 0.0:
+                bound[j, i] = np.inf
+
+
+@njit(cache=True)
 def _built(
     operator: Operator, shapes: IntArray, rim: RimCounts
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -172,16 +185,20 @@ def _built(
             coarsen_stencil(finer[0], finer, level_stencil(data, shapes, k))
         if soft.shape[0]:
             here = soft if k == 0 else coarsened_factors(here)
-            level_factors(factors, shapes, k)[:] = here
+            for layer in range(3):
+                copy(here[layer], level_factors(factors, shapes, k)[layer])
         own = lumped(stencil) if k == 0 else lumped(level_stencil(data, shapes, k))
         shape = (shapes[k, 0], shapes[k, 1])
-        bound = own + spectrum * prior_diagonal(coarser_weights(weights, k), here, shape)
+        prior = prior_diagonal(coarser_weights(weights, k), here, shape)
+        inverse = level_grid(inverse_bound, shapes, k)
+        for j in range(shape[0]):
+            for i in range(shape[1]):
+                own[j, i] += spectrum * prior[j, i]
         if k == 0 and rim[0] + rim[1] + rim[2] + rim[3] > 0:
-            free = np.ones(shape)
-            clear(free, rim)
-            held += _HEAVY * bound.max() * (1.0 - free)
-            bound = np.where(free > 0.0, bound, np.inf)
-        level_grid(inverse_bound, shapes, k)[:] = 1.0 / bound
+            _hold_rim(rim, held, own)
+        for j in range(shape[0]):
+            for i in range(shape[1]):
+                inverse[j, i] = np.divide(1.0, own[j, i])
     deepest = stencil if last == 0 else level_stencil(data, shapes, last)
     matrix = dense(deepest, coarser_weights(weights, last), level_factors(factors, shapes, last))
     return data, factors, inverse_bound, cholesky(matrix)

@@ -10,9 +10,11 @@ from numba import njit
 from survey.core.arrays import FloatArray
 from survey.reconstruction.lattice.multigrid.coarsening import (
     add_prolonged,
+    copy,
     dot,
     restrict,
     solve_triangles,
+    subtract,
 )
 from survey.reconstruction.lattice.multigrid.levels import (
     Hierarchy,
@@ -103,13 +105,14 @@ def cycle(
     """Set `result` to one V-cycle: down to the coarsest level, solved exactly, and up again."""
     shapes = levels.shapes
     last = len(shapes) - 1
-    level_grid(room[0], shapes, 0)[:] = residual
+    copy(residual, level_grid(room[0], shapes, 0))
     for k in range(last):
         _descend(k, operator, levels, room)
-    level_grid(room[1], shapes, last)[:] = solve_triangles(levels.coarsest, level_grid(room[0], shapes, last))
+    coarsest = solve_triangles(levels.coarsest, level_grid(room[0], shapes, last))
+    copy(coarsest, level_grid(room[1], shapes, last))
     for k in range(last - 1, -1, -1):
         _ascend(k, operator, levels, room)
-    result[:] = level_grid(room[1], shapes, 0)
+    copy(level_grid(room[1], shapes, 0), result)
     clear(result, levels.rim)
 
 
@@ -132,7 +135,8 @@ def conjugate_gradients(
     room = rooms(levels.shapes)
     z, work, correction = start.copy(), np.empty_like(rhs), np.empty_like(rhs)
     apply(operator.stencil, operator.weights, operator.soft, z, work)
-    residual = rhs - work
+    residual = rhs.copy()
+    subtract(work, residual)
     clear(residual, levels.rim)
     cycle(operator, levels, residual, correction, room)
     direction = correction.copy()
