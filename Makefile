@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-exhaustive test-pythons lint types imports check docs
+.PHONY: demo test test-exhaustive test-pythons wheel-check lint types imports check docs
 
 demo: $(VENV)/.ready
 	$(BIN)/firnline run examples/srtm_ridge.toml
@@ -19,6 +19,10 @@ test-exhaustive: $(VENV)/.ready
 # Every Python of the machine: the wheel, a smoke set of tests, both demos.
 test-pythons:
 	.ci/pythons.sh
+
+# The wheel in a clean environment away from the source: examples, a run, a report.
+wheel-check:
+	PYTHON=$(PYTHON) .ci/wheel.sh
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# Build the wheel, install it into a clean environment away from the source, and run what a new user runs first.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+python=${PYTHON:-python3}
+source=$PWD
+place=$(mktemp -d)
+trap 'rm -rf "$place"' EXIT
+
+"$python" -m venv "$place/venv"
+"$place/venv/bin/python" -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir "$place" "$source"
+"$place/venv/bin/python" -m pip install --quiet --disable-pip-version-check --constraint constraints.txt "$place"/firnline-*.whl
+mkdir "$place/work"
+cd "$place/work"
+export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg PYTHONSAFEPATH=1
+unset PYTHONPATH
+firnline="$place/venv/bin/firnline"
+"$firnline" --version
+"$firnline" doctor > doctor.txt || { cat doctor.txt; exit 1; }
+"$firnline" example
+"$firnline" example srtm-ridge
+"$firnline" run srtm_ridge.toml --quiet
+run=results/runs/srtm-ridge/latest
+"$firnline" show "$run" > /dev/null
+"$firnline" schema mission > mission.schema.json
+"$firnline" init mine.toml
+"$firnline" plan mine.toml --quiet
+"$firnline" score "$run/4-reconstruct" --truth "$run/2-simulate/truth/dem.tif" --by slope --report accuracy --quiet
+test -s accuracy/index.html && test -s accuracy/report.pdf
+echo "the wheel works away from its source"
