@@ -1,4 +1,7 @@
-"""Algorithm 1 as printed beside the space-carving kernels: errors, bases and time on the study's five terrains."""
+"""Algorithm 1 as printed beside the space-carving kernels: errors, bases and time on the study's five terrains.
+
+From 5,000 points of one seed each: the exact search along every line of sight takes a minute from 10,000.
+"""
 
 import time
 from collections.abc import Iterator
@@ -9,7 +12,7 @@ from matplotlib.figure import Figure
 
 from sim.studies.carving.algorithm_1 import LiteralCarving
 from sim.studies.carving.bounds_and_timing import REGIMES, SEEDS, Regime
-from sim.studies.carving.world import N_TRAIN, TERRAINS, ScanTrial
+from sim.studies.carving.world import TERRAINS, ScanTrial
 from sim.studies.outputs import write_csv, write_figure
 from survey.core.arrays import Progress
 from survey.figures.style import ESTIMATE, FULL_IN, PRIOR, ROVERS, styled
@@ -18,6 +21,7 @@ from survey.reconstruction.carving.space_carving import SpaceCarvingKernel
 
 OURS, LITERAL, STRICT = "kernels of firnline", "Algorithm 1", "Algorithm 1, rate t^(-1/2)"
 METHODS = (OURS, LITERAL, STRICT)
+N_POINTS = 5000
 _COMPARED = ("short reach", "5 m")
 _HEADING = (
     "regime",
@@ -40,14 +44,12 @@ def algorithm_1(folder: Path, *, quick: bool, progress: Progress) -> None:
 
 
 def _rows(quick: bool, progress: Progress) -> Iterator[tuple[object, ...]]:
-    """Yield the means over seeds."""
-    seeds, n_train = (SEEDS[:1], 1000) if quick else (SEEDS, N_TRAIN)
+    """Yield the facts of every regime, terrain and method."""
     for k, terrain in enumerate(TERRAINS, start=1):
-        trials = [ScanTrial.new(terrain, seed, n_train=n_train) for seed in seeds]
+        trial = ScanTrial.new(terrain, SEEDS[0], n_train=1000 if quick else N_POINTS)
         for name in _COMPARED:
             for method in METHODS:
-                facts = np.mean([_judged(method, trial, REGIMES[name]) for trial in trials], axis=0)
-                yield name, terrain, method, *facts.tolist()
+                yield name, terrain, method, *_judged(method, trial, REGIMES[name])
         progress("terrains", k, len(TERRAINS))
 
 
