@@ -22,7 +22,7 @@ class Track:
     ``point`` (3,) its place in the window's frame, None while unknown; ``is_far`` when no
     motion so far has moved it, so that only its direction counts; ``has_moved`` when its
     direction changed by more than its error explains, so that it is not far. ``rest_pixel``
-    is where it was in the last image that moved.
+    is where it was in the last image that moved; ``planes[i]`` (2,) is where ``rays[i]`` meets z = 1.
     """
 
     pixel: FloatArray
@@ -32,14 +32,17 @@ class Track:
     is_far: bool = False
     has_moved: bool = False
     rest_pixel: FloatArray = field(init=False)
+    planes: list[FloatArray] = field(init=False)
 
     def __post_init__(self) -> None:
         self.rest_pixel = self.pixel
+        self.planes = [ray[:2] / ray[2] for ray in self.rays]
 
     def add_observation(self, keyframe: int, ray: FloatArray) -> None:
         """Add an observation from a keyframe."""
         self.keyframes.append(keyframe)
         self.rays.append(ray)
+        self.planes.append(ray[:2] / ray[2])
 
 
 def track_corners(

@@ -99,10 +99,11 @@ class Window:
         solved = self._optimized(graph, values)
         for k in free:
             self.poses[k] = solved.atPose3(keys[k]).matrix()
-        turns = self._recent_turns()
+        level_tracks = []
         for track, factor, level in zip(tracks, factors, self._level(tracks), strict=True):
-            if factor is not None:
-                self._take_point(track, factor.point(solved), level, turns)
+            if factor is not None and not self._take_point(track, factor.point(solved)) and level:
+                level_tracks.append(track)
+        self._take_directions(level_tracks)
         return self._agree(tracks, [factor is not None for factor in factors])
 
     def _optimized(self, graph: Any, values: Any) -> Any:
@@ -138,7 +139,9 @@ class Window:
 
     def _smart(self, track: Track, keys: dict[int, int], is_level: bool) -> Any:
         """Return the factor of one corner, None where fewer than two keyframes of the window saw it."""
-        sights = [(keys[k], ray) for k, ray in zip(track.keyframes, track.rays, strict=True) if k in keys]
+        sights = [
+            (keys[k], plane) for k, plane in zip(track.keyframes, track.planes, strict=True) if k in keys
+        ]
         if len(sights) < 2:
             return None
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
@@ -147,8 +150,8 @@ class Window:
         factor = gtsam.SmartProjectionPoseFactorCal3_S2(
             gtsam.noiseModel.Isotropic.Sigma(2, sigma), self._lens, self._sensor, params
         )
-        for key, ray in sights:
-            factor.add(ray[:2] / ray[2], key)
+        for key, plane in sights:
+            factor.add(plane, key)
         return factor
 
     def _recent_turns(self) -> FloatArray:
@@ -157,29 +160,30 @@ class Window:
         turns: FloatArray = poses[:, :3, :3] @ self._body_camera[:3, :3]
         return turns
 
-    def _take_point(self, track: Track, result: Any, is_level: bool, turns: FloatArray) -> None:
-        """Keep the track's point, or the direction of what is level and did not move."""
-        track.is_far = False
-        if result.valid():
-            track.point = np.asarray(result.get())
-            return
-        track.point = None
-        if not is_level:
-            return
-        directions = self._directions(track, turns)
-        moved = np.linalg.norm(directions - directions[0], axis=1).max()
-        track.has_moved = bool(moved > _MOVED_SIGMAS * self._config.pixel_sigma / self._focal_px)
-        if not track.has_moved:
-            track.point, track.is_far = directions[0], True
+    def _take_point(self, track: Track, result: Any) -> bool:
+        """Keep the track's point; return whether it has one."""
+        is_valid = bool(result.valid())
+        track.is_far, track.point = False, np.asarray(result.get()) if is_valid else None
+        return is_valid
 
-    def _directions(self, track: Track, turns: FloatArray) -> FloatArray:
-        """Return the unit directions (N, 3) of a track's observations by the newest keyframes in the window's frame."""
-        keyframes = np.array(track.keyframes) - (len(self.poses) - len(turns))
-        recent = keyframes >= 0
-        directions: FloatArray = np.einsum(
-            "nij,nj->ni", turns[keyframes[recent]], np.array(track.rays)[recent]
-        )
-        return directions
+    def _take_directions(self, tracks: list[Track]) -> None:
+        """Keep the directions of tracks that are level and did not move."""
+        if not tracks:
+            return
+        turns = self._recent_turns()
+        keyframes = [np.array(track.keyframes) - (len(self.poses) - len(turns)) for track in tracks]
+        counts = [int((numbers >= 0).sum()) for numbers in keyframes]
+        rays = np.concatenate([track.rays[-n:] for track, n in zip(tracks, counts, strict=True)])
+        recent = np.concatenate([numbers[-n:] for numbers, n in zip(keyframes, counts, strict=True)])
+        directions = np.einsum("nij,nj->ni", turns[recent], rays)
+        first = np.r_[0, np.cumsum(counts)[:-1]]
+        moved = np.linalg.norm(directions - np.repeat(directions[first], counts, axis=0), axis=1)
+        most = np.maximum.reduceat(moved, first)
+        limit = _MOVED_SIGMAS * self._config.pixel_sigma / self._focal_px
+        for track, direction, shift in zip(tracks, directions[first], most, strict=True):
+            track.has_moved = bool(shift > limit)
+            if not track.has_moved:
+                track.point, track.is_far = direction, True
 
     def _agree(self, tracks: list[Track], was_used: list[bool]) -> list[bool]:
         """Whether the newest sight of each track lies where its point is; unknown points do not object."""
