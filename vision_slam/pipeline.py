@@ -182,7 +182,9 @@ def measure_motion(
         Odometry without sightings, images that could not be followed, or fixes that cannot
         give a scale.
     """
-    settings = _stated(recording, config if recording.start_is_surveyed else _foreign(config, visual))
+    settings = _stated(recording, config)
+    if not recording.start_is_surveyed:
+        settings = _foreign(settings, visual)
     if visual is None:
         if recording.odometry is None or recording.sightings is None:
             raise InputError(

@@ -20,7 +20,7 @@ from vision_slam import LocalizationConfig, localize
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.readers import read_sequence
 from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
-from vision_slam.pipeline import align_heading
+from vision_slam.pipeline import align_heading, measure_motion
 from vision_slam.recordings import open_recording
 from vision_slam.rotation import rotations
 
@@ -159,3 +159,13 @@ def test_a_path_that_its_last_fixes_contradict_is_lost_from_there_on() -> None:
     np.testing.assert_array_equal(np.flatnonzero(result.trajectory.health < 0.5), np.arange(120, 150))
     assert np.hypot(*(result.trajectory.position - path)[:, :2].T).max() < 2.0
     assert (localize(recording).trajectory.health == 1.0).all()
+
+
+def test_the_clock_of_fixes_is_an_unknown_unless_they_are_of_survey_grade(
+    walk: Recording, visual: VisualOdometry
+) -> None:
+    assert measure_motion(walk, LocalizationConfig(), visual).config.clock_sigma_s == 0.5
+    precise = replace(walk, gps=replace(walk.gps, sigma_m=np.full(N, 0.02)))
+    assert measure_motion(precise, LocalizationConfig(), visual).config.clock_sigma_s == 0.0
+    stated = LocalizationConfig(clock_sigma_s=0.1)
+    assert measure_motion(walk, stated, visual).config.clock_sigma_s == 0.1
