@@ -8,7 +8,7 @@ their bodies. A file's length counts all its lines but those of docstrings; with
 
 import ast
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +25,10 @@ def files() -> list[Path]:
     return sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))
 
 
-def trees() -> Iterator[tuple[Path, ast.Module, list[str]]]:
-    for file in files():
-        text = file.read_text(encoding="utf-8")
-        yield file, ast.parse(text), text.splitlines()
+@cache
+def trees() -> list[tuple[Path, ast.Module, list[str]]]:
+    texts = [(file, file.read_text(encoding="utf-8")) for file in files()]
+    return [(file, ast.parse(text), text.splitlines()) for file, text in texts]
 
 
 def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef, lines: list[str]) -> int:

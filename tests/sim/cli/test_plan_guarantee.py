@@ -34,15 +34,21 @@ def firnline(folder, *options: str, code: int = 0):
     return result
 
 
-def test_a_class_is_guaranteed_with_its_assumptions(site):
+@pytest.fixture(scope="module")
+def guaranteed(site):
+    """A route that guarantees a class, and the facts that the command prints."""
     folder, _ = site
     out = folder / "guaranteed.geojson"
-    facts = json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
+    return out, json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
+
+
+def test_a_class_is_guaranteed_with_its_assumptions(guaranteed):
+    out, facts = guaranteed
     assert min(facts["probability"], facts["simulated_share"]) >= 0.9
     assert "fitted to the prior" in facts["assumed"]
     assert facts["likely_rmse_m"] <= facts["rmse_m"]
     assert Route.read(out).ground_length_m == pytest.approx(facts["length_m"])
-    assert (folder / "guaranteed.png").stat().st_size > 10_000
+    assert out.with_suffix(".png").stat().st_size > 10_000
 
 
 def test_what_cannot_be_guaranteed_is_refused_in_one_sentence_and_nothing_is_written(site):
@@ -114,10 +120,9 @@ def test_shared_errors_are_predicted_on_a_concave_area_of_any_size(site, tmp_pat
     assert way["pieces"] == len(Route.read(out).swaths) > way["swaths"]
 
 
-def test_fewer_swaths_are_named_only_where_the_likeliest_covariance_needs_fewer(site):
+def test_fewer_swaths_are_named_only_where_the_likeliest_covariance_needs_fewer(site, guaranteed):
     folder, _ = site
-    out = folder / "words.geojson"
-    facts = json.loads(firnline(folder, "--require", "class-3", "-o", str(out)).stdout)
+    out, facts = folder / "words.geojson", guaranteed[1]
     common = ["plan", str(folder / "site.gpkg"), "--prior", str(folder / "prior.tif"), "--prior-sigma", "0.5"]
     result = CliRunner().invoke(app, [*common, "--require", "class-3", "-o", str(out), "--force"])
     fewer = facts["likely_swaths"] < facts["lines"]

@@ -39,11 +39,14 @@ def mission(seed: int, **sensors: float) -> MissionConfig:
     return config.model_copy(update={"sensors": config.sensors.model_copy(update=sensors)})
 
 
-def test_claimed_path_errors_match_real_ones_over_many_drives():
-    # 30 drives are 30 draws of the shared errors; the mean of eᵀP⁻¹e along a drive is 3 when
-    # P is honest. Its scatter between drives is about 2, so the mean of 30 errs by 0.4.
+@pytest.mark.parametrize(
+    ("n_drives", "slack"), [(10, 1.5), pytest.param(30, 1.2, marks=pytest.mark.exhaustive)]
+)
+def test_claimed_path_errors_match_real_ones_over_many_drives(n_drives, slack):
+    # As many drives are as many draws of the shared errors; the mean of eᵀP⁻¹e along a drive is 3 when
+    # P is honest. Its scatter between drives is about 2, so the mean of 10 errs by 0.6, that of 30 by 0.4.
     squared, elevation = [], []
-    for seed in range(30):
+    for seed in range(n_drives):
         settings = mission(seed)
         recording, truth = simulate_statistical(rolling_ground(), hairpin(), settings)
         result = localize(recording, settings.assumed)
@@ -51,7 +54,7 @@ def test_claimed_path_errors_match_real_ones_over_many_drives():
         squared.append(trajectory_error(trajectory, truth.trajectory).normalised_squared)
         error = points.z - truth.dem.at(points.xy)
         elevation.append(np.nanmean((error / points.sigma_z) ** 2))
-    assert 1.8 < np.mean(squared) < 4.2
+    assert 3.0 - slack < np.mean(squared) < 3.0 + slack
     # Landmarks carry the slope times their own place error besides, so somewhat more than 1.
     assert 0.6 < np.mean(elevation) < 1.5
 

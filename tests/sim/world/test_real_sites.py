@@ -26,6 +26,14 @@ swaths = 4
 [reconstruction]
 grid_step_m = 6.0
 """
+# The kernel is stated: its selection costs more than all else and is no matter of CRS or area.
+KERNEL = """
+[reconstruction.gp]
+fit = false
+variance_m2 = 25.0
+length_scale_m = 60.0
+nugget_m = 0.1
+"""
 TIROL = """
 schema_version = 1
 name = "tirol"
@@ -47,8 +55,8 @@ grid_step_m = 10.0
 
 @pytest.mark.parametrize(("text", "epsg"), [(SLOVENIA, 3794), (TIROL, 31287)], ids=["slovenia", "tirol"])
 def test_real_terrain_from_plan_to_report(real_data, tmp_path, text, epsg):
-    (tmp_path / "m.toml").write_text(text.format(data=real_data))
-    mission = read_mission(tmp_path / "m.toml", ["sensors.landmarks_per_m=0.5"])
+    (tmp_path / "m.toml").write_text(text.format(data=real_data) + KERNEL)
+    mission = read_mission(tmp_path / "m.toml", ["sensors.landmarks_per_m=0.3"])
     run = open_run(mission, tmp_path / "runs")
     run_mission(mission, run)
     rasters = sorted(run.path.rglob("*.tif"))

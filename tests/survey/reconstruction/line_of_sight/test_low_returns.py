@@ -110,13 +110,13 @@ def mapped_by_gp(xyz: np.ndarray) -> Reconstruction:
         pytest.param(mapped_by_gp, id="points with rays"),
     ],
 )
-@pytest.mark.parametrize("size", [1, 3])
-def test_low_returns_leave_the_map_as_it_is(
-    mapped: Callable[[np.ndarray], Reconstruction], size: int
-) -> None:
-    clean, other = mapped(scan()), mapped(haunted(scan(), size=size))
-    (rmse, coverage), (rmse_haunted, coverage_haunted) = rmse_and_coverage(clean), rmse_and_coverage(other)
-    assert rmse_haunted < 1.05 * rmse
-    assert coverage_haunted == coverage
-    assert other.diagnostics["n_low_returns"] == 14 * size
+def test_low_returns_leave_the_map_as_it_is(mapped: Callable[[np.ndarray], Reconstruction]) -> None:
+    clean = mapped(scan())
+    rmse, coverage = rmse_and_coverage(clean)
     assert clean.diagnostics["n_low_returns"] == 0
+    for size in (1, 3):
+        other = mapped(haunted(scan(), size=size))
+        rmse_haunted, coverage_haunted = rmse_and_coverage(other)
+        assert rmse_haunted < 1.05 * rmse
+        assert coverage_haunted == coverage
+        assert other.diagnostics["n_low_returns"] == 14 * size
