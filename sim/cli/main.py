@@ -5,8 +5,8 @@ import sys
 import typer
 
 from sim.cli.commands import (
+    calibrate,
     change,
-    doctor,
     export,
     fit,
     init,
@@ -21,7 +21,7 @@ from sim.cli.commands import (
     show,
     simulate,
 )
-from sim.cli.guide import example, schema, topics
+from sim.cli.guide import doctor, example, schema, topics
 from sim.cli.guide.version import options
 from sim.cli.outcome import run_guarded
 
@@ -40,6 +40,7 @@ for command in (
     init.init,
     plan.plan,
     simulate.simulate,
+    calibrate.calibrate,
     localize.localize,
     reconstruct.reconstruct,
     score.score,

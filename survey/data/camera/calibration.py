@@ -15,6 +15,19 @@ from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
 
 
+class CalibrationTable(Section):
+    """Keys of the table ``[calibration]``: how well the lens is known; localization does not use it."""
+
+    views: int
+    """Images of the board that were used."""
+    rms_px: float
+    """Root mean square of the residuals [pixels]."""
+    coverage: float
+    """Share of the image area that the board has reached."""
+    sigma: dict[str, float]
+    """Standard deviation of each parameter: fx, fy, cx, cy [pixels] and lens coefficients."""
+
+
 class CameraFile(Section):
     """Keys of ``camera.toml``."""
 
@@ -37,6 +50,8 @@ class CameraFile(Section):
     """Takes camera coordinates (x right, y down, z forward) to the body's."""
     row_readout_s: float = 0.0
     """Time between the exposures of neighbouring rows; 0 for a global shutter [s]."""
+    calibration: CalibrationTable | None = None
+    """How well the lens is known, as ``firnline calibrate`` writes it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
