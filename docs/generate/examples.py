@@ -7,7 +7,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 def notebooks() -> dict[str, str]:
     """Return every script of the examples as a notebook without outputs."""
-    return {f"tutorials/{script.stem.replace('_', '-')}.ipynb": notebook_text(script) for script in scripts()}
+    return {f"tutorials/{script.stem}.ipynb": notebook_text(script) for script in scripts()}
 
 
 def scripts() -> list[Path]:
