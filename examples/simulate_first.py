@@ -58,7 +58,7 @@ def survey(name, gps_bias_sigma_m=1.0, aids=None):
     sensors = SensorConfig(gps_bias_sigma_m=gps_bias_sigma_m, landmarks_per_m=0.5)
     recording, truth = simulate(terrain, route, seed=3, sensors=sensors, aids=aids)
     found = localize(recording)
-    nodes = Grid.over(area.bounds, step_m=4.0, crs=grid.crs)
+    nodes = Grid.over(area.bounds, step_m=6.0, crs=grid.crs)
     made = reconstruct(found.points, nodes, prior=prior, area=area, path=found.trajectory.error)
     judged = score(made, truth=terrain, area=area, route=route)
     print(
