@@ -1,6 +1,6 @@
 """Comparison of an estimated path with a reference path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -174,6 +174,26 @@ def compare_from_start(estimate: DriveEstimate, time_s: FloatArray, reference: F
         _rows(estimate.is_lost, estimated),
         Rotation.from_quat(estimate.quaternion[estimated]).as_matrix(),
         first[:3, :3].T @ reference[real, :3, :3],
+    )
+
+
+def compare_aligned(estimate: DriveEstimate, time_s: FloatArray, reference: FloatArray) -> Comparison:
+    """Compare a path in a CRS with reference poses (R, 4, 4) of their own frame, moved onto it by heading and shift.
+
+    Raises
+    ------
+    InputError
+        Fewer than two poses have a reference within 0.01 s.
+    """
+    own = compare_from_start(estimate, time_s, reference)
+    place, real = own.position - own.position.mean(axis=0), own.reference - own.reference.mean(axis=0)
+    z, g = (level[:, 0] + 1j * level[:, 1] for level in (real, place))
+    turn = Rotation.from_euler("z", float(np.angle((g * z.conj()).sum()))).as_matrix()
+    attitude = own.reference_attitude
+    return replace(
+        own,
+        reference=real @ turn.T + own.position.mean(axis=0),
+        reference_attitude=None if attitude is None else turn @ attitude,
     )
 
 

@@ -3,33 +3,39 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray, Progress
 from survey.core.config import validated, with_overrides
-from survey.core.errors import ConfigError
+from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.trajectory import Trajectory
-from survey.io.pose_files import read_tum
-from vision_slam.comparison import Comparison, compare_from_start, compare_in_crs
+from vision_slam.comparison import Comparison, compare_aligned, compare_from_start, compare_in_crs
 from vision_slam.config import LocalizationConfig
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.fusion.online import predicted_covariance
 from vision_slam.fusion.sanity_checks import refuse_swapped_images
 from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.gps_files import is_receiver_file, read_gps
+from vision_slam.io.references import is_kitti, read_poses
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import image_config, localize
 
 _UNIT = 1e-6
+
+
+class ReferencePoses(NamedTuple):
+    """Reference poses in a frame of their own: times (R,) [s] and poses (R, 4, 4), body to that frame."""
+
+    time_s: FloatArray
+    poses: FloatArray
 
 
 @dataclass(frozen=True)
@@ -161,7 +167,7 @@ class RecordedDrive:
         return DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
 
     def compare(
-        self, estimate: DriveEstimate, reference: Trajectory | FloatArray | None
+        self, estimate: DriveEstimate, reference: Trajectory | ReferencePoses | None
     ) -> Comparison | None:
         """Compare an estimate with a reference from a file, or with that of the layout.
 
@@ -169,55 +175,66 @@ class RecordedDrive:
         ----------
         estimate : DriveEstimate
             Result of `localize`.
-        reference : Trajectory or (R, 8) ndarray, optional
+        reference : Trajectory or ReferencePoses, optional
             Result of `read_reference`.
 
         Returns
         -------
         Comparison or None
-            None without any reference.
+            None without any reference. A reference in a frame of its own is moved to the first
+            common pose, and beside a path in a CRS by heading and shift onto the path.
         """
-        if estimate.trajectory is not None:
-            if not isinstance(reference, Trajectory):
-                return None
-            return compare_in_crs(estimate.trajectory, reference)
+        if isinstance(reference, Trajectory):
+            return None if estimate.trajectory is None else compare_in_crs(estimate.trajectory, reference)
         if reference is not None:
-            rows = np.asarray(reference)
-            poses = np.tile(np.eye(4), (len(rows), 1, 1))
-            poses[:, :3, 3] = rows[:, 1:4]
-            poses[:, :3, :3] = Rotation.from_quat(rows[:, 4:8]).as_matrix()
-            return compare_from_start(estimate, rows[:, 0], poses)
-        if self.reference is None or self.reference_time_s is None:
+            return self._compare_own_poses(estimate, reference)
+        if estimate.trajectory is not None or self.reference is None or self.reference_time_s is None:
             return None
         return compare_from_start(estimate, self.reference_time_s, self.reference)
 
-    def read_reference(self, path: Path) -> Trajectory | FloatArray:
+    def read_reference(self, path: Path) -> Trajectory | ReferencePoses:
         """Read a reference path.
 
         Parameters
         ----------
         path : Path
-            ``.csv`` or ``.tum`` in the CRS of the recording, or the file of a receiver that
-            `vision_slam.io.gps_files.read_gps` reads, such as a table of RTK fixes on the clock of
-            the recording; for images alone ``.tum`` in a frame of its own.
+            KITTI ``poses.txt``, one pose for each image. Else ``.csv`` or ``.tum`` in the CRS of the
+            recording, or the file of a receiver that `vision_slam.io.gps_files.read_gps` reads, such
+            as a table of RTK fixes on the clock of the recording; for images alone TUM in a frame of
+            its own.
 
         Returns
         -------
-        Trajectory or (R, 8) ndarray
-            Rows of time, position and quaternion for images alone.
+        Trajectory or ReferencePoses
+            Poses in a frame of their own for KITTI and for images alone.
 
         Raises
         ------
         InputError
             Missing or damaged.
         """
-        if not isinstance(self.records, Recording):
-            return read_tum(path)
+        if not isinstance(self.records, Recording) or is_kitti(path):
+            return self._read_own_poses(path)
         if not is_receiver_file(path):
             return Trajectory.read(path, self.records.crs)
         fixes, crs = read_gps(path).fixes(self.records.crs)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(fixes), 1))
         return Trajectory(fixes.time_s, fixes.position, level, np.zeros((len(fixes), 3, 3)), crs)
+
+    def _read_own_poses(self, path: Path) -> ReferencePoses:
+        if self.frames is None or self.camera is None:
+            raise InputError(
+                f"{path} holds poses of images, and the recording has none; name a path in its CRS."
+            )
+        return ReferencePoses(*read_poses(path, self.frames.time_s, self.camera))
+
+    def _compare_own_poses(self, estimate: DriveEstimate, reference: ReferencePoses) -> Comparison:
+        """Compare with poses of the body or of the camera, whichever agrees better: files do not say."""
+        compare = compare_from_start if estimate.trajectory is None else compare_aligned
+        mount = np.eye(4) if self.camera is None else self.camera.T_body_camera
+        of_body = mount @ reference.poses @ np.linalg.inv(mount)
+        compared = [compare(estimate, reference.time_s, poses) for poses in (reference.poses, of_body)]
+        return min(compared, key=lambda found: float(np.square(found.position - found.reference).sum()))
 
 
 def _sections(overrides: Sequence[str]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from survey.data.sensors.aiding import Inertial, Wheels
 from vision_slam.io.euroc import read_euroc_sequence
 from vision_slam.io.image_folder import read_images, refuse_other_kinds
 from vision_slam.io.kitti import read_kitti_sequence
+from vision_slam.io.kitti_raw import raw_camera_folder, read_kitti_raw
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import (
     assemble_sequence,
@@ -28,7 +29,8 @@ def read_sequence(
 ) -> ImageSequence:
     """Read a folder of images in one of the supported layouts.
 
-    KITTI odometry: ``calib.txt`` beside ``image_0`` or ``image_l``. TUM: ``rgb.txt``.
+    KITTI odometry: ``calib.txt`` beside ``image_0`` or ``image_l``; raw: ``image_00/data`` with
+    ``calib_cam_to_cam.txt`` there or one folder above. TUM: ``rgb.txt``.
     EuRoC: ``mav0/cam0`` or ``cam0``. Otherwise a table ``frames.csv`` (time_s,file) in the folder
     or in its ``frames``; or images in the folder or in its ``images``, whose times stand in
     ``times.txt`` or ``timestamps.txt`` (seconds, one a line, in the natural order of the file
@@ -75,7 +77,7 @@ def read_sequence(
             return _with_motion(read_images(place, inner, files, camera, frame_rate_hz), place)
     refuse_other_kinds(place)
     raise InputError(
-        f"{place} has no layout that is known (KITTI calib.txt, TUM rgb.txt, EuRoC cam0/data.csv, "
+        f"{place} has no layout that is known (KITTI calib.txt or image_00/data, TUM rgb.txt, EuRoC cam0/data.csv, "
         "or images with times and camera.toml); add frames.csv with the columns time_s,file."
     )
 
@@ -84,6 +86,8 @@ def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:
     """Read a layout that a file of its own identifies; None for plain images."""
     if (place / "calib.txt").is_file():
         return read_kitti_sequence(place, camera)
+    if raw_camera_folder(place) is not None:
+        return read_kitti_raw(place, camera)
     if (place / "rgb.txt").is_file():
         return _tum(place, camera)
     for inner in (place / "mav0", place):

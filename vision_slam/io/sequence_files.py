@@ -71,13 +71,13 @@ def poses_of(place: FloatArray, quaternion: FloatArray, where: Path) -> FloatArr
     return poses
 
 
-def read_numbers(path: Path, n_columns: int) -> FloatArray:
-    """Read a table of numbers with as many columns as expected."""
+def read_numbers(path: Path, n_columns: int | None) -> FloatArray:
+    """Read a table of numbers with as many columns as expected, any number where None is."""
     try:
         rows: FloatArray = np.loadtxt(existing_file(path, "the table"), ndmin=2)
     except ValueError as error:
         raise InputError(f"{path} holds something that is no number ({error}); correct it.") from error
-    if rows.shape[1] != n_columns:
+    if n_columns is not None and rows.shape[1] != n_columns:
         raise InputError(f"{path} has {rows.shape[1]} numbers a line; {n_columns} were expected.")
     return rows
 

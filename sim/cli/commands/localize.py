@@ -67,7 +67,7 @@ _Reference = Annotated[
     Path | None,
     typer.Option(
         "--reference",
-        help="Reference path to compare with (.tum, .csv, or fixes as --gps takes them); the estimator does not use it.",
+        help="Reference path to compare with (.tum, .csv, KITTI poses, or fixes as --gps takes them); the estimator does not use it.",
     ),
 ]
 _Viewer = Annotated[
