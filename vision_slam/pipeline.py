@@ -12,11 +12,11 @@ from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.config import UNKNOWN_CLOCK_S, UNKNOWN_MEMORY_S, LocalizationConfig
-from vision_slam.fusion.base_station import stated_errors
 from vision_slam.fusion.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
 from vision_slam.fusion.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.fusion.landmarks import place_landmarks
 from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
+from vision_slam.fusion.receiver.base_station import stated_errors
 from vision_slam.fusion.sanity_checks import (
     check_start_by_fixes,
     fix_delay_s,

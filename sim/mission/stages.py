@@ -128,7 +128,7 @@ def _drive_with_images(
 ) -> None:
     """Drive with rendered images, steered by the estimate or by the real pose, and write the drive."""
     # Here: physics and compiled rendering take a second to import.
-    from sim.simulate.navigator_process import navigating
+    from sim.simulate.onboard.navigator_process import navigating
     from sim.simulate.vision import EDGE_M, simulate_vision
 
     steering = _steering_on_the_way(route, world, mission, EDGE_M)

@@ -19,8 +19,8 @@ from sim.instruments.stakes import surveyed_stakes
 from sim.instruments.suite import Instruments, ReadingLog, Readings
 from sim.simulate.assembly import camera_on_rover, rover_physics, stakes_beside
 from sim.simulate.faults import Faults
-from sim.simulate.monitor import LOGGED_HZ, STANDING_S, STEERED_HZ, DriveMonitor, heading_of
 from sim.simulate.navigation import Navigator, PoseEstimate, Start
+from sim.simulate.onboard.monitor import LOGGED_HZ, STANDING_S, STEERED_HZ, DriveMonitor, heading_of
 from sim.simulate.simulated_drive import Ending, SimulatedDrive
 from sim.simulate.steered_path import SteeredPath
 from sim.vehicle.motion import RoverMotion

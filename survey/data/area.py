@@ -16,8 +16,16 @@ from survey.core.crs.checks import projected_crs
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.map_scale import ground_area_m2
-from survey.data.area_parts import ROLES, check_polygon, in_crs, points_of, polygon_parts, roles_of, united
 from survey.data.conversions import to_geodataframe
+from survey.data.parts.area_parts import (
+    ROLES,
+    check_polygon,
+    in_crs,
+    points_of,
+    polygon_parts,
+    roles_of,
+    united,
+)
 from survey.io.vector import Features, read_features, write_features
 
 if TYPE_CHECKING:

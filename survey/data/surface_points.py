@@ -16,8 +16,7 @@ from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe
-from survey.data.plots import draw_points, value_range
-from survey.data.point_columns import (
+from survey.data.parts.point_columns import (
     COVARIANCE,
     ORIGIN,
     OWN,
@@ -28,6 +27,7 @@ from survey.data.point_columns import (
     symmetric,
     uncertainty_of,
 )
+from survey.data.plots import draw_points, value_range
 from survey.io.point_columns import PLACE
 from survey.io.points.formats import read_point_table, write_point_table
 from survey.io.points.table import PointTable

@@ -10,7 +10,7 @@ from survey.core.crs.agreement import agreed_crs
 from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
-from survey.data.point_columns import projected_table
+from survey.data.parts.point_columns import projected_table
 from survey.data.trajectory import Trajectory
 from survey.io.points.formats import read_point_table, write_point_table
 from survey.io.pose_files import write_kitti, write_tum

@@ -9,8 +9,8 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray
 from survey.data.recording import OdometryRecording
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.base_station import stated_errors
 from vision_slam.fusion.online import OnlinePath, select_fixes
+from vision_slam.fusion.receiver.base_station import stated_errors
 from vision_slam.fusion.smoother import log_evidence, node_spacing_m, smooth
 
 logger = logging.getLogger(__name__)

@@ -5,7 +5,6 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.base_station import differenced_fixes, differenced_heights, stated_errors
 from vision_slam.fusion.nodes import Nodes
 from vision_slam.fusion.normal_equations import (
     BIAS,
@@ -30,6 +29,7 @@ from vision_slam.fusion.normal_equations import (
     Term,
     unknown,
 )
+from vision_slam.fusion.receiver.base_station import differenced_fixes, differenced_heights, stated_errors
 from vision_slam.inertial.attitude import initial_heading
 from vision_slam.inertial.gravity import gravity_tilt, standing_bias
 from vision_slam.inertial.gyro import ANY_RATE_RAD_S, GyroErrors, gyro_residual_rad

@@ -40,11 +40,11 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
-from vision_slam.fusion.clock_offset import delay_moments
 from vision_slam.fusion.error_terms import add_terms
 from vision_slam.fusion.nodes import Nodes
 from vision_slam.fusion.normal_equations import DELAY, PER_NODE, PITCH, ROLL, YAW, E, NormalEquations
 from vision_slam.fusion.pose_constraints import PoseConstraints, gate_constraints, pose_constraints
+from vision_slam.fusion.receiver.clock_offset import delay_moments
 
 logger = logging.getLogger(__name__)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.simulate.monitor import STEERED_HZ, DriveMonitor, heading_of
+from sim.simulate.onboard.monitor import STEERED_HZ, DriveMonitor, heading_of
 from sim.simulate.simulated_drive import Ending
 from sim.vehicle.physics import RoverState
 from sim.vehicle.pursuit import PurePursuit

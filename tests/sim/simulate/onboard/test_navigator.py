@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from sim.config.mission import MissionConfig
 from sim.instruments.suite import Readings
 from sim.simulate.navigation import Start
-from sim.simulate.navigator import OnboardComputer
-from sim.simulate.navigator_process import Subprocess, navigating
+from sim.simulate.onboard.navigator import OnboardComputer
+from sim.simulate.onboard.navigator_process import Subprocess, navigating
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.vision import simulate_vision
 from survey.core.config import validated

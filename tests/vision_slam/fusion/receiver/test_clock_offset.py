@@ -11,8 +11,8 @@ from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.clock_offset import delay_moments
 from vision_slam.fusion.online import filter_path
+from vision_slam.fusion.receiver.clock_offset import delay_moments
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 

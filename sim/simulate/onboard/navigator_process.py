@@ -15,7 +15,7 @@ from sim.config.mission import MissionConfig
 from sim.executors import settled
 from sim.instruments.suite import Readings
 from sim.simulate.navigation import Start
-from sim.simulate.navigator import LATE_FRAMES, Navigate, OnboardComputer, TimedPose, VisualNavigator
+from sim.simulate.onboard.navigator import LATE_FRAMES, Navigate, OnboardComputer, TimedPose, VisualNavigator
 from survey.core.errors import InputError
 from vision_slam.odometry.visual_odometry import VisualOdometry
 
