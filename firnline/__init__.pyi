@@ -19,6 +19,7 @@ from sim.config.mission import MissionConfig as MissionConfig
 from sim.config.mission import RoverConfig as RoverConfig
 from sim.config.mission import ScoreConfig as ScoreConfig
 from sim.config.mission import SensorConfig as SensorConfig
+from sim.config.mismatch import MismatchConfig as MismatchConfig
 from sim.config.scene import AppearanceConfig as AppearanceConfig
 from sim.config.scene import ImagingConfig as ImagingConfig
 from sim.config.scene import SceneryConfig as SceneryConfig
