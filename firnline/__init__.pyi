@@ -13,13 +13,13 @@ from planners.ground.traversability import RoverLimits as RoverLimits
 from planners.planning import plan as plan
 from sim.config.drive import PhysicsConfig as PhysicsConfig
 from sim.config.faults import FaultConfig as FaultConfig
+from sim.config.mismatch import MismatchConfig as MismatchConfig
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import AreaConfig as AreaConfig
 from sim.config.mission import MissionConfig as MissionConfig
 from sim.config.mission import RoverConfig as RoverConfig
 from sim.config.mission import ScoreConfig as ScoreConfig
 from sim.config.mission import SensorConfig as SensorConfig
-from sim.config.mismatch import MismatchConfig as MismatchConfig
 from sim.config.scene import AppearanceConfig as AppearanceConfig
 from sim.config.scene import ImagingConfig as ImagingConfig
 from sim.config.scene import SceneryConfig as SceneryConfig
