@@ -27,7 +27,7 @@ from survey.data.parts.point_columns import (
     symmetric,
     uncertainty_of,
 )
-from survey.data.plots import draw_points, value_range
+from survey.data.plots import draw_points, html_table, value_range
 from survey.io.point_columns import PLACE
 from survey.io.points.formats import read_point_table, write_point_table
 from survey.io.points.table import PointTable
@@ -312,6 +312,10 @@ class SurfacePoints(DataObject):
 
     def _summary(self) -> str:
         return f"{len(self)} points, {value_range(self.z)}, {self.crs.name}"
+
+    def _repr_html_(self) -> str:
+        facts = {"points": str(len(self)), "elevation": value_range(self.z), "CRS": self.crs.name}
+        return html_table("SurfacePoints", facts, self.plot)
 
     def __len__(self) -> int:
         return len(self.xyz)

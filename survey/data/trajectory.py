@@ -14,7 +14,7 @@ from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.data.conversions import to_geodataframe
 from survey.data.path_error import PathError
-from survey.data.plots import draw_lines
+from survey.data.plots import draw_lines, html_table
 from survey.io.pose_files import TUM_COLUMNS, read_tum, write_tum
 from survey.io.tables import read_table, write_table
 
@@ -130,6 +130,17 @@ class Trajectory(DataObject):
     def _summary(self) -> str:
         duration_s = self.time_s[-1] - self.time_s[0]
         return f"{len(self)} poses, {self.length_m:.1f} m in {duration_s:.1f} s, {self.crs.name}"
+
+    def _repr_html_(self) -> str:
+        sigma_m = np.sqrt(np.linalg.eigvalsh(self.covariance[-1, :2, :2])[-1])
+        facts = {
+            "poses": str(len(self)),
+            "length": f"{self.length_m:.1f} m",
+            "duration": f"{self.time_s[-1] - self.time_s[0]:.1f} s",
+            "standard deviation at the end": f"{sigma_m:.2f} m",
+            "CRS": self.crs.name,
+        }
+        return html_table("Trajectory", facts, self.plot)
 
     def write(self, path: str | Path) -> None:
         """Write ``.tum`` text (poses alone) or a ``.csv`` table (with covariance and health).

@@ -207,6 +207,11 @@ def _print(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
     typer.echo(f"written to {out}")
     for name, value in summary.items():
         typer.echo(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
+    typer.echo(f"  pictures: {', '.join(str(file) for file in sorted(out.glob('*.png')))}")
+    if (out / "landmarks.gpkg").exists():
+        typer.echo(f"  next: firnline reconstruct {out / 'landmarks.gpkg'} --prior DEM.tif")
+    else:
+        typer.echo("  next: name fixes with --gps for a path in a CRS, or wheels.csv for metres")
 
 
 def _summary(

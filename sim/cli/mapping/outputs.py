@@ -1,5 +1,6 @@
 """Outputs of ``firnline reconstruct``: the folder of a map, and what is printed of it."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,11 +13,12 @@ from survey.reconstruction.base import ELEVATION
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
-    *("mean.png", "width.png", "support.png"),
+    *("mean.png", "sigma.png", "width.png", "support.png"),
     *("corrected_trajectory.csv", "corrected_trajectory.error.npz", "*.aux.xml"),
 )
 """Patterns of the files that a reconstruction consists of."""
 _BOUNDING_BOX = "bounding box of the points"
+_MOST_DRAWN_NODES = 4_000_000
 
 
 class MadeMap(NamedTuple):
@@ -34,8 +36,9 @@ def write_map(made: MadeMap, out: Path, *, rays: bool, max_slope_deg: float | No
         _with_area(made).write(draft)
         if made.corrected is not None:
             made.corrected.write(draft / "corrected_trajectory.csv")
+        _draw(made.reconstruction, draft)
         if rays:
-            _draw_and_mark(made.reconstruction, draft, max_slope_deg)
+            _mark(made.reconstruction, draft, max_slope_deg)
 
 
 def _with_area(made: MadeMap) -> survey.Reconstruction:
@@ -48,17 +51,37 @@ def _area_text(area: Path | None) -> str:
     return _BOUNDING_BOX if area is None else str(area)
 
 
-def _draw_and_mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
-    """Write pictures of mean, width and support, and the ground that is certainly too steep."""
-    from survey.figures import png_bytes, support_map, survey_map
+def _draw(result: survey.Reconstruction, out: Path) -> None:
+    """Write pictures of mean, standard deviation and support; large maps have none, and a log entry says so."""
+    from survey.figures import deviation_map, png_bytes, support_map, survey_map
+
+    if result.quantity != ELEVATION:
+        return
+    if result.support.size > _MOST_DRAWN_NODES:
+        logging.getLogger(__name__).warning(
+            "the map has %s nodes; pictures are drawn of up to %s.",
+            f"{result.support.size:,}",
+            f"{_MOST_DRAWN_NODES:,}",
+        )
+        return
+    figures = {
+        "mean": survey_map(result.mean),
+        "sigma": deviation_map(result),
+        "support": support_map(result),
+    }
+    for name, figure in figures.items():
+        (out / f"{name}.png").write_bytes(png_bytes(figure))
+
+
+def _mark(result: survey.Reconstruction, out: Path, max_slope_deg: float | None) -> None:
+    """Write a picture of the width between the bounds, and the ground that is certainly too steep."""
+    from survey.figures import png_bytes
     from survey.figures.bounds import width_map
     from survey.reconstruction.line_of_sight.steep_ground import steep_ground
 
     if result.lower is None or result.upper is None:
         return
-    figures = {"mean": survey_map(result.mean), "width": width_map(result), "support": support_map(result)}
-    for name, figure in figures.items():
-        (out / f"{name}.png").write_bytes(png_bytes(figure))
+    (out / "width.png").write_bytes(png_bytes(width_map(result)))
     if max_slope_deg is not None:
         steep_ground(result, max_slope_deg).write(out / "no_go.tif")
 
@@ -76,6 +99,8 @@ def print_map(made: MadeMap, out: Path, *, as_json: bool) -> None:
     for name, setting in result.hyperparameters.items():
         typer.echo(f"  {name} = {setting:.6g}" if isinstance(setting, float) else f"  {name} = {setting}")
     _print_findings(result)
+    if result.quantity == ELEVATION:
+        typer.echo(f"  next: firnline score {out / 'dem.tif'} --truth REFERENCE, or --checkpoints POINTS.csv")
 
 
 def _print_findings(result: survey.Reconstruction) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from pyproj import CRS
 from typer.testing import CliRunner
 
@@ -182,3 +183,24 @@ def test_localizes_an_own_recording(recording: Path, tmp_path: Path) -> None:
     )
     assert wrong.exit_code == 4
     assert "of its own" in wrong.stderr
+
+
+def test_photographs_of_a_phone_are_localized_from_their_own_exif(street: Path, tmp_path: Path) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for k in range(5):
+        exif = Image.Exif()
+        taken = {36867: "2024:06:12 12:00:00", 37521: f"{k}0", 36881: "+02:00", 41989: 32}
+        exif.get_ifd(0x8769).update(taken)
+        picture = Image.open(street / "image_0" / f"{k:06d}.png")
+        picture.save(photos / f"IMG_20240612_120000_{k + 8}.jpg", quality=95, exif=exif)  # 8, 9, 10, 11, 12
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, ["localize", str(photos), "-o", str(out), "-q"])
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.stdout.split())
+    assert "times are those of EXIF" in said
+    assert "pixels from EXIF (equivalent of 32 mm on 35 mm film)" in said
+    assert f"pictures: {out / 'map.png'}, {out / 'tracks.png'}" in said
+    assert "next: name fixes with --gps" in said
+    times = np.loadtxt(out / "trajectory.tum")[:, 0]
+    np.testing.assert_allclose(np.diff(times), 0.1, atol=1e-3)

@@ -132,10 +132,8 @@ def test_companions_of_an_earlier_map_disappear_and_files_of_others_stay(folder:
     code, said = run("points.gpkg", "--grid", 4, *GP, "--force")
     assert code == 0, said
     assert sorted(file.name for file in Path("reconstruction").iterdir()) == [
-        "dem.tif",
-        "reconstruction.json",
-        "support.tif",
-        "support.tif.aux.xml",
+        *("dem.tif", "mean.png", "reconstruction.json", "sigma.png", "support.png"),
+        *("support.tif", "support.tif.aux.xml"),
     ]
     Path("reconstruction/notes.txt").write_text("mine")
     code, said = run("points.gpkg", "--grid", 4, *GP, "--force")
@@ -193,3 +191,11 @@ def test_a_class_of_products_must_be_known_and_needs_a_prior(folder: Path) -> No
     assert (code, "add --prior" in said) == (3, True)
     code, said = run("points.gpkg", "--prior", "prior.tif", "--product", "srtm")
     assert (code, "copernicus-30" in said) == (4, True)
+
+
+def test_every_map_has_pictures_and_a_next_step(folder: Path) -> None:
+    code, said = run("points.gpkg", "--grid", 4, *GP)
+    assert code == 0, said
+    for name in ("mean", "sigma", "support"):
+        assert (folder / "reconstruction" / f"{name}.png").read_bytes().startswith(b"\x89PNG"), name
+    assert "next: firnline score reconstruction/dem.tif --truth REFERENCE" in said

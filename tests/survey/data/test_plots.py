@@ -49,7 +49,7 @@ def test_plot_without_axes_opens_a_figure():
     pyplot.close(axes.figure)
 
 
-@pytest.mark.parametrize("shown", [DEM, ROUTE, MAP])
+@pytest.mark.parametrize("shown", [DEM, ROUTE, MAP, TRAJECTORY, POINTS])
 def test_html_representation_holds_facts_and_a_picture(shown):
     text = shown._repr_html_()
     assert "WGS 84 / UTM zone 8N" in text
