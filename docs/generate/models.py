@@ -13,7 +13,7 @@ from generate.tables import code, table
 _SUFFIXES = {
     "_m2": "m²", "_m3": "m³", "_m_s2": "m/s²", "_m_s": "m/s", "_rad_s": "rad/s", "_deg_s": "deg/s",
     "_deg_sqrt_m": "deg/√m", "_per_ha": "1/ha", "_per_m": "1/m", "_m": "m", "_s": "s", "_deg": "deg", "_hz": "Hz",
-    "_kg": "kg", "_w": "W", "_j": "J", "_n": "N", "_px": "pixels", "_mm": "mm", "_share": "share", "_kg_m3": "kg/m³",
+    "_kg": "kg", "_w": "W", "_j": "J", "_n": "N", "_px": "pixels", "_mm": "mm", "_share": "share", "_rad": "rad", "_pa": "Pa", "_hpa": "hPa", "_c": "°C", "_k": "K", "_m_we": "m w.e.", "_kg_m3": "kg/m³",
 }  # fmt: skip
 _UNIT = re.compile(r"\s*\[([^\]]+)\]")
 
@@ -82,16 +82,13 @@ def row(name: str, field: FieldInfo) -> tuple[str, str, str, str, str]:
 def unit_of(name: str, meaning: str) -> str:
     """Return the unit of a setting: the one that its meaning states, else that of its name."""
     stated = _UNIT.search(meaning)
-    if stated:
-        return stated[1]
-    return next(
-        (
-            unit
-            for end, unit in sorted(_SUFFIXES.items(), key=lambda item: -len(item[0]))
-            if name.endswith(end)
-        ),
-        "",
-    )
+    return stated[1] if stated else unit_by_name(name)
+
+
+def unit_by_name(name: str) -> str:
+    """Return the unit with which a name ends, or nothing."""
+    fitting = [end for end in _SUFFIXES if name.endswith(end)]
+    return _SUFFIXES[max(fitting, key=len)] if fitting else ""
 
 
 def default_of(field: FieldInfo) -> str:
