@@ -5,7 +5,7 @@ from dataclasses import fields
 
 from generate.models import unit_by_name
 from generate.tables import code, table
-from survey.data.point_columns import COVARIANCE, ORIGIN, SIGMA
+from survey.data.parts.point_columns import COVARIANCE, ORIGIN, SIGMA
 from survey.data.sensors import aiding, loop_closures, stakes
 from survey.data.sensors.records import SensorRecords
 from survey.data.trajectory import _COLUMNS as TRAJECTORY
