@@ -20,7 +20,8 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
     """Test by cross-validation whether the smoothed path predicts fixes worse than their neighbours do.
 
     Every second fix is left out and predicted by the path smoothed with the others, and by linear
-    interpolation between the others; then the same with the other half.
+    interpolation between the others; then the same with the other half. The path does not follow the slow error of
+    the receiver, which neighbours share, so its errors may exceed theirs by the assumed variance of that error.
 
     Parameters
     ----------
@@ -34,20 +35,21 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
     Returns
     -------
     bool
-        Whether the squared horizontal errors by the path sum to more; False for fewer than five fixes.
+        Whether the squared horizontal errors by the path sum to more than that; False for fewer than five fixes.
     """
     time_s, poses_s = recording.gps.time_s, recording.odometry.time_s
     gps = recording.gps.select((time_s >= poses_s[0]) & (time_s <= poses_s[-1]))
     if len(gps) < _LEAST_FIXES:
         return False
-    by_path = by_fixes = 0.0
+    by_path = by_fixes = slow = 0.0
     for first in (0, 1):
         held = np.zeros(len(gps), dtype=np.bool_)
         held[1 + first : -1 : 2] = True
         smoothed = smooth(replace(recording, gps=gps.select(~held)), path, config).position
         by_path += _squares(gps, held, poses_s, smoothed)
         by_fixes += _squares(gps, held, gps.time_s[~held], gps.position[~held])
-    return by_path > by_fixes
+        slow += 2.0 * float(held.sum()) * config.gps_bias_sigma_m**2
+    return by_path > by_fixes + slow
 
 
 def along_fixes(

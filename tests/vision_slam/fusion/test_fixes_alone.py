@@ -12,8 +12,13 @@ from vision_slam.fusion.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 
 WIDE = LocalizationConfig(
-    start="unknown", scale_wander_sigma=0.25, scale_wander_m=20.0, step_sigma_m=0.2, gps_white_sigma_m=0.3
-)  # fmt: skip
+    start="unknown",
+    scale_wander_sigma=0.25,
+    scale_wander_m=20.0,
+    step_sigma_m=0.2,
+    gps_white_sigma_m=0.3,
+    gps_bias_sigma_m=0.1,
+)
 
 
 def _drive(n_fixes: int = 20) -> OdometryRecording:
@@ -48,6 +53,18 @@ def test_good_odometry_predicts_fixes_better_than_their_neighbours() -> None:
 def test_wandering_odometry_predicts_fixes_worse() -> None:
     recording = _drive()
     assert is_worse_than_fixes(recording, _wandering(recording), WIDE)
+
+
+def test_good_odometry_is_not_blamed_for_the_slow_error_of_the_receiver() -> None:
+    rng, times = np.random.default_rng(6), np.arange(0.0, 400.5, 1.0)
+    odometry = Odometry(times, np.tile([1.0, 0.0, 0.0], (400, 1)), np.zeros((401, 3)))
+    slow = 3.0 * np.sin(times[:, None] / 60.0 + [0.0, 1.0, 2.0])
+    path = dead_reckoning(odometry, np.zeros(3))
+    fixes = GpsFixes(times, path + slow + rng.normal(0.0, 1.0, (401, 3)))
+    sightings = Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
+    recording = OdometryRecording("EPSG:32608", np.zeros(3), fixes, odometry=odometry, sightings=sightings)
+    receiver = LocalizationConfig(gps_bias_sigma_m=3.0, gps_white_sigma_m=1.0, gps_correlation_time_s=300.0)
+    assert not is_worse_than_fixes(recording, path, receiver)
 
 
 def test_fewer_than_five_fixes_decide_nothing() -> None:
