@@ -24,8 +24,12 @@ def test_text_of_a_crs_gives_it_back(stated: str) -> None:
     assert "\n" not in crs_text(crs)
 
 
-@pytest.mark.parametrize("stated", SYSTEMS)
-@pytest.mark.parametrize("ending", ["tif", "asc", "nc"])
+# Each NetCDF is first read by a process of its own: the systems without a code are the ones that may fail there.
+@pytest.mark.parametrize(
+    ("ending", "stated"),
+    [(ending, stated) for ending in ("tif", "asc") for stated in SYSTEMS]
+    + [("nc", stated) for stated in ("EPSG:3413", OWN)],
+)
 def test_rasters(ending: str, stated: str, tmp_path: Path) -> None:
     dem = Dem.on(Grid((5.0, 5.0, 35.0, 25.0), 10.0, stated), np.arange(12.0).reshape(3, 4))
     dem.write(tmp_path / f"a.{ending}")
