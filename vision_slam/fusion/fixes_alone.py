@@ -21,7 +21,8 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
 
     Every second fix is left out and predicted by the path smoothed with the others, and by linear
     interpolation between the others; then the same with the other half. The path does not follow the slow error of
-    the receiver, which neighbours share, so its errors may exceed theirs by the assumed variance of that error.
+    the receiver, which neighbours share: what successive errors by the path have in common does not count, up to the
+    assumed variance of that error.
 
     Parameters
     ----------
@@ -35,21 +36,23 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
     Returns
     -------
     bool
-        Whether the squared horizontal errors by the path sum to more than that; False for fewer than five fixes.
+        Whether the other squared horizontal errors by the path sum to more; False for fewer than five fixes.
     """
     time_s, poses_s = recording.gps.time_s, recording.odometry.time_s
     gps = recording.gps.select((time_s >= poses_s[0]) & (time_s <= poses_s[-1]))
     if len(gps) < _LEAST_FIXES:
         return False
-    by_path = by_fixes = slow = 0.0
+    by_path = by_fixes = common = slow = 0.0
     for first in (0, 1):
         held = np.zeros(len(gps), dtype=np.bool_)
         held[1 + first : -1 : 2] = True
         smoothed = smooth(replace(recording, gps=gps.select(~held)), path, config).position
-        by_path += _squares(gps, held, poses_s, smoothed)
-        by_fixes += _squares(gps, held, gps.time_s[~held], gps.position[~held])
-        slow += 2.0 * float(held.sum()) * config.gps_bias_sigma_m**2
-    return by_path > by_fixes + slow
+        error = _errors(gps, held, poses_s, smoothed)
+        by_path += float((error**2).sum())
+        by_fixes += float((_errors(gps, held, gps.time_s[~held], gps.position[~held]) ** 2).sum())
+        common += float((error[1:] * error[:-1]).sum())
+        slow += error.size * config.gps_bias_sigma_m**2
+    return by_path - min(max(common, 0.0), slow) > by_fixes
 
 
 def along_fixes(
@@ -96,7 +99,8 @@ def _extended(time_s: FloatArray, gps: GpsFixes) -> FloatArray:
     return place
 
 
-def _squares(gps: GpsFixes, held: BoolArray, time_s: FloatArray, place: FloatArray) -> float:
-    """Return the sum of squared horizontal distances of the held-out fixes from a path [m²]."""
+def _errors(gps: GpsFixes, held: BoolArray, time_s: FloatArray, place: FloatArray) -> FloatArray:
+    """Return the horizontal differences (M, 2) of the held-out fixes from a path [m]."""
     at = np.column_stack([np.interp(gps.time_s[held], time_s, axis) for axis in place[:, :2].T])
-    return float(((gps.position[held, :2] - at) ** 2).sum())
+    errors: FloatArray = gps.position[held, :2] - at
+    return errors

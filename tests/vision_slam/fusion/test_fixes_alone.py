@@ -12,13 +12,8 @@ from vision_slam.fusion.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 
 WIDE = LocalizationConfig(
-    start="unknown",
-    scale_wander_sigma=0.25,
-    scale_wander_m=20.0,
-    step_sigma_m=0.2,
-    gps_white_sigma_m=0.3,
-    gps_bias_sigma_m=0.1,
-)
+    start="unknown", scale_wander_sigma=0.25, scale_wander_m=20.0, step_sigma_m=0.2, gps_white_sigma_m=0.3
+)  # fmt: skip
 
 
 def _drive(n_fixes: int = 20) -> OdometryRecording:
