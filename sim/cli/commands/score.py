@@ -10,7 +10,7 @@ from sim.cli.outcome import with_exit_codes
 from sim.cli.scoring.checkpoints import score_at_checkpoints
 from sim.cli.scoring.maps import map_of
 from sim.cli.scoring.raster import score_against_raster
-from sim.cli.scoring.request import ScoreRequest
+from sim.cli.scoring.request import ScoreRequest, refuse_options_of_maps
 
 Standards = Annotated[
     list[str] | None,
@@ -121,6 +121,8 @@ def score(
     """
     if source.suffix == ".toml":
         from sim.cli.mission_file import print_summary, run_until
+
+        refuse_options_of_maps(source, report=report, by=by)
 
         _, run = run_until(source, "score", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
         print_summary(run, as_json=as_json)

@@ -94,3 +94,20 @@ class ScoreRequest:
         target = check_target(report)
         inputs = (self.source, self.truth, self.checkpoints, self.control, self.area, self.route)
         refuse_existing([target], force=self.force, inputs=inputs, own=() if target.suffix else OUTPUTS)
+
+
+def refuse_options_of_maps(mission: Path, *, report: Path | None, by: list[str] | None) -> None:
+    """Refuse options that a mission file does not take.
+
+    Raises
+    ------
+    InputError
+        ``--report`` or ``--by`` was given.
+    """
+    from survey.core.errors import InputError
+
+    if report is not None or by:
+        raise InputError(
+            f"{mission} is a mission, whose page firnline report writes; --report and --by judge a map, name its raster or the "
+            "folder 4-reconstruct of the run."
+        )

@@ -21,6 +21,7 @@ from survey.reporting.statements import statement, template
 from survey.scoring.class_scores import ClassScore
 from survey.scoring.standards.assessment import CheckpointScore
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors
+from survey.scoring.standards.findings import Assessment
 
 _ADVISED_SHARE, _ADVISED_SPACING = 0.20, 0.10
 
@@ -80,12 +81,25 @@ def checkpoint_report(
 
 def _statements(score: CheckpointScore, language: str) -> tuple[Statement, ...]:
     """Return each statement in English and, where another language was chosen, in that one."""
-    found = [(statement(it), it) for it in score.assessments]
+    found = [(statement(it), it) for it in _stated(score.assessments)]
     quoted = [Statement(text) for text, _ in found]
     if language != "en":
         note = template(language)["words"]["translation"]
         quoted += [Statement(statement(it, language), language, note) for _, it in found]
     return tuple(quoted)
+
+
+def _stated(assessments: tuple[Assessment, ...]) -> list[Assessment]:
+    """Leave out the looser classes of ASPRS 1990 where a tighter one of the same interval is met."""
+    stated, met = [], set()
+    for it in assessments:
+        interval = (it.standard, it.map_class.partition(", ")[2])
+        if interval in met:
+            continue
+        stated.append(it)
+        if it.standard.startswith("asprs-1990") and it.outcome == "met":
+            met.add(interval)
+    return stated
 
 
 def _notes(score: CheckpointScore) -> tuple[str, ...]:

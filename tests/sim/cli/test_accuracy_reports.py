@@ -131,3 +131,16 @@ def test_reports_that_cannot_be_made_are_refused_before_any_work(
     args: tuple[str, ...], code: int, words: str
 ) -> None:
     assert words in output_of(*CHECKPOINTS, *args, code=code)
+
+
+def test_of_the_classes_of_1990_the_tightest_that_is_met_is_stated() -> None:
+    args = ("score", "map.tif", "--checkpoints", "gnss.csv", "--interval", "0.5", "--report", "old.html")
+    output_of(*args, "--standard", "asprs-1990-contours")
+    page = Path("old.html").read_text(encoding="utf-8")
+    assert "conform to the ASPRS standard for Class 1, interval 0.5 m" in page
+    assert "conform to the ASPRS standard for Class 2" not in page
+
+
+def test_a_mission_takes_no_options_of_maps() -> None:
+    Path("m.toml").write_text("schema_version = 1\n")
+    assert "whose page firnline report writes" in output_of("score", "m.toml", "--report", "x.pdf", code=3)
