@@ -1,5 +1,6 @@
 """Rigid bodies of the contact physics: the interface of an engine, and what a rover is made of."""
 
+from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
 from planners import Rover
@@ -79,3 +80,17 @@ def motor_torque_n_m(config: PhysicsConfig, rover: Rover) -> float:
     """Return the greatest torque of a track's motor."""
     weight = rover.mass_kg * GRAVITY_M_S2
     return 0.5 * config.thrust_share * weight * config.wheel_radius_m
+
+
+def added(values: Iterable[float]) -> float:
+    """Return the sum in the order of the values, with the same bytes in every Python (`sum` compensates since 3.12).
+
+    Examples
+    --------
+    >>> added([1.0, 1e100, -1e100])
+    0.0
+    """
+    total = 0.0
+    for value in values:
+        total += value
+    return total

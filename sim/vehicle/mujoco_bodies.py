@@ -13,6 +13,7 @@ from sim.vehicle.bodies import (
     BodyState,
     GroundPatch,
     RoverBodies,
+    added,
     motor_torque_n_m,
 )
 from sim.vehicle.physics import GRAVITY_M_S2
@@ -104,7 +105,7 @@ class MujocoBodies:
         """Set the torques of both tracks' motors; the integral stops where the torque is bounded."""
         turning = self._turning.tolist()
         for track in (0, 1):
-            mean = sum(turning[track * N_WHEELS : (track + 1) * N_WHEELS]) / N_WHEELS
+            mean = added(turning[track * N_WHEELS : (track + 1) * N_WHEELS]) / N_WHEELS
             missing = self._gain * (self._target[track] - mean)
             integral = self._integral[track] + missing * self._integrated
             wanted = missing + integral

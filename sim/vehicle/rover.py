@@ -18,6 +18,7 @@ from sim.vehicle.bodies import (
     BodyState,
     GroundPatch,
     RoverBodies,
+    added,
 )
 from sim.vehicle.engines import rigid_bodies
 from sim.vehicle.physics import GRAVITY_M_S2, HeightField, RoverState, Vector, origin_of
@@ -136,7 +137,7 @@ class ContactRover:
         """Return the resistance of the snow along the body [N]."""
         x, y, z, w = self._now.turn
         ahead = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
-        along = sum(a * v for a, v in zip(ahead, self._now.velocity, strict=True))
+        along = added(a * v for a, v in zip(ahead, self._now.velocity, strict=True))
         force = -float(self._rover.rolling_resistance * self._weight * np.tanh(along / _RESISTED_FROM_M_S))
         return [force * a for a in ahead]
 
@@ -144,9 +145,9 @@ class ContactRover:
         """Add the work of a step, at the mean of the speeds before and after it."""
         now = self._now
         rates = zip(now.torques, before.turning, now.turning, strict=True)
-        power = sum(torque * 0.5 * (old + new) for torque, old, new in rates)
+        power = added(torque * 0.5 * (old + new) for torque, old, new in rates)
         speeds = zip(resistance, before.velocity, now.velocity, strict=True)
-        self.resisted_j -= self.dt_s * sum(force * 0.5 * (old + new) for force, old, new in speeds)
+        self.resisted_j -= self.dt_s * added(force * 0.5 * (old + new) for force, old, new in speeds)
         self.shaft_work_j += self.dt_s * power
         self._battery_j += self.dt_s * (max(power, 0.0) / self._rover.efficiency + self._rover.idle_w)
 
@@ -166,7 +167,7 @@ class ContactRover:
             now.turn,
             (moving[0], moving[1], moving[2]),
             now.rate,
-            (sum(rolled[:N_WHEELS]), sum(rolled[N_WHEELS:])),
+            (added(rolled[:N_WHEELS]), added(rolled[N_WHEELS:])),
             self._battery_j,
         )
 
