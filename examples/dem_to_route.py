@@ -102,7 +102,7 @@ plan_map(area, route, terrain=prior, std=std)
 
 # %% [markdown]
 # The prediction rests on the covariance of the prior. Relief finer than two cells of the prior is not in it, so real
-# ground is rougher than predicted: `firnline plan --require` adds what is known of such relief, see
+# ground is rougher than predicted: `firnline plan --require` adds such relief by the class of the surface, see
 # [How many swaths](how_many_swaths.ipynb).
 #
 # ## Export to QGroundControl

@@ -19,7 +19,7 @@ def pages() -> dict[str, str]:
     texts["reference/commands/index.md"] = (
         "# Command line\n\n"
         "`firnline COMMAND --help` prints the same texts. Data go to standard output, messages to standard error; "
-        "[exit codes](../exit-codes.md) tell scripts how a command ended.\n\n"
+        "[exit codes](../exit-codes.md) state how a command ended.\n\n"
         + table(("command", "purpose"), rows)
         + "\n"
         + toctree(found)

@@ -102,7 +102,7 @@ def _set_up_map(axes: Axes, bounds: Bounds, *, first: bool, crowded: bool) -> No
 
 
 def _decimals(longer_m: float, shorter_m: float) -> int:
-    """Return how many decimals tell the labels of the shorter side apart.
+    """Return the number of decimals that distinguish the labels of the shorter side.
 
     Examples
     --------

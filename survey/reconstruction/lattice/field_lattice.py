@@ -112,7 +112,7 @@ class FieldLattice(LatticeModel):
         self.recent = RecentPoints()
         self._posterior = FieldPosterior.empty(window.shape, self._n_draws(window))
         self.rays = LowestRays.empty(window.shape) if self.config.rays else None
-        return self._told(points)
+        return self._add_scan(points)
 
     def update(self, points: SurfacePoints) -> Self:
         """Take in one more scan, in place, and solve again, starting from the last solution.
@@ -126,7 +126,7 @@ class FieldLattice(LatticeModel):
             return self.fit(points)
         same_crs(self.here.crs, points.crs, "the map and the scan")
         self._move(self._window(points, self.here.window))
-        return self._told(points)
+        return self._add_scan(points)
 
     def settle(self) -> Self:
         """Solve the whole map, where updates solved a window about the sensor only."""
@@ -170,7 +170,7 @@ class FieldLattice(LatticeModel):
         model.n_scans_, model.n_ghosts_ = state.n_scans, state.n_ghosts
         return model
 
-    def _told(self, points: SurfacePoints) -> Self:
+    def _add_scan(self, points: SurfacePoints) -> Self:
         """Take in the points of one scan, and its lines of sight."""
         scan = self._accepted(points)
         self.posterior.information.add(self._on_lattice(scan[:, :4]))

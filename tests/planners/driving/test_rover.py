@@ -144,7 +144,7 @@ def test_a_battery_is_recharged_at_the_start_and_its_time_counted():
     assert route.prediction["time_s"] == pytest.approx(route.ground_length_m + n * 3600.0)
 
 
-def test_a_single_rover_finishes_where_it_is_told():
+def test_a_single_rover_finishes_where_it_is_asked_to():
     route = plan(SITE, None, LawnmowerConfig(swaths=4), fleet=Fleet(end_m=(590.0, 300.0)))
     assert route.path()[-1].tolist() == [590.0, 300.0]
     with pytest.raises(ValueError, match="end_m is for a single rover"):
@@ -194,7 +194,7 @@ def test_swaths_run_up_the_slope_where_that_is_wanted():
     assert np.degrees(np.arctan2(*(axis[1] - axis[0])[::-1])) % 180.0 == pytest.approx(45.0, abs=1e-6)
 
 
-def test_progress_is_told_to_the_end():
+def test_progress_is_reported_to_the_end():
     calls = []
     plan(SITE, None, BestConfig(swaths=2, heading_deg=0.0), kernel=KERNEL, sample_step_m=30.0,
          progress=lambda what, done, total: calls.append((what, done, total)))  # fmt: skip

@@ -63,7 +63,7 @@ def test_a_cliff_that_cuts_the_site_names_the_part_behind_it(area: SurveyArea) -
         drivable(area, RoverLimits(max_pitch_deg=20.0, max_roll_deg=20.0), dem, reach_all=True)
 
 
-def test_the_part_with_the_start_is_the_one_that_is_kept() -> None:
+def test_the_part_with_the_start_is_planned() -> None:
     x, _ = nodes()
     dem = dem_of(np.where(x > 70.0, 20.0, 0.0))
     area = SurveyArea(shapely.box(0.0, 0.0, 100.0, 100.0), CRS, (), [[95.0, 50.0]])

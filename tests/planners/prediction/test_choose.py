@@ -43,7 +43,7 @@ def test_the_choice_is_never_worse_than_the_inset_lawnmower(family, scale_m, noi
     assert choose(area, BestConfig(swaths=swaths), errors).rmse_m <= errors.rmse_m(rival, 700)
 
 
-def test_the_choice_keeps_the_budget_of_the_plain_lawnmower():
+def test_the_choice_respects_the_budget_of_the_plain_lawnmower():
     errors = model(SquaredExponential(30.0, 120.0), 0.1)
     plain = plan(SITE, None, LawnmowerConfig(swaths=5))
     assert choose(SITE, BestConfig(swaths=5), errors).route.length_m <= plain.length_m
@@ -75,7 +75,7 @@ def test_smooth_ground_without_noise_is_wound_about():
     )
 
 
-def test_a_heading_that_is_given_is_kept():
+def test_a_heading_that_is_given_is_used():
     config = BestConfig(swaths=3, heading_deg=90.0)
     assert choose(SITE, config, model(SquaredExponential(30.0, 120.0), 0.1)).config.heading_deg == 90.0
 

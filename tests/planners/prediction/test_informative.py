@@ -17,7 +17,7 @@ def model(area=SITE, noise_m=0.1):
     return ErrorModel.of(area, KERNEL, noise_m=noise_m, sample_step_m=20.0, cell_m=60.0)
 
 
-def test_the_budget_is_kept_and_used():
+def test_the_budget_is_respected_and_used():
     (leg,) = variance_driven(SITE, VarianceDrivenConfig(budget_m=1500.0, n_places=6), model())
     # The last place that did not fit is at most a diagonal of the lattice of 100 m away, there and back.
     assert 1500.0 - 2.0 * 141.5 <= leg.length_m <= 1500.0

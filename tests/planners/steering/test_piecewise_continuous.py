@@ -99,7 +99,7 @@ def test_deviation_stays_within_half_a_spacing_and_swaths_are_crossed_whole(conf
             assert leg.xy[-1, 0] == leg.axis[-1, 0]
 
 
-def test_a_smaller_band_is_kept():
+def test_a_smaller_band_is_respected():
     config = RandomWanderConfig(swaths=2, band_share=0.1)
     for route in driven(config, [terrain(lambda x, _y: x)] * 3, range(3)):
         assert max(np.abs(leg.xy[:, 1] - leg.axis[0, 1]).max() for leg in route.swaths) <= 30.0 + 1e-9

@@ -57,7 +57,7 @@ def test_rays_give_bounds_pictures_and_no_go_ground(scans: Path, tmp_path: Path)
         (("--method", "field", "--max-slope", "20"), "add --rays to --max-slope"),
     ],
 )
-def test_what_makes_no_sense_is_told(
+def test_what_makes_no_sense_is_refused(
     scans: Path, tmp_path: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     code, output = run(scans, *arguments, "-o", tmp_path / "map")

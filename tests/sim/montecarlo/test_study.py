@@ -87,7 +87,7 @@ def test_any_reconstruction_and_fidelity_can_be_studied(tmp_path):
     assert lawnmower.n_samples > 100
 
 
-def test_landmarks_are_mapped_as_one_estimate_with_the_path_unless_told_otherwise(tmp_path):
+def test_landmarks_are_mapped_as_one_estimate_with_the_path_by_default(tmp_path):
     text = STUDY[: STUDY.index('[[planners]]\npattern = "piecewise')].replace("[2, 3]", "[2]")
     text = text.replace("trials = 3", 'trials = 1\nfidelity = "statistical"')
     gp = "[maps.gp]\nfit = false\nvariance_m2 = 36.0\nlength_scale_m = 80.0\n"
@@ -228,7 +228,7 @@ def test_a_wrong_study_is_refused_in_one_sentence(tmp_path, old, new, words):
     assert "\n" not in str(refusal.value)
 
 
-def test_a_scheduler_that_is_not_there_is_told():
+def test_a_scheduler_that_is_not_there_is_named():
     pytest.importorskip("distributed")
     # Port 9 of this machine (discard) has no listener.
     with pytest.raises(InputError, match=r"no dask scheduler answers at tcp://127.0.0.1:9"):

@@ -69,7 +69,7 @@ def test_stakes_are_where_the_sightings_say():
     np.testing.assert_allclose(np.linalg.norm(recording.stake_sightings.offset, axis=1), 1.5, atol=0.15)
 
 
-def test_the_turn_at_the_start_tells_the_bias_of_the_accelerometer():
+def test_the_turn_at_the_start_gives_the_bias_of_the_accelerometer():
     recording, real = driven(accelerometer=True)
     driving = recording.inertial.time_s >= 0.0
     found = standing_bias(recording.inertial, 0.0)
@@ -87,7 +87,7 @@ def test_the_turn_at_the_start_tells_the_bias_of_the_accelerometer():
     assert standing_bias(replace(recording.inertial), -100.0) is None
 
 
-def test_the_gyro_tells_every_turn_where_the_heading_walks():
+def test_the_gyro_measures_every_turn_where_the_heading_walks():
     sensors = SensorConfig(yaw_sigma_deg=0.0, tilt_sigma_deg=0.0, heading_walk_deg_sqrt_m=1e-6)
     config = mission(accelerometer=True).model_copy(update={"sensors": sensors})
     recording, _ = simulate_statistical(terrain(), route(), config)

@@ -69,7 +69,7 @@ def test_frames_written_during_the_drive_stay(tmp_path):
     assert Recording.read(tmp_path).frames[0].max() == 7
 
 
-def test_a_frame_that_cannot_be_written_is_told_at_the_latest_in_the_end(tmp_path):
+def test_a_frame_that_cannot_be_written_is_refused_at_the_latest_in_the_end(tmp_path):
     def write_where_the_folder_is_gone() -> None:
         with FrameWriter(tmp_path / "frames") as writer:
             (tmp_path / "frames").rmdir()

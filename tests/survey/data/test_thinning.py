@@ -124,7 +124,7 @@ def _summed(
     return float(np.trace(covariance - cross @ np.linalg.solve(noisy, cross.T)))
 
 
-def test_all_are_kept_where_more_are_wanted_and_none_is_refused() -> None:
+def test_all_are_returned_where_more_are_wanted_and_none_is_refused() -> None:
     points, _ = _seen_from_a_track(1)
     few = points.select(np.arange(len(points)) < 5)
     assert sorted(most_informative(few, 9, BOUNDS).tolist()) == [0, 1, 2, 3, 4]

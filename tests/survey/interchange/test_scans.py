@@ -41,7 +41,7 @@ def test_las_and_ply_carry_their_origins(tmp_path: Path, ending: str) -> None:
     np.testing.assert_allclose(scan.origins, XYZ + 2.0, atol=1e-4)
 
 
-def test_a_trajectory_tells_where_the_sensor_stood(tmp_path: Path) -> None:
+def test_a_trajectory_gives_the_places_of_the_sensor(tmp_path: Path) -> None:
     path = tmp_path / "scan.ply"
     times = {"time_s": np.array([0.0, 0.5, 1.0])}
     SurfacePoints(XYZ, sigma_m=0.02, values=times, crs=CRS).write(path)

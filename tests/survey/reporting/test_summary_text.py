@@ -50,7 +50,7 @@ def test_the_tightest_class_met_is_the_last_of_them():
     assert sentence.endswith("it meets is 0.051 m (Class 1, interval 0.305 m).")
 
 
-def test_silent_nodes_are_told_with_the_verdict(scored):
+def test_silent_nodes_are_stated_with_the_verdict(scored):
     assert len(conditions(scored)) == 1
     half = replace(scored, n_silent=scored.elevation.n)
     assert conditions(half)[1].startswith("The map gives a height on 50.0% of the area")

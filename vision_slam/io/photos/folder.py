@@ -13,7 +13,7 @@ from vision_slam.io.photos.exif import Photo, read_photo
 from vision_slam.io.photos.names import times_in_names
 from vision_slam.io.receivers.rows import ReceiverFixes, axis_sigma_m
 
-# Diagonal of 35 mm film, and what an equivalent focal length is worth: it is rounded to millimetres, and makers
+# Diagonal of 35 mm film, and the accuracy of an equivalent focal length: it is rounded to millimetres, and makers
 # take it across the diagonal or across the width of their frame.
 _DIAGONAL_MM, _FOCAL_SHARE = 43.27, 0.03
 _SENSOR_SHARE = 0.02

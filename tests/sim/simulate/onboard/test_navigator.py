@@ -71,7 +71,7 @@ def test_the_rover_finds_its_way_by_what_it_sees(drives):
     assert np.hypot(*(drive.truth.trajectory.position[-1, :2] - [10.5, 14.0])) < 0.8
 
 
-def test_what_was_seen_on_board_is_what_the_recording_tells_afterwards(drives):
+def test_what_was_seen_on_board_agrees_with_the_recording(drives):
     _, folder = drives[0]
     on_board = read_visual_odometry(folder / "recording" / "onboard")
     afterwards = visual_odometry(Recording.read(folder / "recording"))

@@ -147,7 +147,7 @@ def test_an_offset_that_all_landmarks_share_is_not_averaged_away():
     assert plain[along].max() < 0.1
 
 
-def test_the_satellite_tells_the_offset_of_the_path_and_the_path_that_of_the_satellite():
+def test_the_satellite_determines_the_offset_of_the_path_and_the_path_that_of_the_satellite():
     exact = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.1))
     found = mapped(path_error(2.0), seen_points(lift_m=1.5), cells_of(hill), exact)
     # Sixteen cells of 10 cm, seen through landmarks on a fifth of the ground.

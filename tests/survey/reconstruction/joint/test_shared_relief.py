@@ -39,7 +39,7 @@ def test_points_far_apart_share_nothing_and_order_does_not_matter() -> None:
     np.testing.assert_allclose(turned, noise[order], rtol=1e-9)
 
 
-def test_relief_of_waves_that_are_kept_is_no_noise() -> None:
+def test_relief_of_waves_that_are_retained_is_no_noise() -> None:
     """With all waves that the relief has, what is left is each point's own."""
     rng = np.random.default_rng(5)
     xy = rng.uniform(0.0, 100.0, (400, 2))

@@ -177,7 +177,7 @@ def test_learning_finds_the_noise_and_predicts_held_out_ground() -> None:
     assert np.mean(np.abs(z) < 1.96) > 0.85
 
 
-def test_edges_are_kept_sharper_when_asked() -> None:
+def test_edge_preserving_maps_have_sharper_edges() -> None:
     xy = np.random.default_rng(0).uniform(0.0, 9.5, (3000, 2))
     z = np.where(xy[:, 0] > 4.75, 1.0, 0.0) + 0.02 * np.random.default_rng(1).standard_normal(3000)
     cloud = scan(np.column_stack([xy, z]), sigma_m=0.02)
@@ -189,7 +189,7 @@ def test_edges_are_kept_sharper_when_asked() -> None:
     assert sharp < 0.5 * soft
 
 
-def test_support_tells_measured_between_and_unseen() -> None:
+def test_support_separates_measured_between_and_unseen() -> None:
     model = field((-40.0, -40.0, 40.0, 40.0)).fit(scan(hills(400)))
     codes = model.predict([[5.0, 5.0], [-5.0, 5.0], [-35.0, 5.0], [99.0, 0.0]], "support")
     assert codes.tolist() == [MEASURED, INTERPOLATED, UNSEEN, UNSEEN]

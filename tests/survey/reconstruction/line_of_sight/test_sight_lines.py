@@ -31,12 +31,12 @@ def test_sensible_rays_pass_also_to_a_hill_above_the_sensor() -> None:
         (5.0, np.array([0.0, 0.0, 2.0]), "121 of 121 points lie above their sensor"),
     ],
 )
-def test_each_senseless_scan_is_told(z: float, origin: FloatArray | None, said: str) -> None:
+def test_each_senseless_scan_is_refused(z: float, origin: FloatArray | None, said: str) -> None:
     with pytest.raises(InputError, match=said):
         checked_origins(scan(z, origin))
 
 
-def test_a_sensor_under_the_ground_beside_it_is_told() -> None:
+def test_a_sensor_under_the_ground_beside_it_is_refused() -> None:
     """The valley around it lies lower, so that most points are below the sensor all the same."""
     x = np.meshgrid(np.arange(-5.0, 6.0), np.arange(-5.0, 6.0))[0].ravel()
     points = scan(np.where(x > -2.0, 4.0, -4.0), np.array([5.0, 5.0, 1.0]))

@@ -132,7 +132,7 @@ def test_1990_limits_grow_with_the_class_and_the_doubt_is_said() -> None:
     assert len(score_at(errors_of(balanced(20, 0.06)), ("asprs-1990-contours",)).assessments) == 9
 
 
-def test_blunders_and_bias_are_told_and_kept() -> None:
+def test_blunders_and_bias_are_stated_and_included() -> None:
     """W11: 16 cm in a 5 cm class is a blunder, 15 cm is the limit."""
     values = balanced(30, 0.01)
     values[4] = 0.16

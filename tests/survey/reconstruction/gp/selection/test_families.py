@@ -39,7 +39,7 @@ def test_relief_without_extent_is_the_nugget() -> None:
     assert found.nugget_m == pytest.approx(0.3, rel=0.12)
 
 
-def test_a_given_nugget_is_kept() -> None:
+def test_a_given_nugget_is_used() -> None:
     found = likeliest(
         *_drawn(Matern32(4.0, 25.0), 4), GaussianProcessConfig(family="matern-3/2", nugget_m=0.2)
     )
@@ -53,6 +53,6 @@ def test_equal_points_give_equal_hyperparameters() -> None:
     np.testing.assert_array_equal(one.kernel.log_parameters, two.kernel.log_parameters)
 
 
-def test_two_points_tell_nothing() -> None:
+def test_two_points_are_refused() -> None:
     with pytest.raises(InputError, match="2 points"):
         likeliest(np.zeros((2, 2)), np.zeros(2), np.ones(2), GaussianProcessConfig())
