@@ -78,7 +78,9 @@ def _formats() -> str:
         "land cover (score --by)": "rasters of whole numbers; polygons with a column of classes",
         "reports (score, change)": "a folder, .html or .pdf",
         "tracks": ".csv, .tum, .gpx, .gpkg; .txt (KITTI) is written",
-        "images and sensors": "folders of images; TUM, EuRoC, KITTI, ROS 1 and ROS 2 bags",
+        "images and sensors": "folders of images (times in names, EXIF or a list); TUM, EuRoC, KITTI, ROS 1 and ROS 2 bags",
+        "fixes (localize --gps)": "NMEA, u-blox .ubx, Android GnssLogger .txt, RTKLIB .pos, .gpx, .csv (usual names, or --columns)",
+        "calibrations": "camera.toml (firnline calibrate writes one)",
         "missions and studies": ".toml (firnline init writes one)",
     }
     lines = [f"{name:<27} {endings}" for name, endings in rows.items()]
