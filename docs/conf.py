@@ -8,7 +8,7 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS)]
 os.environ["PYTHONPATH"] = str(DOCS.parent)  # for the processes of the notebooks
-os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.pop("MPLBACKEND", None)  # notebooks draw inline
 
 from generate import gallery, pages  # noqa: E402
 from jupyter_client.manager import KernelManager  # noqa: E402

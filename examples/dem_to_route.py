@@ -54,7 +54,7 @@ with rasterio.open(
 # %%
 corners = [(-134.556, 58.4405), (-134.5475, 58.4405), (-134.5465, 58.4455), (-134.5555, 58.4460)]
 ring = " ".join(f"{x},{y},0" for x, y in [*corners, corners[0]])
-Path("site.kml").write_text(
+_ = Path("site.kml").write_text(
     '<?xml version="1.0" encoding="UTF-8"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark>'
     "<name>site</name><Polygon><outerBoundaryIs><LinearRing>"
     f"<coordinates>{ring}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>",

@@ -109,7 +109,7 @@ times = UNIX_S + np.arange(len(xy)) * 0.2
 for k, (place, heading) in enumerate(zip(xy, headings, strict=True)):
     cv2.imwrite(str(drive / "images" / f"{k:04d}.png"), draw(pose(place, heading)))
 (drive / "times.txt").write_text("".join(f"{t:.2f}\n" for t in times), encoding="utf-8")
-plt.imshow(cv2.imread(str(drive / "images" / "0040.png")))
+_ = plt.imshow(cv2.imread(str(drive / "images" / "0040.png")))
 
 # %% [markdown]
 # The GPX track has a fix every second, with errors of 0.3 m as of a good receiver.
@@ -127,7 +127,7 @@ points = [
         np.column_stack(to_degrees.transform(*fixes.T[:2])), fixes[:, 2], times[::5], strict=True
     )
 ]
-(drive / "track.gpx").write_text(
+_ = (drive / "track.gpx").write_text(
     '<?xml version="1.0"?><gpx version="1.1" creator="tutorial" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>'
     + "".join(points)
     + "</trkseg></trk></gpx>",

@@ -67,7 +67,7 @@ for planner in ("lawnmower", "wavy"):
     ax.plot(swaths, [float(row["mean_rmse_m"]) for row in curve], "o-", label=planner)
 ax.axhline(0.4572, color="black", linestyle="--", label="Class 3")
 ax.set(xlabel="Swaths", ylabel="Mean RMSE [m]", yscale="log", xticks=swaths)
-ax.legend()
+_ = ax.legend()
 
 # %% [markdown]
 # The page `how-many/index.html` has the same curves, the tables are `trials.csv` and `summary.csv`. Every trial is stored

@@ -80,11 +80,11 @@ left.plot(*tongue.exterior.xy, color="white")
 left.set_title("Later minus earlier [m]")
 lags_m = np.linspace(1.0, 500.0, 100)
 right.plot(lags_m, result.variogram.at(lags_m))
-right.set(title="Variogram of the errors", xlabel="Distance [m]", ylabel="[m²]", ylim=(0.0, None))
+_ = right.set(title="Variogram of the errors", xlabel="Distance [m]", ylabel="[m²]", ylim=(0.0, None))
 
 # %% [markdown]
-# Density is the other unknown: 850 ± 60 kg/m³ is the usual assumption for glaciers over some years. Its error is
-# included in that of the mass.
+# Density is the other unknown: 850 ± 60 kg/m³ holds for glaciers over five years and more (Huss 2013). Over two summers
+# a measured density is better; its error is included in that of the mass.
 #
 # ## Judge the later map by checkpoints
 #

@@ -18,8 +18,10 @@ def scripts() -> list[Path]:
 def notebook_text(script: Path) -> str:
     """Return a script in cells (``# %%``) as the text of a Jupyter notebook; the same script gives the same text."""
     import jupytext
+    from nbformat.v4 import new_code_cell
 
     notebook = jupytext.read(script, fmt="py:percent")
+    notebook.cells.insert(0, new_code_cell("%matplotlib inline", metadata={"tags": ["remove-cell"]}))
     for number, cell in enumerate(notebook.cells):
         cell["id"] = f"cell-{number}"
     notebook.metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}

@@ -22,4 +22,4 @@ figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained"
 result.difference.plot(ax=left)
 lags_m = np.linspace(1.0, 300.0, 100)
 right.plot(lags_m, result.variogram.at(lags_m))
-right.set(xlabel="Distance [m]", ylabel="Variogram [m²]", ylim=(0.0, None))
+right.set(xlabel="Distance [m]", ylabel="Variogram [m²]", ylim=(0.0, 0.3))
