@@ -22,12 +22,13 @@ from survey.core.streams import stream
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.trajectory import Trajectory
+from vision_slam.agreement.drive import align_heading
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.visual_odometry import VisualOdometry
-from vision_slam.pipeline import align_heading, image_config
+from vision_slam.pipeline import image_config
 
 SEEDS = (21, 22, 23, 24, 25)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"

@@ -35,9 +35,10 @@ from survey.data.legs import Leg
 from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
+from vision_slam.agreement.drive import align_heading
 from vision_slam.config import LocalizationConfig
 from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
-from vision_slam.pipeline import align_heading, image_config, localize, with_loop_closures
+from vision_slam.pipeline import image_config, localize, with_loop_closures
 
 # Everything was chosen on seeds 31 to 33, 41 and 42.
 SEEDS = (43, 44)

@@ -1,48 +1,43 @@
 """Localization pipeline: one list of steps from a recording to a path and landmarks."""
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from survey.core.arguments import check_types
-from survey.core.arrays import BoolArray, FloatArray, Progress
+from survey.core.arrays import BoolArray, Progress
 from survey.core.errors import InputError
 from survey.data.recording import OdometryRecording, Recording
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
+from vision_slam.agreement.drive import Drive
+from vision_slam.agreement.sanity_checks import refuse_swapped_images
+from vision_slam.agreement.steps import (
+    align_drive,
+    check_start,
+    correct_delay,
+    drop_refused_fixes,
+    drop_repeated_fixes,
+    fit_memory,
+    fit_turn_errors,
+    note_delay,
+    scale_to_fixes,
+    widen_errors,
+)
 from vision_slam.config import UNKNOWN_CLOCK_S, UNKNOWN_MEMORY_S, LocalizationConfig
-from vision_slam.fusion.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
-from vision_slam.fusion.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.fusion.landmarks import place_landmarks
-from vision_slam.fusion.online import OnlinePath, filter_path, gate_fixes, select_fixes
 from vision_slam.fusion.receiver.base_station import stated_errors
-from vision_slam.fusion.sanity_checks import (
-    check_start_by_fixes,
-    fix_delay_s,
-    refuse_swapped_images,
-    remove_repeated_fixes,
-)
 from vision_slam.fusion.smoother import SmoothedPath, smooth
-from vision_slam.fusion.visual_scale import (
-    refuse_short_fixes,
-    refuse_untracked,
-    scale_by_fixes,
-    scale_visual_odometry,
-)
-from vision_slam.inertial.attitude import heading_correction
+from vision_slam.fusion.visual_scale import refuse_short_fixes, refuse_untracked
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.localization import Localization
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 from vision_slam.places.loop_closures import detect_loop_closures
-from vision_slam.places.relocalization import relocalize_segments, segment_starts
 from vision_slam.rotation import quaternions
 
 _DRIFTS_OVER_M = 50.0  # the scale drifts in turns and stays as it is between them
 
-_MANY_REFUSED = 3
-_CLOCK_SIGMAS = 2.0
 _SURVEY_GRADE_M = 0.1
 _BETTER = 0.1  # share of the fixes that are at least as good as the errors that are assumed
 
@@ -120,55 +115,6 @@ def localize(
     )
 
 
-@dataclass(frozen=True)
-class Drive:
-    """Recording with odometry, and everything the steps of the pipeline pass on.
-
-    ``visual`` is None where the odometry was processed elsewhere; ``used`` (M,) are the fixes to use
-    where these are others than the filter accepted.
-    """
-
-    recording: OdometryRecording
-    config: LocalizationConfig
-    visual: VisualOdometry | None = None
-    notes: tuple[str, ...] = ()
-    used: BoolArray | None = None
-
-    @cached_property
-    def path(self) -> FloatArray:
-        """Dead-reckoned positions (N, 3) [m]."""
-        return dead_reckoning(self.recording.odometry, self.recording.start)
-
-    @cached_property
-    def online(self) -> OnlinePath:
-        """Causal estimate of the particle filter."""
-        return filter_path(self.recording, self.path, self.config)
-
-    @property
-    def used_fixes(self) -> BoolArray:
-        """Whether each fix is used (M,): those that the filter accepted, unless others were chosen."""
-        return self.online.accepted if self.used is None else self.used
-
-    @property
-    def is_interrupted(self) -> bool:
-        """Whether the odometry has gaps that no sensor bridges."""
-        return self.visual is not None and len(segment_starts(self.recording, self.visual)) > 0
-
-    @property
-    def is_contradicted(self) -> BoolArray:
-        """Whether fixes contradict each pose (N,) and none agrees with the path any more until the end."""
-        time_s, fix_s = self.recording.odometry.time_s, self.recording.gps.time_s
-        used_s = fix_s[self.used_fixes]
-        if len(used_s) == 0:
-            return np.zeros(len(time_s), dtype=np.bool_)
-        refused_s = fix_s[(fix_s > used_s[-1]) & (fix_s <= time_s[-1])]
-        return time_s >= (refused_s[0] if len(refused_s) >= _MANY_REFUSED else np.inf)
-
-    def noted(self, note: str) -> "Drive":
-        """Return the drive with one more note."""
-        return replace(self, notes=(*self.notes, note))
-
-
 def measure_motion(
     recording: Recording,
     config: LocalizationConfig,
@@ -237,157 +183,9 @@ def process_images(
     return visual_odometry(recording, config, progress)
 
 
-def drop_repeated_fixes(drive: Drive) -> Drive:
-    """Remove fixes that repeat the one before to the last digit."""
-    gps = remove_repeated_fixes(drive.recording.gps)
-    n = len(drive.recording.gps) - len(gps)
-    if n == 0:
-        return drive
-    dropped = replace(drive, recording=replace(drive.recording, gps=gps))
-    return dropped.noted(f"{n} fixes repeat the one before to the last digit and were left out")
-
-
-def scale_to_fixes(drive: Drive) -> Drive:
-    """Scale visual odometry without wheels to the extent of the fixes."""
-    if drive.visual is None or drive.recording.wheels is not None:
-        return drive
-    odometry = drive.visual.odometry
-    factor, sigma = scale_by_fixes(drive.path, odometry.time_s, drive.recording.gps)
-    scaled = scale_visual_odometry(drive.visual, factor)
-    widened = drive.config.model_copy(update={"scale_sigma": max(drive.config.scale_sigma, sigma)})
-    recording = drive.recording.with_odometry(scaled.odometry, scaled.sightings)
-    return replace(drive, recording=recording, config=widened, visual=scaled)
-
-
-def check_start(drive: Drive) -> Drive:
-    """Take a surveyed start for unknown where the fixes contradict it."""
-    if drive.is_interrupted:
-        return drive
-    time_s = drive.recording.odometry.time_s
-    recording, config = check_start_by_fixes(drive.recording, drive.path, time_s, drive.config)
-    if recording is drive.recording:
-        return drive
-    off_m = float(np.hypot(*(recording.start - drive.recording.start)[:2]))
-    moved = replace(drive, recording=recording, config=config)
-    return moved.noted(f"the fixes put the start {off_m:.0f} m from where it was surveyed")
-
-
-def align_drive(drive: Drive) -> Drive:
-    """Align the heading of visual odometry with the fixes; recorded odometry has a heading already."""
-    if drive.visual is None:
-        return drive
-    recording, visual = align_heading(drive.recording, drive.visual)
-    return replace(drive, recording=recording, visual=visual)
-
-
-def correct_delay(drive: Drive) -> Drive:
-    """Move delayed fixes back in time, and fixes of a clock that is ahead on in time.
-
-    Fixes that were refused count only if most of them are accepted after the shift.
-    """
-    if drive.is_interrupted:
-        return drive
-    one_clock = drive.config.model_copy(update={"clock_sigma_s": 0.0})
-    least_s = _CLOCK_SIGMAS * drive.config.clock_sigma_s  # what is less is estimated with the path
-    delay_s = fix_delay_s(gate_fixes(drive.recording, drive.online), drive.path, one_clock)
-    if abs(delay_s) > least_s:
-        return _shifted(drive, delay_s)
-    if drive.online.n_refused < _MANY_REFUSED:
-        return drive
-    delay_s = fix_delay_s(drive.recording, drive.path, one_clock)
-    if abs(delay_s) <= least_s:
-        return drive
-    moved = _shifted(drive, delay_s)
-    return moved if moved.online.n_refused <= 0.5 * drive.online.n_refused else drive
-
-
-def _shifted(drive: Drive, delay_s: float) -> Drive:
-    """Return the drive with its fixes earlier by so much, and aligned with them."""
-    gps = replace(drive.recording.gps, time_s=drive.recording.gps.time_s - delay_s)
-    moved = align_drive(replace(drive, recording=replace(drive.recording, gps=gps)))
-    late = "late and were moved back" if delay_s > 0.0 else "early and were moved on"
-    return moved.noted(f"the fixes are about {abs(delay_s):.1f} s {late} in time")
-
-
-def widen_errors(drive: Drive) -> Drive:
-    """Widen the errors of the odometry where it and the fixes disagree beyond both claims."""
-    if drive.is_interrupted:
-        return drive
-    agreement = reconcile(drive.recording, drive.path, drive.config, drive.online)
-    if np.array_equal(agreement.used, drive.online.accepted) and agreement.gain == 0.0:
-        return drive
-    widened = replace(drive, config=agreement.config, used=agreement.used)
-    if agreement.gain == 0.0:
-        return widened
-    if is_worse_than_fixes(drive.recording, drive.path, agreement.config):
-        return follow_fixes(drive)
-    return widened.noted(agreement.note)
-
-
-def follow_fixes(drive: Drive) -> Drive:
-    """Replace odometry that predicts the fixes worse than their neighbours do by lines between them."""
-    recording, config = along_fixes(drive.recording, drive.config)
-    followed = replace(drive, recording=recording, config=config)
-    return followed.noted(
-        "odometry and fixes disagree so much that lines between the fixes predict them better; the path is that of the fixes: "
-        "check focal length, lens distortion, order of the images and times"
-    )
-
-
-def note_delay(drive: Drive, path: SmoothedPath) -> Drive:
-    """Note the estimated delay of the fixes where it, or its standard deviation along the path, exceeds half their errors."""
-    time_s, step = drive.recording.odometry.time_s, drive.recording.odometry.step
-    speed_m_s = float(np.linalg.norm(step, axis=1).sum() / (time_s[-1] - time_s[0]))
-    claimed_m = float(np.hypot(drive.config.gps_bias_sigma_m, drive.config.gps_white_sigma_m))
-    if max(abs(path.delay_s), path.delay_sigma_s) * speed_m_s <= 0.5 * claimed_m:
-        return drive
-    return drive.noted(
-        f"the offset between the clocks of fixes and images is {path.delay_s:.2f} ± {path.delay_sigma_s:.2f} s, "
-        f"{path.delay_sigma_s * speed_m_s:.1f} m along the path, which its standard deviations contain; set "
-        "localization.clock_sigma_s where it is known better"
-    )
-
-
-def drop_refused_fixes(drive: Drive) -> Drive:
-    """Remove the fixes that contradict the odometry and all other fixes."""
-    return replace(drive, recording=select_fixes(drive.recording, drive.used_fixes))
-
-
-def fit_memory(drive: Drive) -> Drive:
-    """Take a longer correlation time of the fixes' errors where the evidence asks for it."""
-    assumed_s = drive.config.gps_correlation_time_s
-    memory_s = fitted_memory_s(drive.recording, drive.path, drive.config)
-    if memory_s == assumed_s:
-        return drive
-    longer = drive.config.model_copy(update={"gps_correlation_time_s": memory_s})
-    note = f"the errors of the fixes last longer than the {assumed_s:g} s assumed; {memory_s:g} s was used"
-    return replace(drive, config=longer).noted(note)
-
-
-def fit_turn_errors(drive: Drive) -> Drive:
-    """Take a smaller error of turns for the images of others where precise fixes show it."""
-    if drive.visual is None or drive.recording.start_is_surveyed:
-        return drive
-    smaller_m = fitted_turn_sigma_m(drive.recording, drive.path, drive.config)
-    return replace(drive, config=drive.config.model_copy(update={"turn_sigma_m": smaller_m}))
-
-
 def add_loop_closures(drive: Drive) -> Drive:
     """Add the loop closures of the images, unless the recording has loop closures."""
     return replace(drive, recording=with_loop_closures(drive.recording, drive.config))
-
-
-def align_heading(recording: Recording, visual: VisualOdometry) -> tuple[OdometryRecording, VisualOdometry]:
-    """Rotate visual odometry to the heading of the fixes; place the segments of an interrupted one."""
-    if len(segment_starts(recording, visual)):
-        visual = relocalize_segments(recording, visual)
-    else:
-        odometry = visual.odometry
-        path = dead_reckoning(odometry, recording.start)
-        turn_rad = heading_correction(path, odometry.time_s, recording.gps)
-        attitude_rad = odometry.attitude_rad + [0.0, 0.0, turn_rad]
-        visual = replace(visual, odometry=replace(odometry, attitude_rad=attitude_rad))
-    return recording.with_odometry(visual.odometry, visual.sightings), visual
 
 
 def with_loop_closures(recording: OdometryRecording, config: LocalizationConfig) -> OdometryRecording:

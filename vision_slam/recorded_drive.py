@@ -15,11 +15,11 @@ from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.trajectory import Trajectory
+from vision_slam.agreement.sanity_checks import refuse_swapped_images
 from vision_slam.comparison import Comparison, compare_aligned, compare_from_start, compare_in_crs
 from vision_slam.config import LocalizationConfig
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.fusion.online import predicted_covariance
-from vision_slam.fusion.sanity_checks import refuse_swapped_images
 from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.gps_files import is_receiver_file, read_gps
 from vision_slam.io.references import is_kitti, read_poses

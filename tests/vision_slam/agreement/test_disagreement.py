@@ -12,8 +12,8 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from vision_slam.agreement.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning

@@ -7,8 +7,8 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from vision_slam.agreement.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 
 WIDE = LocalizationConfig(

@@ -11,12 +11,12 @@ from survey.core.errors import InputError
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
-from vision_slam.config import LocalizationConfig
-from vision_slam.fusion.sanity_checks import (
+from vision_slam.agreement.sanity_checks import (
     check_start_by_fixes,
     fix_delay_s,
     refuse_swapped_images,
 )
+from vision_slam.config import LocalizationConfig
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.rotation import rotations
 
