@@ -89,7 +89,10 @@ def _shifted(drive: Drive, delay_s: float) -> Drive:
 
 
 def widen_errors(drive: Drive) -> Drive:
-    """Widen the errors of the odometry where it and the fixes disagree beyond both claims."""
+    """Widen the errors of the odometry where it and the fixes disagree beyond both claims.
+
+    Images of others, of which not even lens and mounting are certain, may be worse than none.
+    """
     if drive.is_interrupted:
         return drive
     agreement = reconcile(drive.recording, drive.path, drive.config, drive.online)
@@ -98,7 +101,8 @@ def widen_errors(drive: Drive) -> Drive:
     widened = replace(drive, config=agreement.config, used=agreement.used)
     if agreement.gain == 0.0:
         return widened
-    if is_worse_than_fixes(drive.recording, drive.path, agreement.config):
+    is_foreign = drive.visual is not None and not drive.recording.start_is_surveyed
+    if is_foreign and is_worse_than_fixes(drive.recording, drive.path, agreement.config):
         return follow_fixes(drive)
     return widened.noted(agreement.note)
 
