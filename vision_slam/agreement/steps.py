@@ -119,6 +119,12 @@ def follow_fixes(drive: Drive) -> Drive:
 
 def note_delay(drive: Drive, path: SmoothedPath) -> Drive:
     """Note the estimated delay of the fixes where it, or its standard deviation along the path, exceeds half their errors."""
+    is_foreign = drive.visual is not None and not drive.recording.start_is_surveyed
+    if is_foreign and "clock_sigma_s" not in drive.config.model_fields_set:
+        return drive.noted(
+            "fixes of centimetres were taken to have the clock of the images; set localization.clock_sigma_s where they "
+            "have one of their own"
+        )
     time_s, step = drive.recording.odometry.time_s, drive.recording.odometry.step
     speed_m_s = float(np.linalg.norm(step, axis=1).sum() / (time_s[-1] - time_s[0]))
     claimed_m = float(np.hypot(drive.config.gps_bias_sigma_m, drive.config.gps_white_sigma_m))

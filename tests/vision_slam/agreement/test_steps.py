@@ -10,8 +10,9 @@ from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.agreement.drive import Drive
-from vision_slam.agreement.steps import widen_errors
+from vision_slam.agreement.steps import note_delay, widen_errors
 from vision_slam.config import LocalizationConfig
+from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.visual_odometry import VisualOdometry
 
@@ -49,3 +50,10 @@ def test_a_surveyed_recording_keeps_its_odometry(wandering: Drive) -> None:
     found = widen_errors(surveyed)
     assert found.recording.odometry is wandering.recording.odometry
     assert "disagree beyond their assumed errors" in found.notes[-1]
+
+
+def test_the_clock_that_precise_fixes_are_assumed_to_have_is_noted(wandering: Drive) -> None:
+    path = smooth(wandering.recording, wandering.path, wandering.config)
+    assert "clock of the images" in note_delay(wandering, path).notes[-1]
+    stated = wandering.config.model_copy(update={"clock_sigma_s": 0.0})
+    assert note_delay(replace(wandering, config=stated), path).notes == ()
