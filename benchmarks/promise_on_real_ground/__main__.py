@@ -114,11 +114,14 @@ def kept(made: Judged) -> float:
 
 
 def _windows(judged: Judged) -> Iterator[Row]:
-    """Yield a row for every survey: its error where it was promised, and NaN where it was refused."""
+    """Yield a row for every survey: its error where it was promised, else that it was refused."""
     for task, outcome, oracle in judged:
         name = f"{task.landscape} {task.index}, noise {task.noise_m:g} m, {task.kind}, asked {task.probability:g}"
         n = f"{outcome.n_swaths} swaths, fewest {oracle.n_swaths:g}"
-        yield Row(f"{name}: error ({n})", outcome.rmse_m if outcome.promised else float("nan"), "m")
+        if outcome.promised:
+            yield Row(f"{name}: error ({n})", outcome.rmse_m, "m")
+        else:
+            yield Row(f"{name}: refused ({n})", 1.0, "")
 
 
 def _glaciers(quick: bool) -> Iterator[Row]:
