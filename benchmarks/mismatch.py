@@ -2,7 +2,7 @@
 
 The statistical surveys of ``benchmarks.honesty`` are mapped twice: with assumptions that are those of the sensors, and
 with standard deviations, correlation times and lengths, and claims of landmarks that are each off by a factor between
-1/2 and 2 (`sim.config.mission.mismatched`). The same errors are drawn in both. Seeds 7301 and later were used for nothing else;
+1/2 and 2 (`benchmarks.mismatched`). The same errors are drawn in both. Seeds 7301 and later were used for nothing else;
 ``FIRNLINE_MISMATCH_SEEDS`` says how many there are of each terrain, two by default. Outcomes are stored in the folder of
 runs, and a run that was stopped continues.
 """
@@ -20,9 +20,10 @@ import planners
 from benchmarks.honesty.priors import prior
 from benchmarks.honesty.surveys import AREA, NODES
 from benchmarks.honesty.terrains import KINDS, terrain
+from benchmarks.mismatched import mismatched
 from benchmarks.report import Row, main
 from planners import LawnmowerConfig
-from sim.config.mission import MissionConfig, SensorConfig, mismatched
+from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
 from sim.simulate.statistical import simulate_statistical
 from survey.data.dem import Dem

@@ -11,8 +11,9 @@ import planners
 from benchmarks.honesty.priors import KINDS as PRIORS
 from benchmarks.honesty.priors import prior
 from benchmarks.honesty.terrains import CRS, KINDS, SIDE_M, terrain
+from benchmarks.mismatched import mismatched
 from planners import LawnmowerConfig
-from sim.config.mission import MissionConfig, SensorConfig, mismatched
+from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
 from sim.simulate.statistical import simulate_statistical
 from survey.core.arrays import FloatArray, IntArray

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.mismatched import mismatched
 from planners import LawnmowerConfig
 from sim.config.mismatch import MismatchConfig
-from sim.config.mission import MissionConfig, mismatched
+from sim.config.mission import MissionConfig
 from sim.config.terrain import RandomTerrain
 from survey import ConfigError
 from vision_slam import LocalizationConfig
