@@ -12,6 +12,7 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import OnlinePath, select_fixes
 from vision_slam.fusion.receiver.base_station import stated_errors
 from vision_slam.fusion.smoother import log_evidence, node_spacing_m, smooth
+from vision_slam.inertial.gyro import GyroErrors
 
 logger = logging.getLogger(__name__)
 
@@ -196,7 +197,13 @@ def _fitted(chosen: _Comparison, config: LocalizationConfig) -> tuple[Localizati
 def _wider(
     best: LocalizationConfig, assumed: LocalizationConfig, setting: str
 ) -> Iterator[LocalizationConfig]:
-    """Yield configurations in which one error is larger than in the best so far, level by level."""
+    """Yield configurations in which one error is larger than in the best so far, level by level.
+
+    Headings without a random walk keep none: with one the smoother would use the gyro too, and evidence
+    over other records cannot be compared.
+    """
+    if setting == "heading_walk_deg_sqrt_m" and not GyroErrors.of(assumed).is_used:
+        return
     now = getattr(best, setting)
     for level in _LEVELS[setting]:
         if level > max(now, getattr(assumed, setting)):

@@ -9,7 +9,7 @@ from pyproj import CRS
 from sim.instruments.errors import gauss_markov
 from survey.core.arrays import FloatArray
 from survey.data.recording import OdometryRecording
-from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.aiding import GpsFixes, Inertial
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.agreement.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
@@ -52,6 +52,19 @@ def test_odometry_that_agrees_with_its_fixes_is_left_as_it_is() -> None:
     assert agreement.config is RTK
     assert agreement.gain == 0.0
     np.testing.assert_array_equal(agreement.used, online.accepted)
+
+
+def test_a_gyro_that_the_assumed_errors_do_not_use_is_no_disagreement() -> None:
+    recording, path = _hook()
+    time_s = np.arange(-1.0, 101.0, 0.1)
+    rate = np.where((time_s >= 40.0) & (time_s < 60.0), 0.5 * np.pi / 20.0, 0.0)
+    gyro = np.column_stack([np.zeros_like(rate), np.zeros_like(rate), rate])
+    with_gyro = replace(
+        recording, inertial=Inertial(time_s, gyro, np.tile([0.0, 0.0, 9.81], (len(time_s), 1)))
+    )
+    agreement = reconcile(with_gyro, path, RTK, filter_path(with_gyro, path, RTK))
+    assert agreement.config is RTK
+    assert agreement.gain == 0.0
 
 
 def test_scale_that_grows_in_a_turn_widens_the_errors_until_all_fixes_are_used() -> None:
