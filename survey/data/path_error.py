@@ -1,5 +1,6 @@
 """Gaussian posterior of the error of an estimated path, shared by its keyframes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -44,6 +45,8 @@ class PathError(DataObject):
         Λ, (K n + g, K n + g), symmetric positive definite.
     n_states : int
         n, at least 6.
+    first_keyframes : sequence of int
+        First keyframe of each drive, where the errors of several drives are joined.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class PathError(DataObject):
     time_s: FloatArray
     information: Any
     n_states: int = POSE
+    first_keyframes: tuple[int, ...] = (0,)
 
     def __post_init__(self) -> None:
         times = checked(self.time_s, (None,), "the times of the keyframes")
@@ -88,7 +92,12 @@ class PathError(DataObject):
     def _compared(self) -> dict[str, Any]:
         matrix = self.information.sorted_indices()
         parts = {name: getattr(matrix, name) for name in ("shape", "data", "indices", "indptr")}
-        return {"time_s": self.time_s, "n_states": self.n_states, **parts}
+        return {
+            "time_s": self.time_s,
+            "n_states": self.n_states,
+            "first_keyframes": self.first_keyframes,
+            **parts,
+        }
 
     def _summary(self) -> str:
         return f"{len(self)} keyframes of {self.n_states} states, {self.n_unknowns} unknowns"
@@ -97,6 +106,65 @@ class PathError(DataObject):
     def n_unknowns(self) -> int:
         """Number of unknowns, globals included."""
         return int(self.information.shape[0])
+
+    @classmethod
+    def joined(cls, errors: Sequence[Self]) -> Self:
+        """Return the errors of several drives as one, without any correlation between drives.
+
+        The keyframes of a drive follow those of the drive before it. Times of later drives are shifted, so that
+        they increase; points name their keyframes, not times.
+
+        Parameters
+        ----------
+        errors : sequence of PathError
+            One for each drive, with equal numbers of unknowns per keyframe.
+
+        Returns
+        -------
+        PathError
+            The same object for one drive.
+
+        Raises
+        ------
+        InputError
+            Errors with different numbers of unknowns per keyframe.
+        """
+        if len(errors) == 1:
+            return errors[0]
+        n = errors[0].n_states
+        if any(error.n_states != n for error in errors):
+            raise InputError(
+                f"the drives have {sorted({error.n_states for error in errors})} unknowns per keyframe; localize all of "
+                "them with the same settings."
+            )
+        sizes = np.cumsum([0] + [len(error) for error in errors])
+        begins = np.cumsum([0.0] + [error.time_s[-1] - error.time_s[0] + 1.0 for error in errors])
+        times = [error.time_s - error.time_s[0] + begin for error, begin in zip(errors, begins, strict=False)]
+        information = sparse.csr_array(sparse.block_diag([error.information for error in errors]))
+        order = _keyframes_first([len(error) * n for error in errors], [error.n_unknowns for error in errors])
+        joined = information[order][:, order]
+        return cls(np.concatenate(times), joined, n, tuple(sizes[:-1].tolist()))
+
+    @property
+    def n_drives(self) -> int:
+        """Number of drives whose errors are joined; 1 for the error of one path."""
+        return len(self.first_keyframes)
+
+    def drive_of(self, keyframe: FloatArray) -> IntArray:
+        """Return the number of the drive that keyframes belong to.
+
+        Parameters
+        ----------
+        keyframe : (N,) ndarray
+            Places among the keyframes, as `keyframe_at` returns them.
+
+        Returns
+        -------
+        (N,) ndarray of int
+            Counted from 0.
+        """
+        drive: IntArray = np.searchsorted(self.first_keyframes, keyframe, side="right") - 1
+        return drive
 
     def keyframe_at(self, time_s: FloatArray) -> FloatArray:
         """Return the place of times (N,) among the keyframes: 2.25 is a quarter of the way from the third to the fourth.
@@ -233,6 +301,7 @@ class PathError(DataObject):
             "time_s": self.time_s,
             "n_states": self.n_states,
             "n_unknowns": self.n_unknowns,
+            **({"first_keyframes": self.first_keyframes} if self.n_drives > 1 else {}),
             "row": upper.row.astype(np.int32),
             "column": upper.col.astype(np.int32),
             "value": upper.data,
@@ -264,9 +333,21 @@ class PathError(DataObject):
             place = (stored["row"], stored["column"])
             upper = sparse.csr_array((stored["value"], place), shape=(size, size))
             time_s, n_states = stored["time_s"], int(stored["n_states"])
+            first = tuple(np.asarray(stored.get("first_keyframes", [0])).tolist())
         except (ValueError, KeyError) as error:
             raise InputError(f"{path} is no error of a path ({error}); localize again.") from error
-        return cls(time_s, upper + sparse.triu(upper, k=1).T, n_states)
+        return cls(time_s, upper + sparse.triu(upper, k=1).T, n_states, first)
+
+
+def _keyframes_first(n_of_keyframes: list[int], n_unknowns: list[int]) -> IntArray:
+    """Return the order that puts the unknowns of all keyframes before the globals of all drives."""
+    begins = np.cumsum([0, *n_unknowns[:-1]])
+    keyframes = [begin + np.arange(n) for begin, n in zip(begins, n_of_keyframes, strict=True)]
+    others = [
+        begin + np.arange(n, size) for begin, n, size in zip(begins, n_of_keyframes, n_unknowns, strict=True)
+    ]
+    order: IntArray = np.concatenate([*keyframes, *others])
+    return order
 
 
 def factorized(information: Any) -> Any:

@@ -37,13 +37,15 @@ def far_share(range_m: FloatArray) -> FloatArray:
     return np.clip((range_m - _FAR_FROM_M) / (_FAR_TO_M - _FAR_FROM_M), 0.0, 1.0)
 
 
-def stretches(points: SurfacePoints) -> IntArray | None:
+def stretches(points: SurfacePoints, drive: IntArray | None = None) -> IntArray | None:
     """Return the number of the stretch of `STRETCH_M` of travel that each point was seen from.
 
     Parameters
     ----------
     points : SurfacePoints
         Landmarks.
+    drive : (N,) ndarray of int, optional
+        Number of the drive of each landmark; drives share no stretch.
 
     Returns
     -------
@@ -55,5 +57,8 @@ def stretches(points: SurfacePoints) -> IntArray | None:
     _, first, pose = np.unique(points.keyframe, return_index=True, return_inverse=True)
     steps = np.linalg.norm(np.diff(points.body[first], axis=0), axis=1)
     travel_m = np.r_[0.0, np.cumsum(steps)]
-    _, numbers = np.unique(np.floor(travel_m / STRETCH_M)[pose], return_inverse=True)
+    stretch = np.floor(travel_m / STRETCH_M)
+    if drive is not None:
+        stretch = stretch + drive[first] * (stretch[-1] + 1.0)
+    _, numbers = np.unique(stretch[pose], return_inverse=True)
     return numbers

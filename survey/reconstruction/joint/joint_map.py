@@ -69,7 +69,7 @@ class JointTerrain:
     Parameters
     ----------
     path : PathError
-        Posterior of the path from all other sensors.
+        Posterior of the path from all other sensors, or of the paths of several rovers (`PathError.joined`).
     satellite : Dem, optional
         Coarse elevations in any grid and CRS, used as measurements and in no other way.
     config : GaussianProcessConfig
@@ -150,6 +150,10 @@ class JointTerrain:
             return SharedError.full(points, self.path, slope)
         return SharedError.dominant(points, self.path, slope, self._modes)
 
+    def _landmarks(self, points: SurfacePoints) -> LandmarkErrors:
+        drive = None if points.keyframe is None else self.path.drive_of(points.keyframe)
+        return LandmarkErrors.of(points, self.joint, drive)
+
     def _candidates(
         self, points: SurfacePoints, slope: FloatArray, plane: FloatArray
     ) -> list[Hyperparameters]:
@@ -160,7 +164,7 @@ class JointTerrain:
             return [Hyperparameters(family, config.stated_kernel(), config.nugget_m or 0.0, 0.0)]
         rows = SharedError.full(points, self.path, slope).rows
         residual = points.z - _columns(points.xy) @ plane
-        own, landmarks = _own_variance(points, slope), LandmarkErrors.of(points, self.joint)
+        own, landmarks = _own_variance(points, slope), self._landmarks(points)
 
         def shared(part: IntArray) -> FloatArray:
             return self.path.covariance(rows[part]) + landmarks.covariance(part)
@@ -177,7 +181,7 @@ class JointTerrain:
         *,
         memory_mb: float = _ROUGH_MB,
     ) -> JointSolution:
-        shared, landmarks = self._shared(points, slope), LandmarkErrors.of(points, self.joint)
+        shared, landmarks = self._shared(points, slope), self._landmarks(points)
         noise = _own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
         datum = local_datum_m(points.z)
         site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)

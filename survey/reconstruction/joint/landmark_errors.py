@@ -15,10 +15,10 @@ from survey.reconstruction.joint.shared_error import bow_levers, side_by_side
 
 @dataclass(frozen=True)
 class LandmarkErrors:
-    """Unknowns of the landmarks' heights: bowing and the bias of far ones, then an error of each stretch of travel.
+    """Unknowns of the landmarks' heights: bowing of each rover's camera, bias of far ones, error of each stretch of travel.
 
     ``rows`` (N, k), sparse, are the derivatives of the heights by the unknowns, whose prior standard deviations are
-    ``sigma`` (k,); ``names`` are those of the first ones, which all landmarks have in common.
+    ``sigma`` (k,); ``names`` are those of the first ones, which all landmarks of a drive or of all drives share.
     """
 
     rows: Any
@@ -26,19 +26,21 @@ class LandmarkErrors:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, points: SurfacePoints, joint: JointConfig) -> Self:
-        """Return the unknowns that the settings ask for."""
+    def of(cls, points: SurfacePoints, joint: JointConfig, drive: IntArray | None = None) -> Self:
+        """Return the unknowns that the settings ask for; `drive` (N,) are the points' drives, 0 by default."""
+        drives = np.zeros(len(points), dtype=np.int64) if drive is None else drive
         blocks: list[Any] = [sparse.csr_array((len(points), 0))]
         names, sigma = list[str](), list[float]()
         if joint.bow_sigma_deg > 0.0:
-            blocks.append(bow_levers(points))
-            names += ["bow_ahead_rad", "bow_aside_rad"]
-            sigma += [float(np.radians(joint.bow_sigma_deg))] * 2
+            levers, n_drives = bow_levers(points), int(drives.max()) + 1
+            blocks += [levers * (drives == k)[:, None] for k in range(n_drives)]
+            names += _bow_names(n_drives)
+            sigma += [float(np.radians(joint.bow_sigma_deg))] * (2 * n_drives)
         if joint.far_bias_sigma_m > 0.0 and points.range_m is not None:
             blocks.append(far_share(points.range_m)[:, None])
             names.append("far_bias_m")
             sigma.append(joint.far_bias_sigma_m)
-        numbers = stretches(points)
+        numbers = stretches(points, drives)
         if joint.landmark_shared_sigma_m > 0.0 and numbers is not None:
             blocks.append(_one_of(numbers))
             sigma += [joint.landmark_shared_sigma_m] * blocks[-1].shape[1]
@@ -49,6 +51,12 @@ class LandmarkErrors:
         scaled = self.rows[part] @ sparse.diags_array(self.sigma)
         covariance: FloatArray = (scaled @ scaled.T).toarray()
         return covariance
+
+
+def _bow_names(n_drives: int) -> list[str]:
+    """Return the names of the bowing of each camera; that of a single drive has no number."""
+    drives = [""] if n_drives == 1 else [f"drive_{k + 1}_" for k in range(n_drives)]
+    return [f"{drive}{name}" for drive in drives for name in ("bow_ahead_rad", "bow_aside_rad")]
 
 
 def _one_of(numbers: IntArray) -> Any:

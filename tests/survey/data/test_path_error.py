@@ -68,3 +68,23 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path):
 def test_keyframes_of_another_path_are_refused():
     with pytest.raises(InputError, match="do not belong together"):
         chain_error().rows(np.array([7.0]), np.zeros((1, POSE)))
+
+
+def test_errors_of_several_drives_are_joined_without_correlation(tmp_path):
+    long, short = chain_error(5), chain_error(3)
+    joined = PathError.joined([long, short])
+    by_pose = np.eye(POSE)[:2]
+    rows = joined.rows(np.array([4.0, 5.5]), by_pose)
+    covariance = joined.covariance(rows)
+    alone = [
+        error.covariance(error.rows(np.array([at]), by_pose[k : k + 1]))[0, 0]
+        for k, (error, at) in enumerate([(long, 4.0), (short, 0.5)])
+    ]
+    np.testing.assert_allclose(np.diag(covariance), alone, rtol=1e-10)
+    assert covariance[0, 1] == pytest.approx(0.0, abs=1e-14)
+    assert joined.drive_of(np.array([0.0, 4.0, 5.0, 7.0])).tolist() == [0, 0, 1, 1]
+    assert (np.diff(joined.time_s) > 0.0).all()
+    joined.write(tmp_path / "error.npz")
+    assert PathError.read(tmp_path / "error.npz") == joined
+    with pytest.raises(InputError, match="unknowns per keyframe"):
+        PathError.joined([long, chain_error(3, 6)])
