@@ -18,24 +18,6 @@ from survey.io.raster import band_count, band_names, read_raster, write_raster
 from survey.io.tracks import write_track
 
 FileKind = Literal["raster", "points", "track", "area"]
-_RASTERS = (".tif", ".tiff", ".asc", ".nc")
-_CLOUDS = (".las", ".laz", ".ply")
-
-
-def kind_of(source: str | Path, out: str | Path) -> FileKind | None:
-    """Return what a file holds by its ending; ``None`` for endings that stand for many kinds.
-
-    Examples
-    --------
-    >>> kind_of("map.nc", "map.tif"), kind_of("path.tum", "path.gpx"), kind_of("a.geojson", "a.kml")
-    ('raster', 'track', None)
-    """
-    endings = Path(source).suffix.lower(), Path(out).suffix.lower()
-    if endings[1] in _RASTERS:
-        return "raster"
-    if endings[0] in _CLOUDS or endings[1] in _CLOUDS:
-        return "points"
-    return "track" if ".tum" in endings else None
 
 
 def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = None) -> None:

@@ -12,19 +12,27 @@
 | ``.waypoints`` | plain-text mission ``QGC WPL 110`` (mavlink.io, "File Formats") | WGS 84 |
 """
 
+import logging
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import shapely
+from pyproj import CRS
 
 from survey.core.crs.checks import projected_crs
+from survey.core.crs.choice import chosen_crs, is_geographic
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.data.legs import Leg
 from survey.data.route import Route
-from survey.interchange.route_readers import READERS
+from survey.interchange.route_readers import IN_METRES, READERS
 from survey.interchange.route_writers import WRITERS
 from survey.interchange.surroundings import Surroundings
+from survey.io.degrees import WGS84
+from survey.io.vector import read_features
+
+_WITH_CRS = (".geojson", ".gpkg", ".json")
 
 
 def write_plan(
@@ -68,15 +76,17 @@ def write_plan(
     writer(part, target, taken_along)
 
 
-def read_plan(path: str | Path, crs: Any) -> Route:
+def read_plan(path: str | Path, crs: Any = None) -> Route:
     """Read a plan that `write_plan` or another tool wrote.
 
     Parameters
     ----------
     path : str or pathlib.Path
         One of the formats of `write_plan`.
-    crs : str or pyproj.CRS
-        The projected CRS of the route; plans in degrees are transformed to it.
+    crs : str or pyproj.CRS, optional
+        The projected CRS of the route; plans in degrees are transformed to it. Without it, plans in metres stay
+        in their own, and those in degrees are projected to their UTM zone, or to polar stereographic beyond
+        84° N and 80° S; the log states it.
 
     Returns
     -------
@@ -88,17 +98,37 @@ def read_plan(path: str | Path, crs: Any) -> Route:
     Raises
     ------
     InputError
-        Missing, damaged or of an unknown format, or without a line of two waypoints.
+        Missing, damaged or of an unknown format, or without a line of two waypoints; a ``.csv`` or ``.wkt``,
+        whose coordinates are metres, without a CRS.
     """
     file = existing_file(path, "the plan")
-    target = projected_crs(crs, "the wanted CRS")
-    reader = READERS.get(file.suffix.lower())
-    if reader is None:
+    if file.suffix.lower() not in READERS:
         raise InputError(
             f"{file.name} ends in {file.suffix!r}; one of {', '.join(sorted(READERS))} was expected."
         )
+    target = _own_crs(file) if crs is None else projected_crs(crs, "the wanted CRS")
+    return Route(_legs(file, target), target, "imported")
+
+
+def _own_crs(file: Path) -> CRS:
+    """Return the CRS of a plan in metres; for one in degrees its UTM zone, which is logged."""
+    if file.suffix.lower() in IN_METRES:
+        raise InputError(f"{file} states no projected CRS; name that of the route, e.g. --crs EPSG:32608.")
+    stated = read_features(file, what="the plan").crs if file.suffix.lower() in _WITH_CRS else None
+    if stated is not None and not is_geographic(stated):
+        return projected_crs(stated, f"the plan {file}")
+    places = np.vstack([leg.xy for leg in _legs(file, WGS84)])
+    zone = chosen_crs(places[:, 0], places[:, 1])
+    logging.getLogger(__name__).warning(
+        "the plan %s is read in degrees and projected to %s.", file, zone.name
+    )
+    return zone
+
+
+def _legs(file: Path, crs: CRS) -> tuple[Leg, ...]:
+    """Return the legs of a plan in a CRS, at least one."""
     try:
-        legs = reader(file, target)
+        legs = READERS[file.suffix.lower()](file, crs)
     except InputError:
         raise
     except (
@@ -114,7 +144,7 @@ def read_plan(path: str | Path, crs: Any) -> Route:
         ) from error
     if not legs:
         raise InputError(f"the plan {file} holds no line of two waypoints; plan at least one leg.")
-    return Route(tuple(legs), target, "imported")
+    return tuple(legs)
 
 
 def _part(route: Route, rover: int | None) -> Route:

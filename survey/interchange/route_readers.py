@@ -122,6 +122,8 @@ def _joined(legs: list[Leg]) -> list[Leg]:
     return joined
 
 
+IN_METRES = (".csv", ".wkt")
+"""Endings of plans in metres that name no CRS."""
 READERS: dict[str, Callable[[Path, CRS], list[Leg]]] = {
     ".csv": _read_csv,
     ".geojson": _read_lines,

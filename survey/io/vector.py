@@ -152,6 +152,40 @@ def layer_names(path: str | Path, *, what: str = "the vector file") -> list[str]
         ) from error
 
 
+def geometry_types(path: str | Path, *, what: str = "the vector file") -> set[str]:
+    """Return the types of geometry in all layers of a vector file: Point, LineString, Polygon.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file whose suffix is in `survey.io.file_kinds.VECTOR_SUFFIXES`.
+    what : str
+        What the file is, for the message.
+
+    Returns
+    -------
+    set of str
+        Parts of a multiple geometry have the type of one. A layer that declares a type is not read.
+
+    Raises
+    ------
+    InputError
+        Missing, empty or damaged.
+    """
+    found: set[str] = set()
+    for name in layer_names(path, what=what):
+        with _gdal() as gdal, warnings_logged():
+            declared = gdal.read_info(Path(path).absolute(), layer=name)["geometry_type"]
+        if declared is None:
+            continue
+        if declared.startswith(("Unknown", "GeometryCollection")):
+            shapes = read_features(path, layer=name, what=what).geometry
+            found |= {shape.geom_type for shape in shapes if shape is not None}
+        else:
+            found.add(declared)
+    return {name.split()[0].removeprefix("2.5D").removeprefix("Multi") for name in found}
+
+
 def _refuse_several_layers(gdal: Any, file: Path, what: str) -> None:
     """Refuse a GeoPackage or KML file with several layers of geometries; any of them could be meant."""
     if file.suffix.lower() not in _LAYERED:

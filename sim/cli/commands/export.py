@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 _MISSIONS = (".plan", ".waypoints")
 
-_OWN_ROUTES = (".geojson", ".gpkg", ".json")
-
 
 @with_exit_codes
 def export(
@@ -62,14 +60,15 @@ def export(
     holds: Annotated[
         str | None,
         typer.Option(
-            "--as", help="What the file holds where its ending leaves it open: route, points, track, area."
+            "--as",
+            help="What the file holds: route, raster, points, track or area; by default found in its content.",
         ),
     ] = None,
     crs: Annotated[
         str | None,
         typer.Option(
             "--crs",
-            help="CRS of files that carry none; of areas and of plans of other tools, the one to write in.",
+            help="CRS of files that carry none; of areas and of plans of other tools, the one to write in, by default their UTM zone.",
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
@@ -87,7 +86,8 @@ def export(
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
     """
     from survey.core.errors import ConfigError
-    from survey.interchange.convert import convert, kind_of
+    from survey.interchange.content import kind_of
+    from survey.interchange.convert import convert
 
     refuse_existing([out], force=force, inputs=with_companions([source, area, dem]))
     refuse_existing(companions_of_output(out), force=force, inputs=[source])
@@ -140,18 +140,16 @@ def _route_of(
 
 
 def _read_route(source: Path, crs: str | None) -> "survey.Route":
-    """Read a route of firnline, or, into a named CRS, a plan in any format that is read."""
+    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format."""
     import survey
-    from survey.core.errors import ConfigError
     from survey.interchange.route_formats import read_plan
-    from survey.interchange.route_readers import READERS
+    from survey.io.vector import read_features
 
-    if crs is not None:
-        return read_plan(source, crs)
-    suffix = source.suffix.lower()
-    if suffix in READERS and suffix not in _OWN_ROUTES:
-        raise ConfigError(f"{source} states no projected CRS; name that of the route, e.g. --crs EPSG:32608.")
-    return survey.Route.read(source)
+    if crs is None and source.suffix.lower() in (".geojson", ".gpkg", ".json"):
+        columns = read_features(source, what="the route").attributes
+        if "pattern" in columns:
+            return survey.Route.read(source)
+    return read_plan(source, crs)
 
 
 def _surroundings(

@@ -29,7 +29,7 @@ _ROVERS = (
     Column("Time", 0.9),
     Column("Energy", 0.9),
     Column("Batteries", 0.75),
-    Column("Start", 1.75),
+    Column("Start", 1.6),
 )
 _CORNERS = (
     Column("Corner", 0.6, "left"),
@@ -42,9 +42,9 @@ _SWATHS = (
     Column("Length [m]", 0.6),
     Column("Heading", 0.48),
     Column("From E, N [m]", 1.15),
-    Column("From latitude, longitude", 1.5),
+    Column("From latitude, longitude", 1.45),
     Column("To E, N [m]", 1.15),
-    Column("To latitude, longitude", 1.5),
+    Column("To latitude, longitude", 1.45),
 )
 
 
@@ -129,10 +129,11 @@ def _deviation(content: PlanContent, std: Dem) -> Page:
     page = Page(f"{content.title}: predicted standard deviation", "Of the map that the survey will give")
     scale = add_deviation_map(page, content, std, 7.5)
     values = std.elevation[np.isfinite(std.elevation)]
+    rmse_m = content.route.prediction.get("rmse_m", float(np.sqrt(np.mean(values**2))))
     page.heading("Prediction")
     page.facts(
         [
-            ("Expected RMSE", f"{np.sqrt(np.mean(values**2)):.2f} m over the area"),
+            ("Expected RMSE", f"{rmse_m:.2f} m over the area"),
             ("95 % of the area", f"below {np.percentile(values, 95.0):.2f} m"),
             ("Largest", f"{values.max():.2f} m"),
             ("Scale of the map", f"1 : {scale:,}".replace(",", "\u2009")),

@@ -66,8 +66,7 @@ def write_project(
     order = ET.SubElement(root, "layerorder")
     for layer in _all(groups):
         ET.SubElement(order, "layer", id=_name(layer))
-    paths = ET.SubElement(ET.SubElement(root, "properties"), "Paths")
-    ET.SubElement(paths, "Absolute", type="bool").text = "false"
+    _properties(root)
     ET.indent(root)
     _write(Path(path), _HEADER + bytes(ET.tostring(root, encoding="utf-8")) + b"\n")
 
@@ -133,6 +132,14 @@ def _crs(parent: ET.Element, crs: CRS) -> None:
     authority = crs.to_authority(min_confidence=100)
     if authority is not None:
         ET.SubElement(system, "authid").text = ":".join(authority)
+
+
+def _properties(root: ET.Element) -> None:
+    """State that paths are relative, and that the project has a CRS, without which QGIS ignores it."""
+    properties = ET.SubElement(root, "properties")
+    ET.SubElement(ET.SubElement(properties, "Paths"), "Absolute", type="bool").text = "false"
+    projections = ET.SubElement(properties, "SpatialRefSys")
+    ET.SubElement(projections, "ProjectionsEnabled", type="int").text = "1"
 
 
 def _view(root: ET.Element, crs: CRS, bounds: Bounds) -> None:

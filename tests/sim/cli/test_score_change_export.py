@@ -8,9 +8,8 @@ import pytest
 import shapely
 from typer.testing import CliRunner
 
-from planners import LawnmowerConfig, plan
 from sim.cli.main import app
-from survey import Dem, Grid, InputError, Route, SurveyArea
+from survey import Dem, Grid, InputError
 from survey.io.vector import write_features
 
 UTM = "EPSG:32608"
@@ -107,19 +106,6 @@ def test_a_refused_export_leaves_what_was_there(site: Path) -> None:
     Path("points.laz").write_text("mine")
     output_of("export", "all.csv", "points.laz", "--crs", UTM, "--force", code=3)
     assert Path("points.laz").read_text() == "mine"
-
-
-@pytest.mark.parametrize("suffix", [".wkt", ".kml", ".csv", ".waypoints", ".plan", ".gpx"])
-def test_every_route_format_that_is_written_and_read_is_exported_back(site: Path, suffix: str) -> None:
-    area = SurveyArea.rectangle((500_000.0, 6_000_000.0, 500_300.0, 6_000_300.0), UTM)
-    route = plan(area, None, LawnmowerConfig(swaths=3))
-    route.write(site / "route.gpkg")
-    output_of("export", "route.gpkg", f"a{suffix}")
-    message = output_of("export", f"a{suffix}", "back.gpkg", "--as", "route", code=4)
-    assert "states no projected CRS; name that of the route, e.g. --crs EPSG:32608." in message
-    output_of("export", f"a{suffix}", "back.gpkg", "--as", "route", "--crs", UTM)
-    back = Route.read(site / "back.gpkg")
-    assert shapely.hausdorff_distance(back.line, route.line) < 0.01
 
 
 def _surveys(folder: Path) -> list[str]:

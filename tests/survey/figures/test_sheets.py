@@ -1,5 +1,6 @@
 """Plan sheets: what they state, and that nothing on them overlaps or leaves the page."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +12,7 @@ from survey import Dem, Grid, Route, SurveyArea
 from survey.data.legs import Leg
 from survey.figures.cartography.relief import draw_contours
 from survey.figures.sheets import PlanContent, RoverEffort, pdf_bytes, plan_sheets
+from survey.figures.sheets.frame import RIGHT_IN, WIDTH_IN
 
 CRS = "EPSG:32608"
 AREA = SurveyArea(shapely.box(526_000.0, 6_478_000.0, 526_600.0, 6_478_400.0), CRS)
@@ -86,6 +88,21 @@ def test_texts_neither_overlap_nor_leave_the_page(n):
                 min(box.y1, other.y1) - max(box.y0, other.y0) > 0.5
             )
             assert not covered, (a.get_text(), b.get_text())
+
+
+def test_tables_end_at_the_right_margin():
+    for figure in plan_sheets(content()):
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        margin = figure.bbox.x1 * (1.0 - RIGHT_IN / WIDTH_IN)
+        beyond = [t.get_text() for t in figure.texts if t.get_window_extent(renderer).x1 > margin + 1.0]
+        assert beyond == []
+
+
+def test_the_prediction_states_the_error_of_the_plan():
+    made = content()
+    planned = replace(made, route=Route(made.route.legs, CRS, "lawnmower", None, {"rmse_m": 0.77}))
+    assert "0.77 m over the area" in words(plan_sheets(planned)[1])
+    assert "0.80 m over the area" in words(plan_sheets(made)[1])
 
 
 def test_tables_go_on_on_further_pages():

@@ -17,7 +17,8 @@ from benchmarks.format_samples import SAMPLES, flipped, mutated, put, truncated
 from survey import Dem, Grid, InputError, SurveyArea
 from survey.core.errors import FirnlineError
 from survey.data.trajectory import Trajectory
-from survey.interchange.convert import convert, kind_of
+from survey.interchange.content import kind_of
+from survey.interchange.convert import convert
 from survey.io.points.formats import read_point_table
 from survey.io.pose_files import read_kitti, read_tum
 from survey.io.raster import read_raster, write_raster
@@ -118,7 +119,7 @@ def test_tracks_are_converted_and_read_by_other_tools(tmp_path: Path) -> None:
     assert dict(zip(meta["fields"], columns, strict=True))["ele"][4] == 1001.0
     with pytest.raises(InputError, match="KITTI"):
         convert(tmp_path / "path.csv", tmp_path / "path.docx", "track", crs=UTM)
-    assert kind_of("path.csv", "path.gpx") is None
+    assert kind_of(tmp_path / "path.csv", "path.gpx") == "track"
 
 
 def test_a_track_that_was_cut_off_between_two_lines_is_named(tmp_path: Path) -> None:

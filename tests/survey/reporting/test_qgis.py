@@ -27,7 +27,7 @@ RENDERERS = {
     "Hillshade": "hillshade",
     "Elevation": "singlebandpseudocolor",
 }
-# Prints name, validity and renderer of each layer of the project that is named.
+# Prints the CRS of the project that is named, and validity and renderer of each of its layers.
 OPEN_IN_QGIS = """
 import json, sys
 from qgis.core import QgsApplication, QgsProject
@@ -35,7 +35,8 @@ app = QgsApplication([], False)
 app.initQgis()
 project = QgsProject.instance()
 assert project.read(sys.argv[1])
-print(json.dumps({l.name(): [l.isValid(), l.renderer().type()] for l in project.mapLayers().values()}))
+layers = {l.name(): [l.isValid(), l.renderer().type()] for l in project.mapLayers().values()}
+print(json.dumps([project.crs().authid(), layers]))
 app.exitQgis()
 """
 
@@ -88,6 +89,8 @@ def test_layers_stand_in_groups_with_paths_relative_to_the_project(project):
         assert file.startswith("./data/")
         assert (project.parent / file).is_file()
         assert layer.findtext("srs/spatialrefsys/authid") == CRS
+    # QGIS takes no notice of a project's CRS without this.
+    assert root.findtext("properties/SpatialRefSys/ProjectionsEnabled") == "1"
     checked = {leaf.get("name"): leaf.get("checked") for leaf in root.iter("layer-tree-layer")}
     assert checked["Support"] == "Qt::Unchecked"
 
@@ -158,7 +161,8 @@ def test_qgis_opens_every_layer_with_its_renderer(project):
         check=True,
         env=environment,
     )
-    layers = json.loads(ended.stdout.strip().splitlines()[-1])
+    crs, layers = json.loads(ended.stdout.strip().splitlines()[-1])
+    assert crs == CRS
     assert all(is_valid for is_valid, _ in layers.values())
     assert {name: kind for name, (_, kind) in layers.items()} == RENDERERS
 
