@@ -7,7 +7,6 @@ with standard deviations, correlation times and lengths, and claims of landmarks
 runs, and a run that was stopped continues.
 """
 
-import json
 import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from benchmarks.honesty.surveys import AREA, NODES
 from benchmarks.honesty.terrains import KINDS, terrain
 from benchmarks.mismatched import mismatched
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import code_digest, stored
 from planners import LawnmowerConfig
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
@@ -35,6 +35,13 @@ from vision_slam import LocalizationConfig, localize
 FIRST_SEED = 7301
 N_SEEDS = int(os.environ.get("FIRNLINE_MISMATCH_SEEDS", "2"))
 FOLDER = Path(os.environ.get("FIRNLINE_MISMATCH_PARTS", "results/runs/mismatch"))
+_SOURCES = (
+    "survey/reconstruction",
+    "survey/terrain",
+    "vision_slam",
+    "benchmarks/honesty",
+    "benchmarks/mismatch.py",
+)
 _CASES = ("as drawn", "off by up to 2")
 _PRIORS = ("no prior", "truthful prior")
 _SIGMAS_95 = 1.96
@@ -74,13 +81,8 @@ def measure(quick: bool) -> Iterator[Row]:
 
 def _stored(kind: str, seed: int) -> list[Outcome]:
     """Return the outcomes of one survey, computed once."""
-    file = FOLDER / f"{kind.replace(' ', '_')}-{seed}.json"
-    if not file.exists():
-        FOLDER.mkdir(parents=True, exist_ok=True)
-        draft = file.with_suffix(".part")
-        draft.write_text(json.dumps([asdict(one) for one in _surveyed(kind, seed)]), encoding="utf-8")
-        draft.replace(file)
-    facts: list[dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))
+    file = FOLDER / code_digest(_SOURCES) / f"{kind.replace(' ', '_')}-{seed}.json"
+    facts = stored(file, lambda: [asdict(one) for one in _surveyed(kind, seed)])
     return [Outcome(**one) for one in facts]
 
 

@@ -1,0 +1,1 @@
+"""Honesty of maps of missions in images: coverage and error on sites that nothing was chosen on."""

@@ -1,0 +1,58 @@
+"""Maps of the same recordings by the code of commit e7dc4dd, in a checkout with an environment of its own."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+from benchmarks.honest_missions.missions import FOLDER, driven
+from benchmarks.stored_parts import stored
+
+CHECKOUT = os.environ.get("FIRNLINE_EARLIER")
+"""Folder of the checkout, with ``.venv`` in it; without it stored errors are read, if there are any."""
+_SCRIPT = """
+import json, sys
+from dataclasses import replace
+from pathlib import Path
+import numpy as np
+from survey.area import SurveyArea
+from survey.dem import Dem
+from survey.grid import Grid
+from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.recording import Recording
+from survey.truth import Truth
+from vision_slam import LocalizationConfig
+from vision_slam.onboard import read_seen
+from vision_slam.pipeline import localize_seen
+
+run = Path(sys.argv[1])
+recording = Recording.read(run / "2-simulate" / "recording")
+seen = read_seen(run / "2-simulate" / "recording" / "onboard")
+real, prior = Truth.read(run / "2-simulate" / "truth"), Dem.read(run / "1-plan" / "prior.tif")
+bounds = SurveyArea.read(run / "1-plan" / "area.gpkg").bounds
+nodes = Grid.over(bounds, (bounds[2] - bounds[0]) / 80.0, prior.crs)
+kept = dict(frames=None, camera=None, base=None, stakes=None, stake_sightings=None)
+assumed = LocalizationConfig(gps_bias_sigma_m=3.0, gps_white_sigma_m=1.0, gps_correlation_time_s=300.0)
+path, points, _ = localize_seen(replace(recording, **kept), seen, assumed)
+found = JointTerrain(path.error, prior).map(points, nodes).reconstruction
+error = found.mean.elevation - real.dem.at(nodes.xy).reshape(nodes.shape)
+within = np.abs(error) <= 1.959964 * found.std.elevation
+print(json.dumps({"rmse_m": float(np.sqrt(np.mean(error**2))), "coverage": float(within.mean())}))
+"""
+
+
+def earlier_rmse_m(pattern: str, seed: int) -> float | None:
+    """Return the error of the earlier code's map with the unbiased prior and without stakes [m]; None without a checkout."""
+    file = FOLDER / "earlier" / f"{pattern}-{seed}.json"
+    if CHECKOUT is None and not file.exists():
+        return None
+    return float(stored(file, lambda: _mapped(Path(str(CHECKOUT)), driven(pattern, seed).path))["rmse_m"])
+
+
+def _mapped(checkout: Path, run: Path) -> dict[str, float]:
+    """Map a recording with the earlier code."""
+    command = [str(checkout / ".venv" / "bin" / "python"), "-c", _SCRIPT, str(run.resolve())]
+    environment = os.environ | {"PYTHONPATH": str(checkout)}
+    done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=checkout, env=environment)
+    facts: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return facts

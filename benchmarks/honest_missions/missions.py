@@ -1,0 +1,86 @@
+"""Missions in images on small sites, driven once and stored."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from benchmarks.image_surveys import Survey, survey_at
+from benchmarks.stored_parts import ROOT
+from sim.config.mission import MissionConfig
+from sim.config.terrain import SatelliteConfig
+from sim.mission.runs import open_run
+from sim.mission.stages import run_mission
+from sim.world.site import build_world
+from survey.core.config import validated
+from survey.core.runs.store import RunFolder
+from survey.data.dem import Dem
+from survey.data.recording import Recording
+from vision_slam.odometry.onboard import read_visual_odometry
+
+FOLDER = Path(os.environ.get("FIRNLINE_HONEST_MISSIONS", ROOT / "results" / "runs" / "honest-missions"))
+SEEDS = tuple(
+    int(seed) for seed in os.environ.get("FIRNLINE_HONEST_MISSIONS_SEEDS", "181,182,183,184,185").split(",")
+)
+PATTERNS = {"lawnmower": 3, "piecewise-continuous": 2}
+"""Patterns, and the number of swaths of each."""
+PRODUCT = "copernicus-30"
+"""Class of product whose errors are drawn and stated in maps with a real prior."""
+SIDE_M, EDGE_M, CELL_M = 160.0, 30.0, 20.0
+_WEST, _SOUTH = 526000.0, 6478000.0
+
+
+def mission_of(pattern: str, seed: int) -> MissionConfig:
+    """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at about a quarter of its size."""
+    bounds = (_WEST + EDGE_M, _SOUTH + EDGE_M, _WEST + EDGE_M + SIDE_M, _SOUTH + EDGE_M + SIDE_M)
+    settings = {
+        "schema_version": 1,
+        "name": "honest-mission",
+        "seed": seed,
+        "fidelity": "vision",
+        "terrain": {
+            "source": "random",
+            "family": "squared-exponential",
+            "length_scale_m": SIDE_M / 2.0,
+            "size_m": SIDE_M + 2.0 * EDGE_M,
+            "relief_m": 12.0,
+        },
+        "area": {"bounds_m": bounds},
+        "planner": {"pattern": pattern, "swaths": PATTERNS[pattern]},
+        "satellite": {"cell_m": CELL_M},
+        "rover": {"mass_kg": 18.0, "idle_w": 20.0},
+        "physics": {"steer_by": "estimate"},
+        "scenery": {"crevasses_per_ha": 0.0, "channels_per_ha": 0.0, "dirt_cones_per_ha": 0.0},
+        "instruments": {"gps": {"profile": "gauss-markov-60"}, "stakes": {"count": 4}},
+        "localization": {
+            "gps_bias_sigma_m": 3.0,
+            "gps_white_sigma_m": 1.0,
+            "gps_correlation_time_s": 300.0,
+        },
+    }
+    return validated(MissionConfig, settings, "the mission")
+
+
+def driven(pattern: str, seed: int) -> RunFolder:
+    """Return the folder of a mission; it is driven where that was not done before."""
+    mission = mission_of(pattern, seed)
+    run = open_run(mission, FOLDER)
+    run_mission(mission, run, until="simulate", workers=1)
+    return run
+
+
+def survey_of(pattern: str, seed: int) -> Survey:
+    """Return the recording of a mission with its truth, and its cells without common errors."""
+    folder = driven(pattern, seed).path
+    recording = Recording.read(folder / "2-simulate" / "recording")
+    return survey_at(folder, recording, read_visual_odometry(folder / "2-simulate" / "recording" / "onboard"))
+
+
+def real_prior(pattern: str, seed: int) -> Dem:
+    """Return cells of a site with the errors of a class of products, as a mission draws them."""
+    satellite = SatelliteConfig(product=PRODUCT, cell_m=CELL_M)
+    return build_world(mission_of(pattern, seed).model_copy(update={"satellite": satellite})).prior
+
+
+def without_stakes(survey: Survey) -> Survey:
+    """Return a survey of which nobody surveyed the stakes."""
+    return replace(survey, recording=replace(survey.recording, stakes=None, stake_sightings=None))
