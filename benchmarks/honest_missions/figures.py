@@ -9,14 +9,16 @@ from benchmarks.honest_missions.maps import NONE, PRIORS, REAL, UNBIASED
 from benchmarks.honest_missions.missions import PATTERNS
 from benchmarks.report import Row
 
+Earlier = Mapping[tuple[str, int], Mapping[str, float]]
+"""Maps of the earlier code by pattern and seed."""
 Outcomes = Sequence[Mapping[str, Any]]
 _MEAN, _WORST = {UNBIASED: (0.93, 0.97), REAL: (0.93, 0.97), NONE: (0.92, 1.0)}, {UNBIASED: 0.88, NONE: 0.85}
 _BARRED_STAKES = {UNBIASED: (0,), REAL: (0, 4), NONE: (0,)}
 """Numbers of stakes for which the figures of a prior have limits."""
 
 
-def rows(found: Outcomes, earlier: Mapping[tuple[str, int], float]) -> Iterator[Row]:
-    """Yield the rows of a run; `earlier` are errors of the earlier code's maps by pattern and seed [m]."""
+def rows(found: Outcomes, earlier: Earlier) -> Iterator[Row]:
+    """Yield the rows of a run."""
     yield Row("missions", float(len({(one["pattern"], one["seed"]) for one in found})), "1")
     yield Row("landmarks, fewest", float(min(one["landmarks"] for one in found)), "1")
     for prior in PRIORS:
@@ -86,15 +88,26 @@ def _far(found: Outcomes) -> Iterator[Row]:
         yield Row.of(f"{prior}: swaths left out, beyond 5 m, within 95 %", coverage, "1", ">=", 0.92)
 
 
-def _over_earlier(found: Outcomes, earlier: Mapping[tuple[str, int], float]) -> Iterator[Row]:
-    """Compare errors with those of the earlier code's maps of the same recordings."""
+def _over_earlier(found: Outcomes, earlier: Earlier) -> Iterator[Row]:
+    """Compare with the earlier code's maps of the same recordings."""
     mine = [
         one
         for one in found
         if (one["prior"], one["n_stakes"]) == (UNBIASED, 0) and (one["pattern"], one["seed"]) in earlier
     ]
-    if mine:
-        before = [earlier[one["pattern"], one["seed"]] for one in mine]
-        ratio = float(np.mean([one["rmse_m"] for one in mine]) / np.mean(before))
-        yield Row(f"{UNBIASED}: RMSE of the code of e7dc4dd, mean", float(np.mean(before)), "m")
-        yield Row.of(f"{UNBIASED}: RMSE over that of the code of e7dc4dd", ratio, "x", "<=", 1.02)
+    if not mine:
+        return
+    before = [earlier[one["pattern"], one["seed"]] for one in mine]
+    name = f"{UNBIASED}, code of e7dc4dd"
+    yield Row(f"{name}: RMSE, mean", _mean(before, "rmse_m"), "m")
+    yield Row(f"{name}: coverage of 95 %, mean", _mean(before, "coverage"), "1")
+    yield Row(f"{name}: coverage of 95 %, worst mission", min(one["coverage"] for one in before), "1")
+    ratio = _mean(mine, "rmse_m") / _mean(before, "rmse_m")
+    yield Row.of(f"{UNBIASED}: RMSE over that of the code of e7dc4dd", ratio, "x", "<=", 1.02)
+    cost = _mean(mine, "kernel_s") / _mean(before, "kernel_s")
+    yield Row(f"{name}: CPU time of the fit of the kernel, mean", _mean(before, "kernel_s"), "s")
+    yield Row.of("CPU time of the fit of the kernel over that of the code of e7dc4dd", cost, "x", "<=", 1.5)
+
+
+def _mean(found: Outcomes, name: str) -> float:
+    return float(np.mean([one[name] for one in found]))

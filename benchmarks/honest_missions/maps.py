@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.honest_missions.missions import PRODUCT, mission_of, real_prior, survey_of, without_stakes
 from benchmarks.image_surveys import Survey
+from benchmarks.report import cpu_seconds
 from survey.data.dem import Dem
 from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.checks.predictive import PredictiveScores
@@ -18,7 +19,7 @@ from survey.reconstruction.joint.left_out import held_out_swaths
 from survey.reconstruction.joint.solution import JointSolution
 from survey.reconstruction.prior import SatelliteErrors
 from survey.scoring import certificate
-from vision_slam import localize
+from vision_slam import Localization, localize
 
 UNBIASED, REAL, NONE = "unbiased prior, stated so", f"prior with the errors of {PRODUCT}", "no prior"
 PRIORS = (UNBIASED, REAL, NONE)
@@ -27,7 +28,10 @@ _FAR_M = 5.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """Error, claim and coverage of one map [m], its certificates, and its swaths left out beyond 5 m of other points."""
+    """Error, claim and coverage of one map [m], its certificates, and its swaths left out beyond 5 m of other points.
+
+    ``kernel_s`` is the CPU time of the fit of the kernels [s].
+    """
 
     rmse_m: float
     claimed_m: float
@@ -39,6 +43,7 @@ class Outcome:
     n_far: int
     far_coverage: float
     landmarks: int
+    kernel_s: float
 
 
 def outcomes_of(pattern: str, seed: int) -> list[dict[str, Any]]:
@@ -48,26 +53,26 @@ def outcomes_of(pattern: str, seed: int) -> list[dict[str, Any]]:
     classes = {UNBIASED: "unbiased", REAL: PRODUCT, NONE: "unknown"}
     found = []
     for n_stakes, one in ((4, survey), (0, without_stakes(survey))):
-        for prior, solution in _solutions(one, mission_of(pattern, seed).localization, cells, classes):
+        localized = localize(one.recording, mission_of(pattern, seed).localization, visual=one.found)
+        for prior, solution, kernel_s in _solutions(localized, one, cells, classes):
             named = {"pattern": pattern, "seed": seed, "prior": prior, "n_stakes": n_stakes}
-            found.append(named | asdict(_judged(solution, one)))
+            found.append(named | asdict(_judged(solution, one, kernel_s)))
     return found
 
 
 def _solutions(
-    survey: Survey, assumed: Any, cells: dict[str, Dem | None], classes: dict[str, str]
-) -> Iterator[tuple[str, JointSolution]]:
-    """Yield the joint estimate for every prior; kernels are fitted to the points once."""
-    localized = localize(survey.recording, assumed, visual=survey.found)
+    localized: Localization, survey: Survey, cells: dict[str, Dem | None], classes: dict[str, str]
+) -> Iterator[tuple[str, JointSolution, float]]:
+    """Yield the joint estimate for every prior, and the CPU time of the fit of kernels, which is done once."""
     assert localized.trajectory.error is not None
-    model = JointTerrain(localized.trajectory.error)
-    fitted = model.from_points(localized.points, survey.nodes.bounds)
+    model, points = JointTerrain(localized.trajectory.error), localized.points
+    fitted, kernel_s = cpu_seconds(lambda: model.from_points(points, survey.nodes.bounds))
     for prior, dem in cells.items():
         joint = JointConfig(satellite=SatelliteErrors(product=classes[prior]))
-        yield prior, replace(model, satellite=dem, joint=joint).completed(fitted)
+        yield prior, replace(model, satellite=dem, joint=joint).completed(fitted), kernel_s
 
 
-def _judged(solution: JointSolution, survey: Survey) -> Outcome:
+def _judged(solution: JointSolution, survey: Survey, kernel_s: float) -> Outcome:
     result = checked_map(solution, survey.nodes, None, is_tested=True).reconstruction
     error = result.mean.elevation - survey.real.dem.at(survey.nodes.xy).reshape(survey.nodes.shape)
     rmse, relative = float(np.sqrt(np.mean(error**2))), float(error.std())
@@ -84,6 +89,7 @@ def _judged(solution: JointSolution, survey: Survey) -> Outcome:
         far.n,
         far.coverage_95,
         len(solution.points),
+        kernel_s,
     )
 
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from benchmarks.honest_missions.earlier import earlier_rmse_m
+from benchmarks.honest_missions.earlier import earlier_map
 from benchmarks.honest_missions.maps import outcomes_of
 from benchmarks.honest_missions.missions import FOLDER, PATTERNS, SEEDS
 from benchmarks.stored_parts import code_digest, stored
@@ -26,8 +26,8 @@ def outcomes(*, quick: bool) -> list[dict[str, Any]]:
     return found
 
 
-def earlier(found: list[dict[str, Any]]) -> dict[tuple[str, int], float]:
-    """Return the errors of maps by the earlier code of the missions that were found; empty where it is not there."""
+def earlier(found: list[dict[str, Any]]) -> dict[tuple[str, int], dict[str, float]]:
+    """Return the earlier code's maps of the missions that were found; empty where it is not there."""
     missions = dict.fromkeys((one["pattern"], one["seed"]) for one in found)
-    rmse_m = {mission: earlier_rmse_m(*mission) for mission in missions}
-    return {mission: value for mission, value in rmse_m.items() if value is not None}
+    maps = {mission: earlier_map(*mission) for mission in missions}
+    return {mission: facts for mission, facts in maps.items() if facts is not None}
