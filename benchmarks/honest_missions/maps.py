@@ -19,7 +19,8 @@ from survey.reconstruction.joint.left_out import held_out_swaths
 from survey.reconstruction.joint.solution import JointSolution
 from survey.reconstruction.prior import SatelliteErrors
 from survey.scoring import certificate
-from vision_slam import Localization, localize
+from vision_slam import localize
+from vision_slam.localization import Localization
 
 UNBIASED, REAL, NONE = "unbiased prior, stated so", f"prior with the errors of {PRODUCT}", "no prior"
 PRIORS = (UNBIASED, REAL, NONE)
