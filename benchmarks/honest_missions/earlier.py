@@ -11,7 +11,7 @@ from benchmarks.stored_parts import stored
 CHECKOUT = os.environ.get("FIRNLINE_EARLIER")
 """Folder of the checkout, with ``.venv`` in it; without it stored errors are read, if there are any."""
 _SCRIPT = """
-import json, sys, time
+import json, shutil, sys, tempfile, time
 from dataclasses import replace
 from pathlib import Path
 import numpy as np
@@ -26,12 +26,20 @@ from vision_slam.onboard import read_seen
 from vision_slam.pipeline import localize_seen
 
 run = Path(sys.argv[1])
-recording = Recording.read(run / "2-simulate" / "recording")
+
+with tempfile.TemporaryDirectory() as place:
+    for table in (run / "2-simulate" / "recording").glob("*.csv"):
+        shutil.copy(table, place)
+    header = json.loads((run / "2-simulate" / "recording" / "recording.json").read_text())
+    later = ("camera_height_m", "start_is_surveyed")
+    known = {name: value for name, value in header.items() if name not in later}
+    (Path(place) / "recording.json").write_text(json.dumps(known))
+    recording = Recording.read(place)
 seen = read_seen(run / "2-simulate" / "recording" / "onboard")
 real, prior = Truth.read(run / "2-simulate" / "truth"), Dem.read(run / "1-plan" / "prior.tif")
 bounds = SurveyArea.read(run / "1-plan" / "area.gpkg").bounds
 nodes = Grid.over(bounds, (bounds[2] - bounds[0]) / 80.0, prior.crs)
-kept = dict(frames=None, camera=None, base=None, stakes=None, stake_sightings=None)
+kept = dict(base=None, stakes=None, stake_sightings=None)
 assumed = LocalizationConfig(gps_bias_sigma_m=3.0, gps_white_sigma_m=1.0, gps_correlation_time_s=300.0)
 spent, choice = [], JointTerrain._hyperparameters
 
@@ -69,6 +77,6 @@ def _mapped(checkout: Path, run: Path) -> dict[str, float]:
     """Map a recording with the earlier code."""
     command = [str(checkout / ".venv" / "bin" / "python"), "-c", _SCRIPT, str(run.resolve())]
     environment = os.environ | {"PYTHONPATH": str(checkout)}
-    done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=checkout, env=environment)
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=checkout, env=environment)
     facts: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return facts
