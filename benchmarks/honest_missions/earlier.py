@@ -77,6 +77,8 @@ def _mapped(checkout: Path, run: Path) -> dict[str, float]:
     """Map a recording with the earlier code."""
     command = [str(checkout / ".venv" / "bin" / "python"), "-c", _SCRIPT, str(run.resolve())]
     environment = os.environ | {"PYTHONPATH": str(checkout)}
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=checkout, env=environment)
+    done = subprocess.run(
+        command, check=True, stdout=subprocess.PIPE, text=True, cwd=checkout, env=environment
+    )
     facts: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return facts

@@ -8,10 +8,10 @@ A site is 480 × 480 m with cells of 60 m; four lawnmower swaths, a landmark eve
 60 to 900 s in turn while the estimator starts from the default of 120 s. The estimator assumes the class ``unknown`` of
 priors; for one kind the class ``unbiased`` is stated, which is true, for another a white error that is 3 times too large
 or too small. Maps are solved for once with the prior, with 6 MB of waves and a node of the path every 30 m; maps without a
-prior, with a truthful one and with one that has all errors are tested by leaving swaths out. In every third survey an
-oracle is given the error model from which each prior was drawn and the receiver's memory; in every sixth one map is made
-with sizes of the sensors' errors that are wrong by factors of up to two. Ratios are those of mean errors over the same
-surveys.
+prior, with a truthful one and with one that has all errors are tested by leaving swaths out, as commands do. In every
+third survey an oracle is given the error model from which each prior was drawn and the receiver's memory; in every sixth
+one map is made with sizes of the sensors' errors that are wrong by factors of up to two. Ratios are those of mean errors
+over the same surveys.
 """
 
 from collections.abc import Iterator
