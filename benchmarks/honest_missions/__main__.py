@@ -1,8 +1,8 @@
 """Honesty of maps of missions in images: coverage and error on sites that nothing was chosen on.
 
 Run with ``python -m benchmarks.honest_missions``. Five sites are surveyed by three lawnmower swaths and by two
-piecewise-continuous ones, at about a quarter of the size of ``examples/mendenhall_like.toml``: 160 × 160 m, cells of the
-prior of 20 m. Each mission is driven and its images are processed once; recordings and outcomes are stored
+piecewise-continuous ones, at a fifth of the size of ``examples/mendenhall_like.toml``: 120 × 120 m, cells of the
+prior of 15 m. Each mission is driven and its images are processed once; recordings and outcomes are stored
 (``FIRNLINE_HONEST_MISSIONS`` names the folder), and a run that was broken off continues. Seeds 181 to 185 were used for
 nothing else (``FIRNLINE_HONEST_MISSIONS_SEEDS`` names others); sizes were chosen on seed 41.
 

@@ -25,12 +25,12 @@ PATTERNS = {"lawnmower": 3, "piecewise-continuous": 2}
 """Patterns, and the number of swaths of each."""
 PRODUCT = "copernicus-30"
 """Class of product whose errors are drawn and stated in maps with a real prior."""
-SIDE_M, EDGE_M, CELL_M = 160.0, 30.0, 20.0
+SIDE_M, EDGE_M, CELL_M = 120.0, 30.0, 15.0
 _WEST, _SOUTH = 526000.0, 6478000.0
 
 
 def mission_of(pattern: str, seed: int) -> MissionConfig:
-    """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at about a quarter of its size."""
+    """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at a fifth of its size."""
     bounds = (_WEST + EDGE_M, _SOUTH + EDGE_M, _WEST + EDGE_M + SIDE_M, _SOUTH + EDGE_M + SIDE_M)
     settings = {
         "schema_version": 1,
@@ -42,7 +42,7 @@ def mission_of(pattern: str, seed: int) -> MissionConfig:
             "family": "squared-exponential",
             "length_scale_m": SIDE_M / 2.0,
             "size_m": SIDE_M + 2.0 * EDGE_M,
-            "relief_m": 12.0,
+            "relief_m": 9.0,
         },
         "area": {"bounds_m": bounds},
         "planner": {"pattern": pattern, "swaths": PATTERNS[pattern]},
