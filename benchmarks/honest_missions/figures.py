@@ -20,6 +20,8 @@ _BARRED_STAKES = {UNBIASED: (0,), REAL: (0, 4), NONE: (0,)}
 def rows(found: Outcomes, earlier: Earlier) -> Iterator[Row]:
     """Yield the rows of a run."""
     yield Row("missions", float(len({(one["pattern"], one["seed"]) for one in found})), "1")
+    arrived = float(np.mean([one["ending"] == "arrived" for one in found]))
+    yield Row.of("drives that arrived", arrived, "1", ">=", 1.0)
     yield Row("landmarks, fewest", float(min(one["landmarks"] for one in found)), "1")
     for prior in PRIORS:
         for n_stakes in (0, 4):

@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.honest_missions.missions import PRODUCT, mission_of, real_prior, survey_of, without_stakes
+from benchmarks.honest_missions.missions import (
+    PRODUCT,
+    ending_of,
+    mission_of,
+    real_prior,
+    survey_of,
+    without_stakes,
+)
 from benchmarks.image_surveys import Survey
 from benchmarks.report import cpu_seconds
 from survey.data.dem import Dem
@@ -49,14 +56,14 @@ class Outcome:
 
 def outcomes_of(pattern: str, seed: int) -> list[dict[str, Any]]:
     """Localize a mission with stakes and without, map it with every prior, and return the outcomes as plain facts."""
-    survey = survey_of(pattern, seed)
+    survey, ending = survey_of(pattern, seed), ending_of(pattern, seed)
     cells = {UNBIASED: survey.prior, REAL: real_prior(pattern, seed), NONE: None}
     classes = {UNBIASED: "unbiased", REAL: PRODUCT, NONE: "unknown"}
     found = []
     for n_stakes, one in ((4, survey), (0, without_stakes(survey))):
         localized = localize(one.recording, mission_of(pattern, seed).localization, visual=one.found)
         for prior, solution, kernel_s in _solutions(localized, one, cells, classes):
-            named = {"pattern": pattern, "seed": seed, "prior": prior, "n_stakes": n_stakes}
+            named = {"pattern": pattern, "seed": seed, "ending": ending, "prior": prior, "n_stakes": n_stakes}
             found.append(named | asdict(_judged(solution, one, kernel_s)))
     return found
 

@@ -12,6 +12,7 @@ from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.world.site import build_world
 from survey.core.config import validated
+from survey.core.documents import read_json
 from survey.core.runs.store import RunFolder
 from survey.data.dem import Dem
 from survey.data.recording import Recording
@@ -73,6 +74,11 @@ def survey_of(pattern: str, seed: int) -> Survey:
     folder = driven(pattern, seed).path
     recording = Recording.read(folder / "2-simulate" / "recording")
     return survey_at(folder, recording, read_visual_odometry(folder / "2-simulate" / "recording" / "onboard"))
+
+
+def ending_of(pattern: str, seed: int) -> str:
+    """Return how the drive of a mission ended; ``arrived`` is the one wanted."""
+    return str(read_json(driven(pattern, seed).path / "2-simulate" / "drive.json", "the drive")["ending"])
 
 
 def real_prior(pattern: str, seed: int) -> Dem:

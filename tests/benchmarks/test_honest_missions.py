@@ -25,7 +25,9 @@ def outcomes(**changed: Any) -> list[dict[str, Any]]:
         "kernel_s": 5.0,
     }
     return [
-        {"pattern": pattern, "seed": seed, "prior": prior, "n_stakes": n} | facts | changed
+        {"pattern": pattern, "seed": seed, "ending": "arrived", "prior": prior, "n_stakes": n}
+        | facts
+        | changed
         for pattern in PATTERNS
         for seed in (1, 2)
         for prior in PRIORS
