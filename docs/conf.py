@@ -63,6 +63,7 @@ bibtex_reference_style = "author_year"
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "gallery",
+    "subsection_order": gallery.SECTIONS,
     "filename_pattern": r"\.py$",
     "image_scrapers": (gallery.FigureScraper(),),
     "reset_modules": (),

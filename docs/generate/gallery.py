@@ -7,6 +7,8 @@ from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
 DPI = 110
+SECTIONS = [f"../examples/gallery/{name}" for name in ("planning", "terrain", "drives", "maps", "accuracy")]
+"""Folders of the scripts, in the order of the pages."""
 
 
 class FigureScraper:

@@ -1,6 +1,7 @@
 """Examples: scripts, notebooks, figures of the gallery."""
 
 import runpy
+from collections import Counter
 from importlib import import_module
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from matplotlib import pyplot as plt
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
-FIGURES = sorted((ROOT / "examples" / "gallery").glob("plot_*.py"))
+FIGURES = sorted((ROOT / "examples" / "gallery").rglob("plot_*.py"))
 LONGEST_FIGURE_SCRIPT = 40
+MOST_FILES = 15
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
@@ -31,8 +33,13 @@ def test_the_script_of_a_figure_is_short_and_runs(script, tmp_path, monkeypatch)
     plt.close("all")
 
 
-def test_there_are_twenty_figures():
+def test_there_are_twenty_figures_in_sections_of_at_most_fifteen():
     assert len(FIGURES) >= 20
+    sections = Counter(script.parent for script in FIGURES)
+    assert max(sections.values()) <= MOST_FILES
+    for section in sections:
+        assert section.parent.name == "gallery"
+        assert (section / "README.rst").is_file()
 
 
 def test_the_notebooks_are_those_of_the_scripts(monkeypatch):

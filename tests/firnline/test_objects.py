@@ -114,6 +114,7 @@ def survey() -> Iterator[Any]:
 
 def others() -> Iterator[Any]:
     """Yield what no survey of the rover's own gives."""
+    yield firnline.sample_survey(swaths=2)
     yield firnline.Camera("pinhole", 6, 4, [[4, 0, 3], [0, 4, 2], [0, 0, 1]], np.zeros(5), np.eye(4))
     yield firnline.Frames(TIMES, Blank())
     yield PathCorrection(np.array(TIMES), np.zeros((2, 3)), np.zeros((2, 3, 3)))
