@@ -18,7 +18,10 @@ firnline="$place/venv/bin/firnline"
 "$firnline" --version
 "$firnline" doctor > doctor.txt || { cat doctor.txt; exit 1; }
 "$firnline" example
-"$firnline" example srtm-ridge
+"$firnline" examples srtm-ridge
+"$firnline" example two-summers.ipynb
+"$firnline" example two-summers
+"$place/venv/bin/python" two_summers.py > /dev/null
 "$firnline" run srtm_ridge.toml --quiet
 run=results/runs/srtm-ridge/latest
 "$firnline" show "$run" > /dev/null

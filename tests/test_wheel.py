@@ -34,8 +34,10 @@ def test_every_file_beside_the_modules_is_in_the_wheel(names: set[str]) -> None:
 
 
 def test_the_examples_and_the_licence_are_in_the_wheel(names: set[str]) -> None:
-    examples = {f"sim/examples/{file.name}" for file in (ROOT / "examples").glob("*.toml")}
-    assert examples - names == set()
+    folder = ROOT / "examples"
+    files = [*folder.glob("*.toml"), *folder.glob("*.py"), *folder.glob("notebooks/*.ipynb")]
+    assert len(files) > 15
+    assert {f"sim/{file.relative_to(ROOT)}" for file in files} - names == set()
     assert any(name.endswith("licenses/LICENSE") for name in names)
 
 

@@ -57,6 +57,7 @@ for command in (
     schema.schema,
 ):
     app.command()(command)
+app.command("examples", hidden=True)(example.example)
 app.command("help")(topics.help_)
 
 

@@ -34,14 +34,23 @@ def test_the_version_is_that_of_the_package():
 
 def test_examples_are_listed_and_copied():
     listed = run("example").stdout
-    names = [line.split()[0] for line in listed.splitlines()]
-    assert {"short_drive", "srtm_ridge", "montecarlo_fig10"} <= set(names)
-    assert all(line.endswith(".") for line in listed.splitlines())
+    rows = [line for line in listed.splitlines() if line.startswith("  ")]
+    files = [*(ROOT / "examples").glob("*.toml"), *(ROOT / "examples").glob("*.py")]
+    assert sorted(row.split()[0] for row in rows) == sorted(file.stem for file in files)
+    assert all(row.endswith(".") for row in rows)
+    assert run("examples").stdout == listed
     assert "run: firnline run short_drive.toml" in run("example", "short-drive").stdout
     assert Path("short_drive.toml").read_bytes() == (ROOT / "examples" / "short_drive.toml").read_bytes()
     assert "short_drive.toml exists" in run("example", "short_drive", code=3).stderr
     assert "firnline montecarlo mine.toml" in run("example", "montecarlo_fig10", "-o", "mine.toml").stdout
     assert "there is no example 'nothing'; take " in run("example", "nothing", code=4).stderr
+
+
+@pytest.mark.parametrize("file", ["two_summers.py", "two_summers.ipynb"])
+def test_tutorials_are_copied_as_scripts_and_notebooks(file):
+    assert file in run("example", file).stdout
+    folder = ROOT / "examples" / ("notebooks" if file.endswith(".ipynb") else "")
+    assert Path(file).read_bytes() == (folder / file).read_bytes()
 
 
 def test_help_explains_topics_and_commands():

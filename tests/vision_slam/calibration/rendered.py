@@ -5,6 +5,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from survey.data.camera.calibration import Camera
+from vision_slam.calibration.boards import CharucoBoard
 
 SIZE = (480, 360)
 CAMERA = Camera(
@@ -89,3 +90,14 @@ def chessboard_images(folder, n=14, seed=1, columns=9, rows=6, square_m=0.02, **
         files.append(folder / f"IMG_{k:04d}.png")
         cv2.imwrite(str(files[-1]), studio.image(texture, square_m, pose, rng))
     return files
+
+
+def charuco_images(folder, n=10, seed=5):
+    """Write n images of a ChArUco board of 8 by 6 squares of 22 mm with markers of 16 mm; return its description."""
+    board, rng, studio = CharucoBoard(8, 6, 0.022, 0.016, "4X4_50"), np.random.default_rng(seed), Studio()
+    texture = charuco_texture(board.board, 8, 6)
+    folder.mkdir(exist_ok=True)
+    for k, pose in enumerate(poses(n, (8 * 0.022, 6 * 0.022), rng, spread=0.3)):
+        image = studio.image(texture, 0.022, pose, rng, origin_squares=1.0)
+        cv2.imwrite(str(folder / f"{k}.png"), image)
+    return board

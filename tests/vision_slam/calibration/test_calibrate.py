@@ -13,12 +13,11 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from tests.vision_slam.calibration.rendered import (
     CAMERA,
-    Studio,
-    charuco_texture,
+    charuco_images,
     chessboard_images,
     poses,
 )
-from vision_slam.calibration.boards import BoardView, CharucoBoard, Chessboard
+from vision_slam.calibration.boards import BoardView, Chessboard
 from vision_slam.calibration.calibrate import calibrate
 from vision_slam.calibration.fit import fit_lens, parameter_covariance
 from vision_slam.calibration.plotting import calibration_figure
@@ -83,11 +82,7 @@ def test_a_blurred_view_is_left_out_by_name(images, tmp_path):
 
 
 def test_a_charuco_board_is_found_and_its_lens(tmp_path):
-    board = CharucoBoard(8, 6, 0.022, 0.016, "4X4_50")
-    texture, studio, rng = charuco_texture(board.board, 8, 6), Studio(), np.random.default_rng(5)
-    for k, pose in enumerate(poses(10, (8 * 0.022, 6 * 0.022), rng, spread=0.3)):
-        cv2.imwrite(str(tmp_path / f"{k}.png"), studio.image(texture, 0.022, pose, rng, origin_squares=1.0))
-    found = calibrate(tmp_path, board)
+    found = calibrate(tmp_path, charuco_images(tmp_path))
     assert np.abs((found.values - TRUE) / found.sigma).max() < 3.5
     assert abs(found.values[0] / TRUE[0] - 1.0) < 0.015
 

@@ -18,18 +18,24 @@ def photo(path, second=0, size=(64, 48), exif=True, gps=None, orientation=None, 
     """Write a JPEG whose left half is dark, with EXIF."""
     pixels = np.full((size[1], size[0], 3), 200, np.uint8)
     pixels[:, : size[0] // 2] = 20
+    header = exif_of(second, gps=gps, orientation=orientation, subseconds=subseconds, has_time=exif)
+    path.parent.mkdir(exist_ok=True)
+    Image.fromarray(pixels).save(path, exif=header)
+
+
+def exif_of(second=0, gps=None, orientation=None, subseconds="50", has_time=True):
+    """Return EXIF of a photo: time with its offset and focal length, orientation, position."""
     header = Image.Exif()
     if orientation is not None:
         header[274] = orientation
-    if exif:
+    if has_time:
         folder = {36867: f"2024:06:12 12:00:{second:02d}", 36881: "+02:00", 41989: 26}
         if subseconds:
             folder[37521] = subseconds
         header.get_ifd(0x8769).update(folder)
     if gps is not None:
         header.get_ifd(0x8825).update(gps)
-    path.parent.mkdir(exist_ok=True)
-    Image.fromarray(pixels).save(path, exif=header)
+    return header
 
 
 def position(latitude, longitude, height=500.0, radius=None):
