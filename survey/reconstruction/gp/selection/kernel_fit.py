@@ -7,6 +7,7 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import squareform
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
@@ -62,7 +63,6 @@ class KernelFit:
     values: FloatArray
     noise_m2: FloatArray
     lags_m: FloatArray
-    pairs: tuple[IntArray, IntArray]
     extent_m: float
     nugget_m: float | None
     shared: tuple[FloatArray, FloatArray] | None = None
@@ -100,7 +100,7 @@ class KernelFit:
         lags = np.asfortranarray(xy[pairs[0]] - xy[pairs[1]])
         extent = max(float(np.ptp(xy, axis=0).max()), 1e-3)
         together = None if shared is None else (shared[pairs], np.diag(shared))
-        return cls(values - values.mean(), noise_m2, lags, pairs, extent, nugget_m, together)
+        return cls(values - values.mean(), noise_m2, lags, extent, nugget_m, together)
 
     def fit(self, family: KernelFamily, config: GaussianProcessConfig) -> Hyperparameters:
         """Climb to the greatest likelihood of one family, from one start a long and one a short way off."""
@@ -207,27 +207,22 @@ class KernelFit:
         nugget_m2 = self.nugget_m**2 if self.nugget_m is not None else float(np.exp(theta[-1]))
         n = len(self.values)
         terms = [self._term(part) for part in _parts(candidate)]
-        matrix = np.zeros((n, n), order="F")
-        matrix[self.pairs[1], self.pairs[0]] = np.sum([term.covariance for term in terms], axis=0)
-        matrix[np.diag_indices(n)] = candidate.variance_m2 + self.noise_m2 + nugget_m2
-        if self.shared is not None:
-            matrix[self.pairs[1], self.pairs[0]] += self.shared[0]
-            matrix[np.diag_indices(n)] += self.shared[1]
-        factor, failed = lapack.dpotrf(matrix, lower=1, overwrite_a=1)
-        if failed:
+        diagonal = candidate.variance_m2 + self.noise_m2 + nugget_m2
+        inverted = _inverted(self._matrix(np.sum([term.covariance for term in terms], axis=0), diagonal))
+        if inverted is None:
             # Not positive definite in double precision: worse than anything that is.
             return 1e25, np.zeros_like(theta)
-        log_determinant = 2.0 * np.log(np.diag(factor)).sum()
-        inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-        inverse = np.tril(inverse) + np.tril(inverse, -1).T
+        inverse, log_determinant = inverted
         ones = inverse.sum(axis=1)
         weights = inverse @ self.values
         weights = weights - ones * (weights.sum() / ones.sum())
         negative = 0.5 * (
             self.values @ weights + log_determinant + np.log(ones.sum()) + n * np.log(2 * np.pi)
         )
-        slope = inverse - np.outer(weights, weights) - np.outer(ones, ones) / ones.sum()
-        of_pairs, half_trace = slope[self.pairs], 0.5 * np.trace(slope)
+        slope = inverse
+        slope -= np.outer(weights, weights)
+        slope -= np.outer(ones, ones) / ones.sum()
+        of_pairs, half_trace = squareform(slope, checks=False), 0.5 * np.trace(slope)
         gradient = [
             (of_pairs @ d_pairs) + half_trace * d_variance
             for term in terms
@@ -235,6 +230,14 @@ class KernelFit:
         ]
         of_nugget = 0.0 if self.nugget_m is not None else half_trace * nugget_m2
         return float(negative), np.array([*gradient, of_nugget])
+
+    def _matrix(self, covariance: FloatArray, diagonal: FloatArray) -> FloatArray:
+        """Return the covariance (n, n) of the values, from that of all pairs and the diagonal."""
+        if self.shared is not None:
+            covariance, diagonal = covariance + self.shared[0], diagonal + self.shared[1]
+        matrix: FloatArray = squareform(covariance, checks=False)
+        np.fill_diagonal(matrix, diagonal)
+        return matrix
 
     def _term(self, part: Kernel) -> "_Term":
         """One part of the sum: its covariance of every pair, and how that moves with its parameters."""
@@ -248,6 +251,18 @@ class KernelFit:
             change = above.covariance_of_lag(self.lags_m) - below.covariance_of_lag(self.lags_m)
             derivatives.append((change / (2 * _STEP), 0.0))
         return _Term(covariance, derivatives)
+
+
+def _inverted(matrix: FloatArray) -> tuple[FloatArray, float] | None:
+    """Return the inverse of a symmetric matrix and its log determinant, None where it is not positive definite."""
+    factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1)
+    if failed:
+        return None
+    log_determinant = 2.0 * np.log(np.diag(factor)).sum()
+    lower, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    inverse: FloatArray = squareform(squareform(lower.T, checks=False), checks=False)
+    np.fill_diagonal(inverse, np.diag(lower))
+    return inverse, log_determinant
 
 
 @dataclass(frozen=True)
