@@ -11,7 +11,7 @@ def plan_mission(request: PlanRequest) -> None:
         request.source,
         "plan",
         runs=request.runs,
-        settings=list(request.settings),
+        settings=list(request.overrides),
         quiet=request.quiet,
         verbose=request.verbose,
     )
@@ -24,5 +24,5 @@ def required_swaths(request: PlanRequest) -> None:
     from sim.cli.planning.guarantee import limit_of
     from sim.mission.runs import read_mission
 
-    mission = read_mission(request.source, list(request.settings))
+    mission = read_mission(request.source, list(request.overrides))
     print_options_of(mission, limit_of(str(request.require)), request.probability, as_json=request.as_json)

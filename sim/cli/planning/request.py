@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sim.cli.planning.options import PlanOptions
 from sim.cli.rasters import own_crs, read_about
 
 if TYPE_CHECKING:
@@ -13,48 +14,14 @@ _ROUTES = (".geojson", ".gpkg")
 _FORMATS = (*_ROUTES, ".pdf", ".qgz")
 
 
-@dataclass(frozen=True)
-class PlanRequest:
-    """Options of the command; None stands for an option that was not given."""
+@dataclass(frozen=True, kw_only=True)
+class PlanRequest(PlanOptions):
+    """Options of the command, with the files that it reads and writes."""
 
-    source: Path
-    out: Path
-    prior: Path | None
-    crs: str | None
-    no_go: Path | None
-    pattern: str | None
-    swaths: int | None
-    spacing: float | None
-    budget: float | None
-    rmse: float | None
-    rovers: int | None
-    max_slope: float | None
-    require: str | None
-    probability: float
-    noise_m: float
-    localization_m: float
-    prior_sigma_m: float
-    assume: str | None
-    surface: str
-    micro_relief_m: float | None
-    shared_m: float
-    max_swaths: int | None
-    joint: bool
-    adaptive: bool
-    driven: Path | None
-    measured: Path | None
-    settings: tuple[str, ...]
-    runs: Path
-    force: bool
-    as_json: bool
-    quiet: bool
-    verbose: int
-    dry_run: bool = False
-    season: str | None = None
-    dates: str | None = None
-    melt_m_we_day: float | None = None
-    emergence_m_year: float = 0.0
-    km_a_day: float = 10.0
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Settings of a mission file that were given, as KEY=VALUE."""
+        return tuple(self.settings or ())
 
     @property
     def files(self) -> dict[str, Path]:
