@@ -1,13 +1,13 @@
 """Mission runs of the commands: run stages, summarize them, print the summary."""
 
 import json
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import typer
 
+from sim.cli.options import RunOptions
 from sim.cli.progress import StageProgress, logged_to
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run, planned_place, read_mission
@@ -20,19 +20,16 @@ from survey.core.runs.store import STAGES, RunFolder
 def run_until(
     mission_file: Path,
     stage: str,
+    options: RunOptions,
     *,
-    runs: Path,
-    settings: list[str] | None,
-    quiet: bool,
-    verbose: int,
     first: str | None = None,
     workers: int | None = None,
 ) -> tuple[MissionConfig, RunFolder]:
     """Run the stages of a mission that are not done yet, or all from `first` on, up to a stage."""
-    mission = read_mission(mission_file, settings or ())
-    run = open_run(mission, runs, first=first)
-    with logged_to(run.log_file, verbose):
-        watch = StageProgress(quiet=quiet, expected_s=earlier_seconds(run))
+    mission = read_mission(mission_file, options.settings)
+    run = open_run(mission, options.runs, first=first)
+    with logged_to(run.log_file, options.verbose):
+        watch = StageProgress(quiet=options.quiet, expected_s=earlier_seconds(run))
         run_mission(mission, run, until=stage, watch=watch, workers=workers)
     return mission, run
 
@@ -52,15 +49,14 @@ def earlier_seconds(run: RunFolder) -> dict[str, float]:
 
 def print_stages_of(
     mission_file: Path,
-    runs: Path,
-    settings: Sequence[str],
+    options: RunOptions,
     *,
     first: str | None = None,
     until: str = "report",
 ) -> None:
     """Check a mission and its input, and print where it would run and which stages are to be done; write nothing."""
-    mission = read_mission(mission_file, settings)
-    place = planned_place(mission, runs)
+    mission = read_mission(mission_file, options.settings)
+    place = planned_place(mission, options.runs)
     done = set()
     if (place / "manifest.json").exists() and first != "plan":
         run = RunFolder(place)

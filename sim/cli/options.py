@@ -1,5 +1,6 @@
 """Options that several commands share: `run`, `plan`, `simulate`, `reconstruct`, `score`, `report`."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ RUNS = Path("results/runs")
 
 Runs = Annotated[Path, typer.Option("--runs", help="Folder that holds all runs.")]
 Settings = Annotated[
-    list[str] | None,
+    list[str],
     typer.Option("--set", metavar="KEY=VALUE", help="Override a setting, e.g. planner.swaths=6."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
@@ -26,3 +27,14 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stder
 Verbose = Annotated[
     int, typer.Option("--verbose", "-v", count=True, help="More detail in the log; -vv shows tracebacks.")
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of the commands that do stages of a mission."""
+
+    runs: Runs = RUNS
+    settings: Settings = field(default_factory=list)
+    as_json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = 0

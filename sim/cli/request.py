@@ -58,4 +58,6 @@ def with_options_of(request: type[Request]) -> Callable[[Callable[[Request], Non
 
 
 def _default(field: Field[Any]) -> Any:
+    if field.default_factory is not MISSING:
+        return field.default_factory()
     return Parameter.empty if field.default is MISSING else field.default

@@ -1,5 +1,6 @@
 """``firnline change``: elevation, volume and mass change between two surveys."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +9,7 @@ import typer
 from sim.cli.options import Json
 from sim.cli.outcome import with_exit_codes
 from sim.cli.outputs import refuse_existing, with_companions
+from sim.cli.request import with_options_of
 
 OUTPUTS = ("change.tif", "change.tif.aux.xml", "change.csv", "change.json", "change.png")
 """Files that the command writes into its folder."""
@@ -17,46 +19,69 @@ if TYPE_CHECKING:
     from survey.scoring.change.results import Change
 
 
-@with_exit_codes
-def change(
+@dataclass(frozen=True, kw_only=True)
+class ChangeRequest:
+    """Options of the command."""
+
     later: Annotated[
         Path,
         typer.Argument(help="Later survey: raster, folder of a reconstruction, or terrain model (.npz)."),
-    ],
-    earlier: Annotated[Path, typer.Argument(help="Earlier survey, or any elevation raster.")],
+    ]
+    earlier: Annotated[Path, typer.Argument(help="Earlier survey, or any elevation raster.")]
     outline: Annotated[
         Path, typer.Option("--outline", help="Polygons over which to compute change (glacier outlines).")
-    ],
+    ]
     stable: Annotated[
         Path | None,
         typer.Option("--stable", help="Ground that did not change; by default all outside the outlines."),
-    ] = None,
+    ] = None
     align: Annotated[
         bool, typer.Option("--align", help="First shift the earlier survey onto the later one.")
-    ] = False,
-    level: Annotated[bool, typer.Option(help="Subtract the mean difference of the unchanged ground.")] = True,
-    density: Annotated[
+    ] = False
+    level: Annotated[bool, typer.Option(help="Subtract the mean difference of the unchanged ground.")] = True
+    density_kg_m3: Annotated[
         float, typer.Option("--density", help="Density of the gained or lost material [kg/m³].")
-    ] = 850.0,
-    density_std: Annotated[
+    ] = 850.0
+    density_std_kg_m3: Annotated[
         float, typer.Option("--density-std", help="Its standard deviation [kg/m³].")
-    ] = 60.0,
+    ] = 60.0
     crs: Annotated[
         str | None,
         typer.Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS)."),
-    ] = None,
-    grid: Annotated[
+    ] = None
+    step_m: Annotated[
         float, typer.Option("--grid", help="Distance between nodes when terrain models are compared [m].")
-    ] = 2.0,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for change.tif, .csv, .json, .png.")
-    ] = Path("change"),
+    ] = 2.0
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for change.tif, .csv, .json, .png.")] = (
+        Path("change")
+    )
     report: Annotated[
         Path | None, typer.Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a change that is there.")] = False,
-    as_json: Json = False,
-) -> None:
+    ] = None
+    force: Annotated[bool, typer.Option("--force", help="Replace a change that is there.")] = False
+    as_json: Json = False
+
+    @property
+    def inputs(self) -> tuple[Path | None, ...]:
+        """Every file that is read."""
+        return self.later, self.earlier, self.outline, self.stable
+
+    def check_outputs(self) -> None:
+        """Refuse outputs that exist, that are inputs, or a report of an unknown form."""
+        inputs = with_companions(self.inputs)
+        refuse_existing([self.out], force=self.force, inputs=inputs, own=OUTPUTS)
+        if self.report is None:
+            return
+        from survey.reporting.document.writing import OUTPUTS as REPORT_OUTPUTS
+        from survey.reporting.document.writing import check_target
+
+        own = () if check_target(self.report).suffix else REPORT_OUTPUTS
+        refuse_existing([self.report], force=self.force, inputs=inputs, own=own)
+
+
+@with_exit_codes
+@with_options_of(ChangeRequest)
+def change(request: ChangeRequest) -> None:
     """Compute the change of elevation, volume and mass on the ground, with correlated errors.
 
     For example:
@@ -74,33 +99,21 @@ def change(
     from survey.figures.style import png_bytes
     from survey.scoring.change.change_files import change_facts, write_change
 
-    inputs = (later, earlier, outline, stable)
-    refuse_existing([out], force=force, inputs=with_companions(inputs), own=OUTPUTS)
-    if report is not None:
-        _refuse_report(report, inputs, force=force)
-    options: dict[str, Any] = {"align": align, "level": level, "step_m": grid, "crs": crs}
-    found, outlines = _compared(later, earlier, outline, stable, options)
-    facts = change_facts(found, density, density_std)
-    with replacing_folder(out, own=OUTPUTS) as draft:
-        write_change(draft, found, density, density_std)
+    request.check_outputs()
+    found, outlines = _compared(request)
+    density = request.density_kg_m3, request.density_std_kg_m3
+    facts = change_facts(found, *density)
+    with replacing_folder(request.out, own=OUTPUTS) as draft:
+        write_change(draft, found, *density)
         (draft / "change.png").write_bytes(png_bytes(change_map(found, outlines)))
-    if report is not None:
-        _write_report(report, inputs, found, outlines, facts)
-    if as_json:
+    if request.report is not None:
+        _write_report(request.report, request.inputs, found, outlines, facts)
+    if request.as_json:
         typer.echo(json.dumps(facts, indent=2))
         return
-    _print_change(facts, out)
-    if report is not None:
-        typer.echo(f"report written to {report}")
-
-
-def _refuse_report(report: Path, inputs: tuple[Path | None, ...], *, force: bool) -> None:
-    """Refuse a report that is there, that is an input, or that has another form."""
-    from survey.reporting.document.writing import OUTPUTS as REPORT_OUTPUTS
-    from survey.reporting.document.writing import check_target
-
-    own = () if check_target(report).suffix else REPORT_OUTPUTS
-    refuse_existing([report], force=force, inputs=with_companions(inputs), own=own)
+    _print_change(facts, request.out)
+    if request.report is not None:
+        typer.echo(f"report written to {request.report}")
 
 
 def _write_report(
@@ -121,9 +134,7 @@ def _write_report(
     write_document(report, change_report(ReportSetting(title, today(), names), found, outlines, facts))
 
 
-def _compared(
-    later: Path, earlier: Path, outline: Path, stable: Path | None, options: dict[str, Any]
-) -> tuple["Change", dict[str, Any]]:
+def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
@@ -131,16 +142,15 @@ def _compared(
     from survey.scoring.change.change import change as compare
     from survey.scoring.change.outlines import read_outlines
 
-    if later.suffix == earlier.suffix == ".npz":
-        return _models_compared(later, earlier, outline, options["step_m"])
-    new, old = (_surface(source, options["crs"]) for source in (later, earlier))
+    if request.later.suffix == request.earlier.suffix == ".npz":
+        return _models_compared(request.later, request.earlier, request.outline, request.step_m)
+    new, old = (_surface(source, request.crs) for source in (request.later, request.earlier))
     crs = (new if isinstance(new, Dem) else new.mean).crs
-    outlines = read_outlines(outline, crs)
-    ground = None if stable is None else shapely.union_all(list(read_outlines(stable, crs).values()))
-    return (
-        compare(new, old, outlines, stable=ground, align=options["align"], level=options["level"]),
-        outlines,
-    )
+    outlines = read_outlines(request.outline, crs)
+    ground = None
+    if request.stable is not None:
+        ground = shapely.union_all(list(read_outlines(request.stable, crs).values()))
+    return compare(new, old, outlines, stable=ground, align=request.align, level=request.level), outlines
 
 
 def _models_compared(

@@ -1,6 +1,7 @@
 """``firnline localize``: path and landmarks from a recording."""
 
 import json
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,6 +10,7 @@ import typer
 
 from sim.cli.options import Json, Quiet
 from sim.cli.outcome import with_exit_codes
+from sim.cli.request import with_options_of
 
 if TYPE_CHECKING:
     from vision_slam.comparison import Comparison
@@ -16,102 +18,131 @@ if TYPE_CHECKING:
     from vision_slam.recorded_drive import RecordedDrive
 
 
-_Source = Annotated[
-    Path,
-    typer.Argument(help="Recording, ROS bag, or folder in KITTI, TUM, EuRoC layout or of images with times."),
-]
-_Camera = Annotated[
-    Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
-]
-_Topic = Annotated[
-    list[str] | None, typer.Option("--topic", help="Topic of a bag, where it has several of a kind.")
-]
-_Gps = Annotated[
-    Path | None,
-    typer.Option(
-        "--gps",
-        help="Fixes recorded beside the images: NMEA, u-blox .ubx, GnssLogger .txt, RTKLIB .pos, .gpx or .csv.",
-    ),
-]
-_Columns = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--columns",
-        metavar="KEY=NAME,…",
-        help="Columns of a table of fixes where their names are not usual ones, e.g. time=t,x=Easting,y=Northing,z=H; keys: time, x, y, z, lon, lat, sigma_xy.",
-    ),
-]
-_FrameRate = Annotated[
-    float | None,
-    typer.Option(
-        "--frame-rate", min=1e-3, help="Images per second, where neither names nor files state times [Hz]."
-    ),
-]
-_Crs = Annotated[
-    str | None,
-    typer.Option(
-        "--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."
-    ),
-]
-_GpsShift = Annotated[
-    float,
-    typer.Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
-]
-_ScaleFrom = Annotated[
-    float | None,
-    typer.Option(
-        "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
-    ),
-]
-_Reference = Annotated[
-    Path | None,
-    typer.Option(
-        "--reference",
-        help="Reference path to compare with (.tum, .csv, KITTI poses, or fixes as --gps takes them); the estimator does not use it.",
-    ),
-]
-_Viewer = Annotated[
-    Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
-]
-_Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
-    ),
-]
-_Lens = Annotated[
-    Literal["auto", "given", "refine"],
-    typer.Option(
-        "--lens",
-        help="Estimate radial distortion and focal length from the images, or use them as given; auto estimates them where the calibration states no distortion.",
-    ),
-]
-_Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")]
-_Force = Annotated[bool, typer.Option("--force", help="Replace an existing localization.")]
+@dataclass(frozen=True, kw_only=True)
+class LocalizeRequest:
+    """Options of the command; None stands for an option that was not given."""
+
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Recording, ROS bag, or folder in KITTI, TUM, EuRoC layout or of images with times."
+        ),
+    ]
+    camera: Annotated[
+        Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
+    ] = None
+    topics: Annotated[
+        list[str], typer.Option("--topic", help="Topic of a bag, where it has several of a kind.")
+    ] = field(default_factory=list)
+    gps: Annotated[
+        Path | None,
+        typer.Option(
+            "--gps",
+            help="Fixes recorded beside the images: NMEA, u-blox .ubx, GnssLogger .txt, RTKLIB .pos, .gpx or .csv.",
+        ),
+    ] = None
+    columns: Annotated[
+        list[str],
+        typer.Option(
+            "--columns",
+            metavar="KEY=NAME,…",
+            help="Columns of a table of fixes where their names are not usual ones, e.g. time=t,x=Easting,y=Northing,z=H; keys: time, x, y, z, lon, lat, sigma_xy.",
+        ),
+    ] = field(default_factory=list)
+    frame_rate_hz: Annotated[
+        float | None,
+        typer.Option(
+            "--frame-rate",
+            min=1e-3,
+            help="Images per second, where neither names nor files state times [Hz].",
+        ),
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            "--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."
+        ),
+    ] = None
+    gps_shift_s: Annotated[
+        float,
+        typer.Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
+    ] = 0.0
+    scale_from_m: Annotated[
+        float | None,
+        typer.Option(
+            "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
+        ),
+    ] = None
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            "--reference",
+            help="Reference path to compare with (.tum, .csv, KITTI poses, or fixes as --gps takes them); the estimator does not use it.",
+        ),
+    ] = None
+    viewer: Annotated[
+        Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
+    ] = None
+    settings: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
+        ),
+    ] = field(default_factory=list)
+    lens: Annotated[
+        Literal["auto", "given", "refine"],
+        typer.Option(
+            "--lens",
+            help="Estimate radial distortion and focal length from the images, or use them as given; auto estimates them where the calibration states no distortion.",
+        ),
+    ] = "auto"
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")
+    ] = Path("localization")
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing localization.")] = False
+    as_json: Json = False
+    quiet: Quiet = False
+
+    @property
+    def overrides(self) -> list[str]:
+        """Settings as KEY=VALUE, with that of the lens."""
+        return self.settings if self.lens == "auto" else [*self.settings, f"visual.lens={self.lens}"]
+
+    def check_outputs(self) -> None:
+        """Refuse outputs that exist or are inputs, and a viewer's file that cannot be written."""
+        from sim.cli.outputs import refuse_existing
+        from vision_slam.results import OWN_FILES
+
+        inputs = (self.source, self.camera, self.gps, self.reference)
+        refuse_existing([self.out], force=self.force, inputs=inputs, own=OWN_FILES)
+        if self.viewer is not None:
+            from vision_slam.viewer import refuse_without_rerun
+
+            refuse_existing([self.viewer], force=self.force, inputs=inputs)
+            refuse_without_rerun()
+
+    def open(self) -> "RecordedDrive":
+        """Open the recording with the files and options that belong to it."""
+        from vision_slam.recordings import open_recording
+
+        return open_recording(
+            self.source,
+            camera=self.camera,
+            topics=self.topics,
+            gps=self.gps,
+            crs=self.crs,
+            gps_shift_s=self.gps_shift_s,
+            scale_from_m=self.scale_from_m,
+            columns=self.columns,
+            frame_rate_hz=self.frame_rate_hz,
+        )
 
 
 @with_exit_codes
-def localize(
-    source: _Source,
-    camera: _Camera = None,
-    topic: _Topic = None,
-    gps: _Gps = None,
-    columns: _Columns = None,
-    frame_rate: _FrameRate = None,
-    crs: _Crs = None,
-    gps_shift: _GpsShift = 0.0,
-    scale_from: _ScaleFrom = None,
-    reference: _Reference = None,
-    viewer: _Viewer = None,
-    settings: _Settings = None,
-    lens: _Lens = "auto",
-    out: _Out = Path("localization"),
-    force: _Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+@with_options_of(LocalizeRequest)
+def localize(request: LocalizeRequest) -> None:
     """Estimate the path of a rover and its landmarks from a recording.
 
     For example:
@@ -138,34 +169,13 @@ def localize(
     EXIF, its calibration from camera.toml (see firnline calibrate) or the focal length in EXIF,
     positions in EXIF as fixes, and wheels.csv and inertial.csv where they are there.
     """
-    from sim.cli.outputs import refuse_existing
-    from vision_slam.recordings import open_recording
-    from vision_slam.results import OWN_FILES
-
-    inputs = (source, camera, gps, reference)
-    refuse_existing([out], force=force, inputs=inputs, own=OWN_FILES)
-    if viewer is not None:
-        from vision_slam.viewer import refuse_without_rerun
-
-        refuse_existing([viewer], force=force, inputs=inputs)
-        refuse_without_rerun()
-    drive = open_recording(
-        source,
-        camera=camera,
-        topics=topic or [],
-        gps=gps,
-        crs=crs,
-        gps_shift_s=gps_shift,
-        scale_from_m=scale_from,
-        columns=columns or [],
-        frame_rate_hz=frame_rate,
-    )
-    judge = None if reference is None else drive.read_reference(reference)
-    lens_setting = [] if lens == "auto" else [f"visual.lens={lens}"]
-    estimate, seconds = _timed(drive, [*(settings or []), *lens_setting], quiet=quiet)
+    request.check_outputs()
+    drive = request.open()
+    judge = None if request.reference is None else drive.read_reference(request.reference)
+    estimate, seconds = _timed(drive, request.overrides, quiet=request.quiet)
     comparison = drive.compare(estimate, judge)
-    _write(out, viewer, drive, estimate, comparison)
-    _print(_summary(drive, estimate, comparison, seconds), out, as_json=as_json)
+    _write(request.out, request.viewer, drive, estimate, comparison)
+    _print(_summary(drive, estimate, comparison, seconds), request.out, as_json=request.as_json)
 
 
 def _timed(drive: "RecordedDrive", settings: list[str], *, quiet: bool) -> "tuple[DriveEstimate, float]":

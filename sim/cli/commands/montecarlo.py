@@ -1,5 +1,6 @@
 """``firnline montecarlo``: simulate many surveys of random terrains and summarize their errors."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -7,28 +8,35 @@ import typer
 
 from sim.cli.options import Json, Quiet, Settings
 from sim.cli.outcome import with_exit_codes
+from sim.cli.request import with_options_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonteCarloRequest:
+    """Options of the command."""
+
+    study: Annotated[Path, typer.Argument(help="Study file (TOML).")]
+    runs: Annotated[Path, typer.Option("--runs", help="Folder that holds all studies.")] = Path(
+        "results/montecarlo"
+    )
+    engine: Annotated[str, typer.Option("--engine", help="serial, processes (of this machine) or dask.")] = (
+        "processes"
+    )
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Number of processes; one for each core when left out.")
+    ] = None
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="A dask scheduler, tcp://host:port.")
+    ] = None
+    fresh: Annotated[bool, typer.Option("--fresh", help="Do every trial again.")] = False
+    settings: Settings = field(default_factory=list)
+    as_json: Json = False
+    quiet: Quiet = False
 
 
 @with_exit_codes
-def montecarlo(
-    study: Annotated[Path, typer.Argument(help="Study file (TOML).")],
-    runs: Annotated[Path, typer.Option("--runs", help="Folder that holds all studies.")] = Path(
-        "results/montecarlo"
-    ),
-    engine: Annotated[
-        str, typer.Option("--engine", help="serial, processes (of this machine) or dask.")
-    ] = "processes",
-    workers: Annotated[
-        int | None, typer.Option("--workers", help="Number of processes; one for each core when left out.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="A dask scheduler, tcp://host:port.")
-    ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Do every trial again.")] = False,
-    settings: Settings = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+@with_options_of(MonteCarloRequest)
+def montecarlo(request: MonteCarloRequest) -> None:
     """Survey many random terrains by several planners, and count the swaths that a map class takes.
 
     Trials are stored as they finish; the same command continues a stopped study.
@@ -44,21 +52,21 @@ def montecarlo(
     from sim.montecarlo.study import run_study
     from survey.core.errors import ConfigError
 
-    if engine not in ("serial", "processes", "dask"):
-        raise ConfigError(f"there is no engine {engine!r}; take serial, processes or dask.")
-    wanted = read_study(study, settings or ())
-    folder = runs / wanted.name
-    with counted(quiet=quiet) as progress:
+    if request.engine not in ("serial", "processes", "dask"):
+        raise ConfigError(f"there is no engine {request.engine!r}; take serial, processes or dask.")
+    wanted = read_study(request.study, request.settings)
+    folder = request.runs / wanted.name
+    with counted(quiet=request.quiet) as progress:
         page = run_study(
             wanted,
             folder,
-            engine="dask" if scheduler else engine,  # type: ignore[arg-type]  # checked above
-            workers=workers,
-            scheduler=scheduler,
-            fresh=fresh,
+            engine="dask" if request.scheduler else request.engine,  # type: ignore[arg-type]  # checked above
+            workers=request.workers,
+            scheduler=request.scheduler,
+            fresh=request.fresh,
             watch=lambda done, total: progress("trials", done, total),
         )
-    _print_results(folder, page, as_json=as_json)
+    _print_results(folder, page, as_json=request.as_json)
 
 
 def _print_results(folder: Path, page: Path, *, as_json: bool) -> None:

@@ -1,23 +1,26 @@
 """``firnline report``: write the report page of a run."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.options import RunOptions
 from sim.cli.outcome import with_exit_codes
+from sim.cli.request import with_options_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(RunOptions):
+    """Options of the command."""
+
+    source: Annotated[Path, typer.Argument(help="A run folder, or a mission file (TOML).")]
 
 
 @with_exit_codes
-def report(
-    source: Annotated[Path, typer.Argument(help="A run folder, or a mission file (TOML).")],
-    runs: Runs = RUNS,
-    settings: Settings = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+@with_options_of(ReportRequest)
+def report(request: ReportRequest) -> None:
     """Draw the report of a run again; a mission file is run first where it is not done yet.
 
     For example:
@@ -30,12 +33,12 @@ def report(
     from survey.core.errors import InputError
     from survey.core.runs.store import RunFolder
 
-    if source.suffix == ".toml":
-        _, run = run_until(source, "report", runs=runs, settings=settings, quiet=quiet, verbose=verbose)
+    if request.source.suffix == ".toml":
+        _, run = run_until(request.source, "report", request)
     else:
         from sim.mission.report import write_mission_report
 
-        run = RunFolder.find(source)
+        run = RunFolder.find(request.source)
         if not run.has("score"):
             raise InputError(
                 f"{run.path} is not scored yet, so there is nothing to report; finish it with firnline run."
@@ -44,4 +47,4 @@ def report(
             run.verify(stage)
         with run.stage("report") as folder:
             write_mission_report(folder, run)
-    print_summary(run, as_json=as_json)
+    print_summary(run, as_json=request.as_json)

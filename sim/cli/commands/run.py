@@ -1,33 +1,36 @@
 """``firnline run``: run a mission from plan to report, or continue it."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, DryRun, Json, Quiet, Runs, Settings, Verbose, Workers
+from sim.cli.options import DryRun, RunOptions, Workers
 from sim.cli.outcome import NOT_MET, with_exit_codes
+from sim.cli.request import with_options_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRequest(RunOptions):
+    """Options of the command."""
+
+    mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")]
+    first: Annotated[
+        str | None, typer.Option("--from", metavar="STAGE", help="Do this stage and all after it again.")
+    ] = None
+    until: Annotated[str, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = "report"
+    fresh: Annotated[bool, typer.Option("--fresh", help="Do every stage again.")] = False
+    require: Annotated[
+        bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
+    ] = False
+    workers: Workers = None
+    dry_run: DryRun = False
 
 
 @with_exit_codes
-def run(
-    mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")],
-    runs: Runs = RUNS,
-    first: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Do this stage and all after it again.")
-    ] = None,
-    until: Annotated[str, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = "report",
-    fresh: Annotated[bool, typer.Option("--fresh", help="Do every stage again.")] = False,
-    require: Annotated[
-        bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
-    ] = False,
-    settings: Settings = None,
-    workers: Workers = None,
-    dry_run: DryRun = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+@with_options_of(RunRequest)
+def run(request: RunRequest) -> None:
     """Run a mission from plan to report, or continue it where it was stopped.
 
     Stages: plan, simulate, localize, reconstruct, score, report. The report's path is
@@ -45,25 +48,16 @@ def run(
     from survey.core.errors import ConfigError
     from survey.core.runs.store import STAGES
 
-    for stage in (first, until):
+    for stage in (request.first, request.until):
         if stage is not None and stage not in STAGES:
             raise ConfigError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
-    start = "plan" if fresh else first
-    if dry_run:
+    start = "plan" if request.fresh else request.first
+    if request.dry_run:
         from sim.cli.mission_file import print_stages_of
 
-        print_stages_of(mission, runs, tuple(settings or ()), first=start, until=until)
+        print_stages_of(request.mission, request, first=start, until=request.until)
         return
-    done, folder = run_until(
-        mission,
-        until,
-        runs=runs,
-        settings=settings,
-        quiet=quiet,
-        verbose=verbose,
-        first=start,
-        workers=workers,
-    )
-    print_summary(folder, as_json=as_json)
-    if require and not class_met(summary(folder), done.score.require):
+    done, folder = run_until(request.mission, request.until, request, first=start, workers=request.workers)
+    print_summary(folder, as_json=request.as_json)
+    if request.require and not class_met(summary(folder), done.score.require):
         raise typer.Exit(NOT_MET)

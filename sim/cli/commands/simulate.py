@@ -1,24 +1,27 @@
 """``firnline simulate``: simulate the drive of a mission and record its sensors."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, Json, Quiet, Runs, Settings, Verbose, Workers
+from sim.cli.options import RunOptions, Workers
 from sim.cli.outcome import with_exit_codes
+from sim.cli.request import with_options_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateRequest(RunOptions):
+    """Options of the command."""
+
+    mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")]
+    workers: Workers = None
 
 
 @with_exit_codes
-def simulate(
-    mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")],
-    runs: Runs = RUNS,
-    settings: Settings = None,
-    workers: Workers = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+@with_options_of(SimulateRequest)
+def simulate(request: SimulateRequest) -> None:
     """Plan and drive a mission: a recording for the estimator, the truth for scoring.
 
     For example:
@@ -27,7 +30,5 @@ def simulate(
     """
     from sim.cli.mission_file import print_summary, run_until
 
-    _, folder = run_until(
-        mission, "simulate", runs=runs, settings=settings, quiet=quiet, verbose=verbose, workers=workers
-    )
-    print_summary(folder, as_json=as_json)
+    _, folder = run_until(request.mission, "simulate", request, workers=request.workers)
+    print_summary(folder, as_json=request.as_json)

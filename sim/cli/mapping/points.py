@@ -15,19 +15,21 @@ from survey.reconstruction.policy import map_landmarks
 
 def map_points(request: MapRequest) -> MadeMap:
     """Map the points of a file over the area, or over their bounding box."""
-    points = survey.SurfacePoints.read(request.sources[0], crs=request.crs, sigma_m=request.sigma_m)
+    points = survey.SurfacePoints.read(
+        request.options.sources[0], crs=request.options.crs, sigma_m=request.options.sigma_m
+    )
     area = request.read_area(points.crs)
-    path = None if request.trajectory is None else _path(request.trajectory, points)
+    path = None if request.options.trajectory is None else _path(request.options.trajectory, points)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
-    prior = None if request.prior is None else _prior(request.prior, grid)
-    with counted(quiet=request.quiet) as progress:
+    prior = None if request.options.prior is None else _prior(request.options.prior, grid)
+    with counted(quiet=request.options.quiet) as progress:
         mapped = map_landmarks(
             points,
             grid,
             request.config,
             prior=prior,
             path=None if path is None else path.error,
-            quantity=request.value or ELEVATION,
+            quantity=request.options.value or ELEVATION,
             progress=progress,
             area=area,
         )
@@ -35,7 +37,7 @@ def map_points(request: MapRequest) -> MadeMap:
     corrected = None
     if path is not None and mapped.correction is not None:
         corrected = mapped.correction.applied(path)
-    return MadeMap(result, f"by {request.method.name}", request.area, corrected)
+    return MadeMap(result, f"by {request.method.name}", request.options.area, corrected)
 
 
 def _prior(file: Path, grid: survey.Grid) -> survey.Dem:

@@ -14,31 +14,31 @@ from survey.reconstruction.scan_map import map_scans
 
 def map_scan_files(request: MapRequest) -> MadeMap:
     """Map scans as they are read, over the area or over all that they show."""
-    files = scan_files(request.sources)
-    track = None if request.trajectory is None else SensorPath.read(request.trajectory)
+    files = scan_files(request.options.sources)
+    track = None if request.options.trajectory is None else SensorPath.read(request.options.trajectory)
     area = _area(request)
     grid = None if area is None else request.grid_over(area.bounds, area.crs)
     config = request.config
     settings = ScanSettings(request.step_m, rays=config.rays, configs=config.configs_of(request.method))
-    with counted(quiet=request.quiet) as progress:
+    with counted(quiet=request.options.quiet) as progress:
         made = map_scans(
-            read_scans(files, crs=request.crs, sigma_m=request.sigma_m, track=track),
+            read_scans(files, crs=request.options.crs, sigma_m=request.options.sigma_m, track=track),
             request.method,
             settings,
             grid=grid,
             on_scan=lambda n: progress("scans", n, max(len(files), n)),
         )
     result = made.reconstruction if area is None else within(made.reconstruction, area)
-    return MadeMap(result, f"from {made.n_scans} scans", request.area)
+    return MadeMap(result, f"from {made.n_scans} scans", request.options.area)
 
 
 def _area(request: MapRequest) -> survey.SurveyArea | None:
     """Return the area to map; scans state their CRS one by one, so that --crs or the area's own counts."""
-    if request.area is None:
+    if request.options.area is None:
         return None
-    if request.crs is None:
-        area = survey.SurveyArea.read(request.area)
+    if request.options.crs is None:
+        area = survey.SurveyArea.read(request.options.area)
         if not area.crs.is_projected:
-            raise InputError(f"{request.area} is in degrees; add --crs with the CRS of the scans.")
+            raise InputError(f"{request.options.area} is in degrees; add --crs with the CRS of the scans.")
         return area
-    return request.read_area(projected_crs(request.crs, "the scans"))
+    return request.read_area(projected_crs(request.options.crs, "the scans"))

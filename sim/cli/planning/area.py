@@ -61,7 +61,7 @@ def checked_options(request: PlanRequest) -> Any:
         rover: planners.Rover = planners.Rover()
         fleet: planners.Fleet = planners.Fleet()
 
-    return validated(Wanted, with_overrides(_sections(request), request.overrides), "the options")
+    return validated(Wanted, with_overrides(_sections(request), request.settings), "the options")
 
 
 def _default_size(pattern: str) -> dict[str, int]:

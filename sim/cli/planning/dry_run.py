@@ -12,7 +12,7 @@ def print_plan_of(request: PlanRequest) -> None:
     if request.is_mission:
         from sim.cli.mission_file import print_stages_of
 
-        print_stages_of(request.source, request.runs, request.overrides, until="plan")
+        print_stages_of(request.source, request, until="plan")
         return
     for name, value in _facts(request).items():
         typer.echo(f"{name:<10} {value}")

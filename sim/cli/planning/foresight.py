@@ -42,7 +42,7 @@ def plan_joint(request: PlanRequest) -> None:
     from sim.world.site import World
     from survey.core.config import validated, with_overrides
 
-    stated = validated(MissionConfig, with_overrides(_stated(request), request.overrides), "the options")
+    stated = validated(MissionConfig, with_overrides(_stated(request), request.settings), "the options")
     area, prior = prior_of(request)
     made = found_guarantee(area, prior, requirement_of(request), quiet=request.quiet)
     mission = stated.model_copy(update={"planner": made.config})

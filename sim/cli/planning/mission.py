@@ -7,14 +7,7 @@ def plan_mission(request: PlanRequest) -> None:
     """Run the plan stage of a mission."""
     from sim.cli.mission_file import print_summary, run_until
 
-    _, run = run_until(
-        request.source,
-        "plan",
-        runs=request.runs,
-        settings=list(request.overrides),
-        quiet=request.quiet,
-        verbose=request.verbose,
-    )
+    _, run = run_until(request.source, "plan", request)
     print_summary(run, as_json=request.as_json)
 
 
@@ -24,5 +17,5 @@ def required_swaths(request: PlanRequest) -> None:
     from sim.cli.planning.guarantee import limit_of
     from sim.mission.runs import read_mission
 
-    mission = read_mission(request.source, list(request.overrides))
+    mission = read_mission(request.source, request.settings)
     print_options_of(mission, limit_of(str(request.require)), request.probability, as_json=request.as_json)

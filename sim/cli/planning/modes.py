@@ -104,7 +104,7 @@ def _guarantee_mode(request: PlanRequest) -> Callable[[PlanRequest], None]:
     stated = [
         name for name in request.given(*_DECIDED) if name != "--pattern" or request.pattern != "lawnmower"
     ]
-    if request.overrides and not request.joint:
+    if request.settings and not request.joint:
         stated.append("--set (which goes with --joint)")
     if stated:
         raise ConfigError(

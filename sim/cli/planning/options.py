@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RUNS, DryRun, Json, Quiet, Runs, Settings, Verbose
+from sim.cli.options import DryRun, RunOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanOptions:
+class PlanOptions(RunOptions):
     """Options of the command; None stands for an option that was not given."""
 
     source: Annotated[
@@ -164,9 +164,4 @@ class PlanOptions:
     force: Annotated[
         bool, typer.Option("--force", help="Replace the route and its picture where they exist.")
     ] = False
-    runs: Runs = RUNS
-    settings: Settings = None
     dry_run: DryRun = False
-    as_json: Json = False
-    quiet: Quiet = False
-    verbose: Verbose = 0

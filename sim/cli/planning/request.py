@@ -19,11 +19,6 @@ class PlanRequest(PlanOptions):
     """Options of the command, with the files that it reads and writes."""
 
     @property
-    def overrides(self) -> tuple[str, ...]:
-        """Settings of a mission file that were given, as KEY=VALUE."""
-        return tuple(self.settings or ())
-
-    @property
     def files(self) -> dict[str, Path]:
         """Files that may be written, by what they hold."""
         if self.out.suffix.lower() in _ROUTES:

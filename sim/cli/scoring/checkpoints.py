@@ -24,7 +24,9 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
     points = _checkpoints(request, dem)
     area = None if request.area is None else survey.SurveyArea.read(request.area, crs=dem.crs)
     errors = compare(dem, points, area)
-    judged = score_at(errors, request.standards, class_m=request.class_m, interval_m=request.interval_m)
+    judged = score_at(
+        errors, tuple(request.standards), class_m=request.class_m, interval_m=request.interval_m
+    )
     classes = _classes(request, map_, dem, errors)
     if request.as_json:
         by_class = {"classes": class_values(classes)} if classes else {}

@@ -1,65 +1,98 @@
 """What ``firnline score`` was asked for, and the checks that come before any work."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.options import RunOptions
 
 SLOPE = "slope"
 """Value of ``--by`` for classes of slope; anything else is a file."""
 
 
-@dataclass(frozen=True)
-class ScoreRequest:
-    """Options of the command.
+@dataclass(frozen=True, kw_only=True)
+class ScoreRequest(RunOptions):
+    """Options of the command."""
 
-    Parameters
-    ----------
-    source : pathlib.Path
-        The map.
-    truth, checkpoints, control, area, route : pathlib.Path or None
-        Files that it is judged by, or that limit the judgement.
-    crs : str or None
-        CRS of rasters that carry none.
-    standards : tuple of str
-        Names of accuracy standards.
-    class_m, interval_m, sigma_m : float or None
-        Class and contour interval asked for, and deviation of checkpoints that state none [m].
-    datum : str or None
-        Vertical datum of checkpoints that state none.
-    columns : tuple of str
-        Mapping of columns, as it was typed.
-    by : tuple of str
-        Classifications: ``slope``, or files of land cover.
-    class_column : str or None
-        Column of polygons that names the class.
-    report : pathlib.Path or None
-        Folder or file of the report.
-    language : str
-        Language of its statements.
-    force : bool
-        Whether a report that is there is replaced.
-    as_json : bool
-        Whether numbers are printed as JSON.
-    """
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Map (raster; its second band is the standard deviation) or mission file (TOML)."
+        ),
+    ]
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="Reference raster, finer and surer than the map.")
+    ] = None
+    checkpoints: Annotated[
+        Path | None,
+        typer.Option(
+            "--checkpoints", help="Independent points (CSV, GeoPackage, GPX …), better than the map."
+        ),
+    ] = None
+    standards: Annotated[
+        list[str],
+        typer.Option("--standard", help="Judge checkpoints by: asprs-edition-2, asprs-2014, nssda-1998, …"),
+    ] = field(default_factory=lambda: ["asprs-edition-2"])
+    class_m: Annotated[
+        float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
+    ] = None
+    interval_m: Annotated[
+        float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
+    ] = None
+    sigma_m: Annotated[
+        float | None, typer.Option("--sigma", help="Deviation of checkpoints that state none [m].")
+    ] = None
+    columns: Annotated[
+        list[str],
+        typer.Option(
+            "--columns",
+            metavar="KEY=COLUMN,…",
+            help="Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name; usual names are found.",
+        ),
+    ] = field(default_factory=list)
+    datum: Annotated[
+        str | None, typer.Option("--datum", help="Vertical datum of checkpoints that state none.")
+    ] = None
+    control: Annotated[
+        Path | None,
+        typer.Option("--control", help="Points that the map was made from; no checkpoint may be one."),
+    ] = None
+    area: Annotated[Path | None, typer.Option("--area", help="Judge only inside this polygon.")] = None
+    route: Annotated[
+        Path | None, typer.Option("--route", help="Route that was driven, for coverage, α and β.")
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            "--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."
+        ),
+    ] = None
+    by: Annotated[
+        list[str],
+        typer.Option(
+            "--by",
+            metavar="slope|FILE",
+            help="Statistics by class: slope, or a raster or polygons of land cover.",
+        ),
+    ] = field(default_factory=list)
+    class_column: Annotated[
+        str | None, typer.Option("--class-column", help="Column of the polygons that names the class.")
+    ] = None
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", help="Write an accuracy report: a folder, or a file .html or .pdf."),
+    ] = None
+    language: Annotated[
+        str, typer.Option("--language", help="Language of the statements beside English: en or de.")
+    ] = "en"
+    force: Annotated[bool, typer.Option("--force", help="Replace a report that is there.")] = False
 
-    source: Path
-    truth: Path | None = None
-    checkpoints: Path | None = None
-    control: Path | None = None
-    area: Path | None = None
-    route: Path | None = None
-    crs: str | None = None
-    standards: tuple[str, ...] = ()
-    class_m: float | None = None
-    interval_m: float | None = None
-    sigma_m: float | None = None
-    datum: str | None = None
-    columns: tuple[str, ...] = ()
-    by: tuple[str, ...] = ()
-    class_column: str | None = None
-    report: Path | None = None
-    language: str = "en"
-    force: bool = False
-    as_json: bool = False
+    @property
+    def is_mission(self) -> bool:
+        """Whether the source is a mission file."""
+        return self.source.suffix == ".toml"
 
     def check(self) -> None:
         """Refuse what cannot be done, before anything is read.
@@ -95,19 +128,18 @@ class ScoreRequest:
         inputs = (self.source, self.truth, self.checkpoints, self.control, self.area, self.route)
         refuse_existing([target], force=self.force, inputs=inputs, own=() if target.suffix else OUTPUTS)
 
+    def refuse_options_of_maps(self) -> None:
+        """Refuse options that a mission file does not take.
 
-def refuse_options_of_maps(mission: Path, *, report: Path | None, by: list[str] | None) -> None:
-    """Refuse options that a mission file does not take.
+        Raises
+        ------
+        InputError
+            ``--report`` or ``--by`` was given.
+        """
+        from survey.core.errors import InputError
 
-    Raises
-    ------
-    InputError
-        ``--report`` or ``--by`` was given.
-    """
-    from survey.core.errors import InputError
-
-    if report is not None or by:
-        raise InputError(
-            f"{mission} is a mission, whose page firnline report writes; --report and --by judge a map, name its raster or the "
-            "folder 4-reconstruct of the run."
-        )
+        if self.report is not None or self.by:
+            raise InputError(
+                f"{self.source} is a mission, whose page firnline report writes; --report and --by judge a map, name its raster or the "
+                "folder 4-reconstruct of the run."
+            )

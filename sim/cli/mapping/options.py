@@ -1,0 +1,81 @@
+"""Options of ``firnline reconstruct``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.cli.options import RunOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconstructOptions(RunOptions):
+    """Options of the command; None stands for an option that was not given."""
+
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), or LiDAR scans and folders of them "
+            "(npz, LAS/LAZ, PLY, ROS 2) for carving, emap and field."
+        ),
+    ]
+    prior: Annotated[
+        Path | None, typer.Option("--prior", help="Coarse elevation raster to build around.")
+    ] = None
+    product: Annotated[
+        str | None,
+        typer.Option(
+            "--product",
+            help="Class of the prior, which sets what errors to expect: copernicus-30, srtm-90, aster-30, arcticdem-2, "
+            "unknown, or unbiased for exact level and independent errors.  [default: unknown]",
+        ),
+    ] = None
+    step_m: Annotated[
+        float | None,
+        typer.Option("--grid", help="Distance between the nodes of the map [m]; 1, and 0.25 for scans."),
+    ] = None
+    area: Annotated[
+        Path | None,
+        typer.Option("--area", help="Polygon file to map; without it the bounding box of the points."),
+    ] = None
+    method: Annotated[
+        str | None,
+        typer.Option(
+            "--method", help="gp, joint, dense or tin; carving, emap or field for scans.  [default: gp]"
+        ),
+    ] = None
+    value: Annotated[
+        str | None, typer.Option("--value", help="Map this sampled quantity instead of elevation.")
+    ] = None
+    crs: Annotated[
+        str | None, typer.Option("--crs", help="CRS of points that carry none, e.g. EPSG:32608.")
+    ] = None
+    sigma_m: Annotated[
+        float | None, typer.Option("--sigma", help="Standard deviation of points that state none [m].")
+    ] = None
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(
+            "--trajectory",
+            help="Path that the points were seen from: trajectory.csv with its trajectory.error.npz for the method joint, "
+            "TUM for scans that do not state where the scanner was.",
+        ),
+    ] = None
+    rays: Annotated[
+        bool,
+        typer.Option(
+            "--rays", help="Let lines of sight to the ground bound the map from above, and draw its bounds."
+        ),
+    ] = False
+    max_slope_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--max-slope",
+            help="With --rays: write no_go.tif, the ground that the bounds show to be steeper [deg].",
+        ),
+    ] = None
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")] = (
+        Path("reconstruction")
+    )
+    force: Annotated[bool, typer.Option("--force", help="Replace a reconstruction that is there.")] = False
