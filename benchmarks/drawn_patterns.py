@@ -15,7 +15,7 @@ from benchmarks.fidelities import mission_of, site_of, surveyed
 from benchmarks.report import Row, main
 from benchmarks.vision_mission import CLASS_3_M, PLANNERS
 from planners import plan
-from sim.mission.stages import steered
+from sim.mission.drives import steered
 from survey.core.arrays import FloatArray
 
 PATTERNS: dict[str, tuple[str, ...]] = {

@@ -28,6 +28,7 @@ def share(
     ground: FreeGround,
     depots: Any,
     *,
+    finishes: Any = None,
     mobility: Mobility | None = None,
     dem: Dem | None = None,
     axes: Sequence[FloatArray] | None = None,
@@ -49,6 +50,8 @@ def share(
         Where rovers may be.
     depots : (K, 2) array_like
         Where each rover starts and finishes [m]; may coincide.
+    finishes : (K, 2) array_like, optional
+        Where each rover finishes [m], if elsewhere; not with a battery, which is changed at the depot.
     mobility : Mobility, optional
         Speed, time for turns, energy and battery of every rover.
     dem : Dem, optional
@@ -85,7 +88,8 @@ def share(
     places = np.array(depots, dtype=np.float64).reshape(-1, 2)
     if not len(places):
         raise ConfigError("no depot was given; name one per rover.")
-    tours = Tours(swaths, ground, [(place, place) for place in places], axes=axes, turning=turning)
+    ends = places if finishes is None else np.array(finishes, dtype=np.float64).reshape(-1, 2)
+    tours = Tours(swaths, ground, list(zip(places, ends, strict=True)), axes=axes, turning=turning)
     return tours.until_turns_fit(lambda: _shared(tours, mobility or Mobility(), dem))
 
 

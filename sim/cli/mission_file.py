@@ -73,8 +73,8 @@ def summary(run: RunFolder) -> dict[str, Any]:
     """Return folder and stage times of a run, and its score where there is one."""
     stages = {name: entry["wall_s"] for name, entry in run.manifest["stages"].items()}
     content: dict[str, Any] = {"run": str(run.path), "stage_wall_s": stages}
-    if run.has("simulate") and (run.folder("simulate") / "drive.json").exists():
-        content["drive"] = read_json(run.folder("simulate") / "drive.json", "the account of the drive")
+    if run.has("simulate"):
+        content |= _driven(run.folder("simulate"))
     if run.has("reconstruct"):
         content["own_claim"] = _own_claim(run.folder("reconstruct"))
     if run.has("score"):
@@ -82,6 +82,20 @@ def summary(run: RunFolder) -> dict[str, Any]:
     if run.has("report"):
         content["report"] = str(run.folder("report") / "index.html")
     return content
+
+
+def _driven(folder: Path) -> dict[str, Any]:
+    """Return how the drive ended, or that of each rover of a fleet, and what losses cost."""
+    from sim.mission.drives import DRIVE_FILE
+    from sim.mission.fleet import LOSS_FILE, accounts, drive_folders
+
+    if drive_folders(folder) != [folder]:
+        content: dict[str, Any] = {"drives": accounts(folder)}
+        losses = folder / LOSS_FILE
+        return content | ({"losses": read_json(losses, "the losses")} if losses.exists() else {})
+    if not (folder / DRIVE_FILE).exists():
+        return {}
+    return {"drive": read_json(folder / DRIVE_FILE, "the account of the drive")}
 
 
 def _own_claim(folder: Path) -> list[str]:
@@ -102,15 +116,27 @@ def print_summary(run: RunFolder, *, as_json: bool) -> None:
     total = sum(seconds or 0.0 for seconds in content["stage_wall_s"].values())
     times = ", ".join(f"{name} {seconds or 0.0:.1f} s" for name, seconds in content["stage_wall_s"].items())
     typer.echo(f"stages  {times} (together {total:.1f} s)")
-    if "drive" in content:
-        drive = content["drive"]
-        typer.echo(f"drive   {drive['ending']} after {drive['progress_m']:.0f} of {drive['route_m']:.0f} m")
+    _print_drives(content)
     if "score" in content:
         typer.echo(f"RMSE    {content['score']['elevation']['rmse_m']:.3f} m")
         typer.echo(f"class   {best_class(content['score'])}")
     for sentence in content.get("own_claim", []):
         typer.echo(f"map     {sentence}")
     typer.echo(f"report  {content['report']}" if "report" in content else f"run     {content['run']}")
+
+
+def _print_drives(content: dict[str, Any]) -> None:
+    """Print how each drive ended, and what the loss of rovers cost."""
+    drives = content.get("drives", [content["drive"]] if "drive" in content else [])
+    for k, drive in enumerate(drives, 1):
+        name = "drive" if len(drives) == 1 else f"rover {k}"
+        typer.echo(f"{name:<7} {drive['ending']} after {drive['progress_m']:.0f} of {drive['route_m']:.0f} m")
+    if "losses" in content:
+        losses = content["losses"]
+        typer.echo(
+            f"losses  {len(losses['lost'])} rovers; swaths not driven {losses['swaths_not_driven_m']:.0f} m, extra way "
+            f"{losses['extra_length_m']:.0f} m, extra time {losses['extra_time_s']:.0f} s"
+        )
 
 
 def best_class(score: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Self
 
-from pydantic import NonNegativeFloat, PositiveFloat, model_validator
+from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
 from sim.config.sensors import sensor_failures
 from survey.core.config import Section
@@ -21,7 +21,7 @@ FAILURES: Mapping[str, Mapping[str, float]] = MappingProxyType(
             "lens-drop": 0.15,
         },
         **sensor_failures(),
-        "tracks": {"stuck-left": 0.0, "stuck-right": 0.0, "slippery": 0.3},
+        "tracks": {"stuck-left": 0.0, "stuck-right": 0.0, "slippery": 0.3, "stopped": 0.0},
         "rover": {"carried": 0.0},
         "start": {"kidnapped": 30.0},
         "calibration": {"focal-length": 0.005, "pitch": 0.5, "wheels": 0.03},
@@ -33,7 +33,7 @@ FAILURES: Mapping[str, Mapping[str, float]] = MappingProxyType(
 Camera: grey level of a white-out, share of the image's width with glare, share of the light left
 in the dark (above 1: overexposure), standard deviation of a blur [px], radius of a drop as a
 share of the width. Tracks: share of speed left to a stuck track, friction left on slippery
-ground. Start: distance of a kidnapping [m]. Calibration: relative error of the focal length,
+ground; stopped tracks lose the rover, in every fidelity. Start: distance of a kidnapping [m]. Calibration: relative error of the focal length,
 error of the camera's pitch [deg], relative error of the wheels. While the rover is carried all
 instruments aboard are off. 0 where no strength is needed."""
 
@@ -59,6 +59,8 @@ class FaultConfig(Section):
     """End [s]; the end of the drive when left out."""
     strength: NonNegativeFloat | None = None
     """Strength; see `FAILURES` for its meaning and usual value."""
+    rover: PositiveInt | None = None
+    """Rover of the fleet that it befalls, counted from 1; all of them when left out."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:

@@ -5,14 +5,16 @@ from typing import Literal
 
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PrivateAttr, model_validator
 
-from planners import Fleet, PlannerConfig, Rover
+from planners import PlannerConfig, Rover
 from sim.config.drive import PhysicsConfig
 from sim.config.faults import FaultConfig
+from sim.config.fleet import FleetConfig
 from sim.config.mismatch import MismatchConfig
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
 from survey.core.config import Section
+from survey.core.streams import stream
 from survey.reconstruction.registry import ReconstructionConfig
 from vision_slam import LocalizationConfig
 
@@ -29,6 +31,8 @@ class AreaConfig(Section):
     """Rectangle xmin, ymin, xmax, ymax in the terrain's CRS [m]."""
     clip_to_terrain: bool = False
     """Cut the area to where the terrain is known instead of refusing."""
+    starts_m: tuple[tuple[float, float], ...] = ()
+    """Where rovers begin: one start for all or one for each, in the terrain's CRS [m]; those of the file by default."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> "AreaConfig":
@@ -170,8 +174,8 @@ class MissionConfig(Section):
     """Pattern of the route."""
     rover: RoverConfig = RoverConfig()
     """Vehicle and the heights of its instruments."""
-    fleet: Fleet = Fleet()
-    """Number of rovers and where they finish."""
+    fleet: FleetConfig = FleetConfig()
+    """Number of rovers, where they finish, and what happens when one is lost."""
     sensors: SensorConfig = SensorConfig()
     """Errors that the statistical fidelity draws."""
     aids: AidsConfig = AidsConfig()
@@ -189,7 +193,8 @@ class MissionConfig(Section):
     instruments: InstrumentsConfig = InstrumentsConfig()
     """Instruments of the vision fidelity."""
     faults: tuple[FaultConfig, ...] = ()
-    """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength."""
+    """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength, rover.
+    Stopped tracks end a drive in every fidelity."""
     localization: LocalizationConfig = LocalizationConfig()
     """Assumptions of the estimator about its sensors."""
     reconstruction: ReconstructionConfig = ReconstructionConfig()
@@ -215,6 +220,21 @@ class MissionConfig(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _has_rovers_of_the_fleet(self) -> "MissionConfig":
+        for fault in self.faults:
+            if fault.rover is not None and fault.rover > self.fleet.rovers:
+                raise ValueError(
+                    f"a fault names rover {fault.rover}, and the fleet has {self.fleet.rovers}; give a number from 1 to "
+                    f"{self.fleet.rovers}"
+                )
+        if self.fleet.on_loss == "replan" and self.rover.battery_j is not None:
+            raise ValueError(
+                "fleet.on_loss = 'replan' is for rovers without a battery limit; leave out rover.battery_j, or set "
+                "fleet.on_loss = 'continue'"
+            )
+        return self
+
     @property
     def assumed(self) -> LocalizationConfig:
         """What the estimator assumes of its sensors: the ideal sensor is exact to a millimetre."""
@@ -224,6 +244,31 @@ class MissionConfig(Section):
         return self.mismatch.assumed(stated, self.seed)
 
     _folder: Path = PrivateAttr(default=Path())
+    _site_seed: int | None = PrivateAttr(default=None)
+
+    @property
+    def site_seed(self) -> int:
+        """Seed of what all rovers share: fine relief, surface and weather."""
+        return self.seed if self._site_seed is None else self._site_seed
+
+    def of_rover(self, rover: int) -> "MissionConfig":
+        """Return the mission as one rover of the fleet has it: its faults, and seeds of its own for its errors.
+
+        Parameters
+        ----------
+        rover : int
+            Counted from 0; the first rover has the seed of the mission.
+
+        Returns
+        -------
+        MissionConfig
+            With the `site_seed` of this mission.
+        """
+        faults = tuple(fault for fault in self.faults if fault.rover in (None, rover + 1))
+        own = self.seed if rover == 0 else int(stream(self.seed, "fleet", rover).integers(2**62))
+        alone = self.model_copy(update={"seed": own, "faults": faults})
+        alone._site_seed = self.site_seed
+        return alone
 
     def read_from(self, folder: Path) -> "MissionConfig":
         """Return the mission with its relative paths counted from `folder`.

@@ -51,7 +51,7 @@ SENSORS = (
         "weather",
         instrument=lambda setup: WeatherStation(
             setup.config.weather,
-            WeatherField(setup.config.weather, float(setup.start[2]), setup.seed),
+            WeatherField(setup.config.weather, float(setup.start[2]), setup.site_seed),
             setup.seed,
         ),
     ),

@@ -47,7 +47,9 @@ class InstrumentSetup:
     stakes : (K, 3) ndarray
         Real places of the stakes [m].
     seed : int
-        The mission's seed.
+        Seed of the rover's errors.
+    site_seed : int
+        Seed of what is the same for all rovers on the site.
     """
 
     config: InstrumentsConfig
@@ -55,6 +57,7 @@ class InstrumentSetup:
     start: FloatArray
     stakes: FloatArray
     seed: int
+    site_seed: int
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import survey
+from sim.mission.fleet import drive_folders
 from survey.core.runs.store import RunFolder
 from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
 
@@ -24,7 +25,7 @@ def write_run_project(file: Path, run: RunFolder, reconstruction: survey.Reconst
     groups = (
         QgisGroup("Survey", tuple(_survey_layers(run, area))),
         QgisGroup("Map", tuple(_map_layers(run.folder("reconstruct"), reconstruction))),
-        QgisGroup("Reference", tuple(_terrain_layers(simulated / "truth" / "dem.tif"))),
+        QgisGroup("Reference", tuple(_terrain_layers(drive_folders(simulated)[0] / "truth" / "dem.tif"))),
         QgisGroup("Prior", tuple(_terrain_layers(plan / "prior.tif"))),
     )
     write_project(file, run.path.parent.name, groups, area.crs, area.bounds)
@@ -38,15 +39,19 @@ def _survey_layers(run: RunFolder, area: survey.SurveyArea) -> list[QgisLayer]:
         QgisLayer("Driven route", driven, "route", table="route", n_rovers=n_rovers),
         QgisLayer("Planned route", planned, "route", table="route", n_rovers=n_rovers, is_visible=False),
         QgisLayer("Survey area", file, "area", table="area"),
-        QgisLayer(
-            "Surface points",
-            run.folder("localize") / "surface_points.gpkg",
-            "points",
-            table="surface_points",
-            is_visible=False,
-        ),
+        *_point_layers(run.folder("localize")),
     ]
     return [QgisLayer("Starts", file, "starts", table="area"), *layers] if len(area.starts) else layers
+
+
+def _point_layers(folder: Path) -> list[QgisLayer]:
+    """Return the landmarks of each rover."""
+    places = drive_folders(folder)
+    names = ["Surface points"] if len(places) == 1 else [f"Surface points, {place.name}" for place in places]
+    return [
+        QgisLayer(name, place / "surface_points.gpkg", "points", table="surface_points", is_visible=False)
+        for name, place in zip(names, places, strict=True)
+    ]
 
 
 def _map_layers(folder: Path, reconstruction: survey.Reconstruction) -> list[QgisLayer]:

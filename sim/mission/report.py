@@ -1,11 +1,14 @@
 """Report page of a mission, made from its run folder alone."""
 
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 import survey
+from sim.mission.drives import DRIVE_FILE
+from sim.mission.fleet import LOSS_FILE, drive_folders
 from sim.mission.qgis_project import write_run_project
 from sim.simulate.preview import animated
 from survey.core.arrays import FloatArray
@@ -14,30 +17,37 @@ from survey.core.runs.store import RunFolder
 from survey.data.recording import Recording
 from survey.data.truth import Truth
 from survey.io.tables import read_table
-from survey.reporting import OnBoard, SurveyResults, write_report
+from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reporting import FleetResults, OnBoard, RoverDrive, SurveyResults, write_report
 from vision_slam.plotting import tracks_on_frames
 
 
 def write_mission_report(folder: Path, run: RunFolder) -> Path:
     """Write ``index.html`` and its figures into `folder`; return the page."""
-    plan, localized = run.folder("plan"), run.folder("localize")
-    truth = Truth.read(run.folder("simulate") / "truth")
+    plan, simulated, localized = run.folder("plan"), run.folder("simulate"), run.folder("localize")
+    places = drive_folders(simulated)
+    truth = Truth.read(places[0] / "truth")
     reconstruction = survey.Reconstruction.read(run.folder("reconstruct"))
-    area = survey.SurveyArea.read(plan / "area.gpkg")
-    route = survey.Route.read(run.folder("simulate") / "driven_route.geojson")
     localization = run.folder("score") / "localization.json"
+    points = [survey.SurfacePoints.read(place / "surface_points.gpkg") for place in drive_folders(localized)]
     surveyed = SurveyResults(
-        area=area,
+        area=survey.SurveyArea.read(plan / "area.gpkg"),
         prior=survey.Dem.read(plan / "prior.tif"),
         truth=truth.dem,
-        route=route,
+        route=survey.Route.read(simulated / "driven_route.geojson"),
         reconstruction=reconstruction,
         score=survey.Score.from_dict(read_json(run.folder("score") / "score.json", "the score")),
-        trajectory=survey.Trajectory.read(localized / "trajectory.csv", truth.dem.crs),
-        reference_trajectory=truth.trajectory,
-        points=survey.SurfacePoints.read(localized / "surface_points.gpkg"),
-        on_board=_on_board(run.folder("simulate")),
+        points=SeveralDrives.of([(part, None) for part in points]).points,
     )
+    if len(places) > 1:
+        surveyed = replace(surveyed, fleet=_fleet(run))
+    else:
+        surveyed = replace(
+            surveyed,
+            trajectory=survey.Trajectory.read(localized / "trajectory.csv", truth.dem.crs),
+            reference_trajectory=truth.trajectory,
+            on_board=_on_board(simulated),
+        )
     page = write_report(
         folder,
         surveyed,
@@ -48,6 +58,34 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
     )
     write_run_project(folder / "run.qgz", run, reconstruction)
     return page
+
+
+def _fleet(run: RunFolder) -> FleetResults:
+    """Return the drives of all rovers, and what losses cost."""
+    simulated = run.folder("simulate")
+    rovers = tuple(_rover(run, place, place.relative_to(simulated)) for place in drive_folders(simulated))
+    file = simulated / LOSS_FILE
+    if not file.exists():
+        return FleetResults(rovers=rovers)
+    losses = read_json(file, "the account of the losses")
+    shown = ("swaths_not_driven_m", "extra_length_m", "extra_time_s")
+    return FleetResults(rovers=rovers, losses={name: losses[name] for name in shown})
+
+
+def _rover(run: RunFolder, simulated: Path, part: Path) -> RoverDrive:
+    """Return the drive of one rover."""
+    truth = Truth.read(simulated / "truth")
+    account = read_json(simulated / DRIVE_FILE, "the account of the drive")
+    errors = read_json(run.folder("score") / part / "localization.json", "the localization error")
+    return RoverDrive(
+        trajectory=survey.Trajectory.read(run.folder("localize") / part / "trajectory.csv", truth.dem.crs),
+        reference_trajectory=truth.trajectory,
+        ending=account["ending"],
+        duration_s=account["duration_s"],
+        energy_j=account["energy_j"],
+        horizontal_rms_m=errors.get("horizontal_rms_m"),
+        vertical_rms_m=errors.get("vertical_rms_m"),
+    )
 
 
 def _on_board(simulated: Path) -> OnBoard | None:

@@ -62,6 +62,8 @@ class Renderer:
         Exposure and sensor; its lens and mounting are not used (they are the camera's).
     wind_from_deg : float
         Wind that shaped the finest sastrugi, clockwise from north [deg].
+    noise_seed : int, optional
+        Of the noise, where it has a seed of its own.
 
     Notes
     -----
@@ -94,6 +96,7 @@ class Renderer:
         *,
         imaging: ImagingConfig | None = None,
         wind_from_deg: float = 235.0,
+        noise_seed: int | None = None,
     ) -> None:
         self.terrain, self.camera = terrain, camera
         self._appearance = appearance
@@ -101,7 +104,9 @@ class Renderer:
         self._lens = lens_of(camera)
         self._edges = edge_rays(self._lens)
         self.scene = scene_of(terrain, self._datum, appearance, wind_from_deg, seed)
-        self._sensor = ImageSensor(imaging or ImagingConfig(), camera, seed)
+        self._sensor = ImageSensor(
+            imaging or ImagingConfig(), camera, seed if noise_seed is None else noise_seed
+        )
         self._table = np.zeros((max(256, camera.width), max(256, int(2.4 * camera.height))), np.float32)
         self._radiance, self._depth = (np.zeros(self._lens.x.shape, np.float32) for _ in range(2))
         self._ranges = sample_ranges(float(np.hypot(*terrain.height.shape)) * terrain.step_m)

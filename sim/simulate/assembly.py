@@ -29,7 +29,8 @@ def camera_on_rover(
         ground,
         look,
         camera,
-        mission.seed,
+        mission.site_seed,
+        noise_seed=mission.seed,
         imaging=mission.imaging,
         wind_from_deg=mission.scenery.wind_from_deg,
     )

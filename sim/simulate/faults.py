@@ -78,6 +78,8 @@ class Faults:
                     left = fault.size
                 case "stuck-right":
                     right = fault.size
+                case "stopped":
+                    left = right = fault.size
                 case _:
                     friction = fault.size
         physics.drive_share, physics.friction_share = (left, right), friction

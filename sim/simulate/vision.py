@@ -88,7 +88,7 @@ def simulate_vision(
     """
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"the recording folder {folder} exists and is not empty; choose another one.")
-    ground = fine_terrain(terrain, mission.scenery, mission.seed)
+    ground = fine_terrain(terrain, mission.scenery, mission.site_seed)
     path = route.path()
     _check(ground, path, mission)
     run = _Run(ground, path, mission, None if steering is None else SteeredPath(steering))
@@ -153,7 +153,9 @@ class _Run:
     def _setup(self) -> InstrumentSetup:
         mission, antenna_m = self._mission, self._mission.rover.antenna_height_m
         base = self._start + [0.0, 0.0, antenna_m]
-        return InstrumentSetup(mission.instruments, antenna_m, base, self._feet, mission.seed)
+        return InstrumentSetup(
+            mission.instruments, antenna_m, base, self._feet, mission.seed, mission.site_seed
+        )
 
     @property
     def start(self) -> Start:

@@ -1,6 +1,6 @@
 """World of a mission: real terrain, prior elevations, and the area to survey."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -114,6 +114,8 @@ def _area(mission: MissionConfig, terrain: Dem) -> SurveyArea:
         area = SurveyArea.rectangle(config.bounds_m or terrain.bounds, terrain.crs)
         if config.bounds_m is None and isinstance(mission.terrain, RandomTerrain | SampleTerrain):
             area = SurveyArea.rectangle(terrain.grid().bounds, terrain.crs)
+    if config.starts_m:
+        area = replace(area, starts=np.array(config.starts_m))
     known = _footprint(terrain)
     if known.buffer(1e-6).covers(area.polygon):
         return area

@@ -4,6 +4,6 @@ Figures are drawn by `survey.figures`; scores are computed by `survey.scoring`.
 """
 
 from survey.reporting.page import write_report
-from survey.reporting.surveyed import OnBoard, SurveyResults
+from survey.reporting.surveyed import FleetResults, OnBoard, RoverDrive, SurveyResults
 
-__all__ = ["OnBoard", "SurveyResults", "write_report"]
+__all__ = ["FleetResults", "OnBoard", "RoverDrive", "SurveyResults", "write_report"]

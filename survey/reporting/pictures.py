@@ -19,6 +19,7 @@ from survey.reporting.surveyed import OnBoard, SurveyResults
 _SCALE = 2
 _WIDE_PX = 720
 _QUALITY = 90
+_OF_EACH_ROVER = ("path", "path_error")
 
 
 class Picture(NamedTuple):
@@ -84,6 +85,14 @@ def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
         )
     if survey.trajectory is not None and survey.reference_trajectory is not None:
         pictures |= _path_pictures(survey.trajectory, survey.reference_trajectory, survey.points)
+    if survey.fleet is not None:
+        for k, rover in enumerate(survey.fleet.rovers, 1):
+            drawn = _path_pictures(rover.trajectory, rover.reference_trajectory, None)
+            pictures |= {
+                f"rover_{k}_{name}": picture._replace(caption=f"Rover {k}. {picture.caption}")
+                for name, picture in drawn.items()
+                if name in _OF_EACH_ROVER
+            }
     if survey.on_board is not None:
         pictures |= _camera_pictures(survey.on_board)
         if survey.on_board.estimated is not None and survey.reference_trajectory is not None:

@@ -1,10 +1,12 @@
 """Content of a report: survey, map, score, and records of the camera."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
+from survey.core.mappings import ReadOnlyMapping
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
@@ -34,6 +36,49 @@ class OnBoard:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RoverDrive:
+    """Drive of one rover of a fleet.
+
+    Parameters
+    ----------
+    trajectory, reference_trajectory : Trajectory
+        Estimated and true path.
+    ending : str
+        How the drive ended: ``arrived``, ``stalled`` …
+    duration_s : float
+        Time from the departure to the end of the drive [s].
+    energy_j : float
+        Energy drawn from the battery [J].
+    horizontal_rms_m, vertical_rms_m : float, optional
+        Error of the estimated path [m].
+    """
+
+    trajectory: Trajectory
+    reference_trajectory: Trajectory
+    ending: str
+    duration_s: float
+    energy_j: float
+    horizontal_rms_m: float | None = None
+    vertical_rms_m: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetResults:
+    """Drives of a fleet.
+
+    Parameters
+    ----------
+    rovers : tuple of RoverDrive
+        In the order of the rovers.
+    losses : mapping of str to float
+        What the loss of rovers cost, units in the names; empty without a loss.
+    """
+
+    rovers: tuple[RoverDrive, ...]
+    losses: Mapping[str, float] = field(default_factory=lambda: ReadOnlyMapping({}))
+
+
+@dataclass(frozen=True, kw_only=True)
 class SurveyResults:
     """A finished survey with its reference and score.
 
@@ -57,6 +102,8 @@ class SurveyResults:
         Points that the map was made from.
     on_board : OnBoard, optional
         Camera records, where there was a camera.
+    fleet : FleetResults, optional
+        Drives of several rovers, instead of one trajectory.
     """
 
     area: SurveyArea
@@ -69,3 +116,4 @@ class SurveyResults:
     reference_trajectory: Trajectory | None = None
     points: SurfacePoints | None = None
     on_board: OnBoard | None = None
+    fleet: FleetResults | None = None

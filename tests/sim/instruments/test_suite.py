@@ -22,7 +22,7 @@ def test_readings_do_not_depend_on_how_the_drive_is_cut():
         config = InstrumentsConfig(
             base_station=True, gps=GpsConfig(rate_hz=5.0, dropped_share=0.2, clock_offset_s=0.03)
         )
-        setup = InstrumentSetup(config, 0.5, np.zeros(3), np.array([[1.0, 1.0, 0.0]]), 4)
+        setup = InstrumentSetup(config, 0.5, np.zeros(3), np.array([[1.0, 1.0, 0.0]]), 4, 4)
         instruments = Instruments(setup)
         log = ReadingLog()
         for part in parts_of(motion, n):

@@ -6,7 +6,7 @@ import planners
 from planners import PiecewiseContinuousConfig
 from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
-from sim.mission.stages import _steering_on_the_way, steered
+from sim.mission.drives import _steering_on_the_way, steered
 from sim.simulate.sensed_attitude import sensed_attitude, sensed_attitudes
 from sim.world.site import build_world
 

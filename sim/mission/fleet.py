@@ -1,0 +1,188 @@
+"""Drives of several rovers in one mission: side by side, each in a folder of its own, with one map of all.
+
+With one rover the files of a stage lie in the stage's folder itself; with several, those of each rover lie in
+``rover-01``, ``rover-02`` … below it. When a rover is lost and the others are to share its swaths, they are driven
+again along the new route, whose first part is the old one.
+"""
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+import survey
+from planners.driving.energy import predicted
+from planners.driving.replanning import Loss, cut_short, remaining_swaths, replanned
+from planners.ground.transit import FreeGround
+from sim.config.faults import FaultConfig
+from sim.config.mission import MissionConfig
+from sim.executors import run_all
+from sim.mission.drives import DRIVE_FILE, drivable_area, drive, estimate_drive, write_account
+from sim.simulate.simulated_drive import Ending
+from sim.world.site import World, build_world
+from survey.core.documents import read_json, write_json
+from survey.core.streams import stream
+from survey.data.legs import Leg
+
+LOSS_FILE = "losses.json"
+"""Rovers that were lost, and what it cost."""
+_EARLIEST, _LATEST = 0.1, 0.9
+
+
+def rover_folder(folder: Path, rover: int) -> Path:
+    """Return the folder of a rover, counted from 0, in that of a stage of several rovers."""
+    return folder / f"rover-{rover + 1:02d}"
+
+
+def drive_folders(folder: Path) -> list[Path]:
+    """Return the folders of the drives in that of a stage: of each rover, or the folder itself with one rover."""
+    return sorted(folder.glob("rover-*")) or [folder]
+
+
+def route_of(route: survey.Route, rover: int) -> survey.Route:
+    """Return the route of one rover alone."""
+    legs = tuple(_numbered(leg, 0) for leg in route.legs if leg.rover == rover)
+    return replace(route, legs=legs, prediction={})
+
+
+def _numbered(leg: Leg, rover: int) -> Leg:
+    return replace(leg, rover=rover)
+
+
+def drive_fleet(
+    world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int
+) -> None:
+    """Drive the routes of all rovers and write each drive, the driven route of all, and what losses cost.
+
+    Parameters
+    ----------
+    world : World
+        Real terrain, prior and area.
+    route : Route
+        Planned route of all rovers.
+    mission : MissionConfig
+        Settings of the fleet.
+    folder : pathlib.Path
+        Folder of the stage.
+    workers : int
+        Processes in which rovers drive side by side; any number gives the same bytes.
+    """
+    planned, mission = route, with_drawn_losses(route, mission)
+    losses: list[Loss] = []
+    left_m: list[float] = []
+    _drive_each(range(route.n_rovers), route, mission, folder, workers)
+    while loss := _next_loss(folder, losses):
+        before, ground = route, FreeGround(drivable_area(world, mission).free)
+        known = {one.rover for one in losses}
+        if mission.fleet.on_loss == "replan":
+            route = replanned(route, loss, ground, rover=mission.rover, dem=world.prior, lost=known)
+        else:
+            route = cut_short(route, loss)
+        losses.append(loss)
+        left_m.append(sum(leg.length_m for leg in remaining_swaths(before, loss)))
+        changed = [k for k in range(route.n_rovers) if k != loss.rover and _differs(before, route, k)]
+        _drive_each(changed, route, mission, folder, workers)
+    route.write(folder / "driven_route.geojson")
+    if losses:
+        write_json(folder / LOSS_FILE, _account(planned, route, losses, left_m, mission))
+
+
+def with_drawn_losses(route: survey.Route, mission: MissionConfig) -> MissionConfig:
+    """Return the mission with a fault for each rover that is drawn to be lost."""
+    drawn: list[FaultConfig] = []
+    for rover in range(route.n_rovers):
+        rng = stream(mission.seed, "fleet", "loss", rover)
+        if rng.random() < mission.fleet.loss_probability:
+            length_m = route_of(route, rover).length_m
+            at_s = rng.uniform(_EARLIEST, _LATEST) * length_m / mission.rover.speed_m_s
+            drawn.append(FaultConfig(component="tracks", failure="stopped", from_s=at_s, rover=rover + 1))
+    return mission.model_copy(update={"faults": (*mission.faults, *drawn)})
+
+
+def estimate_fleet(mission: MissionConfig, simulated: Path, folder: Path, workers: int) -> None:
+    """Localize every rover by its own recording."""
+    rovers = range(len(drive_folders(simulated)))
+    _side_by_side(partial(_estimate_one, mission, simulated, folder), rovers, workers)
+
+
+def _drive_each(
+    rovers: Sequence[int], route: survey.Route, mission: MissionConfig, folder: Path, workers: int
+) -> None:
+    _side_by_side(partial(_drive_one, mission, route, folder), rovers, workers)
+
+
+def _side_by_side(work: Callable[[int], None], rovers: Sequence[int], workers: int) -> None:
+    """Do the work of every rover, in processes when there are several."""
+    engine: Any = "processes" if workers > 1 and len(rovers) > 1 else "serial"
+    for _ in run_all(work, rovers, engine=engine, workers=workers):
+        pass
+
+
+def _drive_one(mission: MissionConfig, route: survey.Route, folder: Path, rover: int) -> None:
+    """Drive one rover's route into a new folder, which replaces that of an earlier drive."""
+    place, alone, own = rover_folder(folder, rover), mission.of_rover(rover), route_of(route, rover)
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir(parents=True)
+    world = build_world(mission)
+    with threadpool_limits(limits=1):  # one order of sums, in this process and in others
+        drive(world, own, alone, place)
+        if mission.fidelity != "vision":
+            write_account(world, own, alone, place)
+
+
+def _estimate_one(mission: MissionConfig, simulated: Path, folder: Path, rover: int) -> None:
+    place = rover_folder(folder, rover)
+    place.mkdir(parents=True)
+    with threadpool_limits(limits=1):
+        estimate_drive(mission.of_rover(rover), rover_folder(simulated, rover), place)
+
+
+def _next_loss(folder: Path, known: Sequence[Loss]) -> Loss | None:
+    """Return the earliest loss that is not known yet, from the accounts of all drives."""
+    done = {loss.rover for loss in known}
+    losses = [
+        Loss(rover, float(account["duration_s"]), float(account["progress_m"]))
+        for rover, account in enumerate(accounts(folder))
+        if account["ending"] != Ending.ARRIVED.value and rover not in done
+    ]
+    return min(losses, key=lambda loss: loss.time_s, default=None)
+
+
+def accounts(folder: Path) -> list[dict[str, Any]]:
+    """Return how the drive of each rover ended."""
+    return [read_json(place / DRIVE_FILE, "the account of the drive") for place in drive_folders(folder)]
+
+
+def _differs(before: survey.Route, after: survey.Route, rover: int) -> bool:
+    return route_of(before, rover).legs != route_of(after, rover).legs
+
+
+def _account(
+    planned: survey.Route,
+    driven: survey.Route,
+    losses: Sequence[Loss],
+    left_m: Sequence[float],
+    mission: MissionConfig,
+) -> dict[str, Any]:
+    """Return who was lost, the swaths left out by the end, and what driving them again cost."""
+    before, after = (predicted(route.legs, mission.rover, crs=route.crs) for route in (planned, driven))
+    planned_m, driven_m = (sum(leg.length_m for leg in route.swaths) for route in (planned, driven))
+    return {
+        "lost": [
+            {
+                "rover": loss.rover + 1,
+                "time_s": round(loss.time_s, 1),
+                "progress_m": loss.progress_m,
+                "swaths_left_m": swaths_m,
+            }
+            for loss, swaths_m in zip(losses, left_m, strict=True)
+        ],
+        "on_loss": mission.fleet.on_loss,
+        "swaths_not_driven_m": max(planned_m - driven_m, 0.0),
+        "extra_length_m": after["length_m"] - before["length_m"],
+        "extra_time_s": after["time_s"] - before["time_s"],
+    }
