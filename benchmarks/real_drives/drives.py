@@ -83,17 +83,17 @@ def with_focal_error(factor: float) -> Callable[[ImageSequence], ImageSequence]:
 
 
 def with_undeclared_distortion(sequence: ImageSequence) -> ImageSequence:
-    """Draw the images as a lens with k1 = −0.3 would, and leave the calibration as it is."""
+    """Draw the images as a lens with k1 = −0.3 would, black where it shows nothing, and leave the calibration as it is."""
     camera = sequence.camera
+    lens = replace(camera, distortion=np.array([_K1, 0.0, 0.0, 0.0, 0.0]))
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    pixels = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
-    lens = np.array([_K1, 0.0, 0.0, 0.0, 0.0])
-    source = cv2.undistortPoints(pixels[:, None], camera.matrix, lens, P=camera.matrix)[:, 0]
-    x, y = (source[:, axis].reshape(columns.shape).astype(np.float32) for axis in (0, 1))
+    rays = lens.rays(np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64))
+    source = camera.project(np.nan_to_num(rays))
+    x, y = (
+        np.nan_to_num(source[:, axis], nan=-1.0).reshape(columns.shape).astype(np.float32) for axis in (0, 1)
+    )
     drawn = [
-        np.asarray(
-            cv2.remap(sequence.frames[k], x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT), np.uint8
-        )
+        np.asarray(cv2.remap(sequence.frames[k], x, y, cv2.INTER_LINEAR), np.uint8)
         for k in range(len(sequence.frames))
     ]
     return replace(sequence, frames=Frames(sequence.frames.time_s, Images(drawn)))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from sim.cli.main import app
@@ -16,6 +17,7 @@ from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from tests.vision_slam.conftest import PlaneWorld
 from vision_slam import LocalizationConfig, localize
 from vision_slam.agreement.drive import align_heading
 from vision_slam.inertial.dead_reckoning import dead_reckoning
@@ -74,6 +76,30 @@ def test_fixes_that_hardly_move_are_refused_before_any_image_is_read(walk: Recor
     assert walk.frames is not None
     with pytest.raises(InputError, match=r"spread over 0\.1 m"):
         localize(replace(walk, gps=still, frames=Frames(walk.frames.time_s, Unread())))  # type: ignore[arg-type]
+
+
+def test_a_camera_far_ahead_of_the_body_gives_height_and_path_of_the_body_without_wheels(
+    camera: Camera,
+) -> None:
+    """Weaving over level ground with exact fixes of the body; the camera is 2.4 m ahead and 1.4 m above it."""
+    mount = camera.T_body_camera.copy()
+    mount[:3, 3] = 2.4, 0.8, 1.4
+    ahead, n, step_m = replace(camera, T_body_camera=mount), 56, 0.5
+    yaw = 0.5 * np.sin(np.arange(n) / 8.0)
+    body = np.zeros((n, 3))
+    body[1:, :2] = np.cumsum(step_m * np.column_stack([np.cos(yaw), np.sin(yaw)])[:-1], axis=0)
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = Rotation.from_euler("z", yaw[:, None]).as_matrix(), body
+    world, times, places = PlaneWorld(ahead), 0.25 * np.arange(n), body + [500000.0, 6470000.0, 50.0]
+    frames = Frames(times, tuple(world.image(pose) for pose in poses))
+    fixes = GpsFixes(times, places)
+    drive = Recording(UTM, places[0], fixes, camera=ahead, frames=frames, start_is_surveyed=False)
+    config = LocalizationConfig(gps_bias_sigma_m=0.01, gps_white_sigma_m=0.01, landmark_min_range_m=0.5)
+    found = localize(drive, config)
+    ground = found.points.xyz
+    assert np.hypot(*(found.trajectory.position - places)[:, :2].T).max() < 0.1
+    assert len(ground) > 100
+    assert abs(float(np.median(ground[:, 2])) - 50.0) < 0.15
 
 
 def _arc(late_s: float = 0.0, start_off_m: float = 0.0) -> tuple[Recording, FloatArray]:

@@ -10,7 +10,7 @@ from vision_slam.agreement.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.agreement.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
 from vision_slam.fusion.online import gate_fixes, select_fixes
 from vision_slam.fusion.smoother import SmoothedPath
-from vision_slam.fusion.visual_scale import scale_by_fixes, scale_visual_odometry
+from vision_slam.fusion.visual_scale import fit_scale, scale_visual_odometry
 
 _MANY_REFUSED = 3
 _CLOCK_SIGMAS = 2.0
@@ -30,8 +30,7 @@ def scale_to_fixes(drive: Drive) -> Drive:
     """Scale visual odometry without wheels to the extent of the fixes."""
     if drive.visual is None or drive.recording.wheels is not None:
         return drive
-    odometry = drive.visual.odometry
-    factor, sigma = scale_by_fixes(drive.path, odometry.time_s, drive.recording.gps)
+    factor, sigma = fit_scale(drive.visual, drive.recording.start, drive.recording.gps)
     scaled = scale_visual_odometry(drive.visual, factor)
     widened = drive.config.model_copy(update={"scale_sigma": max(drive.config.scale_sigma, sigma)})
     recording = drive.recording.with_odometry(scaled.odometry, scaled.sightings)

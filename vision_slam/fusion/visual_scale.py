@@ -7,10 +7,13 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.sensors.aiding import GpsFixes
+from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.scale_drift import scale_sightings
 from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.rotation import rotations
 
 _LEAST_SPREAD_M = 20.0
+_ROUNDS = 5  # each leaves an error of the lever arm over the extent of the fixes
 _FIX_ERROR_M = 3.0  # error of a receiver without corrections, which the scale inherits
 
 
@@ -55,8 +58,44 @@ def scale_by_fixes(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> tuple
     return factor, _FIX_ERROR_M / max(float(np.sqrt((np.abs(g) ** 2).mean())), 1e-12)
 
 
+def fit_scale(visual: VisualOdometry, start: FloatArray, gps: GpsFixes) -> tuple[float, float]:
+    """Estimate the factor that scales visual odometry to fixes of the body.
+
+    The path of the body is that of the camera times the factor, less the lever arm in metres: the factor is
+    found by fixed-point iteration.
+
+    Parameters
+    ----------
+    visual : VisualOdometry
+        Motion in any unit.
+    start : (3,) ndarray
+        Position of the body at the first image [m].
+    gps : GpsFixes
+        Fixes; those outside the times of the path are ignored.
+
+    Returns
+    -------
+    factor : float
+        Metres per unit of the path.
+    sigma : float
+        Relative error of the factor.
+    """
+    time_s = visual.odometry.time_s
+    factor, sigma = scale_by_fixes(dead_reckoning(visual.odometry, start), time_s, gps)
+    for _ in range(0 if visual.lever_arm_m is None else _ROUNDS):
+        of_body = dead_reckoning(scale_visual_odometry(visual, factor).odometry, start)
+        change, sigma = scale_by_fixes(of_body, time_s, gps)
+        factor *= change
+    return factor, sigma
+
+
 def scale_visual_odometry(visual: VisualOdometry, factor: float) -> VisualOdometry:
-    """Return the same motion and landmarks with all lengths multiplied by a factor.
+    r"""Return the motion of the body and its landmarks with all lengths multiplied by a factor.
+
+    Where steps s and offsets of sightings x are those of a camera with the lever arm a, they become those of
+    the body:
+
+    .. math:: s_k' = f s_k + a - R_k^T R_{k+1} a, \qquad x' = f x + a
 
     Parameters
     ----------
@@ -71,12 +110,15 @@ def scale_visual_odometry(visual: VisualOdometry, factor: float) -> VisualOdomet
         Health and times are unchanged.
     """
     o = visual.odometry
+    step, sightings = factor * o.step, scale_sightings(visual.sightings, np.full(len(o.time_s), factor))
+    arm = visual.lever_arm_m
+    if arm is not None:
+        turn = rotations(o.attitude_rad)
+        step = step + arm - np.einsum("nji,njk,k->ni", turn[:-1], turn[1:], arm)
+        sightings = replace(sightings, offset=sightings.offset + arm)
     step_sigma_m = None if o.step_sigma_m is None else factor * o.step_sigma_m
-    return replace(
-        visual,
-        odometry=replace(o, step=factor * o.step, step_sigma_m=step_sigma_m),
-        sightings=scale_sightings(visual.sightings, np.full(len(o.time_s), factor)),
-    )
+    odometry = replace(o, step=step, step_sigma_m=step_sigma_m)
+    return replace(visual, odometry=odometry, sightings=sightings, lever_arm_m=None)
 
 
 def refuse_untracked(visual: VisualOdometry) -> None:

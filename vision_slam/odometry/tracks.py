@@ -72,14 +72,22 @@ def track_corners(
     return landed, (found.ravel() > 0) & (found_back.ravel() > 0) & came_back & inside
 
 
-def epipolar_inliers(before: FloatArray, now: FloatArray, angle: float) -> BoolArray:
-    """Return which unit rays (N, 3) fit one rigid motion of the camera within an angle [rad] (RANSAC)."""
+def epipolar_motion(before: FloatArray, now: FloatArray, angle: float) -> tuple[FloatArray, BoolArray]:
+    """Return the motion (4, 4) of the camera by one unit that unit rays (N, 3) fit within an angle [rad], and which do (RANSAC).
+
+    The motion takes coordinates of the camera after it to those before it; the identity where there is none.
+    """
     first, second = (np.ascontiguousarray(rays[:, :2] / rays[:, 2:]) for rays in (before, now))
     cv2.setRNGSeed(0)  # RANSAC draws; the same images shall give the same bytes
     found: Any = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.999, angle)
     mask = found[1]
-    agree: BoolArray = np.zeros(len(before), dtype=bool) if mask is None else mask.ravel() > 0
-    return agree
+    motion = np.eye(4)
+    if mask is None:
+        return motion, np.zeros(len(before), dtype=bool)
+    agree: BoolArray = mask.ravel() > 0
+    _, turn, shift, _ = cv2.recoverPose(found[0][:3], first, second, np.eye(3), mask=mask.copy())
+    motion[:3, :3], motion[:3, 3] = turn.T, -turn.T @ shift.ravel()
+    return motion, agree
 
 
 def rotation_between(before: FloatArray, now: FloatArray, angle: float) -> tuple[FloatArray, BoolArray]:

@@ -17,12 +17,21 @@ from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
-from vision_slam.odometry.lens.self_calibration import LensEstimate, estimate_lens, unknown_lens
+from vision_slam.odometry.lens.bundle_adjustment import LensChange
+from vision_slam.odometry.lens.self_calibration import (
+    LEAST_BORDER_PX,
+    LensEstimate,
+    border_distance_px,
+    estimate_lens,
+    unknown_lens,
+)
 from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.rotation import rotations
+
+_MOST_PASSES = 5  # over the images; two suffice unless the lens is off by tens of pixels
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,6 +52,10 @@ class VisualOdometry(DataObject):
         Whether the pose rests on wheels and gyro for more than 20 m, or on nothing.
     lens : LensEstimate, optional
         Self-calibration of the lens; None where the lens was used as given.
+    lever_arm_m : (3,) ndarray, optional
+        Position of the camera on the body [m] where the lengths have no scale. Steps and sightings are
+        then those of the camera, in the axes of the body; `scale_visual_odometry` converts them to the
+        body. None where they are those of the body.
 
     Notes
     -----
@@ -55,6 +68,7 @@ class VisualOdometry(DataObject):
     health: tuple[FrameHealth, ...]
     is_lost: BoolArray
     lens: LensEstimate | None = None
+    lever_arm_m: FloatArray | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -78,7 +92,7 @@ def visual_odometry(
     between, as of blank images: one step from end to end would cut the corner of a turn.
 
     Where the setting `lens` asks for it, the lens is estimated after a first pass over all images;
-    a second pass follows where the images contradict the given lens.
+    further passes follow where the images contradict the given lens, until the estimate settles.
 
     Parameters
     ----------
@@ -120,17 +134,26 @@ def _self_calibrated(
     config: VisualOdometryConfig,
     progress: Progress | None,
 ) -> VisualOdometry:
-    """Estimate the lens from a first pass over the images; follow them again where another is accepted."""
-    first = _followed(recording, frames, camera, config, progress=progress, ended=[])
-    visual, slam = first.finish(recording), first.slam
-    assert first.ended is not None
-    lens = estimate_lens(
-        camera, np.array(slam.window.poses), first.ended, np.array(slam.rolled_m), slam.config
-    )
-    if not lens.is_accepted:
-        return replace(visual, lens=lens)
-    second = _followed(recording, frames, lens.camera, config, progress=progress)
-    return replace(second.finish(recording), lens=lens)
+    """Estimate the lens from a pass over the images, and again from passes with the estimate until it settles.
+
+    Corners far from where the given lens has them are lost in the first pass.
+    """
+    used, lens = LensChange(), None
+    for _ in range(_MOST_PASSES):
+        ended: list[Track] = []
+        current = used.applied(camera)
+        odometer = _followed(recording, frames, current, config, progress=progress, ended=ended)
+        visual, slam = odometer.finish(recording), odometer.slam
+        given = replace(camera, T_body_camera=slam.camera.T_body_camera)
+        poses, rolled_m = np.array(slam.window.poses), np.array(slam.rolled_m)
+        found = estimate_lens(given, poses, ended, rolled_m, slam.config, used=used)
+        if lens is not None and not found.is_accepted:
+            break
+        lens = replace(found, camera=current)
+        if not found.is_accepted or border_distance_px(current, found.camera) < LEAST_BORDER_PX:
+            break
+        used = LensChange(*found.lens.tolist())
+    return replace(visual, lens=lens)
 
 
 def _followed(
@@ -171,7 +194,10 @@ class VisualOdometer:
     def __init__(
         self, camera: Camera, records: VisionRecords, config: VisualOdometryConfig | None, start_s: float
     ) -> None:
-        self.slam = VisualSlam(camera, config, initial_pose(records, start_s))
+        self._lever_arm_m = None if records.wheels is not None else camera.T_body_camera[:3, 3]
+        height = None if self._lever_arm_m is None else float(self._lever_arm_m[2])
+        camera = camera if self._lever_arm_m is None else _at_origin(camera)
+        self.slam = VisualSlam(camera, config, initial_pose(records, start_s), height)
         self.sensors = MotionSensors(records)
         self._blank = np.zeros((camera.height, camera.width), np.uint8)
         self._before_s = start_s
@@ -219,7 +245,8 @@ class VisualOdometer:
         slam = self.slam
         slam.finished += slam.live_tracks
         self._triangulate_ended(slam.window.newest)
-        return _corrected(slam, self._landmarks.sightings, self._far_features, records)
+        found = _corrected(slam, self._landmarks.sightings, self._far_features, records)
+        return replace(found, lever_arm_m=self._lever_arm_m)
 
     def _triangulate_ended(self, last_settled: int) -> None:
         """Triangulate the tracks that ended before the window, whose poses are final."""
@@ -234,6 +261,13 @@ class VisualOdometer:
             self._far_features.add(ended)
             if self.ended is not None:
                 self.ended += ended
+
+
+def _at_origin(camera: Camera) -> Camera:
+    """Return the camera at the origin of the body: its position is in metres, which images alone do not have."""
+    mount = camera.T_body_camera.copy()
+    mount[:3, 3] = 0.0
+    return replace(camera, T_body_camera=mount)
 
 
 def _corrected(

@@ -17,7 +17,7 @@ from vision_slam.odometry.recognition import ViewRecognizer
 from vision_slam.odometry.resection import resect
 from vision_slam.odometry.tracks import (
     Track,
-    epipolar_inliers,
+    epipolar_motion,
     quadrant_shift_px,
     rotation_between,
     track_corners,
@@ -30,6 +30,11 @@ _ROLLS_M = 0.02
 # A turn on the spot puts so many of the corners within so many pixels of their places.
 _TURN_PX, _LEAST_TURNED = 1.0, 0.8
 _LEAST_FAR = 10
+_FEW_CAME = 0.5  # of the corners; without wheels and gyro the others are then looked for where they were
+_STEEP, _LEAST_BELOW = (
+    0.1,
+    10,
+)  # sine of the depression below which points count as ground, and their least number
 _SAME_INTERVAL = 0.01  # intervals of images that differ by less count as equal: clocks jitter
 
 
@@ -47,7 +52,7 @@ class VisualSlam:
     """Monocular visual SLAM, keyframe by keyframe.
 
     Poses are relative to `start`. Their scale is that of the wheels; without wheels the first
-    step is one unit.
+    step is one unit, and the position of the camera on the body must be zero, since it is in metres.
 
     Parameters
     ----------
@@ -57,10 +62,17 @@ class VisualSlam:
         Settings of detection, tracking and the keyframe window.
     start : (4, 4) ndarray, optional
         Pose at the first image, with z up; the identity by default.
+    ground_height : float, optional
+        First guess of the height of the camera above the ground in units of the path, which predicts where
+        new corners go; the mounted height by default.
     """
 
     def __init__(
-        self, camera: Camera, config: VisualOdometryConfig | None = None, start: FloatArray | None = None
+        self,
+        camera: Camera,
+        config: VisualOdometryConfig | None = None,
+        start: FloatArray | None = None,
+        ground_height: float | None = None,
     ) -> None:
         self.config = config or VisualOdometryConfig()
         self.camera = camera
@@ -71,12 +83,13 @@ class VisualSlam:
         self._tracks: list[Track] = []
         self._enhance = ContrastEnhancer(self.config.clahe_clip, self.config.clahe_tiles)
         self._slip = WheelSlipDetector(camera.T_body_camera[2, 3])
+        self._ground_height = ground_height
         self._image: Image | None = None
         self._grey: Image | None = None
         self._pose = np.eye(4) if start is None else start
         self._step, self._step_s = np.eye(4), 0.0
         self._since: RelativeMotion | None = None
-        self._has_travelled = False
+        self._has_travelled = self._is_unaided = False
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
         self._hysteresis = VisionHysteresis(self.config.n_features)
         self._views = ViewRecognizer(camera, self.config)
@@ -172,6 +185,7 @@ class VisualSlam:
 
     def _predict(self, motion: RelativeMotion) -> FloatArray:
         """Predict the pose by wheels and gyro; what they do not measure goes on at the rate of the last step."""
+        self._is_unaided = motion.rotation is None and motion.travel_m is None
         step = _extrapolated(self._step, motion.seconds / self._step_s if self._step_s > 0.0 else 1.0)
         if motion.rotation is not None:
             step[:3, :3] = motion.rotation
@@ -189,14 +203,21 @@ class VisualSlam:
         guess = self._projected(predicted, points, is_far)
         lost = ~np.isfinite(guess).all(axis=1) | (np.abs(guess - pixels).max(axis=1, initial=0.0) > 150.0)
         guess[lost] = pixels[lost]
-        return track_corners(before, enhanced, pixels, guess, self.config)
+        landed, came = track_corners(before, enhanced, pixels, guess, self.config)
+        if self._is_unaided and came.sum() < _FEW_CAME * len(came):
+            again = np.flatnonzero(~came & ~lost)
+            landed[again], came[again] = track_corners(
+                before, enhanced, pixels[again], pixels[again].copy(), self.config
+            )
+        return landed, came & np.isfinite(self._rays(landed)).all(axis=1)
 
     def _guessed_points(self, pixels: Pixels) -> tuple[FloatArray, BoolArray]:
         """Return the points of the tracks; unknown ones are assumed on level ground or far above the horizon."""
         camera = self._pose @ self.camera.T_body_camera
         rays = self._rays(pixels) @ camera[:3, :3].T
         down = -rays @ self._pose[:3, 2]
-        height = (camera[:3, 3] - self._pose[:3, 3]) @ self._pose[:3, 2]
+        mounted = (camera[:3, 3] - self._pose[:3, 3]) @ self._pose[:3, 2]
+        height = mounted if self._ground_height is None else self._ground_height
         is_far = down < 0.02
         points = np.where(
             is_far[:, None], rays, camera[:3, 3] + rays * (height / np.maximum(down, 0.02))[:, None]
@@ -234,7 +255,7 @@ class VisualSlam:
             if turned is not None:
                 return turned
             self._has_travelled = True
-            return predicted, self._epipolar(pixels, agree)
+            return self._epipolar(predicted, pixels, agree)
         index = np.flatnonzero(known)
         points = np.array([self._tracks[i].point for i in index])
         is_far = np.array([self._tracks[i].is_far for i in index])
@@ -265,14 +286,23 @@ class VisualSlam:
         turn[:3, :3] = mount[:3, :3] @ rotation @ mount[:3, :3].T
         return self.window.poses[-1] @ turn, agree
 
-    def _epipolar(self, pixels: Pixels, came: BoolArray) -> BoolArray:
-        """Return the epipolar inliers, before any point is known."""
+    def _epipolar(
+        self, predicted: FloatArray, pixels: Pixels, came: BoolArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return the pose and the epipolar inliers, before any point is known.
+
+        Without wheels and gyro turn and direction of travel are those of the epipolar geometry.
+        """
         if came.sum() < self.config.least_inliers:
-            return np.zeros_like(came)
+            return predicted, np.zeros_like(came)
         before = self.camera.rays(np.array([track.pixel for track in self._tracks])[came])
         agree = came.copy()
-        agree[came] = epipolar_inliers(before, self._rays(pixels[came]), 1.0 / self._focal_px)
-        return agree
+        step, agree[came] = epipolar_motion(before, self._rays(pixels[came]), 1.0 / self._focal_px)
+        if not self._is_unaided or agree.sum() < self.config.least_inliers:
+            return predicted, agree
+        step[:3, 3] *= np.linalg.norm(predicted[:3, 3] - self._pose[:3, 3])
+        mount = self.camera.T_body_camera
+        return self._pose @ mount @ step @ np.linalg.inv(mount), agree
 
     def _judge(self, health: FrameHealth, came: BoolArray, agree: BoolArray) -> FrameHealth:
         config = self.config
@@ -334,6 +364,9 @@ class VisualSlam:
         points = (np.array(known).reshape(-1, 3) - self._pose[:3, 3]) @ self._pose[:3, :3]
         travel = np.linalg.norm(self._pose[:3, 3] - self.window.poses[-2][:3, 3])
         self._slip.observe(points, float(travel))
+        below = -points[-points[:, 2] > _STEEP * np.linalg.norm(points, axis=1), 2]
+        if self._ground_height is not None and len(below) >= _LEAST_BELOW:
+            self._ground_height = float(np.median(below))
 
     def _replenish(self, enhanced: Image, health: FrameHealth) -> None:
         n_missing = self.config.n_features - len(self._tracks)

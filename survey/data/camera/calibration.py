@@ -13,6 +13,7 @@ from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
+from survey.data.camera.radial import undistorted
 
 
 class CalibrationTable(Section):
@@ -151,20 +152,26 @@ class Camera(DataObject):
         Returns
         -------
         (N, 3) ndarray
-            Unit vectors, camera frame.
+            Unit vectors, camera frame; NaN for pixels at which a pinhole lens shows nothing, because
+            its distortion folds nearer to the centre.
         """
-        import cv2
-
-        pixels = np.ascontiguousarray(np.asarray(uv, dtype=np.float64).reshape(-1, 1, 2))
+        pixels = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
         if len(pixels) == 0:
             return np.zeros((0, 3))
-        if self.model == "fisheye":
-            plane = cv2.fisheye.undistortPoints(pixels, self.matrix, self.distortion)
-        else:
-            plane = cv2.undistortPoints(pixels, self.matrix, self.distortion)
-        rays = np.column_stack([np.asarray(plane).reshape(-1, 2), np.ones(len(pixels))])
+        rays = np.column_stack([self._plane(pixels), np.ones(len(pixels))])
         directions: FloatArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         return directions
+
+    def _plane(self, pixels: FloatArray) -> FloatArray:
+        """Return where the rays of pixels (N, 2) meet the plane z = 1."""
+        import cv2
+
+        seen = np.ascontiguousarray(pixels[:, None])
+        if self.model == "fisheye":
+            plane = cv2.fisheye.undistortPoints(seen, self.matrix, self.distortion)
+            return np.asarray(plane, dtype=np.float64).reshape(-1, 2)
+        plane = cv2.undistortPoints(seen, self.matrix, np.zeros(5))
+        return undistorted(np.asarray(plane, dtype=np.float64).reshape(-1, 2), self.distortion)
 
     def scaled(self, factor: float) -> "Camera":
         """Return the same lens with another resolution.

@@ -88,6 +88,26 @@ def test_without_wheels_the_first_step_is_the_unit(plane_world: object, camera: 
     assert np.linalg.norm(path[-1, 1:]) < 0.02 * path[-1, 0]
 
 
+def test_a_turn_from_the_first_image_on_is_followed_without_wheels_and_gyro(
+    plane_world: object, camera: Camera
+) -> None:
+    """A bend of 4 degrees an image: no straight step precedes it, and corners move by 20 pixels and more."""
+    yaw_deg = 4.0 * np.arange(16.0)
+    poses = [_pose(0.0, yaw) for yaw in yaw_deg]
+    ahead = np.column_stack([np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))])
+    for k in range(1, len(poses)):
+        poses[k][:2, 3] = poses[k - 1][:2, 3] + 0.3 * ahead[k - 1]
+    slam = VisualSlam(camera, ground_height=0.7)
+    for k, pose in enumerate(poses):
+        motion = RelativeMotion(0.25, None, None) if k else None
+        slam.step(plane_world.image(pose), 0.25 * k, motion)  # type: ignore[attr-defined]
+    assert all(frame.health.is_visual for frame in slam.frames[1:])
+    end = slam.pose(slam.frames[-1])
+    turned = Rotation.from_matrix(end[:3, :3]).as_euler("zyx", degrees=True)[0]
+    # Small images of a plane leave a tenth of a degree an image.
+    assert turned == pytest.approx(yaw_deg[-1], abs=1.5)
+
+
 def test_a_frozen_camera_does_not_hold_the_rover_back(plane_world: object, camera: Camera) -> None:
     poses = [_pose(0.2 * k) for k in range(22)]
     slam = VisualSlam(camera)

@@ -29,10 +29,12 @@ _LEAST_TURN_DEG = 20.0
 _SIGNIFICANT = 7.81  # squared Mahalanobis distance from the given lens (χ² with 3 degrees, 95 %)
 _LEAST_GAIN = 50.0  # decrease of the cost by another focal length; by chance it is 1
 _N_NEAR = 25  # steps, after which the lens hardly changes
-_LEAST_BORDER_PX = 1.0  # below, the given lens is good enough
+LEAST_BORDER_PX = 1.0
+"""Distance at the border of the image below which a lens is good enough [pixels]."""
 _WELL_ABOVE = 0.5  # of the prior's error, below which that of the estimate must be
 _N_PROBED = 5  # steps after which a focal length that is off shows
 _LEAST_FOCAL = 0.05  # a smaller change of the focal length is less certain than a calibration
+_UNCHANGED = LensChange()
 _MOST_KEYFRAMES, _MOST_OBSERVATIONS = 240, 150  # of the part of the drive that is used; of one keyframe
 _LEAST_SIGHTS, _LEAST_TRACKS = 3, 50
 _FIRST_GATE_PX, _FIRST_DEPTH_SIGMA = 8.0, 0.3
@@ -80,6 +82,8 @@ def estimate_lens(
     tracks: list[Track],
     rolled_m: FloatArray,
     config: VisualOdometryConfig,
+    *,
+    used: LensChange = _UNCHANGED,
 ) -> LensEstimate:
     """Estimate the lens by bundle adjustment over the keyframes of a drive.
 
@@ -95,13 +99,15 @@ def estimate_lens(
     camera : Camera
         Given calibration.
     poses : (K, 4, 4) ndarray
-        Poses of the body at the keyframes, estimated with that calibration.
+        Poses of the body at the keyframes.
     tracks : list of Track
         Observations by the keyframes.
     rolled_m : (K - 1,) ndarray
         Travel by wheels between keyframes [m], NaN where unknown.
     config : VisualOdometryConfig
         Errors of pixels and wheels.
+    used : LensChange, optional
+        Change of the calibration that poses and tracks were estimated with.
 
     Returns
     -------
@@ -112,7 +118,8 @@ def estimate_lens(
     turned_deg = float(_turned_deg(poses[part]).max())
     if turned_deg < _LEAST_TURN_DEG:
         return unknown_lens(camera, poses, f"the drive turns by {turned_deg:.0f}°")
-    seen, start = _prepared(camera, poses[part], tracks, part.start)
+    seen, start = _prepared(used.applied(camera), poses[part], tracks, part.start)
+    start = start._replace(lens=used)
     if len(start.points) < _LEAST_TRACKS:
         return unknown_lens(camera, poses, f"{len(start.points)} corners have a known depth")
     rolled = np.abs(rolled_m[part.start : part.stop - 1])
@@ -158,12 +165,12 @@ def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: floa
     estimated = lens.applied(camera)
     if (sigma > _WELL_ABOVE * _ANY_LENS).any() or not _is_one_to_one(estimated):
         return unknown_lens(camera, poses, "its errors are hardly below those of the prior")
-    border_px = _border_px(camera, estimated)
+    border_px = border_distance_px(camera, estimated)
     is_other = float(np.array(lens) @ np.linalg.solve(covariance, np.array(lens))) > _SIGNIFICANT
-    if border_px > _LEAST_BORDER_PX and not is_other:
+    if border_px > LEAST_BORDER_PX and not is_other:
         reason = f"the images contradict it by {border_px:.1f} px at the border, which is not significant"
         return unknown_lens(camera, poses, reason)
-    is_accepted = border_px > _LEAST_BORDER_PX
+    is_accepted = border_px > LEAST_BORDER_PX
     note = f"the images agree with the lens within {border_px:.1f} px at the border"
     if is_accepted:
         note = (
@@ -262,9 +269,23 @@ def _longest(keyframes: list[IntArray], is_good: BoolArray, n_keyframes: int) ->
     return np.array(sorted(chosen), dtype=np.int64)
 
 
-def _border_px(given: Camera, estimated: Camera) -> float:
-    """Return the root mean square distance of two lenses at the border of the image [pixels]."""
-    off = estimated.project(given.rays(_border(given))) - _border(given)
+def border_distance_px(given: Camera, estimated: Camera) -> float:
+    """Return the root mean square distance of two lenses at the border of the image [pixels].
+
+    Parameters
+    ----------
+    given, estimated : Camera
+        Lenses; rays of border pixels of the first are projected by the second.
+
+    Returns
+    -------
+    float
+        Over the pixels that the first lens has rays for.
+    """
+    border = _border(given)
+    rays = given.rays(border)
+    is_shown = np.isfinite(rays).all(axis=1)
+    off = estimated.project(rays[is_shown]) - border[is_shown]
     return float(np.sqrt(np.mean((off**2).sum(axis=1))))
 
 
