@@ -10,6 +10,7 @@ from sim.config.mission import MissionConfig
 from sim.config.terrain import SatelliteConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
+from sim.studies.glacier.surveys import SURVEY
 from sim.world.site import build_world
 from survey.core.config import validated
 from survey.core.documents import read_json
@@ -33,30 +34,14 @@ _WEST, _SOUTH = 526000.0, 6478000.0
 def mission_of(pattern: str, seed: int) -> MissionConfig:
     """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at a fifth of its size."""
     bounds = (_WEST + EDGE_M, _SOUTH + EDGE_M, _WEST + EDGE_M + SIDE_M, _SOUTH + EDGE_M + SIDE_M)
-    settings = {
-        "schema_version": 1,
+    terrain = {"length_scale_m": SIDE_M / 2.0, "size_m": SIDE_M + 2.0 * EDGE_M, "relief_m": 9.0}
+    settings = SURVEY | {
         "name": "honest-mission",
         "seed": seed,
-        "fidelity": "vision",
-        "terrain": {
-            "source": "random",
-            "family": "squared-exponential",
-            "length_scale_m": SIDE_M / 2.0,
-            "size_m": SIDE_M + 2.0 * EDGE_M,
-            "relief_m": 9.0,
-        },
+        "terrain": SURVEY["terrain"] | terrain,
         "area": {"bounds_m": bounds},
         "planner": {"pattern": pattern, "swaths": PATTERNS[pattern]},
         "satellite": {"cell_m": CELL_M},
-        "rover": {"mass_kg": 18.0, "idle_w": 20.0},
-        "physics": {"steer_by": "estimate"},
-        "scenery": {"crevasses_per_ha": 0.0, "channels_per_ha": 0.0, "dirt_cones_per_ha": 0.0},
-        "instruments": {"gps": {"profile": "gauss-markov-60"}, "stakes": {"count": 4}},
-        "localization": {
-            "gps_bias_sigma_m": 3.0,
-            "gps_white_sigma_m": 1.0,
-            "gps_correlation_time_s": 300.0,
-        },
     }
     return validated(MissionConfig, settings, "the mission")
 
