@@ -20,13 +20,7 @@ miss their limit are shown as missed.
 
 def pages() -> dict[str, str]:
     """Return a page for each benchmark, an overview, and the comparison with the papers."""
-    files = {
-        file.stem: json.loads(file.read_text(encoding="utf-8"))
-        for file in sorted(RESULTS.joinpath("benchmarks").glob("*.json"))
-    }
-    tables = {
-        name: content for name, content in files.items() if isinstance(content, dict) and "rows" in content
-    }
+    tables = stored_tables()
     texts = {
         f"reference/benchmarks/{name}.md": benchmark_page(name, content) for name, content in tables.items()
     }
@@ -39,6 +33,17 @@ def pages() -> dict[str, str]:
     )
     texts["reference/papers.md"] = papers_page()
     return texts
+
+
+def stored_tables() -> dict[str, dict[str, Any]]:
+    """Return the tables in ``results/benchmarks`` by the names of their files."""
+    files = {
+        file.stem: json.loads(file.read_text(encoding="utf-8"))
+        for file in sorted(RESULTS.joinpath("benchmarks").glob("*.json"))
+    }
+    return {
+        name: content for name, content in files.items() if isinstance(content, dict) and "rows" in content
+    }
 
 
 def benchmark_page(name: str, content: dict[str, Any]) -> str:

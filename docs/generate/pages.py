@@ -10,6 +10,7 @@ from generate import (
     examples,
     exit_codes,
     file_formats,
+    honesty,
     mission_file,
     study_file,
 )
@@ -23,6 +24,7 @@ REFERENCE: tuple[Callable[[], Pages], ...] = (
     file_formats.pages,
     exit_codes.pages,
     benchmarks.pages,
+    honesty.pages,
 )
 """Each returns the texts of its pages by their paths below ``docs/``."""
 
