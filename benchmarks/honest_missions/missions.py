@@ -23,18 +23,18 @@ FOLDER = Path(os.environ.get("FIRNLINE_HONEST_MISSIONS", ROOT / "results" / "run
 SEEDS = tuple(
     int(seed) for seed in os.environ.get("FIRNLINE_HONEST_MISSIONS_SEEDS", "181,182,183,184,185").split(",")
 )
-PATTERNS = {"lawnmower": 3, "piecewise-continuous": 2}
+PATTERNS = {"lawnmower": 2, "piecewise-continuous": 1}
 """Patterns, and the number of swaths of each."""
 PRODUCT = "copernicus-30"
 """Class of product whose errors are drawn and stated in maps with a real prior."""
-SIDE_M, EDGE_M, CELL_M = 120.0, 30.0, 15.0
+SIDE_M, EDGE_M, CELL_M = 100.0, 30.0, 12.5
 _WEST, _SOUTH = 526000.0, 6478000.0
 
 
 def mission_of(pattern: str, seed: int) -> MissionConfig:
-    """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at a fifth of its size."""
+    """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at a sixth of its size."""
     bounds = (_WEST + EDGE_M, _SOUTH + EDGE_M, _WEST + EDGE_M + SIDE_M, _SOUTH + EDGE_M + SIDE_M)
-    terrain = {"length_scale_m": SIDE_M / 2.0, "size_m": SIDE_M + 2.0 * EDGE_M, "relief_m": 9.0}
+    terrain = {"length_scale_m": 0.73 * SIDE_M, "size_m": SIDE_M + 2.0 * EDGE_M, "relief_m": 8.0}
     settings = SURVEY | {
         "name": "honest-mission",
         "seed": seed,
