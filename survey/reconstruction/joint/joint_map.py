@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from survey.core.arrays import Bounds, FloatArray, IntArray
 from survey.core.crs.agreement import same_crs
@@ -31,24 +29,26 @@ from survey.reconstruction.gp.errors_in_variables import variance_through_slope
 from survey.reconstruction.gp.selection.families import with_landforms
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, stated_family
 from survey.reconstruction.joint.checked_map import checked_map
-from survey.reconstruction.joint.joint_solve import Functionals, JointPosterior
+from survey.reconstruction.joint.design_rows import cell_rows, point_rows
+from survey.reconstruction.joint.joint_solve import JointPosterior
 from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
-from survey.reconstruction.joint.shared_error import SharedError, dominant_modes, side_by_side
+from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.joint.solution import JointMap, JointSolution
 from survey.reconstruction.prior.products import PriorErrors
 from survey.reconstruction.terrain_model import local_datum_m
 
 CANDIDATES: tuple[KernelFamily, ...] = ("two-scale-matern", "two-scale-mixed", "three-scale")
-"""What ``family = "auto"`` chooses from. Landforms are smooth, the relief underfoot is not. The third scale is for what lies between landforms and the relief underfoot,
-which landmarks constrain so well that two scales go to these, and gaps between swaths would be mapped too boldly."""
+"""What ``family = "auto"`` chooses from: landforms are smooth, the relief underfoot is not.
+
+The third scale is for what lies between the two, which landmarks constrain so well that two scales go to these, and gaps
+between swaths would be mapped with too small a standard deviation."""
 
 # A slope needs fewer waves than a map.
 _ROUGH_MB = 12.0
-# What is shared by all points is decimetres: waves that matter less than this share of the smallest standard
-# deviation are not worth their time.
+# Waves that contribute less than this share of the smallest standard deviation are left out.
 _COARSEST_SHARE = 0.05
 
 
@@ -59,12 +59,10 @@ class JointTerrain:
     .. math::  z_l = f(x_l) + W_l \delta + \epsilon_l, \qquad
                \Sigma_z = D + W \Lambda^{-1} W^T
 
-    with f a Gaussian process about a plane, δ the errors of the path's keyframes and W_l
-    what the height of a point answers to them: the slope of the terrain for the place,
-    the arm from the rover for yaw, pitch and roll. A satellite's cells are measurements of
-    means of f, with an offset β of their own. Terrain, path and offset come out of one
-    solve: crossings adjust the path, cells its level, and nothing is averaged away that
-    landmarks share.
+    with f a Gaussian process about a plane, δ the errors of the path's keyframes and W_l the derivative of a point's
+    height by them: the slope of the terrain for the place, the arm from the rover for yaw, pitch and roll. A satellite's
+    cells are measurements of means of f, with errors of their own. Terrain, path and errors of the cells are estimated
+    in one solve.
 
     Parameters
     ----------
@@ -79,9 +77,8 @@ class JointTerrain:
 
     Notes
     -----
-    Linear in the path's error: horizontal errors must be small beside the length scale.
-    Beyond the path, landmarks share the errors of `LandmarkErrors`; relief between the waves that are
-    kept is noise that neighbours share, by as much as `with_shared_relief` says.
+    Linear in the path's error: horizontal errors must be small beside the length scale. Beyond the path, landmarks share
+    the errors of `LandmarkErrors`; relief finer than the waves is noise that neighbours share (`with_shared_relief`).
     """
 
     path: PathError
@@ -189,27 +186,18 @@ class JointTerrain:
         total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
         trend = PolynomialTrend("plane", basis.box)
-        columns = trend.columns(points.xy)
-        n_common = 0 if cells is None else len(cells.common)
-        before = shared.rows.shape[1], landmarks.rows.shape[1]
         strengths = amplitudes(found.kernel, basis)
-        rows = side_by_side(shared.rows, columns, landmarks.rows, sparse.csr_array((len(points), n_common)))
-        posterior = JointPosterior.given(
-            basis,
-            strengths,
-            data,
-            (
-                rows,
-                _with_more(shared.information, columns.shape[1], landmarks.sigma, cells),
-            ),
+        rows, information = point_rows(points, shared, trend, landmarks, cells)
+        before = shared.rows.shape[1], landmarks.rows.shape[1]
+        measured = (
             None
             if cells is None
-            else _functionals(cells, trend, cells.features(basis, strengths), datum, before),
+            else cell_rows(cells, trend, cells.features(basis, strengths), datum, before)
         )
-        rank = self.joint.rank
+        posterior = JointPosterior.given(basis, strengths, data, (rows, information), measured)
         return JointSolution(
             self.path,
-            rank is not None,
+            self.joint.rank is not None,
             points,
             found,
             shared,
@@ -244,25 +232,6 @@ class JointTerrain:
         )
         dem, errors = in_blocks(self.satellite, bounds, errors)
         return SatelliteCells.of(dem, points.crs, bounds, errors), errors
-
-
-def _functionals(
-    cells: SatelliteCells, trend: PolynomialTrend, waves: FloatArray, datum: float, n_others: tuple[int, int]
-) -> Functionals:
-    """Return the cells as rows: their waves, the plane at their centres, their common errors; nothing of path and landmarks."""
-    n_path, n_landmarks = n_others
-    nothing = [sparse.csr_array((len(cells), n)) for n in (n_path, n_landmarks)]
-    rows = side_by_side(nothing[0], trend.columns(cells.centre), nothing[1], cells.common_rows)
-    return Functionals(waves, rows, cells.height - datum, cells.covariance)
-
-
-def _with_more(information: Any, n_plane: int, landmarks: FloatArray, cells: SatelliteCells | None) -> Any:
-    """Return the prior information with that of the plane, which is none, of the landmarks' and of the cells' common errors."""
-    own = np.r_[np.zeros(n_plane), landmarks**-2.0]
-    if cells is not None:
-        own = np.r_[own, cells.common_sigma**-2.0]
-    blocks: Any = [information, sparse.diags_array(own)]
-    return sparse.csr_array(sparse.block_diag(blocks))
 
 
 def _own_variance(points: SurfacePoints, slope: FloatArray) -> FloatArray:
