@@ -75,3 +75,17 @@ def test_rows_of_benchmarks_that_miss_their_limit_are_shown(pages):
 def test_the_pages_state_the_exit_code_of_every_refusal(pages):
     codes = re.findall(r"\| `(\d+)` \|", pages["reference/exit-codes.md"])
     assert {"0", "1", "2", "3", "4", "5", "130", "141"} <= set(codes)
+
+
+def test_every_figure_of_honesty_has_a_command_and_a_value(pages):
+    honesty = import_module("generate.honesty")
+    rows = [
+        [cell.strip() for cell in line.strip("|").split(" | ")]
+        for line in pages["reference/honesty.md"].splitlines()
+        if line.startswith("| ")
+    ][2:]
+    stored = import_module("generate.benchmarks").stored_tables()
+    assert len(rows) == sum(len(names) for stem, names in honesty.FIGURES.items() if stem in stored)
+    for _, command, value, *_ in rows:
+        assert re.fullmatch(r"`python -m benchmarks\.\w+`", command)
+        assert re.match(r"`[\d.]", value)
