@@ -28,7 +28,7 @@ lint: $(VENV)/.ready
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/vulture
-	$(BIN)/codespell firnline survey planners vision_slam sim tests benchmarks docs README.md
+	$(BIN)/codespell firnline survey planners vision_slam sim desk tests benchmarks docs README.md
 
 types: $(VENV)/.ready
 	$(BIN)/mypy

@@ -4,7 +4,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-PACKAGES = ("survey", "planners", "vision_slam", "sim")
+PACKAGES = ("survey", "planners", "vision_slam", "sim", "desk")
 
 
 def foreign_package() -> str | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim")
+PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "desk")
 
 
 def imported_by(file: Path) -> set[str]:
@@ -54,7 +54,7 @@ def test_every_package_can_be_imported_first():
     subprocess.run([sys.executable, "-c", probe, *PACKAGES], check=True, cwd=ROOT)
 
 
-def test_the_wheel_owns_exactly_five_names(tmp_path):
+def test_the_wheel_owns_exactly_six_names(tmp_path):
     builder = "from hatchling.build import build_wheel; import sys; build_wheel(sys.argv[1])"
     subprocess.run([sys.executable, "-c", builder, str(tmp_path)], check=True, cwd=ROOT, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
@@ -65,6 +65,7 @@ def test_the_wheel_owns_exactly_five_names(tmp_path):
     assert {f"{package}/__init__.pyi" for package in PACKAGES} <= set(names)
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
     assert "sim/examples/short_drive.toml" in names
+    assert "desk/static/vendor/ol/ol.js" in names
     assert any(name.startswith("survey/reporting/") and name.endswith((".html", ".j2")) for name in names)
 
 

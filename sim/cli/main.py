@@ -21,6 +21,7 @@ from sim.cli.commands import (
     show,
     simulate,
 )
+from sim.cli.desk import desk
 from sim.cli.guide import doctor, example, schema, topics
 from sim.cli.guide.version import options
 from sim.cli.outcome import run_guarded
@@ -38,6 +39,7 @@ app = typer.Typer(
 app.callback()(options)
 for command in (
     init.init,
+    desk,
     plan.plan,
     simulate.simulate,
     calibrate.calibrate,

@@ -135,7 +135,9 @@ def logged_to(path: Path, verbose: int) -> Iterator[None]:
     handlers[0].setFormatter(_JsonLines())
     handlers.append(logging.StreamHandler())
     handlers[-1].setLevel(logging.DEBUG if verbose else logging.WARNING)
-    loggers = [logging.getLogger(name) for name in ("survey", "planners", "vision_slam", "sim", "firnline")]
+    loggers = [
+        logging.getLogger(name) for name in ("survey", "planners", "vision_slam", "sim", "desk", "firnline")
+    ]
     for logger in loggers:
         logger.setLevel(logging.DEBUG)
         for handler in handlers:

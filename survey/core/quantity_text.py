@@ -1,4 +1,6 @@
-"""Lengths, areas, durations, energies and angles as text in the units that people read."""
+"""Lengths, areas, durations, energies and angles as text in the units that people read; round numbers."""
+
+import math
 
 _HOUR_S, _KWH_J = 3600.0, 3.6e6
 
@@ -118,3 +120,25 @@ def place_text(longitude_deg: float, latitude_deg: float) -> str:
     """
     north, east = "N" if latitude_deg >= 0.0 else "S", "E" if longitude_deg >= 0.0 else "W"
     return f"{abs(latitude_deg):.6f}° {north} {abs(longitude_deg):.6f}° {east}"
+
+
+def round_number(value: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above `value`.
+
+    Parameters
+    ----------
+    value : float
+        Above 0.
+
+    Returns
+    -------
+    float
+        Such as the length of a scale bar.
+
+    Examples
+    --------
+    >>> [round_number(v) for v in (0.03, 1.9, 137.0)]
+    [0.02, 1.0, 100.0]
+    """
+    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
+    return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= value * (1 + 1e-9))

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from survey.core.quantity_text import round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
@@ -15,7 +16,7 @@ from survey.figures.cartography.layout import (
     view,
 )
 from survey.figures.maps import draw_outline_and_route
-from survey.figures.style import DENSITY, HALF_IN, INK, round_number, styled
+from survey.figures.style import DENSITY, HALF_IN, INK, styled
 
 
 @styled

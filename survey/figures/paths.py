@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.core.quantity_text import round_number
 from survey.figures.cartography.layout import (
     MapFigure,
     add_colour_bar,
@@ -24,7 +25,6 @@ from survey.figures.style import (
     MUTED,
     NO_GO,
     REFERENCE,
-    round_number,
     styled,
 )
 

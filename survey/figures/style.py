@@ -1,7 +1,6 @@
 """Style of all figures: colours, fonts, sizes, and rendering to PNG."""
 
 import io
-import math
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
@@ -105,18 +104,6 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
-
-
-def round_number(value: float) -> float:
-    """Return the largest of 1, 2 or 5 times a power of ten that is not above `value`.
-
-    Examples
-    --------
-    >>> [round_number(v) for v in (0.03, 1.9, 137.0)]
-    [0.02, 1.0, 100.0]
-    """
-    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
-    return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= value * (1 + 1e-9))
 
 
 def symmetric_limits(errors: npt.ArrayLike) -> Normalize:

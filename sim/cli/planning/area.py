@@ -1,6 +1,7 @@
 """``firnline plan AREA``: a route as the options ask for it, with its picture."""
 
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -12,15 +13,37 @@ from sim.cli.planning.request import PlanRequest
 if TYPE_CHECKING:
     import planners
     import survey
+    from survey.core.arrays import Progress
     from survey.reconstruction.gp.covariance.kernels import Kernel
 
 _DEFAULT_SWATHS = 4
 _NOISE_M = 0.1
 
 
+@dataclass(frozen=True)
+class AreaPlan:
+    """Route of an area with what it was planned from; `kernel` is the covariance of the terrain, if one is known."""
+
+    area: "survey.SurveyArea"
+    prior: "survey.Dem | None"
+    rover: "planners.Rover"
+    kernel: "Kernel | None"
+    route: "survey.Route"
+    left_out: "tuple[planners.LeftOut, ...]"
+
+    @property
+    def drawing(self) -> PlanDrawing:
+        """What is drawn of it, with the predicted error of the map where the plan states one."""
+        if self.kernel is None or "rmse_m" not in self.route.prediction:
+            return PlanDrawing(self.area, self.prior, rover=self.rover, left_out=self.left_out)
+        sentence = _assumption(self.kernel)
+        return PlanDrawing(
+            self.area, self.prior, self.kernel, _NOISE_M, self.rover, self.left_out, (sentence,)
+        )
+
+
 def plan_area(request: PlanRequest) -> None:
     """Plan a route of a named pattern, write it with its picture, and print what is expected of it."""
-    import planners
     from planners.driving.rover import Crew, homes_of
     from sim.cli.progress import counted
 
@@ -31,18 +54,32 @@ def plan_area(request: PlanRequest) -> None:
         progress("fitting the terrain's covariance", 0, 1)
         kernel = None if dem is None else _kernel(dem, area)
         progress("fitting the terrain's covariance", 1, 1)
-        route = planners.plan(
-            area,
-            dem,
-            config.planner,
-            rover=config.rover,
-            fleet=config.fleet,
-            kernel=kernel,
-            progress=progress,
-        )
-    left_out = planners.drivable(area, config.rover, dem).left_out
-    write_plan(request, route, _drawing(route, area, dem, kernel, config.rover, left_out))
-    _print_route(request, route)
+        made = area_plan(config, area, dem, kernel, progress)
+    write_plan(request, made.route, made.drawing)
+    _print_route(request, made.route)
+
+
+def area_plan(
+    config: Any,
+    area: "survey.SurveyArea",
+    prior: "survey.Dem | None",
+    kernel: "Kernel | None",
+    progress: "Progress | None" = None,
+) -> AreaPlan:
+    """Plan a route with the sections that `checked_options` returns."""
+    import planners
+
+    route = planners.plan(
+        area,
+        prior,
+        config.planner,
+        rover=config.rover,
+        fleet=config.fleet,
+        kernel=kernel,
+        progress=progress,
+    )
+    left_out = planners.drivable(area, config.rover, prior).left_out
+    return AreaPlan(area, prior, config.rover, kernel, route, left_out)
 
 
 def checked_options(request: PlanRequest) -> Any:
@@ -92,38 +129,38 @@ def _sections(request: PlanRequest) -> dict[str, Any]:
 
 def _kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
     """Return the likeliest covariance of the prior; None, with the reason on stderr, where it is too coarse."""
-    import planners
-    from planners.prediction.prior_cover import covered_share
     from survey.core.errors import InputError
 
-    if covered_share(area, dem) == 0.0:
-        return None  # the plan refuses it
     try:
-        return planners.terrain_kernel(dem, area)
+        return prior_kernel(dem, area)
     except InputError as error:
         typer.echo(f"firnline: no error is predicted: {error}", err=True)
         return None
 
 
-def _drawing(
-    route: "survey.Route",
-    area: "survey.SurveyArea",
-    dem: "survey.Dem | None",
-    kernel: "Kernel | None",
-    rover: "planners.Rover",
-    left_out: "tuple[planners.LeftOut, ...]",
-) -> PlanDrawing:
-    """Return what is drawn, with the predicted error of the map where the plan states one."""
-    if kernel is None or "rmse_m" not in route.prediction:
-        return PlanDrawing(area, dem, rover=rover, left_out=left_out)
+def prior_kernel(dem: "survey.Dem", area: "survey.SurveyArea") -> "Kernel | None":
+    """Return the likeliest covariance of the prior; None where it lies off the area, which the plan refuses.
+
+    Raises
+    ------
+    InputError
+        Too few cells lie on the area.
+    """
+    import planners
+    from planners.prediction.prior_cover import covered_share
+
+    return None if covered_share(area, dem) == 0.0 else planners.terrain_kernel(dem, area)
+
+
+def _assumption(kernel: "Kernel") -> str:
+    """Return in a sentence what the predicted error rests on."""
     from survey.reconstruction.gp.covariance.kernels import KINDS
 
     family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
-    sentence = (
+    return (
         f"Predicted error: terrain with the covariance that the prior makes likeliest ({family}), samples with "
         f"noise of {_NOISE_M:g} m; errors of the rover's position are not included."
     )
-    return PlanDrawing(area, dem, kernel, _NOISE_M, rover, left_out, (sentence,))
 
 
 def _print_route(request: PlanRequest, route: "survey.Route") -> None:

@@ -72,25 +72,25 @@ def found_guarantee(
     with counted(quiet=quiet) as progress:
         made = guarantee(area, prior, requirement, progress=progress)
     if not made.holds:
-        typer.echo(_refusal(made), err=True)
+        typer.echo(f"firnline: {refusal_text(made)}", err=True)
         raise typer.Exit(NOT_MET)
     return made
 
 
-def _refusal(made: "Guarantee") -> str:
+def refusal_text(made: "Guarantee") -> str:
     """Return why a guarantee does not hold, and what can be reached, in one sentence."""
     from planners.guarantee.requirement import reachable_class
 
     requirement = made.requirement
     if made.predicted.probability >= requirement.probability:
         return (
-            f"firnline: an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
+            f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
             f"to reach it with {made.predicted.probability:.0%}, but simulated surveys of other ground do in "
             f"{made.simulated_share:.0%} ({_shares(made)})."
         )
     best = reachable_class(made.reachable_m)
     return (
-        f"firnline: an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
+        f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
         f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions})."
     )

@@ -36,6 +36,11 @@ def plan_facts(request: PlanRequest, route: "survey.Route") -> dict[str, Any]:
 
 def fact_lines(prediction: Mapping[str, float]) -> list[str]:
     """Return what is expected of a route as lines for people, in hours, kilometres and kilowatt-hours."""
+    return [f"  {title:<18} {text}" for title, text in fact_texts(prediction).values()]
+
+
+def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:
+    """Return title and text of each number that is expected of a route, by its name."""
     from survey.core.quantity_text import duration_text, energy_text, length_text
 
     texts = {
@@ -50,12 +55,12 @@ def fact_lines(prediction: Mapping[str, float]) -> list[str]:
         "map_scale": ("scale of the CRS", "{:.6f}".format),
         "prior_covered_share": ("prior", "covers {:.1%} of the area".format),
     }
-    rows = []
+    rows = {}
     for name, value in prediction.items():
         title, text = texts.get(name, (name.replace("_", " ").removesuffix(" m"), "{:.4g}".format))
         if name.startswith("wait_s_rover_"):
             title, text = f"rover {int(name.rsplit('_', 1)[1]) + 1} departs after", duration_text
-        rows.append(f"  {title:<18} {text(value)}")
+        rows[name] = (title, text(value))
     return rows
 
 

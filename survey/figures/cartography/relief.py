@@ -14,10 +14,11 @@ from scipy.ndimage import distance_transform_edt
 from shapely import MultiPolygon, Polygon
 
 from survey.core.arrays import FloatArray
+from survey.core.quantity_text import round_number
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.figures.cartography.routes import outline_path
-from survey.figures.style import DEVIATION, ELEVATION, INK, round_number
+from survey.figures.style import DEVIATION, ELEVATION, INK
 
 _MOST_CELLS = 1500
 _MOST_CONTOURS = 120

@@ -7,8 +7,9 @@ from matplotlib.patches import Rectangle
 from pyproj import CRS
 
 from survey.core.map_scale import MapScale
+from survey.core.quantity_text import round_number
 from survey.figures.cartography.layout import MapFigure, grouped
-from survey.figures.style import INK, round_number
+from survey.figures.style import INK
 
 
 def draw_scale_and_north(drawing: MapFigure, *, north: bool = True, crs: CRS | None = None) -> None:

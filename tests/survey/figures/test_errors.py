@@ -5,6 +5,7 @@ import pytest
 from affine import Affine
 
 from survey.core.errors import InputError
+from survey.core.quantity_text import round_number
 from survey.data.dem import Dem
 from survey.figures import (
     calibration_plot,
@@ -13,7 +14,7 @@ from survey.figures import (
     error_map,
     height_error,
 )
-from survey.figures.style import round_number, symmetric_limits
+from survey.figures.style import symmetric_limits
 
 
 def test_the_error_is_reconstruction_less_reference_inside_the_area(site):

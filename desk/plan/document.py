@@ -1,0 +1,123 @@
+"""Plan document: outlines, no-go zones, starts and settings, as they are drawn; also while they are not complete."""
+
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import shapely
+from pydantic import Field, model_validator
+from pyproj import CRS
+from shapely import Polygon
+
+from survey.core.config import Section
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.parts.area_parts import united
+
+MOST_VERTICES = 20_000
+Place = tuple[float, float]
+Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
+Rings = Annotated[tuple[Ring, ...], Field(min_length=1)]
+Setting = bool | int | float | str | tuple[float, float] | None
+
+_FIRST_SETTINGS: dict[str, Setting] = {"pattern": "lawnmower", "swaths": 8}
+
+
+class PlanDocument(Section):
+    """Survey as it is drawn on the desk; places in the metres of the terrain's CRS.
+
+    Settings are those of the sections of a mission file, without defaults. They are checked when the plan
+    is computed, so that a document can be stored while an outline crosses itself.
+
+    Examples
+    --------
+    >>> square = ((0.0, 0.0), (90.0, 0.0), (90.0, 90.0), (0.0, 90.0))
+    >>> PlanDocument(areas=((square,),), planner={"pattern": "lawnmower", "swaths": 3}).n_vertices
+    4
+    """
+
+    schema_version: Literal[1] = 1
+    """Version of the format."""
+    areas: tuple[Rings, ...] = ()
+    """Polygons to survey: an outline and its holes each."""
+    no_go: tuple[Rings, ...] = ()
+    """Polygons that no route may touch."""
+    starts: tuple[Place, ...] = ()
+    """Where rovers start."""
+    planner: dict[str, Setting] = Field(default_factory=lambda: dict(_FIRST_SETTINGS))
+    """Settings of the section ``planner``."""
+    rover: dict[str, Setting] = Field(default_factory=dict)
+    """Settings of the section ``rover``."""
+    fleet: dict[str, Setting] = Field(default_factory=dict)
+    """Settings of the section ``fleet``."""
+    requirement: dict[str, Setting] = Field(default_factory=dict)
+    """Settings of a required class or error; empty when the pattern is chosen by hand."""
+
+    @model_validator(mode="after")
+    def _of_bearable_size(self) -> Self:
+        if self.n_vertices > MOST_VERTICES:
+            raise ValueError(f"{self.n_vertices} corners were drawn; {MOST_VERTICES} are accepted")
+        return self
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of corners of all polygons."""
+        return sum(len(ring) for rings in (*self.areas, *self.no_go) for ring in rings)
+
+    @classmethod
+    def of_area(cls, area: SurveyArea, **settings: Any) -> Self:
+        """Return the document of an area.
+
+        Parameters
+        ----------
+        area : SurveyArea
+            In the terrain's CRS.
+        **settings
+            Sections of settings.
+
+        Returns
+        -------
+        PlanDocument
+            With the area's outline, no-go zones and starts.
+        """
+        polygons = shapely.get_parts(area.polygon)
+        return cls(
+            areas=tuple(_rings(part) for part in polygons),
+            no_go=tuple(_rings(part) for part in area.no_go),
+            starts=tuple((float(x), float(y)) for x, y in area.starts),
+            **settings,
+        )
+
+    def survey_area(self, crs: CRS) -> SurveyArea:
+        """Return the area that is drawn.
+
+        Parameters
+        ----------
+        crs : pyproj.CRS
+            CRS of the terrain.
+
+        Returns
+        -------
+        SurveyArea
+            As it is read from a file of the same polygons.
+
+        Raises
+        ------
+        InputError
+            Nothing is drawn, an outline crosses itself, or a start lies outside.
+        """
+        if not self.areas:
+            raise InputError("no area is drawn yet; draw its outline on the map, or drop a file with it.")
+        polygons = [_polygon(rings) for rings in self.areas]
+        outline = polygons[0] if len(polygons) == 1 else united(polygons)
+        starts = np.array(self.starts, dtype=np.float64).reshape(-1, 2)
+        return SurveyArea(outline, crs, tuple(_polygon(rings) for rings in self.no_go), starts)
+
+
+def _polygon(rings: tuple[Ring, ...]) -> Polygon:
+    return Polygon(rings[0], rings[1:])
+
+
+def _rings(polygon: Polygon) -> tuple[Ring, ...]:
+    """Return outline and holes without their closing corners."""
+    lines = [polygon.exterior, *polygon.interiors]
+    return tuple(tuple((float(x), float(y)) for x, y, *_ in line.coords[:-1]) for line in lines)

@@ -1,0 +1,128 @@
+"""Planning while a survey is drawn: routes and predicted errors of a document, with what repeats remembered."""
+
+from pathlib import Path
+from threading import Lock
+from typing import Any, NamedTuple
+
+from pyproj import CRS
+
+from desk.plan.document import PlanDocument
+from desk.plan.remembered import Remembered
+from desk.plan.request import request_of
+from planners.driving.rover import Crew, homes_of
+from sim.cli.planning.area import AreaPlan, area_plan, checked_options, prior_kernel
+from sim.cli.rasters import read_about
+from survey.core.arrays import Bounds
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.dem import Dem
+from survey.reconstruction.gp.covariance.stationary import Kernel
+
+
+class LivePlan(NamedTuple):
+    """Plan of a document.
+
+    Parameters
+    ----------
+    plan : AreaPlan
+        Route, prior, covariance, ground that is left out.
+    is_provisional : bool
+        Whether the covariance is that of an earlier outline, or not known yet.
+    no_error_because : str
+        Why no error is predicted; empty when it is.
+    """
+
+    plan: AreaPlan
+    is_provisional: bool
+    no_error_because: str
+
+
+class Fitted(NamedTuple):
+    """Covariance of the prior over an outline, or why there is none."""
+
+    kernel: Kernel | None
+    refusal: str
+
+
+class LivePlanner:
+    """Planner of the documents over one terrain.
+
+    The covariance of the terrain is fitted to the prior over the bounds of the outline, which takes
+    seconds. While an outline is being changed, routes and errors are first computed with the covariance of the
+    outline before, and said to be provisional.
+
+    Parameters
+    ----------
+    terrain : pathlib.Path
+        Raster of prior elevations.
+    crs : pyproj.CRS
+        Projected CRS of the documents.
+    """
+
+    def __init__(self, terrain: Path, crs: CRS) -> None:
+        self.terrain = terrain
+        self.crs = crs
+        self._priors: Remembered[Dem] = Remembered()
+        self._kernels: Remembered[Fitted] = Remembered()
+        self._plans: Remembered[AreaPlan] = Remembered()
+        self._planning = Lock()
+
+    def quick(self, document: PlanDocument) -> LivePlan:
+        """Plan with the covariance that is at hand.
+
+        Parameters
+        ----------
+        document : PlanDocument
+            The survey.
+
+        Returns
+        -------
+        LivePlan
+            Provisional where the covariance of the outline is not fitted yet.
+
+        Raises
+        ------
+        InputError, ConfigError
+            The plan is refused, for the reasons of `planners.plan`.
+        """
+        area = document.survey_area(self.crs)
+        fitted = self._kernels.get(area.bounds)
+        if fitted is not None:
+            return self._with(document, area, fitted, is_provisional=False)
+        return self._with(document, area, self._kernels.latest() or Fitted(None, ""), is_provisional=True)
+
+    def exact(self, document: PlanDocument) -> LivePlan:
+        """Plan with the covariance of the document's outline, as ``firnline plan`` does; see `quick`."""
+        area = document.survey_area(self.crs)
+        fitted = self._kernels.computed(area.bounds, lambda: self._fitted(area))
+        return self._with(document, area, fitted, is_provisional=False)
+
+    def prior(self, area: SurveyArea) -> Dem:
+        """Return the prior elevations about an area."""
+        return self._priors.computed(area.bounds, lambda: self._read(area.bounds, area.crs))
+
+    def _read(self, bounds: Bounds, crs: CRS) -> Dem:
+        return read_about(self.terrain, bounds, crs, "the prior")
+
+    def _fitted(self, area: SurveyArea) -> Fitted:
+        try:
+            return Fitted(prior_kernel(self.prior(area), area), "")
+        except InputError as error:
+            return Fitted(None, str(error))
+
+    def _with(
+        self, document: PlanDocument, area: SurveyArea, fitted: Fitted, *, is_provisional: bool
+    ) -> LivePlan:
+        key = (document.model_dump_json(exclude={"requirement"}), fitted)
+        plan = self._plans.computed(key, lambda: self._planned(document, area, fitted.kernel))
+        return LivePlan(plan, is_provisional, fitted.refusal)
+
+    def _planned(self, document: PlanDocument, area: SurveyArea, kernel: Kernel | None) -> AreaPlan:
+        options = document.model_copy(update={"requirement": {}})
+        config: Any = checked_options(
+            request_of(options, Path("site.gpkg"), self.terrain, Path("route.geojson"))
+        )
+        homes_of(area, Crew(config.rover, config.fleet))
+        prior = self.prior(area)
+        with self._planning:
+            return area_plan(config, area, prior, kernel)

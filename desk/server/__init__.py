@@ -1,0 +1,1 @@
+"""Server of the planning desk: routes, checks of requests, files of the page."""

@@ -1,0 +1,42 @@
+"""Application of the desk: its routes."""
+
+from starlette.applications import Starlette
+from starlette.routing import Route
+
+from desk.server import assets, editing, maps, planning
+from desk.server.replies import refused
+from desk.workspace import Workspace
+from survey.core.errors import FirnlineError
+
+_ROUTES = (
+    Route("/", assets.page),
+    Route("/static/{name:path}", assets.asset),
+    Route("/api/site", maps.site),
+    Route("/api/heights", maps.heights, methods=["POST"]),
+    Route("/tiles/{layer}/{zoom:int}/{column:int}/{row:int}.png", maps.tile),
+    Route("/api/plan", editing.state),
+    Route("/api/edit", editing.edit, methods=["POST"]),
+    Route("/api/undo", editing.undo, methods=["POST"]),
+    Route("/api/redo", editing.redo, methods=["POST"]),
+    Route("/api/route", planning.route),
+    Route("/api/error", planning.error),
+)
+
+
+def desk_app(workspace: Workspace) -> Starlette:
+    """Return the application, without the gate that keeps others out.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Terrain and plan.
+
+    Returns
+    -------
+    starlette.applications.Starlette
+        Serve it behind `desk.server.gate.Gate` only.
+    """
+    handlers = {FirnlineError: refused, Exception: refused}
+    app = Starlette(routes=list(_ROUTES), exception_handlers=handlers)
+    app.state.workspace = workspace
+    return app

@@ -1,0 +1,72 @@
+"""Routes of the map: the site, its tiles, heights at places."""
+
+from typing import Any
+
+import numpy as np
+from anyio import to_thread
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+from desk.server.replies import body_of
+from desk.terrain.heights import heights_at
+from desk.terrain.palette import ELEVATION, SLOPE, legend_colours
+from desk.terrain.shading import LARGEST_SLOPE_DEG
+from desk.terrain.tiles import LAYERS
+from desk.workspace import Workspace
+from survey.core.errors import ConfigError
+
+_MOST_PLACES = 2000
+
+
+def site(request: Request) -> Response:
+    """Answer with what the page needs to know once: CRS, tile grid, colours, fields of the settings."""
+    from desk.plan.fields import settings_fields
+
+    workspace: Workspace = request.app.state.workspace
+    style = workspace.tiles.style
+    return JSONResponse(
+        {
+            "name": workspace.name,
+            "terrain": workspace.terrain.name,
+            "folder": str(workspace.folder),
+            "crs": {"name": workspace.crs.name, "code": ":".join(workspace.crs.to_authority() or ("", ""))},
+            "grid_per_ground": workspace.map_scale,
+            "tiles": workspace.tiles.grid(),
+            "heights_m": [style.low_m, style.high_m],
+            "height_colours": legend_colours(ELEVATION),
+            "slope_colours": legend_colours(SLOPE),
+            "largest_slope_deg": LARGEST_SLOPE_DEG,
+            "contour_interval_m": style.interval_m,
+            "fields": settings_fields(),
+        }
+    )
+
+
+def tile(request: Request) -> Response:
+    """Answer with a tile as PNG."""
+    workspace: Workspace = request.app.state.workspace
+    place = request.path_params
+    if place["layer"] not in LAYERS:
+        return JSONResponse({"error": f"the layer {place['layer']!r} is none of {', '.join(LAYERS)}."}, 404)
+    png = workspace.tiles.png(place["layer"], place["zoom"], place["column"], place["row"])
+    if png is None:
+        return JSONResponse({"error": "the terrain has no such tile."}, 404)
+    return Response(png, media_type="image/png", headers={"cache-control": "private, max-age=3600"})
+
+
+async def heights(request: Request) -> Response:
+    """Answer with the terrain's heights at places; null where none is known."""
+    workspace: Workspace = request.app.state.workspace
+    places = _places((await body_of(request)).get("places"))
+    found = await to_thread.run_sync(heights_at, workspace.tiles.pyramid, places)
+    return JSONResponse({"heights_m": [None if np.isnan(h) else round(float(h), 3) for h in found]})
+
+
+def _places(given: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    try:
+        places = np.asarray(given, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise ConfigError("the places are no list of eastings and northings.") from error
+    if places.ndim != 2 or places.shape[1] != 2 or not 0 < len(places) <= _MOST_PLACES:
+        raise ConfigError(f"1 to {_MOST_PLACES} places of an easting and a northing were expected.")
+    return places

@@ -1,0 +1,68 @@
+"""Start of the desk: a socket on 127.0.0.1, the server, the browser."""
+
+import logging
+import socket
+import webbrowser
+from pathlib import Path
+
+import typer
+import uvicorn
+
+from desk.demo import write_demo
+from desk.server.app import desk_app
+from desk.server.gate import Gate
+from desk.workspace import open_workspace
+from survey.core.errors import InputError
+
+_DEMO_FOLDER = Path("firnline-desk-demo")
+
+
+def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, demo: bool = False) -> None:
+    """Serve the desk until it is interrupted.
+
+    Parameters
+    ----------
+    source : pathlib.Path or None
+        What to open, as for `desk.workspace.open_workspace`.
+    port : int
+        Port on 127.0.0.1; 0 for a free one.
+    opens_browser : bool
+        Whether the address is opened in the user's browser.
+    demo : bool
+        Open the sample site.
+
+    Raises
+    ------
+    InputError, ConfigError
+        The source cannot be used, or the port is taken.
+    """
+    with open_workspace(write_demo(_DEMO_FOLDER) if demo else source, Path.cwd()) as workspace:
+        listener = _listener(port)
+        gate = Gate(desk_app(workspace), listener.getsockname()[1])
+        typer.echo(f"firnline desk  {gate.address}")
+        typer.echo(f"plan           {workspace.store.path} (stored at every edit); Ctrl+C ends the desk")
+        if opens_browser:
+            webbrowser.open(gate.address)
+        config = uvicorn.Config(
+            gate,
+            log_level=logging.WARNING,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=2,
+        )
+        uvicorn.Server(config).run(sockets=[listener])
+
+
+def _listener(port: int) -> socket.socket:
+    """Return a listening socket of this machine alone."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind(("127.0.0.1", port))
+    except OSError as error:
+        listener.close()
+        raise InputError(
+            f"port {port} of 127.0.0.1 cannot be used ({error.strerror}); choose another --port, or none."
+        ) from error
+    listener.listen(128)
+    return listener

@@ -1,0 +1,61 @@
+// The list of layers with their opacity, and the legends of those that are shown.
+import { byId, element } from "./dom.js";
+
+/** @typedef {{name: string, title: string, layer: any, legend?: () => Legend|null}} Entry */
+/** @typedef {{title: string, colours: string[], low: string, high: string}} Legend */
+
+export class Layers {
+  /** @param {Entry[]} entries From the top down. */
+  constructor(entries) {
+    this.entries = entries;
+    const open = matchMedia("(min-width: 761px)").matches;
+    this.list = element("div", { class: "list" }, ...entries.map((entry) => this.#row(entry)));
+    byId("layers").append(element("details", { open }, element("summary", { text: "Layers" }), this.list));
+    this.legends();
+  }
+
+  /** @param {Entry} entry */
+  add(entry) {
+    this.entries.unshift(entry);
+    this.list.prepend(this.#row(entry));
+    this.legends();
+  }
+
+  /** Show the legends of the visible layers. */
+  legends() {
+    const found = this.entries.filter((entry) => entry.layer.getVisible()).map((entry) => entry.legend?.() ?? null);
+    byId("legend").replaceChildren(...found.flatMap((legend) => (legend ? [ramp(legend)] : [])));
+  }
+
+  /** @param {Entry} entry */
+  #row(entry) {
+    const shown = element("input", {
+      type: "checkbox", id: `show-${entry.name}`, checked: entry.layer.getVisible(),
+      onchange: (/** @type {any} */ event) => {
+        entry.layer.setVisible(event.target.checked);
+        this.legends();
+      },
+    });
+    const opacity = element("input", {
+      type: "range", min: "0", max: "1", step: "0.05", value: String(entry.layer.getOpacity()), "aria-label": `Opacity of ${entry.title}`,
+      oninput: (/** @type {any} */ event) => entry.layer.setOpacity(Number(event.target.value)),
+    });
+    return element("div", { class: "layer" }, shown, element("label", { for: `show-${entry.name}`, text: entry.title }), opacity);
+  }
+}
+
+/** @param {Legend} legend */
+function ramp(legend) {
+  const space = "http://www.w3.org/2000/svg";
+  const picture = document.createElementNS(space, "svg");
+  picture.setAttribute("viewBox", `0 0 ${legend.colours.length} 1`);
+  picture.setAttribute("preserveAspectRatio", "none");
+  picture.setAttribute("aria-hidden", "true");
+  legend.colours.forEach((colour, index) => {
+    const cell = document.createElementNS(space, "rect");
+    for (const [name, value] of Object.entries({ x: index, y: 0, width: 1.02, height: 1, fill: colour })) cell.setAttribute(name, String(value));
+    picture.append(cell);
+  });
+  const ends = element("div", {}, element("span", { text: legend.low }), element("span", { text: legend.high }));
+  return element("div", { class: "ramp" }, element("span", { text: legend.title }), picture, ends);
+}

@@ -1,0 +1,67 @@
+// The plan document: every change goes to the server, which stores it, and comes back as the new state.
+import { get, post, Refusal } from "./api.js";
+
+/** @typedef {import("./types.js").PlanDocument} PlanDocument */
+
+export class Plan extends EventTarget {
+  constructor() {
+    super();
+    /** @type {PlanDocument} */
+    this.document = { areas: [], no_go: [], starts: [], planner: {}, rover: {}, fleet: {}, requirement: {} };
+    this.revision = -1;
+    /** @type {string|null} */
+    this.undoTitle = null;
+    /** @type {string|null} */
+    this.redoTitle = null;
+    /** @type {Promise<void>} */
+    this.last = Promise.resolve();
+  }
+
+  /** Show what the server has stored. */
+  load() {
+    return this.#queue(async () => this.#take(await get("/api/plan")));
+  }
+
+  /**
+   * Change the document.
+   * @param {string} title What is done, for undo.
+   * @param {(document: PlanDocument) => void} change Changes a copy.
+   */
+  edit(title, change) {
+    return this.#queue(async () => {
+      const document = structuredClone(this.document);
+      change(document);
+      this.#take(await post("/api/edit", { revision: this.revision, title, document }));
+    });
+  }
+
+  undo() {
+    return this.#queue(async () => this.#take(await post("/api/undo", { revision: this.revision })));
+  }
+
+  redo() {
+    return this.#queue(async () => this.#take(await post("/api/redo", { revision: this.revision })));
+  }
+
+  /** @param {() => Promise<void>} work One after the other, so that no edit is made of an old state. */
+  #queue(work) {
+    this.last = this.last.then(work).catch((error) => this.#refused(error));
+    return this.last;
+  }
+
+  /** @param {any} state */
+  #take(state) {
+    this.document = state.document;
+    this.revision = state.revision;
+    this.undoTitle = state.undo;
+    this.redoTitle = state.redo;
+    this.dispatchEvent(new Event("change"));
+  }
+
+  /** @param {unknown} error */
+  async #refused(error) {
+    const sentence = error instanceof Error ? error.message : String(error);
+    this.dispatchEvent(new CustomEvent("refused", { detail: sentence }));
+    if (error instanceof Refusal && error.status !== 0) this.#take(await get("/api/plan"));
+  }
+}

@@ -1,0 +1,58 @@
+// Shapes of the values that server and page exchange.
+
+/** @typedef {[number, number]} Place */
+/** @typedef {Place[]} Ring */
+/** @typedef {Ring[]} Rings */
+/**
+ * @typedef {object} PlanDocument
+ * @property {Rings[]} areas
+ * @property {Rings[]} no_go
+ * @property {Place[]} starts
+ * @property {Record<string, any>} planner
+ * @property {Record<string, any>} rover
+ * @property {Record<string, any>} fleet
+ * @property {Record<string, any>} requirement
+ */
+/** @typedef {{name: string, help: string, default: any, kind: string, choices: string[]}} Field */
+/**
+ * @typedef {object} Site
+ * @property {string} name
+ * @property {string} terrain
+ * @property {string} folder
+ * @property {{name: string, code: string}} crs
+ * @property {number} grid_per_ground
+ * @property {{extent: number[], tile_cells: number, resolutions_m: number[]}} tiles
+ * @property {number[]} heights_m
+ * @property {string[]} height_colours
+ * @property {string[]} slope_colours
+ * @property {number} largest_slope_deg
+ * @property {number} contour_interval_m
+ * @property {{planner: Record<string, Field[]>, rover: Field[], fleet: Field[]}} fields
+ */
+/** @typedef {{kind: string, rover: number, places: Place[]}} Leg */
+/**
+ * @typedef {object} PlanSummary
+ * @property {number} revision
+ * @property {boolean} is_provisional
+ * @property {boolean} has_error
+ * @property {string} no_error_because
+ * @property {Leg[]} legs
+ * @property {string} swaths
+ * @property {number} area_m2
+ * @property {{name: string, title: string, text: string, value: number}[]} facts
+ * @property {{rings: Rings, reason: string, text: string}[]} left_out
+ * @property {string} command
+ */
+/**
+ * @typedef {object} ErrorMap
+ * @property {boolean} is_provisional
+ * @property {string} detail
+ * @property {number[]} bounds
+ * @property {string|null} image
+ * @property {number} top_m
+ * @property {string[]} colours
+ * @property {number} rmse_m
+ * @property {number} p95_m
+ * @property {number} worst_m
+ */
+export {};

@@ -1,0 +1,118 @@
+"""Workspace of the desk: a terrain, the plan that is drawn on it, and the folder in which files are written."""
+
+import logging
+import tempfile
+from contextlib import ExitStack
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from pyproj import CRS
+
+from desk.plan.document import PlanDocument
+from desk.plan.history import SUFFIX, StoredHistory, read_history
+from desk.terrain.pyramid import ElevationPyramid
+from desk.terrain.tiles import TerrainTiles
+from sim.cli.rasters import own_crs
+from survey.core.errors import InputError
+from survey.core.map_scale.factors import MapScale
+from survey.data.dem import Dem
+
+if TYPE_CHECKING:
+    from desk.plan.live import LivePlanner
+
+
+class Workspace:
+    """Everything that one desk works on; close it when the server ends.
+
+    Parameters
+    ----------
+    terrain : pathlib.Path
+        Raster of prior elevations. One in degrees is projected for the map as ``firnline plan`` does.
+    plan_file : pathlib.Path
+        File of the plan's history; its folder is the working folder.
+    first : PlanDocument
+        Document to begin with where there is no such file.
+
+    Raises
+    ------
+    InputError, ConfigError
+        The raster or the file of the plan cannot be used.
+    """
+
+    def __init__(self, terrain: Path, plan_file: Path, first: PlanDocument) -> None:
+        self.terrain = terrain
+        self.folder = plan_file.resolve().parent
+        self._files = ExitStack()
+        projected = terrain if own_crs(terrain) is not None else self._projected(terrain)
+        pyramid = self._files.enter_context(ElevationPyramid(projected))
+        self.tiles = TerrainTiles(pyramid)
+        self.crs: CRS = pyramid.crs
+        self.store = StoredHistory(plan_file, terrain.name, first)
+        self.map_scale = MapScale.over(self.crs, pyramid.bounds).linear.mean
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._files.close()
+
+    @cached_property
+    def planner(self) -> "LivePlanner":
+        """Planner of the documents; its packages take seconds to load, and are loaded when it is first used."""
+        from desk.plan.live import LivePlanner
+
+        return LivePlanner(self.terrain, self.crs)
+
+    @property
+    def name(self) -> str:
+        """Name of the plan: that of its file without endings."""
+        return self.store.path.name.removesuffix(SUFFIX)
+
+    def _projected(self, terrain: Path) -> Path:
+        """Write a raster in degrees as a projected one, for the map."""
+        folder = self._files.enter_context(tempfile.TemporaryDirectory(prefix="firnline-desk-"))
+        place = Path(folder) / "terrain.tif"
+        Dem.read(terrain).write(place)
+        return place
+
+
+def open_workspace(source: Path | None, folder: Path) -> Workspace:
+    """Open what the command names.
+
+    Parameters
+    ----------
+    source : pathlib.Path or None
+        Raster of elevations, file of a plan (``.desk.json``), or None for the plan in `folder` that was changed last.
+    folder : pathlib.Path
+        The current folder.
+
+    Returns
+    -------
+    Workspace
+        Its working folder is that of the source.
+
+    Raises
+    ------
+    InputError, ConfigError
+        Nothing to open, or it cannot be used.
+    """
+    source = source or _latest_plan(folder)
+    if source.name.endswith(SUFFIX):
+        history = read_history(source)
+        return Workspace(source.parent / Path(history.terrain).name, source, history.document)
+    plan_file = source.parent / f"{source.stem}{SUFFIX}"
+    if plan_file.exists():
+        logging.getLogger("firnline").info("the plan %s goes on.", plan_file)
+    return Workspace(source, plan_file, PlanDocument())
+
+
+def _latest_plan(folder: Path) -> Path:
+    """Return the plan of a folder that was changed last."""
+    plans = sorted(folder.glob(f"*{SUFFIX}"), key=lambda file: file.stat().st_mtime)
+    if not plans:
+        raise InputError(
+            f"the folder {folder} holds no plan of the desk ({SUFFIX}); name a raster of elevations, as in "
+            "firnline desk srtm.tif, or try firnline desk --demo."
+        )
+    return plans[-1]

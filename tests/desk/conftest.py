@@ -1,0 +1,108 @@
+"""A small site for the desk: hills of 20 × 20 cells of 45 m, and its application behind a gate."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import anyio
+import httpx
+import numpy as np
+import pytest
+
+from desk.plan.document import PlanDocument
+from desk.server.app import desk_app
+from desk.server.gate import Gate
+from desk.workspace import Workspace
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+
+PORT = 8765
+HOST = f"127.0.0.1:{PORT}"
+ORIGIN = {"origin": f"http://{HOST}"}
+WEST, SOUTH = 500_000.0, 6_700_000.0
+SQUARE = (
+    (WEST + 200.0, SOUTH + 200.0),
+    (WEST + 700.0, SOUTH + 200.0),
+    (WEST + 700.0, SOUTH + 700.0),
+    (WEST + 200.0, SOUTH + 700.0),
+)
+
+
+def hills() -> Dem:
+    """Return smooth hills; one corner is unknown."""
+    grid = Grid((WEST + 22.5, SOUTH + 22.5, WEST + 877.5, SOUTH + 877.5), 45.0, "EPSG:32608")
+    x, y = np.meshgrid(np.arange(grid.shape[1]) * 45.0, np.arange(grid.shape[0]) * 45.0)
+    heights = 800.0 + 20.0 * np.sin(x / 140.0) + 15.0 * np.cos(y / 110.0 + x / 300.0)
+    heights[:3, :3] = np.nan
+    return Dem.on(grid, heights)
+
+
+@pytest.fixture(scope="session")
+def dem_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Raster of the hills."""
+    file = tmp_path_factory.mktemp("terrain") / "hills.tif"
+    hills().write(file)
+    return file
+
+
+@pytest.fixture
+def workspace(dem_file: Path, tmp_path: Path) -> Iterator[Workspace]:
+    """Workspace with a square drawn."""
+    document = PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 4})
+    with Workspace(dem_file, tmp_path / "hills.desk.json", document) as opened:
+        yield opened
+
+
+@pytest.fixture
+def gate(workspace: Workspace) -> Gate:
+    """Application behind its gate."""
+    return Gate(desk_app(workspace), PORT)
+
+
+class Visitor:
+    """Client without a session; its calls are synchronous."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+        self._cookies = httpx.Cookies()
+
+    def get(self, path: str, **headers: str) -> httpx.Response:
+        return self.ask("GET", path, headers=headers)
+
+    def post(self, path: str, content: object, **headers: str) -> httpx.Response:
+        body = {"content": content} if isinstance(content, bytes) else {"json": content}
+        return self.ask("POST", path, headers={**ORIGIN, **headers}, **body)
+
+    def delete(self, path: str) -> httpx.Response:
+        return self.ask("DELETE", path, headers=ORIGIN)
+
+    def ask(self, method: str, path: str, **options: object) -> httpx.Response:
+        async def ask() -> httpx.Response:
+            transport = httpx.ASGITransport(app=self._gate, raise_app_exceptions=False)
+            async with httpx.AsyncClient(
+                transport=transport, base_url=f"http://{HOST}", cookies=self._cookies
+            ) as client:
+                answer = await client.request(method, path, **options)  # type: ignore[arg-type]
+                self._cookies = client.cookies
+                return answer
+
+        return anyio.run(ask)
+
+
+class Page(Visitor):
+    """Client with a session, as the page of the desk is one."""
+
+    def __init__(self, gate: Gate) -> None:
+        super().__init__(gate)
+        assert self.get(gate.address.removeprefix(f"http://{HOST}")).status_code == 200
+
+
+@pytest.fixture
+def visitor(gate: Gate) -> Visitor:
+    """Client of somebody else."""
+    return Visitor(gate)
+
+
+@pytest.fixture
+def page(gate: Gate) -> Page:
+    """Client of the page."""
+    return Page(gate)

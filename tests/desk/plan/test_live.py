@@ -1,0 +1,75 @@
+"""Live planning: provisional while the covariance is fitted, exact afterwards, refusals in a sentence."""
+
+import pytest
+
+from desk.plan.document import PlanDocument
+from desk.plan.error_map import error_map
+from survey.core.errors import ConfigError, InputError
+from tests.desk.conftest import SOUTH, SQUARE, WEST
+
+
+def moved(document: PlanDocument, metres: float) -> PlanDocument:
+    corner = (SQUARE[2][0] + metres, SQUARE[2][1])
+    return document.model_copy(update={"areas": (((SQUARE[0], SQUARE[1], corner, SQUARE[3]),),)})
+
+
+def test_the_first_plan_has_no_error_until_the_covariance_is_fitted(workspace):
+    planner, document = workspace.planner, workspace.store.document
+    first = planner.quick(document)
+    assert first.is_provisional
+    assert "rmse_m" not in first.plan.route.prediction
+    exact = planner.exact(document)
+    assert not exact.is_provisional
+    assert exact.plan.route.prediction["rmse_m"] > 0.0
+    assert not planner.quick(document).is_provisional
+
+
+def test_a_moved_corner_is_planned_with_the_covariance_at_hand(workspace):
+    planner, document = workspace.planner, workspace.store.document
+    before = planner.exact(document)
+    quick = planner.quick(moved(document, 60.0))
+    assert quick.is_provisional
+    assert quick.plan.kernel is before.plan.kernel
+    assert quick.plan.route.prediction["rmse_m"] > 0.0
+
+
+def test_settings_do_not_make_a_plan_provisional(workspace):
+    planner, document = workspace.planner, workspace.store.document
+    planner.exact(document)
+    more = document.model_copy(update={"planner": {"pattern": "lawnmower", "swaths": 7}})
+    live = planner.quick(more)
+    assert not live.is_provisional
+    assert len(live.plan.route.swaths) == 7
+
+
+def test_the_error_map_lies_on_the_area_and_falls_with_more_swaths(workspace):
+    planner, document = workspace.planner, workspace.store.document
+    few = error_map(planner.exact(document).plan, "fine")
+    many = error_map(
+        planner.exact(document.model_copy(update={"planner": {"pattern": "lawnmower", "swaths": 12}})).plan,
+        "fine",
+    )
+    assert many["rmse_m"] < few["rmse_m"] <= few["p95_m"] <= few["worst_m"]
+    xmin, _ymin, _xmax, ymax = few["bounds"]
+    assert xmin == pytest.approx(SQUARE[0][0], abs=10)
+    assert ymax == pytest.approx(SQUARE[2][1], abs=10)
+    assert few["image"].startswith("data:image/png;base64,")
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "text"),
+    [
+        ({"areas": ()}, InputError, "no area is drawn"),
+        ({"starts": ((WEST, SOUTH),)}, InputError, "outside the area"),
+        ({"planner": {"pattern": "lawnmower", "swaths": 0}}, ConfigError, "swaths"),
+        ({"planner": {"pattern": "unknown"}}, ConfigError, "pattern"),
+        ({"planner": {"pattern": "lawnmower", "swaths": 3, "spacing_m": 5}}, ConfigError, "either"),
+        ({"fleet": {"rovers": 3}}, InputError, "start"),
+        ({"areas": ((((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)),),)}, InputError, "elsewhere"),
+        ({"planner": {"pattern": "lawnmower", "spacing_m": 1e-6}}, InputError, "swaths"),
+    ],
+)
+def test_refusals_are_those_of_the_command(workspace, changes, error, text):
+    document = workspace.store.document.model_copy(update=changes)
+    with pytest.raises(error, match=text):
+        workspace.planner.quick(document)

@@ -1,0 +1,51 @@
+"""Site, tiles and heights over the server."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.desk.conftest import SOUTH, WEST
+
+
+def test_the_site_states_crs_grid_and_fields(page):
+    site = page.get("/api/site").json()
+    assert site["crs"]["code"] == "EPSG:32608"
+    assert site["tiles"]["resolutions_m"] == [45.0]
+    assert 0.999 < site["grid_per_ground"] < 1.0
+    described = {field["name"]: field["help"] for field in site["fields"]["rover"]}
+    assert "Largest slope" in described["max_pitch_deg"]
+    assert all(described.values())
+
+
+@pytest.mark.parametrize("layer", ["relief", "slope", "contours"])
+def test_a_tile_is_a_picture_with_unknown_ground_left_out(page, layer):
+    answer = page.get(f"/tiles/{layer}/0/0/0.png")
+    pixels = np.asarray(Image.open(io.BytesIO(answer.content)))
+    assert pixels.shape == (256, 256, 4)
+    assert pixels[30:, :, 3].max() == 0
+    assert pixels[:3, :3, 3].max() == 0
+    assert pixels[8:18, 8:18, 3].max() > 0
+
+
+@pytest.mark.parametrize(
+    "path", ["relief/1/0/0", "relief/0/1/0", "relief/0/0/9999999999999999999999", "other/0/0/0"]
+)
+def test_a_tile_that_does_not_exist_is_refused(page, path):
+    assert page.get(f"/tiles/{path}.png").status_code == 404
+
+
+def test_heights_are_those_of_the_terrain(page, workspace):
+    from survey.data.dem import Dem
+
+    places = [[WEST + 333.3, SOUTH + 444.4], [WEST + 12.0, SOUTH + 880.0], [0.0, 0.0]]
+    found = page.post("/api/heights", {"places": places}).json()["heights_m"]
+    assert found[0] == pytest.approx(float(Dem.read(workspace.terrain).at(places[:1])[0]), abs=2e-3)
+    assert found[1] is None
+    assert found[2] is None
+
+
+@pytest.mark.parametrize("places", [None, [], [[1.0]], [["a", "b"]], [[0.0, 0.0]] * 2001, {"x": 1}])
+def test_wrong_places_are_refused(page, places):
+    assert page.post("/api/heights", {"places": places}).status_code == 422
