@@ -1,6 +1,6 @@
 """Fit of a covariance function to a few hundred points by marginal likelihood."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +17,11 @@ from survey.reconstruction.gp.covariance.families import KernelFamily, family_of
 from survey.reconstruction.gp.covariance.kernel_sum import Sum
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.covariance.stationary import Stationary
+from survey.reconstruction.gp.selection.kernel_terms import parts_of, term_of
 
 N_SEARCHED = 640
 """Most points that a covariance is fitted to."""
 _N_CLUSTERS = 16
-# Relative step of the derivative of the covariance with respect to a parameter: error 1e-9.
-_STEP = 1e-4
 # Stretch and directions [deg] of the start of an anisotropic kernel, and the strongest stretch.
 _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -206,7 +205,7 @@ class KernelFit:
         candidate = kernel.with_log_parameters(theta[:-1])
         nugget_m2 = self.nugget_m**2 if self.nugget_m is not None else float(np.exp(theta[-1]))
         n = len(self.values)
-        terms = [self._term(part) for part in _parts(candidate)]
+        terms = [term_of(part, self.lags_m) for part in parts_of(candidate)]
         diagonal = candidate.variance_m2 + self.noise_m2 + nugget_m2
         inverted = _inverted(self._matrix(np.sum([term.covariance for term in terms], axis=0), diagonal))
         if inverted is None:
@@ -239,19 +238,6 @@ class KernelFit:
         np.fill_diagonal(matrix, diagonal)
         return matrix
 
-    def _term(self, part: Kernel) -> "_Term":
-        """One part of the sum: its covariance of every pair, and how that moves with its parameters."""
-        if isinstance(part, Stationary) and len(part.log_parameters) in _N_PLAIN:
-            return _stationary_term(part, self.lags_m)
-        covariance = part.covariance_of_lag(self.lags_m)
-        derivatives = [(covariance, part.variance_m2)]
-        for step in _STEP * np.eye(len(part.log_parameters))[1:]:
-            above = part.with_log_parameters(part.log_parameters + step)
-            below = part.with_log_parameters(part.log_parameters - step)
-            change = above.covariance_of_lag(self.lags_m) - below.covariance_of_lag(self.lags_m)
-            derivatives.append((change / (2 * _STEP), 0.0))
-        return _Term(covariance, derivatives)
-
 
 def _inverted(matrix: FloatArray) -> tuple[FloatArray, float] | None:
     """Return the inverse of a symmetric matrix and its log determinant, None where it is not positive definite."""
@@ -265,44 +251,6 @@ def _inverted(matrix: FloatArray) -> tuple[FloatArray, float] | None:
     return inverse, log_determinant
 
 
-@dataclass(frozen=True)
-class _Term:
-    covariance: FloatArray
-    derivatives: list[tuple[FloatArray, float]]
-
-
-# Numbers of parameters of a part of one scaled distance: isotropic and turned.
-_N_PLAIN = (2, 4)
-
-
-def _stationary_term(part: Stationary, lags_m: FloatArray) -> _Term:
-    """Return the term of a part of one scaled distance; anisotropy and angle follow from the length by the chain rule."""
-    squared = part.squared_along(lags_m)
-    covariance = part.covariance_of_squared(squared)
-    up, down = (_longer(part, step).covariance_of_squared(squared) for step in (_STEP, -_STEP))
-    by_length = (up - down) / (2 * _STEP)
-    derivatives = [(covariance, part.variance_m2), (by_length, 0.0)]
-    if part.anisotropy != 1.0:
-        derivatives += [(one, 0.0) for one in _turned_derivatives(part, lags_m, by_length)]
-    return _Term(covariance, derivatives)
-
-
-def _longer(part: Stationary, step: float) -> Stationary:
-    """Return a part whose length scale is longer by a step of its logarithm."""
-    if part.anisotropy == 1.0:
-        return part.with_log_parameters(part.log_parameters + [0.0, step])
-    return replace(part, length_scale_m=part.length_scale_m * float(np.exp(step)))
-
-
-def _turned_derivatives(part: Stationary, lags_m: FloatArray, by_length: FloatArray) -> Iterator[FloatArray]:
-    """Yield how the covariance at lags moves with log anisotropy and angle."""
-    along, across = part._along_and_across(lags_m)
-    wide = np.square(part.anisotropy * across)
-    scaled = by_length / np.maximum(np.square(along) + wide, 1e-12)
-    yield -scaled * wide
-    yield scaled * along * across * (part.anisotropy**2 - 1.0)
-
-
 def _stretched(kernel: Kernel, angle_deg: float) -> Kernel:
     """Return a sum of isotropic parts stretched by 3 along a direction, their areas of correlation unchanged."""
     parts = [
@@ -312,15 +260,10 @@ def _stretched(kernel: Kernel, angle_deg: float) -> Kernel:
             anisotropy=_STRETCH,
             angle_deg=angle_deg,
         )
-        for part in _parts(kernel)
+        for part in parts_of(kernel)
         if isinstance(part, Stationary)
     ]
     return Sum(*parts)
-
-
-def _parts(kernel: Kernel) -> tuple[Kernel, ...]:
-    """Return the parts of a sum; every part's first parameter is the logarithm of its variance."""
-    return kernel.parts if isinstance(kernel, Sum) else (kernel,)
 
 
 def _well_spread(xy: FloatArray, n_most: int) -> IntArray:
