@@ -10,6 +10,7 @@ from sim.config.drive import PhysicsConfig
 from sim.config.faults import FaultConfig
 from sim.config.fleet import FleetConfig
 from sim.config.mismatch import MismatchConfig
+from sim.config.payload import PayloadConfig
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
@@ -195,6 +196,8 @@ class MissionConfig(Section):
     faults: tuple[FaultConfig, ...] = ()
     """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength, rover.
     Stopped tracks end a drive in every fidelity."""
+    payload: tuple[PayloadConfig, ...] = ()
+    """Science payload: tables of name, unit, rate_hz, noise_sd, lag_s, and of the field that is simulated."""
     localization: LocalizationConfig = LocalizationConfig()
     """Assumptions of the estimator about its sensors."""
     reconstruction: ReconstructionConfig = ReconstructionConfig()
@@ -218,6 +221,14 @@ class MissionConfig(Section):
                 "terrain.role = 'prior' makes the terrain's raster the prior, and satellite.file names another one; set "
                 "terrain.role = 'truth', or leave satellite.file out"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _measures_every_quantity_once(self) -> "MissionConfig":
+        names = [quantity.name for quantity in self.payload]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"the payload measures {twice} twice; give every quantity a name of its own")
         return self
 
     @model_validator(mode="after")

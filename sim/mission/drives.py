@@ -17,6 +17,7 @@ from planners.steering.waypoints import WaypointSteering
 from sim.config.faults import faults_of
 from sim.config.mission import MissionConfig
 from sim.simulate.ideal import simulate_ideal
+from sim.simulate.payload import record_payload
 from sim.simulate.sensed_attitude import sensed_attitude
 from sim.simulate.simulated_drive import ONBOARD, Ending
 from sim.simulate.statistical import simulate_statistical
@@ -48,7 +49,14 @@ def drive(world: World, route: survey.Route, mission: MissionConfig, folder: Pat
     """
     if mission.fidelity == "vision":
         _drive_with_images(world, route, mission, folder, workers)
-        return
+    else:
+        _drive_by_error_models(world, route, mission, folder)
+    if mission.payload:
+        record_payload(Truth.read(folder / "truth"), mission, folder / "payload")
+
+
+def _drive_by_error_models(world: World, route: survey.Route, mission: MissionConfig, folder: Path) -> None:
+    """Follow a route exactly, up to where the rover is lost, draw what it senses, and write the drive."""
     route = steered(route, world, mission)
     loss = loss_on(route, mission)
     if loss is not None:

@@ -9,16 +9,25 @@ import numpy as np
 import survey
 from sim.mission.drives import DRIVE_FILE
 from sim.mission.fleet import LOSS_FILE, drive_folders
+from sim.mission.payload import PAYLOAD
 from sim.mission.qgis_project import write_run_project
 from sim.simulate.preview import animated
 from survey.core.arrays import FloatArray
 from survey.core.documents import read_json
 from survey.core.runs.store import RunFolder
 from survey.data.recording import Recording
+from survey.data.sensors.payload import Quantity
 from survey.data.truth import Truth
 from survey.io.tables import read_table
 from survey.reconstruction.joint.several_drives import SeveralDrives
-from survey.reporting import FleetResults, OnBoard, RoverDrive, SurveyResults, write_report
+from survey.reporting import (
+    FleetResults,
+    OnBoard,
+    PayloadResults,
+    RoverDrive,
+    SurveyResults,
+    write_report,
+)
 from vision_slam.plotting import tracks_on_frames
 
 
@@ -37,6 +46,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         route=survey.Route.read(simulated / "driven_route.geojson"),
         reconstruction=reconstruction,
         score=survey.Score.from_dict(read_json(run.folder("score") / "score.json", "the score")),
+        payload=_payload(run),
         points=SeveralDrives.of([(part, None) for part in points]).points,
     )
     if len(places) > 1:
@@ -58,6 +68,22 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
     )
     write_run_project(folder / "run.qgz", run, reconstruction)
     return page
+
+
+def _payload(run: RunFolder) -> tuple[PayloadResults, ...]:
+    """Return the maps of the payload's quantities, with their scores."""
+    file = run.folder("score") / f"{PAYLOAD}.json"
+    if not file.exists():
+        return ()
+    scores = read_json(file, "the scores of the payload")
+    return tuple(
+        PayloadResults(
+            quantity=Quantity(name=name, unit=found.pop("unit"), noise_sd=0.0),
+            mapped=survey.Reconstruction.read(run.folder("reconstruct") / PAYLOAD / name),
+            scores=found,
+        )
+        for name, found in scores.items()
+    )
 
 
 def _fleet(run: RunFolder) -> FleetResults:

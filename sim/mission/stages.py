@@ -19,6 +19,7 @@ import survey
 from sim.config.mission import MissionConfig
 from sim.mission.drives import drive, estimate_drive, path_scores
 from sim.mission.fleet import drive_fleet, drive_folders, estimate_fleet, with_drawn_losses
+from sim.mission.payload import map_payloads, score_payloads
 from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
 from sim.world.site import build_world
@@ -137,12 +138,12 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     mapped = map_landmarks(drives.points, grid, config, prior=prior, path=drives.path, area=area)
     mapped.reconstruction.write(folder)
-    if mapped.correction is None:
-        return
-    for place, path, part in zip(places, paths, drives.corrections(mapped.correction), strict=True):
-        below = folder / place.relative_to(run.folder("localize"))
-        below.mkdir(exist_ok=True)
-        part.applied(path).write(below / "corrected_trajectory.csv")
+    if mapped.correction is not None:
+        for place, path, part in zip(places, paths, drives.corrections(mapped.correction), strict=True):
+            below = folder / place.relative_to(run.folder("localize"))
+            below.mkdir(exist_ok=True)
+            part.applied(path).write(below / "corrected_trajectory.csv")
+    map_payloads(mission, run, folder, mapped.reconstruction)
 
 
 def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
@@ -162,6 +163,7 @@ def score(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
         (folder / part).mkdir(exist_ok=True)
         scores = path_scores(place, localized / part, run.folder("reconstruct") / part)
         write_json(folder / part / "localization.json", scores)
+    score_payloads(mission, run, folder)
 
 
 def report(mission: MissionConfig, run: RunFolder, folder: Path) -> None:

@@ -4,6 +4,12 @@ Figures are drawn by `survey.figures`; scores are computed by `survey.scoring`.
 """
 
 from survey.reporting.page import write_report
-from survey.reporting.surveyed import FleetResults, OnBoard, RoverDrive, SurveyResults
+from survey.reporting.surveyed import (
+    FleetResults,
+    OnBoard,
+    PayloadResults,
+    RoverDrive,
+    SurveyResults,
+)
 
-__all__ = ["FleetResults", "OnBoard", "RoverDrive", "SurveyResults", "write_report"]
+__all__ = ["FleetResults", "OnBoard", "PayloadResults", "RoverDrive", "SurveyResults", "write_report"]

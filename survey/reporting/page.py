@@ -7,6 +7,7 @@ from survey.core.errors import InputError
 from survey.core.files.writing import replacing
 from survey.reporting import summary_text as words
 from survey.reporting.fleet_rows import fleet_rows
+from survey.reporting.payload_rows import payload_rows
 from survey.reporting.pictures import Picture, pictures_of
 from survey.reporting.quantities import named_values, setting
 from survey.reporting.rendering import rendered
@@ -65,6 +66,7 @@ def write_report(
         pictures=pictures,
         localization=named_values(localization or {}),
         fleet=fleet_rows(survey.fleet, survey.route),
+        payload=payload_rows(survey.payload),
         losses=named_values({} if survey.fleet is None else survey.fleet.losses),
         config_text=config_text,
         provenance=dict(provenance or {}),

@@ -13,8 +13,9 @@ from survey import figures
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
+from survey.figures.cartography.payload import payload_plot
 from survey.figures.style import SHARP_DPI, png_bytes
-from survey.reporting.surveyed import OnBoard, SurveyResults
+from survey.reporting.surveyed import FleetResults, OnBoard, PayloadResults, SurveyResults
 
 _SCALE = 2
 _WIDE_PX = 720
@@ -86,18 +87,45 @@ def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
     if survey.trajectory is not None and survey.reference_trajectory is not None:
         pictures |= _path_pictures(survey.trajectory, survey.reference_trajectory, survey.points)
     if survey.fleet is not None:
-        for k, rover in enumerate(survey.fleet.rovers, 1):
-            drawn = _path_pictures(rover.trajectory, rover.reference_trajectory, None)
-            pictures |= {
-                f"rover_{k}_{name}": picture._replace(caption=f"Rover {k}. {picture.caption}")
-                for name, picture in drawn.items()
-                if name in _OF_EACH_ROVER
-            }
+        pictures |= _fleet_pictures(survey.fleet)
+    for one in survey.payload:
+        pictures |= _payload_pictures(survey, one)
     if survey.on_board is not None:
         pictures |= _camera_pictures(survey.on_board)
         if survey.on_board.estimated is not None and survey.reference_trajectory is not None:
             pictures |= _drive_pictures(survey, survey.reference_trajectory, survey.on_board.estimated)
     return pictures
+
+
+def _fleet_pictures(fleet: FleetResults) -> dict[str, Picture]:
+    """Draw the path of each rover and its error."""
+    pictures: dict[str, Picture] = {}
+    for k, rover in enumerate(fleet.rovers, 1):
+        drawn = _path_pictures(rover.trajectory, rover.reference_trajectory, None)
+        pictures |= {
+            f"rover_{k}_{name}": drawn[name]._replace(caption=f"Rover {k}. {drawn[name].caption}")
+            for name in _OF_EACH_ROVER
+        }
+    return pictures
+
+
+def _payload_pictures(survey: SurveyResults, one: PayloadResults) -> dict[str, Picture]:
+    """Draw the map of a quantity of the payload, and its standard deviation."""
+    label = one.quantity.label
+    captions = {
+        "": f"{label}, mapped from readings along the route.",
+        "_std": f"Standard deviation of {label}.",
+    }
+    return {
+        f"payload_{one.quantity.name}{name}": picture_of(
+            payload_plot(
+                one.mapped, label, area=survey.area, route=survey.route, is_deviation=name == "_std"
+            ),
+            f"Map: {caption}",
+            caption,
+        )
+        for name, caption in captions.items()
+    }
 
 
 def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:

@@ -10,6 +10,7 @@ from survey.core.mappings import ReadOnlyMapping
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
+from survey.data.sensors.payload import Quantity
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import Reconstruction
@@ -79,6 +80,25 @@ class FleetResults:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PayloadResults:
+    """Map of one quantity of a science payload.
+
+    Parameters
+    ----------
+    quantity : Quantity
+        Name and unit.
+    mapped : Reconstruction
+        Its map.
+    scores : mapping of str to float
+        ``rmse``, ``coverage_95``, ``claimed_rms`` and ``scc``; empty without a reference.
+    """
+
+    quantity: Quantity
+    mapped: Reconstruction
+    scores: Mapping[str, float] = field(default_factory=lambda: ReadOnlyMapping({}))
+
+
+@dataclass(frozen=True, kw_only=True)
 class SurveyResults:
     """A finished survey with its reference and score.
 
@@ -104,6 +124,8 @@ class SurveyResults:
         Camera records, where there was a camera.
     fleet : FleetResults, optional
         Drives of several rovers, instead of one trajectory.
+    payload : tuple of PayloadResults
+        Maps of the quantities that a science payload measured.
     """
 
     area: SurveyArea
@@ -117,3 +139,4 @@ class SurveyResults:
     points: SurfacePoints | None = None
     on_board: OnBoard | None = None
     fleet: FleetResults | None = None
+    payload: tuple[PayloadResults, ...] = ()

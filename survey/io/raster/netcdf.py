@@ -18,7 +18,13 @@ _FILL = np.float32(-9999.0)
 
 
 def write_netcdf(
-    path: str | Path, bands: Mapping[str, FloatArray], transform: Affine, crs: CRS, vertical_datum: str
+    path: str | Path,
+    bands: Mapping[str, FloatArray],
+    transform: Affine,
+    crs: CRS,
+    vertical_datum: str,
+    *,
+    attributes: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
     """Write each band as a float32 variable over y and x [m], with CRS and vertical datum.
 
@@ -34,6 +40,8 @@ def write_netcdf(
         Projected, with the vertical part if it has a code.
     vertical_datum : str
         Name of the surface that heights count from.
+    attributes : mapping of str to mapping, optional
+        CF attributes of bands by their names; ``units`` are metres unless stated.
 
     Raises
     ------
@@ -48,7 +56,9 @@ def write_netcdf(
         raise InputError(
             f"{path}: NetCDF needs xarray, h5netcdf and h5py, which are not installed; install firnline[netcdf]."
         ) from error
-    dataset = xarray.Dataset(_variables(bands), _axes(bands, transform), _facts(vertical_datum))
+    dataset = xarray.Dataset(
+        _variables(bands, attributes or {}), _axes(bands, transform), _facts(vertical_datum)
+    )
     dataset["spatial_ref"] = ((), np.int32(0), _grid_mapping(crs, transform))
     encoding = {name: {"_FillValue": _FILL, "zlib": True, "fletcher32": True} for name in bands}
     with replacing(path, stale=stale_files(path)) as draft:
@@ -58,10 +68,16 @@ def write_netcdf(
             raise unwritable(Path(path), error) from error
 
 
-def _variables(bands: Mapping[str, FloatArray]) -> dict[str, Any]:
+def _variables(
+    bands: Mapping[str, FloatArray], attributes: Mapping[str, Mapping[str, str]]
+) -> dict[str, Any]:
     mapping = {"grid_mapping": "spatial_ref", "units": "m"}
     return {
-        name: (("y", "x"), np.where(np.isfinite(values), values, _FILL).astype(np.float32), mapping)
+        name: (
+            ("y", "x"),
+            np.where(np.isfinite(values), values, _FILL).astype(np.float32),
+            mapping | dict(attributes.get(name, {})),
+        )
         for name, values in bands.items()
     }
 

@@ -1,0 +1,1 @@
+"""Benchmark of missions of several rovers, science payloads and hazard maps."""

@@ -1,0 +1,179 @@
+"""Logs of a science payload: readings of one scalar quantity, by time or by place."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from survey.core.arrays import FloatArray, checked
+from survey.core.config import Section
+from survey.core.data_object import DataObject
+from survey.core.errors import InputError
+from survey.data.trajectory import Trajectory
+from survey.io.tables import read_table, write_table
+
+_TIME, _PLACE = "time_s", ("easting_m", "northing_m")
+_N_LEAST = 10
+
+
+class Quantity(Section):
+    """A scalar quantity that a payload measures, with its unit and the properties of its sensor.
+
+    Examples
+    --------
+    >>> Quantity(name="air_temperature", unit="degC", noise_sd=0.1, lag_s=8.0).label
+    'Air temperature [degC]'
+    """
+
+    name: str
+    """Name of the quantity and of its column: lower case, digits and underscores."""
+    unit: str
+    """Unit as UDUNITS spells it: degC, W m-2, m s-1, m, 1."""
+    standard_name: str | None = None
+    """Standard name after the climate and forecast (CF) conventions, where there is one."""
+    noise_sd: float
+    """Standard deviation of the noise of a reading, in the unit."""
+    lag_s: float = 0.0
+    """Time constant with which the sensor follows its surroundings [s]; 0 for one that follows at once."""
+
+    @property
+    def label(self) -> str:
+        """Name and unit, for axes."""
+        return f"{self.name.replace('_', ' ').capitalize()} [{self.unit}]"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PayloadLog(DataObject):
+    """Readings of one quantity on one drive.
+
+    Parameters
+    ----------
+    quantity : Quantity
+        What was measured, and by which sensor.
+    value : (N,) array_like
+        Readings in the unit of the quantity, in the order in which they were taken.
+    time_s : (N,) array_like, optional
+        Times on the clock of the drive, strictly increasing [s]. Give this, `xy`, or both.
+    xy : (N, 2) array_like, optional
+        Easting and northing of the readings [m], where places were logged.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, NaN, fewer than ten readings, neither times nor places, or a lag without times.
+
+    Examples
+    --------
+    >>> warm = Quantity(name="air_temperature", unit="degC", noise_sd=0.1)
+    >>> len(PayloadLog(warm, np.zeros(12), np.arange(12.0)))
+    12
+    """
+
+    quantity: Quantity
+    value: FloatArray
+    time_s: FloatArray | None = None
+    xy: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        name = self.quantity.name
+        value = checked(self.value, (None,), f"the readings of {name}")
+        if len(value) < _N_LEAST:
+            raise InputError(f"{len(value)} readings of {name} were given; at least {_N_LEAST} are needed.")
+        object.__setattr__(self, "value", value)
+        if self.time_s is not None:
+            time_s = checked(self.time_s, (len(value),), f"the times of {name}")
+            if (np.diff(time_s) <= 0.0).any():
+                raise InputError(f"the times of {name} do not increase; sort the readings by time.")
+            object.__setattr__(self, "time_s", time_s)
+        if self.xy is not None:
+            object.__setattr__(self, "xy", checked(self.xy, (len(value), 2), f"the places of {name}"))
+        self._check_placement()
+
+    def _check_placement(self) -> None:
+        name = self.quantity.name
+        if self.time_s is None and self.xy is None:
+            raise InputError(f"the readings of {name} have neither times nor places; give one of them.")
+        if self.time_s is None and self.quantity.lag_s > 0.0:
+            raise InputError(
+                f"the sensor of {name} lags, which needs times; add {_TIME}, or set its lag to 0."
+            )
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def placed(self, trajectory: Trajectory | None) -> Self:
+        """Return the readings with the places where the trajectory was at their times.
+
+        Parameters
+        ----------
+        trajectory : Trajectory or None
+            Path of the drive on the same clock; not needed for readings with places.
+
+        Returns
+        -------
+        PayloadLog
+            Without readings before the begin and after the end of the trajectory.
+
+        Raises
+        ------
+        InputError
+            Readings without places and no trajectory, or too few of them during the trajectory.
+        """
+        if self.xy is not None:
+            return self
+        if trajectory is None or self.time_s is None:
+            raise InputError(
+                f"the readings of {self.quantity.name} have no places; give the trajectory of the drive, or add the "
+                f"columns {', '.join(_PLACE)}."
+            )
+        during = (self.time_s >= trajectory.time_s[0]) & (self.time_s <= trajectory.time_s[-1])
+        if during.sum() < _N_LEAST:
+            raise InputError(
+                f"{int(during.sum())} of {len(self)} readings of {self.quantity.name} fall into the drive from "
+                f"{trajectory.time_s[0]:.1f} to {trajectory.time_s[-1]:.1f} s; give times on the drive's clock."
+            )
+        times = self.time_s[during]
+        xy = np.column_stack(
+            [np.interp(times, trajectory.time_s, axis) for axis in trajectory.position[:, :2].T]
+        )
+        return type(self)(self.quantity, self.value[during], times, xy)
+
+    @classmethod
+    def read(cls, path: str | Path, quantity: Quantity) -> Self:
+        """Read a CSV with the column of the quantity and ``time_s``, or ``easting_m`` and ``northing_m``.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        quantity : Quantity
+            Its name is that of the column.
+
+        Returns
+        -------
+        PayloadLog
+            Places are those of the survey's CRS.
+
+        Raises
+        ------
+        InputError
+            Missing, damaged, or without one of the columns.
+        """
+        columns = read_table(path, (quantity.name,), what=f"the log of {quantity.name}")
+        places = [columns.get(name) for name in _PLACE]
+        xy: Any = None if any(place is None for place in places) else np.column_stack(places)  # type: ignore[arg-type]
+        return cls(quantity, columns[quantity.name], columns.get(_TIME), xy)
+
+    def write(self, path: str | Path) -> None:
+        """Write a CSV that `read` reads.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The file.
+        """
+        columns = {} if self.time_s is None else {_TIME: self.time_s}
+        if self.xy is not None:
+            columns |= dict(zip(_PLACE, self.xy.T, strict=True))
+        write_table(path, columns | {self.quantity.name: self.value})
