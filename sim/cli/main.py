@@ -25,6 +25,7 @@ from sim.cli.desk import desk
 from sim.cli.guide import doctor, example, schema, topics
 from sim.cli.guide.version import options
 from sim.cli.outcome import run_guarded
+from sim.cli.science import payload
 
 app = typer.Typer(
     name="firnline",
@@ -45,6 +46,7 @@ for command in (
     calibrate.calibrate,
     localize.localize,
     reconstruct.reconstruct,
+    payload.payload,
     score.score,
     change.change,
     report.report,

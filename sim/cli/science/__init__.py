@@ -1,0 +1,1 @@
+"""Commands for what a survey carries beside its terrain sensors."""
