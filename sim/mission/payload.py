@@ -64,8 +64,9 @@ def score_payloads(mission: MissionConfig, run: RunFolder, folder: Path) -> None
         mapped = survey.Reconstruction.read(run.folder("reconstruct") / PAYLOAD / quantity.name)
         field = PayloadField(quantity, truths[0].dem, mission.site_seed)
         logs = zip(logs_of(run, quantity), truths, strict=True)
-        places = np.vstack([log.placed(truth.trajectory).xy for log, truth in logs])
-        reached = science_coverage(cells.visited(places), cells.centres, area.reference)
+        places = [log.placed(truth.trajectory).xy for log, truth in logs]
+        visited = cells.visited(np.vstack([xy for xy in places if xy is not None]))
+        reached = science_coverage(visited, cells.centres, area.reference)
         scores[quantity.name] = {**_judged(mapped, field, area), "scc": reached, "unit": quantity.unit}
     write_json(folder / f"{PAYLOAD}.json", scores)
 

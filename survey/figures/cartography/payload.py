@@ -1,6 +1,7 @@
 """Map of a quantity of a science payload, beside its standard deviation."""
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -42,9 +43,13 @@ def payload_plot(
     values = np.where(area.contains(shown.xy).reshape(shown.shape), shown.elevation, np.nan)
     low, high = (float(v) for v in np.nanpercentile(values, [0.5, 99.5]))
     limits = Normalize(0.0 if is_deviation else low, max(high, low + 1e-9))
-    image = draw_raster(drawing.maps[0], values, shown, DEVIATION if is_deviation else "cividis", limits)
+    image = draw_raster(
+        drawing.maps[0], values, shown, DEVIATION if is_deviation else colormaps["cividis"], limits
+    )
     draw_area(drawing.maps[0], area)
     draw_route_lines(drawing.maps[0], route)
     add_colour_bar(image, drawing, f"1 σ of {label}" if is_deviation else label, extend="both")
-    drawing.maps[0].set_title("Claimed uncertainty (1 σ)" if is_deviation else label.split(" [", maxsplit=1)[0])
+    drawing.maps[0].set_title(
+        "Claimed uncertainty (1 σ)" if is_deviation else label.split(" [", maxsplit=1)[0]
+    )
     return drawing.figure

@@ -18,14 +18,14 @@ from survey.data.sensors.payload import PayloadLog
 
 
 class AveragedReadings(NamedTuple):
-    """Averages of readings over blocks: ``value`` (n,), the blocks' places ``xy`` (n, 2), numbers of readings ``count`` (n,).
+    """Averages of readings over blocks: ``value`` (n,), the blocks' places ``xy`` (n, 2), numbers of readings ``n_readings`` (n,).
 
     ``response`` (n, n) takes the quantity at the places to the averages; None for sensors that do not lag.
     """
 
     value: FloatArray
     xy: FloatArray
-    count: FloatArray
+    n_readings: FloatArray
     response: FloatArray | None
 
     @classmethod
@@ -37,7 +37,7 @@ class AveragedReadings(NamedTuple):
         return cls(
             np.concatenate([part.value for part in parts]),
             np.vstack([part.xy for part in parts]),
-            np.concatenate([part.count for part in parts]),
+            np.concatenate([part.n_readings for part in parts]),
             block_diag(*responses) if responses else None,
         )
 
@@ -56,15 +56,15 @@ class AveragedReadings(NamedTuple):
 def _averaged(log: PayloadLog, size: int) -> AveragedReadings:
     """Average the readings of one drive over blocks of `size` readings; a shorter rest joins the last block."""
     first = np.arange(0, max(len(log) - size + 1, 1), size)
-    count = np.diff(np.r_[first, len(log)]).astype(np.float64)
+    n_readings = np.diff(np.r_[first, len(log)]).astype(np.float64)
     assert log.xy is not None
-    xy = np.add.reduceat(log.xy, first, axis=0) / count[:, None]
+    xy = np.add.reduceat(log.xy, first, axis=0) / n_readings[:, None]
     response = None
     if log.quantity.lag_s > 0.0 and log.time_s is not None:
         period_s = float(np.median(np.diff(log.time_s)))
         ends = np.r_[log.time_s[first[1:]], log.time_s[-1] + period_s]
         response = lag_response(np.diff(np.r_[log.time_s[0], ends]), log.quantity.lag_s)
-    return AveragedReadings(np.add.reduceat(log.value, first) / count, xy, count, response)
+    return AveragedReadings(np.add.reduceat(log.value, first) / n_readings, xy, n_readings, response)
 
 
 def lag_response(duration_s: FloatArray, lag_s: float) -> FloatArray:

@@ -68,12 +68,12 @@ class PayloadProcess:
         kernel, noise_sd = hyperparameters
         covariance = readings.covariance(kernel.covariance(readings.xy, readings.xy))
         covariance[np.diag_indices_from(covariance)] += (
-            noise_sd**2 / readings.count + _JITTER * kernel.variance_m2
+            noise_sd**2 / readings.n_readings + _JITTER * kernel.variance_m2
         )
         self._factor = cho_factor(covariance, lower=True)
         columns = readings.seen(self._trend(elevation_m))
         self._solved = cho_solve(self._factor, columns)
-        self.trend_covariance: FloatArray = np.linalg.inv(columns.T @ self._solved)
+        self.trend_covariance = np.linalg.inv(columns.T @ self._solved).astype(np.float64)
         self.trend: FloatArray = self.trend_covariance @ (self._solved.T @ readings.value)
         self._weights = cho_solve(self._factor, readings.value - columns @ self.trend)
 
@@ -164,7 +164,7 @@ def _profiled(
     """Return minus the restricted log likelihood, and the variance that maximises it."""
     correlation = family(1.0, length_m).covariance(readings.xy, readings.xy)
     covariance = readings.covariance(correlation)
-    covariance[np.diag_indices_from(covariance)] += ratio / readings.count + _JITTER
+    covariance[np.diag_indices_from(covariance)] += ratio / readings.n_readings + _JITTER
     lower = np.linalg.cholesky(covariance)
     white = solve_triangular(lower, np.column_stack([columns, readings.value]), lower=True)
     basis, upper = np.linalg.qr(white[:, :-1])

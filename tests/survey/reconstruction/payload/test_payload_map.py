@@ -108,7 +108,7 @@ def test_an_unknown_elevation_widens_the_standard_deviation(mapped):
 
 def test_averages_keep_every_reading():
     averaged = AveragedReadings.of([log().placed(drive())], 100)
-    assert averaged.count.sum() == len(log())
+    assert averaged.n_readings.sum() == len(log())
     assert len(averaged.value) <= 100
 
 
