@@ -47,9 +47,7 @@ def outcome(seed: int) -> dict[str, Any]:
 
 def drives(world: World, mission: MissionConfig) -> list[tuple[SurfacePoints, PathError | None]]:
     """Return landmarks and path error of each rover of a mission."""
-    route = planners.plan(
-        world.area, world.prior, mission.planner, rover=mission.rover, fleet=mission.fleet
-    )
+    route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
     found = []
     for rover in range(route.n_rovers):
         alone = mission.of_rover(rover)
