@@ -3,8 +3,18 @@ r"""Adaptive survey: planned swath by swath while it is driven, until the guaran
 The first swaths are spaced by the prior. Then family, length scale and noise are fitted to the samples taken so
 far, and the fewest further swaths are sought that are predicted to meet the requirement: every gap between driven
 swaths is cut into equal parts, none wider than a spacing D, and D is reduced until the probability is sufficient.
-The nearest of these swaths is driven next; then all is planned again. The survey may be looked at after each swath: what
-is asked of the probability at a look is more than what is promised (`planners.guarantee.spending`).
+The nearest of these swaths is driven next; then all is planned again.
+
+The survey may be looked at after each swath. Let A be the event that the map made at the stopping time τ meets the limit.
+By the law of total expectation
+
+.. math::  P(A) = E\left[ P(A \mid \text{samples until } \tau) \right] \ge p
+
+where the survey stops only at a probability of p or more, whatever else the rule depends on and however often it is
+asked: a posterior probability keeps its meaning under optional stopping (Rouder 2014, Psychonomic Bulletin & Review 21,
+301; Hendriksen, de Heide and Grünwald 2021, Bayesian Analysis 16, 961). That needs a posterior that is right on average:
+the roughness is therefore checked on lines left out (`planners.guarantee.belief.left_out`), and what remains is a spread
+measured on real ground.
 """
 
 from dataclasses import dataclass
@@ -12,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.ground_metres import settings_factor
-from planners.guarantee.adaptive_state import SURVEY_SPREAD, AdaptiveConfig, AdaptiveState, MeasureHeights
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, posterior_from_survey
+from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState, MeasureHeights
+from planners.guarantee.belief.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -66,12 +76,11 @@ def survey_adaptively(
     lines = state.further(config.first_probability)
     is_met = False
     while lines is not None and not is_met:
-        is_look = state.is_look
         state.drive(state.nearest(lines), measure)
         if len(state.offsets) >= config.n_first:
             state.learn()
-            is_met = is_look and state.look()
-            lines = lines if is_met else state.further(state.asked)
+            is_met = state.is_met
+            lines = lines if is_met else state.further(config.probability)
         else:
             lines = state.further(config.first_probability)
     route = Route(tuple(state.legs), area.crs, "adaptive") if state.legs else None
@@ -133,7 +142,7 @@ def next_swath(
     AdaptiveSurvey
         ``route`` leads to the next swath and along it; None when no more is needed (``holds``) or when none is
         enough. ``predicted`` includes all swaths that are planned to follow. The same swaths and samples give the
-        same answer, however often they are asked about: each line driven is one look.
+        same answer, however often they are asked about.
 
     Raises
     ------
@@ -141,38 +150,15 @@ def next_swath(
         Too few samples to fit a covariance, or an area that no swath meets.
     """
     config = config.in_grid_metres(settings_factor(area))
-    posterior = posterior_from_survey(
-        xy,
-        heights,
-        noise_m=config.noise_m,
-        localization_m=config.localization_m,
-        spread=SURVEY_SPREAD,
-    )
-    state = AdaptiveState(area, posterior, config)
-    state.legs, state.samples, state.heights = list(driven.legs), xy, heights
-    state.offsets = lines_driven(state, driven)
-    state.predicted = state.predictor.of(xy, posterior)
-    # The lines driven count, not the calls: a look without a new swath spends no error.
-    state.n_looks = max(len(state.offsets) - config.n_first, 0)
-    if state.look():
-        return AdaptiveSurvey(None, xy, posterior, state.predicted, True)
-    lines = state.further(state.asked)
+    state = AdaptiveState.driven(area, driven, xy, heights, config)
+    if state.is_met:
+        return AdaptiveSurvey(None, xy, state.posterior, state.predicted, True)
+    lines = state.further(config.probability)
     if lines is None:
-        return AdaptiveSurvey(None, xy, posterior, state.predicted, False)
+        return AdaptiveSurvey(None, xy, state.posterior, state.predicted, False)
     state.drive(state.nearest(lines), _unmeasured)
     route = Route(tuple(state.legs[len(driven.legs) :]), area.crs, "adaptive")
-    return AdaptiveSurvey(route, xy, posterior, state.predicted_with(lines), True)
-
-
-def lines_driven(state: AdaptiveState, driven: Route) -> list[float]:
-    """Return the offsets of the lines driven [m]; pieces of one line, as about a hole, count once."""
-    edge = float(state.lines.v.min())
-    found: list[float] = []
-    for leg in driven.swaths:
-        offset = float(leg.axis.mean(axis=0) @ state.lines.left) - edge
-        if all(abs(offset - other) > 0.1 * state.config.sample_step_m for other in found):
-            found.append(offset)
-    return found
+    return AdaptiveSurvey(route, xy, state.posterior, state.predicted_with(lines), True)
 
 
 def _unmeasured(xy: FloatArray) -> FloatArray:

@@ -9,29 +9,31 @@ import numpy as np
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import WavyConfig
 from planners.guarantee.belief.kernel_posterior import KernelPosterior, posterior_from_survey
+from planners.guarantee.belief.left_out import checked_by_lines
 from planners.guarantee.gaps import gaps_filled
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.search import fewest
-from planners.guarantee.spending import asked_at
 from planners.guarantee.survey_lines import SurveyLines
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.legs import Leg
+from survey.data.route import Route
 
 MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""
 
 MOST_SWATHS = 30
-SURVEY_SPREAD = 0.07
-"""Scale of the logarithm of actual over predicted error, with the covariance fitted to a survey."""
+SURVEY_SPREAD = 0.17
+"""Scale of the logarithm of actual over predicted roughness, with the covariance fitted to a survey (Student's distribution).
+
+From adaptive surveys of the development landscapes of ``python -m benchmarks.promise_on_real_ground``.
+"""
 # A survey is given up where the densest one has less than this probability: first by the prior, then by so many swaths.
 _HOPELESS = 1e-3
 _HOPE = 0.1
 _LEAST_SEEN = 6
-# A swath is followed by a look where the plan has no more swaths than this left before it.
-_LOOKED_AT = 2
 
 
 @dataclass(frozen=True)
@@ -105,10 +107,22 @@ class AdaptiveState:
             MOST_SWATHS, int(self.lines.width_m / (2.0 * config.sample_step_m))
         )
         self.offsets: list[float] = []
-        self.n_further = self.n_looks = 0
+        self.n_further = 0
         self.legs: list[Leg] = []
         self.samples, self.heights = np.empty((0, 2)), np.empty(0)
         self.predicted = MapPrediction(0.0, float(np.sqrt(posterior.likeliest.variance_m2)))
+
+    @classmethod
+    def driven(
+        cls, area: SurveyArea, route: Route, xy: FloatArray, heights: FloatArray, config: AdaptiveConfig
+    ) -> Self:
+        """Return the state after a route with samples (N, 2) and heights (N,) [m]; lengths are grid metres."""
+        found = _fitted(xy, heights, config)
+        state = cls(area, found, config)
+        state.legs, state.samples, state.heights = list(route.legs), xy, heights
+        state.offsets = lines_driven(state, route)
+        state._check(found)
+        return state
 
     @property
     def here(self) -> FloatArray | None:
@@ -134,20 +148,9 @@ class AdaptiveState:
         return scales * self.posterior.slope_length_m
 
     @property
-    def asked(self) -> float:
-        """Probability that is asked for at the look to come."""
-        return asked_at(self.config.probability, self.n_looks + 1)
-
-    @property
-    def is_look(self) -> bool:
-        """Whether the next swath is followed by a look: settled before it is driven, once the plan is nearly done."""
-        return self.n_further <= _LOOKED_AT
-
-    def look(self) -> bool:
-        """Return whether the map of what was driven meets the limit with the probability that this look asks for."""
-        is_met = self.predicted.probability >= self.asked
-        self.n_looks += 1
-        return is_met
+    def is_met(self) -> bool:
+        """Whether the map of what was driven meets the limit with the required probability."""
+        return self.predicted.probability >= self.config.probability
 
     def further(self, probability: float) -> list[tuple[float, float]] | None:
         """Return the fewest further lines that are predicted to be enough; None where the densest survey has no hope.
@@ -212,16 +215,37 @@ class AdaptiveState:
         return pieces if is_forth else [xy[::-1] for xy in pieces[::-1]]
 
     def learn(self) -> None:
-        """Fit family, length, variance and noise to all samples, and predict the map."""
-        config = self.config
-        self.posterior = posterior_from_survey(
-            self.samples,
-            self.heights,
-            noise_m=config.noise_m,
-            localization_m=config.localization_m,
-            spread=SURVEY_SPREAD,
-        )
+        """Fit family, length, variance and noise to all samples, check them on lines left out, and predict the map."""
+        self._check(_fitted(self.samples, self.heights, self.config))
+
+    def _check(self, posterior: KernelPosterior) -> None:
+        """Check covariances on lines left out, and predict the map of what was driven."""
+        self.posterior = checked_by_lines(posterior, self.samples, self.heights, self._nearest_lines())
         self.predicted = self.predictor.of(self.samples, self.posterior)
+
+    def _nearest_lines(self) -> IntArray:
+        """Return the line driven (N,) that each sample is nearest to."""
+        offset = self.samples @ self.lines.left - float(self.lines.v.min())
+        nearest: IntArray = np.argmin(np.abs(offset[:, None] - np.array(self.offsets)), axis=1)
+        return nearest
+
+
+def _fitted(xy: FloatArray, heights: FloatArray, config: AdaptiveConfig) -> KernelPosterior:
+    """Return the covariances that samples at places (N, 2) make likely."""
+    return posterior_from_survey(
+        xy, heights, noise_m=config.noise_m, localization_m=config.localization_m, spread=SURVEY_SPREAD
+    )
+
+
+def lines_driven(state: AdaptiveState, driven: Route) -> list[float]:
+    """Return the offsets of the lines driven [m]; pieces of one line, as about a hole, count once."""
+    edge = float(state.lines.v.min())
+    found: list[float] = []
+    for leg in driven.swaths:
+        offset = float(leg.axis.mean(axis=0) @ state.lines.left) - edge
+        if all(abs(offset - other) > 0.1 * state.config.sample_step_m for other in found):
+            found.append(offset)
+    return found
 
 
 def places_along(xy: FloatArray, step_m: float) -> FloatArray:

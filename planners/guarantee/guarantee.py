@@ -4,7 +4,7 @@ A prior shows nothing finer than two or three of its cells. The guarantee theref
 rough measured ground of this class is below that (`planners.guarantee.belief.surfaces`). The probability that a pattern of so
 many swaths meets the limit is predicted; the fewest swaths whose probability is sufficient are then tried on simulated
 ground that agrees with the cells and is drawn from another belief (`planners.guarantee.proof.grounds`). More swaths follow
-where these surveys contradict the prediction.
+until the lower confidence limit of the share of these surveys that meet the limit is the probability, too.
 
 The number of swaths never falls with a stricter limit, a higher probability, more noise or a prior of larger standard
 deviation: the covariances depend on none of them, and all numbers of swaths are tried from the fewest on.

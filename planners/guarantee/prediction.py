@@ -42,8 +42,9 @@ FITTED_KERNEL_INFLATION = 1.02
 """Ratio of errors with a fitted covariance to those with the true one, on rough terrain."""
 
 
-# Samples nearer to one another than this share of the slope length are averaged, but no more of them than here:
-# rough terrain changes between them.
+# Of more samples than this, those nearer to one another than a share of the slope length are averaged, but no more of
+# them than here: rough terrain changes between them.
+_MOST_FACTORIZED = 1000
 _AVERAGED = 0.2
 
 
@@ -153,7 +154,9 @@ class LimitPredictor:
         """
         if len(xy) > _MOST_AT_ONCE:
             return self._in_patches(xy, posterior)
-        return ErrorDistribution(self._moments(xy, posterior, self.nodes), posterior.spread)
+        return ErrorDistribution(
+            self._moments(xy, posterior, self.nodes), posterior.spread, posterior.open_spread
+        )
 
     def _in_patches(self, xy: FloatArray, posterior: KernelPosterior) -> ErrorDistribution:
         """Predict the distribution from the moments of patches, whose errors are independent of one another."""
@@ -168,19 +171,20 @@ class LimitPredictor:
         total = []
         for index, one in enumerate(posterior.kernels):
             mean = float(np.mean([parts[index].mean for parts, _ in patches]))
+            noise = float(np.mean([parts[index].noise for parts, _ in patches]))
             shares = [min(size_m2 / float(self.area.free.area), 1.0) for _, size_m2 in patches]
             within = [
                 parts[index].variance * share for (parts, _), share in zip(patches, shares, strict=True)
             ]
-            total.append(ErrorMoments(mean, float(np.mean(within)), one.weight))
-        return ErrorDistribution(total, posterior.spread)
+            total.append(ErrorMoments(mean, float(np.mean(within)), one.weight, noise))
+        return ErrorDistribution(total, posterior.spread, posterior.open_spread)
 
     def _moments(self, xy: FloatArray, posterior: KernelPosterior, nodes: FloatArray) -> list[ErrorMoments]:
         """Return the moments of the mean squared error over nodes (M, 2), for each covariance."""
         seen: dict[tuple[str, float], _Seen] = {}
         found = []
         for one in posterior.kernels:
-            thin = self._averaged(one)
+            thin = self._averaged(one) if len(xy) > _MOST_FACTORIZED else 1
             key = one.cell.family, one.cell.length
             if key not in seen:
                 seen[key] = self._seen(xy[::thin], one.cell, nodes)
@@ -199,23 +203,25 @@ class LimitPredictor:
     def _under(self, weighted: WeightedKernel, seen: _Seen, thin: int) -> ErrorMoments:
         """Return the moments for one covariance; each place stands for `thin` samples."""
         matrix = seen.among.copy()
-        matrix[np.diag_indices(len(matrix))] += max(
-            weighted.noise_m**2 / thin / weighted.variance_m2, _LEAST_RATIO
-        )
+        ratio = max(weighted.noise_m**2 / thin / weighted.variance_m2, _LEAST_RATIO)
+        matrix[np.diag_indices(len(matrix))] += ratio
         factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=1)
         if failed:
             return ErrorMoments(weighted.variance_m2, weighted.variance_m2**2, weighted.weight)
         half = lapack.dtrtrs(factor, np.column_stack([np.ones(len(matrix)), seen.across]), lower=1)[0]
         ones, explained = half[:, 0], half[:, 1:]
-        gap = 1.0 - ones @ explained
-        left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) / (ones @ ones)
+        gap = (1.0 - ones @ explained) / (ones @ ones)
+        left = 1.0 - np.square(explained).sum(axis=0) + np.square(gap) * (ones @ ones)
+        weights = lapack.dtrtrs(factor, explained + np.outer(ones, gap), lower=1, trans=1)[0]
+        noise = ratio * np.square(weights).sum(axis=0).mean()
         some, gap = explained[:, :_N_IN_COMMON], gap[:_N_IN_COMMON]
-        common = seen.common - some.T @ some + np.outer(gap, gap) / (ones @ ones)
+        common = seen.common - some.T @ some + np.outer(gap, gap) * (ones @ ones)
         scale_m2 = self.inflation**2 * weighted.variance_m2
         common = scale_m2 * common
         common[np.diag_indices(len(common))] += weighted.unseen_m2
         mean = float((scale_m2 * left + weighted.unseen_m2).mean())
-        return ErrorMoments(mean, 2.0 * float(np.square(common).mean()), weighted.weight)
+        variance = 2.0 * float(np.square(common).mean())
+        return ErrorMoments(mean, variance, weighted.weight, scale_m2 * float(noise) + weighted.unseen_m2)
 
 
 @lru_cache(maxsize=32)

@@ -61,11 +61,15 @@ class Guarantee:
         return self.simulated.share(self.requirement.limit_m)
 
     @property
+    def simulated_bound(self) -> float:
+        """Lower confidence limit of that share, with a confidence of 90 %."""
+        return self.simulated.bounds(self.requirement.limit_m)[0]
+
+    @property
     def holds(self) -> bool:
-        """Whether the predicted probability is sufficient and the simulated surveys do not contradict it."""
+        """Whether the predicted probability is sufficient, and so is the lower confidence limit of the simulated share."""
         limit_m, probability = self.requirement.limit_m, self.requirement.probability
-        is_predicted = self.predicted.probability >= probability
-        return is_predicted and not self.simulated.contradict(limit_m, probability)
+        return self.predicted.probability >= probability and self.simulated.prove(limit_m, probability)
 
     @property
     def length_m(self) -> float:

@@ -257,7 +257,9 @@ class SwathSearch:
         if key not in self._known:
             xy = places(self._route(shape, n)[1], self.requirement.sample_step_m)
             self._known[key] = self.predictor.distribution(xy, self.posterior)
-        known = replace(self._known[key], spread=self.posterior.spread)
+        known = replace(
+            self._known[key], spread=self.posterior.spread, open_spread=self.posterior.open_spread
+        )
         return known.with_shared(self.requirement.shared_m)
 
     def _route(self, shape: LinePattern, n: int) -> tuple[LinePattern, Route]:

@@ -1,6 +1,5 @@
 """Posterior distribution of the terrain's covariance, from the cells of a prior or from a survey."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -8,28 +7,21 @@ from typing import NamedTuple
 import numpy as np
 
 from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.belief.prior_fit import fitted_family
 from planners.guarantee.belief.surfaces import SURFACES, Surface
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.covariance.kernels import Kernel
 from survey.reconstruction.gp.covariance.stationary import Stationary
 from survey.reconstruction.gp.selection.cells import Cell
 from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
 
-_LENGTHS_PER_DOUBLING = 2
-
-
 # Four covariances hold nearly all of what the samples leave open.
 _MOST_KERNELS = 4
 
 
 _LEAST_WEIGHT = 0.01
-
-
-# Variances of a cell's error over that of the terrain.
-_RATIOS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 
 
 # Spread of errors where the prior says nothing: that of the roughness from landscape to landscape.
@@ -89,11 +81,14 @@ class KernelPosterior:
     kernels : tuple of WeightedKernel
         The covariances.
     spread : float
-        Scale of the logarithm of actual over predicted error, on ground unlike all of them.
+        Scale of the logarithm of actual over predicted error, on ground unlike all of them (Student's distribution).
+    open_spread : float
+        Standard deviation of the logarithm of the roughness that the cells leave open (normal distribution).
     """
 
     kernels: tuple[WeightedKernel, ...]
     spread: float = 0.0
+    open_spread: float = 0.0
 
     @classmethod
     def of(cls, found: list[WeightedKernel]) -> "KernelPosterior":
@@ -119,11 +114,6 @@ class KernelPosterior:
         """Weighted mean of the exponents with which the squared error of a strip grows with its width."""
         return sum(one.weight * (one.cell.kind.error_growth or 0.0) for one in self.kernels)
 
-    def draw(self, rng: np.random.Generator) -> WeightedKernel:
-        """Return one of the covariances by chance."""
-        weights = [one.weight for one in self.kernels]
-        return self.kernels[int(rng.choice(len(weights), p=weights))]
-
 
 def posterior_from_prior(
     blocks: PriorBlocks,
@@ -139,14 +129,15 @@ def posterior_from_prior(
 
     Each family of the class takes its likeliest length scale, and the mean roughness of all. The weights of the
     families are those of the class: cells do not show how rough the terrain is between them. What the cells leave open
-    is a factor of the predicted error, whose squared spread is the sum of that of the class, that of the roughness under
-    all length scales and errors of the cells, and
+    is a factor of the roughness, whose squared spread is the sum of that under all length scales, resolutions and errors
+    of the cells, weighted with the roughness of other landscapes, and
 
     .. math::  0.8^2 \, \left( \frac{r^2}{1 + r^2} \right)^2, \qquad
                r = \sigma_{prior} / \mathrm{sd}(\mathrm{cells})
 
     so that a worse prior never makes a survey more certain, and one that is older than the ground, with a stated
-    deviation of many metres, leaves the roughness as open as it is from landscape to landscape.
+    deviation of many metres, leaves the roughness as open as it is from landscape to landscape. The spread of the class
+    of surface is a factor of its own.
 
     Parameters
     ----------
@@ -173,58 +164,14 @@ def posterior_from_prior(
     unseen_m = chosen.micro_relief_m if micro_relief_m is None else micro_relief_m
     found, open_share = [], 0.0
     for family, weight in weights.items():
-        cell, variance, spread = _fitted(blocks, family)
-        noise = localized_noise_m(noise_m, localization_m, cell.kernel(variance))
+        one = fitted_family(blocks, family)
+        noise = localized_noise_m(noise_m, localization_m, one.cell.kernel(one.variance_m2))
         total = float(np.hypot(noise, unseen_m))
-        found.append(WeightedKernel(cell, variance, total, weight, unseen_m**2))
-        open_share += weight * spread**2 / sum(weights.values())
+        found.append(WeightedKernel(one.cell, one.variance_m2, total, weight, unseen_m**2))
+        open_share += weight * one.spread**2 / sum(weights.values())
     share = prior_sigma_m**2 / max(prior_sigma_m**2 + blocks.relief_m**2, 1e-12)
-    spread = float(np.sqrt(chosen.spread**2 + open_share + (_PRIOR_SPREAD * share) ** 2))
-    return replace(KernelPosterior.of(found), spread=spread)
-
-
-class _Weighed(NamedTuple):
-    """A length scale (in a cell), the variance that suits it best [m²], its log likelihood and the roughness [log m]."""
-
-    cell: Cell
-    variance_m2: float
-    log_likelihood: float
-    log_roughness: float
-
-
-def _fitted(blocks: PriorBlocks, family: SearchedFamily) -> tuple[Cell, float, float]:
-    """Return the likeliest length scale (in a cell) of one family, a variance [m²], and the spread of the roughness.
-
-    The roughness is the standard deviation of a difference of heights over half a cell: what decides the error between
-    swaths. The variance is that with which the covariance has the mean logarithm of the roughness, over all lengths and
-    errors of the cells; the spread is its standard deviation.
-    """
-    weighed = list(_weighed(blocks, family))
-    if not weighed:
-        raise InputError("the prior's cells fit no covariance; take a prior whose heights differ.")
-    best = max(weighed, key=lambda one: one.log_likelihood)
-    weights = np.exp([one.log_likelihood - best.log_likelihood for one in weighed])
-    logs = np.array([one.log_roughness for one in weighed])
-    mean = float(weights @ logs / weights.sum())
-    spread = float(np.sqrt(weights @ np.square(logs - mean) / weights.sum()))
-    return best.cell, best.variance_m2 * float(np.exp(2.0 * (mean - best.log_roughness))), spread
-
-
-def _weighed(blocks: PriorBlocks, family: SearchedFamily) -> Iterator[_Weighed]:
-    """Yield the fits of all length scales and errors of the cells."""
-    first, last = np.log2(2.0 * blocks.cell_m), np.log2(2.0 * blocks.extent_m)
-    half_cell = np.array([0.5 * blocks.cell_m, 0.0])
-    for length in np.exp2(np.arange(first, last + 0.01, 1.0 / _LENGTHS_PER_DOUBLING)):
-        cell = Cell.of(family, float(length), 0.0)
-        lost = 1.0 - float(cell.kernel(1.0).covariance_of_lag(half_cell))
-        for ratio in _RATIOS:
-            fit = blocks.fit(cell.kernel(1.0), ratio)
-            if fit is None:
-                continue
-            error_m = np.sqrt(ratio * fit.variance_m2)
-            log = fit.log_likelihood - 0.5 * float(np.log(error_m / blocks.typical_error_m) ** 2)
-            roughness = 0.5 * float(np.log(2.0 * max(lost, 1e-12) * fit.variance_m2))
-            yield _Weighed(cell, fit.variance_m2, log, roughness)
+    open_spread = float(np.sqrt(open_share + (_PRIOR_SPREAD * share) ** 2))
+    return replace(KernelPosterior.of(found), spread=chosen.spread, open_spread=open_spread)
 
 
 def posterior_from_survey(
@@ -260,9 +207,10 @@ def posterior_from_survey(
 
     if localization_m > 0.0:
         stated = localized_noise_m(stated, localization_m, search(stated).found()[0].kernel)
+    plausible = search(stated).plausible()
+    unseen_m2 = max(sum(weight * one.noise_m**2 for one, weight in plausible) - stated**2, 0.0)
     found = [
-        WeightedKernel(one.cell, one.variance_m2, one.noise_m, weight, max(one.noise_m**2 - stated**2, 0.0))
-        for one, weight in search(stated).plausible()
+        WeightedKernel(one.cell, one.variance_m2, one.noise_m, weight, unseen_m2) for one, weight in plausible
     ]
     return replace(KernelPosterior.of(found), spread=spread)
 

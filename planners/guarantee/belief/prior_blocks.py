@@ -41,10 +41,11 @@ class Block(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Variance of the terrain [m²] that suits a covariance best, and the log likelihood."""
+    """Variance of the terrain [m²] that suits a covariance best, the log likelihood, and the degrees of freedom."""
 
     variance_m2: float
     log_likelihood: float
+    n_free: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +147,8 @@ class PriorBlocks:
         squared = sum(part[0] for part in known)
         n_free = sum(part[1] for part in known)
         variance = max(squared / n_free, 1e-12)
-        return Fit(variance, sum(part[2] for part in known) - 0.5 * n_free * float(np.log(variance)))
+        log_likelihood = sum(part[2] for part in known) - 0.5 * n_free * float(np.log(variance))
+        return Fit(variance, log_likelihood, n_free)
 
     @cached_property
     def _bases(self) -> list[tuple[Block, FloatArray]]:

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from scipy.stats import binom
+from scipy.stats import beta
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.guarantee.belief.kernel_posterior import KernelPosterior
 from planners.guarantee.proof.grounds import GROUNDS
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import places
@@ -26,7 +26,11 @@ _STEPS_ALONG = 60
 _CELLS_ALONG = 16
 _MOST_SAMPLES = 900
 _LEARNED = 80
-_DOUBTFUL = 0.05
+_CONFIDENCE = 0.9
+_MOST_BATCHES = 4
+_LEAST_MOST = 240
+# The highest probability that 240 surveys show where none misses.
+_MOST_SHOWN = 0.99
 
 
 class SimulatedErrors(NamedTuple):
@@ -44,14 +48,40 @@ class SimulatedErrors(NamedTuple):
         ]
         return float(np.mean(np.array(chosen) <= limit_m))
 
-    def contradict(self, limit_m: float, probability: float) -> bool:
-        """Return whether so many surveys miss the limit as happens by chance once in twenty times."""
-        missed = int(np.sum(self.rmse_m > limit_m))
-        return bool(binom.sf(missed - 1, len(self.rmse_m), 1.0 - probability) < _DOUBTFUL)
+    def bounds(self, limit_m: float) -> tuple[float, float]:
+        """Return the one-sided confidence limits of 90 % of the share that meets a limit (Clopper and Pearson 1934)."""
+        n = len(self.rmse_m)
+        n_met = int(np.sum(self.rmse_m <= limit_m))
+        low = float(beta.ppf(1.0 - _CONFIDENCE, n_met, n - n_met + 1)) if n_met else 0.0
+        high = float(beta.ppf(_CONFIDENCE, n_met + 1, n - n_met)) if n_met < n else 1.0
+        return low, high
+
+    def prove(self, limit_m: float, probability: float) -> bool:
+        """Return whether the lower confidence limit of the share is the probability or more.
+
+        So many surveys as are made at most show a probability of 99 %; of more they show that none missed the limit.
+        """
+        return self.bounds(limit_m)[0] >= min(probability, _MOST_SHOWN)
+
+    def and_more(self, others: "SimulatedErrors") -> "SimulatedErrors":
+        """Return these surveys and others."""
+        return SimulatedErrors(np.append(self.rmse_m, others.rmse_m), self.grounds + others.grounds)
+
+
+class _Drawn(NamedTuple):
+    """One surface: its kind, the terrain, and its heights at the nodes (M,) [m]."""
+
+    name: str
+    terrain: Dem
+    actual: FloatArray
 
 
 class SimulatedSurveys:
-    """Ground of three kinds on which routes are tried; of a large area, on a square of 16 cells in its midst."""
+    """Ground of three kinds on which routes are tried; of a large area, on a square of 16 cells in its midst.
+
+    It is as rough as the likeliest covariance of the belief: how much rougher it may be is a part of the prediction.
+    What these surveys show is whether ground of another kind is mapped as well as predicted.
+    """
 
     def __init__(
         self, area: SurveyArea, prior: Dem, posterior: KernelPosterior, requirement: MapRequirement
@@ -62,34 +92,53 @@ class SimulatedSurveys:
         self.nodes = cell_centres(self.part, _NODES_ALONG)
         step_m = max(xmax - xmin, ymax - ymin) / _STEPS_ALONG
         cells = CoarseCells(_cells_on(self.part, prior), requirement.prior_sigma_m)
+        self._weighted = posterior.likeliest
         grid = Grid.over((xmin, ymin, xmax, ymax), step_m, area.crs)
-        worlds: dict[WeightedKernel, ConditionalTerrain] = {}
-        self.weighted: list[WeightedKernel] = []
-        self.terrains: list[Dem] = []
-        names = list(GROUNDS)
-        self.grounds = tuple(names[index % len(names)] for index in range(requirement.n_simulations))
-        for index, name in enumerate(self.grounds):
-            rng = stream(requirement.seed, "promise", index)
-            one = posterior.draw(rng)
-            world = worlds.setdefault(one, ConditionalTerrain(cells, one.kernel, grid))
-            self.weighted.append(one)
-            self.terrains.append(GROUNDS[name](world, one.kernel, rng))
-        self.actual = np.column_stack([terrain.at(self.nodes) for terrain in self.terrains])
+        self._world = ConditionalTerrain(cells, self._weighted.kernel, grid)
+        self._drawn: list[_Drawn] = []
 
     def errors(self, route: Route) -> SimulatedErrors:
-        """Return the error of the map of each simulated survey."""
+        """Return the error of the map of simulated surveys: of more of them until they show whether it is met.
+
+        There are `n_simulations` of them, and as many again while the confidence limits of their share lie on both sides
+        of the required probability, up to four times as many, or 240.
+        """
+        limit_m, probability = self.requirement.limit_m, self.requirement.probability
+        n = self.requirement.n_simulations
         xy = self._near(places(route, self.requirement.sample_step_m))
-        heights = np.column_stack([terrain.at(xy) for terrain in self.terrains])
-        actual = self.actual.copy()
-        for column, one in enumerate(self.weighted):
-            rng = stream(self.requirement.seed, "promise", column, "samples", len(xy))
+        found = self._surveyed(xy, 0, n)
+        most = max(_MOST_BATCHES * n, _LEAST_MOST)
+        while len(found.rmse_m) < most and not found.prove(limit_m, probability):
+            if found.bounds(limit_m)[1] < probability:
+                break
+            found = found.and_more(self._surveyed(xy, len(found.rmse_m), n))
+        return found
+
+    def _surveyed(self, xy: FloatArray, first: int, n: int) -> SimulatedErrors:
+        """Return the errors of some surveys, of samples at places (N, 2) [m]."""
+        drawn = [self._ground(index) for index in range(first, first + n)]
+        heights = np.column_stack([one.terrain.at(xy) for one in drawn])
+        actual = np.column_stack([one.actual for one in drawn])
+        one = self._weighted
+        for column in range(n):
+            rng = stream(self.requirement.seed, "promise", first + column, "samples", len(xy))
             heights[:, column] += one.noise_m * rng.standard_normal(len(xy))
             heights[:, column] += self.requirement.shared_m * rng.standard_normal()
             actual[:, column] += np.sqrt(one.unseen_m2) * rng.standard_normal(len(actual))
-        noise_m = float(np.median([one.noise_m for one in self.weighted]))
-        found = KernelSearch(xy, heights, noise_m, ALL, most=_LEARNED).found()
+        found = KernelSearch(xy, heights, one.noise_m, ALL, most=_LEARNED).found()
         mean, _ = mapped(xy, heights, found, self.nodes)
-        return SimulatedErrors(np.sqrt(np.mean(np.square(mean - actual), axis=0)), self.grounds)
+        rmse_m = np.sqrt(np.mean(np.square(mean - actual), axis=0))
+        return SimulatedErrors(rmse_m, tuple(one.name for one in drawn))
+
+    def _ground(self, index: int) -> "_Drawn":
+        """Return the surface of a survey; drawn once for all routes."""
+        names = list(GROUNDS)
+        while len(self._drawn) <= index:
+            rng = stream(self.requirement.seed, "promise", len(self._drawn))
+            name = names[len(self._drawn) % len(names)]
+            terrain = GROUNDS[name](self._world, self._weighted.kernel, rng)
+            self._drawn.append(_Drawn(name, terrain, terrain.at(self.nodes)))
+        return self._drawn[index]
 
     def _near(self, xy: FloatArray) -> FloatArray:
         """Return the samples on the part of the area that is simulated, every k-th where there are many."""

@@ -85,8 +85,8 @@ def refusal_text(made: "Guarantee") -> str:
     if made.predicted.probability >= requirement.probability:
         return (
             f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
-            f"to reach it with {made.predicted.probability:.0%}, but simulated surveys of other ground do in "
-            f"{made.simulated_share:.0%} ({_shares(made)})."
+            f"to reach it with {made.predicted.probability:.0%}, but {len(made.simulated.rmse_m)} simulated surveys of other "
+            f"ground do in {made.simulated_share:.0%}, which shows {made.simulated_bound:.0%} at least ({_shares(made)})."
         )
     best = reachable_class(made.reachable_m)
     return (
@@ -131,6 +131,7 @@ def _facts(request: PlanRequest, made: "Guarantee") -> dict[str, Any]:
         "likely_rmse_m": made.likely.rmse_m,
         "likely_swaths": made.likely_swaths,
         "simulated_share": made.simulated_share,
+        "simulated_bound": made.simulated_bound,
         "simulated_shares": {
             name: made.simulated.share(made.requirement.limit_m, name)
             for name in dict.fromkeys(made.simulated.grounds)
@@ -156,8 +157,8 @@ def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
     typer.echo(f"  assumed: {made.assumptions}")
     typer.echo(
         f"  with that: RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%} by "
-        f"prediction, in {made.simulated_share:.0%} of {requirement.n_simulations} simulated surveys of other ground "
-        f"({_shares(made)})"
+        f"prediction, in {made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
+        f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least"
     )
     if made.likely_swaths < (made.config.swaths or 0):
         typer.echo(

@@ -2,8 +2,8 @@ import numpy as np
 import shapely
 
 from planners.ground.transit import FreeGround
-from planners.guarantee.adaptive import first_swaths, lines_driven, next_swath, survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState
+from planners.guarantee.adaptive import first_swaths, next_swath, survey_adaptively
+from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState, lines_driven
 from planners.guarantee.belief.kernel_posterior import (
     KernelPosterior,
     WeightedKernel,
@@ -82,7 +82,7 @@ def test_an_adaptive_survey_says_when_no_survey_is_enough():
     assert survey.route is None
 
 
-def test_looks_are_counted_by_lines_driven_not_by_calls_or_pieces():
+def test_the_same_samples_give_the_same_answer_and_pieces_of_a_line_count_once():
     terrain, rng = smooth_terrain(), stream(9)
     holed = SurveyArea(AREA.polygon.difference(shapely.box(100.0, 20.0, 200.0, 280.0)), CRS)
     config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1, heading_deg=0.0)

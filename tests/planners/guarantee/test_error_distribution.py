@@ -5,13 +5,28 @@ from planners.guarantee.error_distribution import ErrorDistribution, ErrorMoment
 
 
 def test_the_probability_is_that_of_drawn_mean_squares(rng):
-    made = ErrorDistribution([ErrorMoments(0.04, 0.0002, 0.7), ErrorMoments(0.09, 0.001, 0.3)], spread=0.3)
-    part = rng.random(200_000) < 0.7
-    mean, variance = np.where(part, 0.04, 0.09), np.where(part, 0.0002, 0.001)
-    squares = rng.gamma(mean**2 / variance, variance / mean)
-    errors = np.sqrt(squares) * np.exp(0.3 * rng.standard_t(4.0, 200_000))
-    for limit_m in (0.2, 0.3, 0.45):
+    made = ErrorDistribution([ErrorMoments(0.05, 0.0003, 1.0, noise=0.01)], spread=0.2, open_spread=0.3)
+    factors = np.exp(0.2 * rng.standard_t(4.0, 200_000) + 0.3 * rng.standard_normal(200_000))
+    shape = 0.05**2 / 0.0003
+    errors = np.sqrt(rng.gamma(shape, (0.04 * factors**2 + 0.01) / shape))
+    for limit_m in (0.15, 0.22, 0.3, 0.45):
         assert made.probability(limit_m) == pytest.approx(np.mean(errors <= limit_m), abs=0.01)
+
+
+def test_an_uncertain_roughness_leaves_errors_of_the_noise_alone():
+    noise = ErrorDistribution([ErrorMoments(0.04, 2e-5, 1.0, noise=0.04)], spread=0.5)
+    terrain = ErrorDistribution([ErrorMoments(0.04, 2e-5, 1.0)], spread=0.5)
+    assert noise.quantile_m(0.95) < 0.22
+    assert terrain.quantile_m(0.95) > 0.4
+
+
+def test_ground_lies_between_the_families_of_covariance():
+    parts = [ErrorMoments(0.04, 2e-5, 0.7), ErrorMoments(0.16, 3e-4, 0.3)]
+    made = ErrorDistribution(parts)
+    # The logarithms of 0.2 and 0.4 m with weights of 0.7 and 0.3, as a normal distribution.
+    spread = np.log(2.0) * np.sqrt(0.7 * 0.3)
+    assert made.quantile_m(0.5) == pytest.approx(0.2 * 2.0**0.3, rel=0.01)
+    assert made.quantile_m(0.9) == pytest.approx(0.2 * 2.0**0.3 * np.exp(1.28 * spread), rel=0.02)
 
 
 def test_the_quantile_is_the_inverse_of_the_probability():

@@ -7,8 +7,9 @@ from planners.guarantee.belief.kernel_posterior import (
     posterior_from_survey,
 )
 from planners.guarantee.belief.prior_blocks import PriorBlocks
+from survey import Dem, Grid
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
-from tests.planners.guarantee.smooth_site import AREA, coarse, lines, smooth_terrain
+from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, lines, smooth_terrain
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,16 @@ def test_the_class_of_surface_says_how_rough_the_ground_is(blocks):
 def test_a_worse_prior_leaves_more_open_and_changes_no_covariance(blocks):
     good, bad = (posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=sigma_m) for sigma_m in (0.5, 10.0))
     assert good.kernels == bad.kernels
-    assert good.spread < bad.spread
+    assert good.open_spread < bad.open_spread
+    assert good.spread == bad.spread
     # Cells that say nothing leave the roughness as open as it is from landscape to landscape.
     nothing = posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=1e4)
-    assert nothing.spread > 0.8
+    assert nothing.open_spread > 0.8
+
+
+def test_cells_that_show_errors_alone_leave_the_roughness_of_other_landscapes(rng):
+    heights = 0.5 * rng.standard_normal((5, 5))
+    prior = Dem.on(Grid((30.0, 30.0, 270.0, 270.0), 60.0, CRS), heights)
+    posterior = posterior_from_prior(PriorBlocks.of(AREA, prior), noise_m=0.1)
+    informed = posterior_from_prior(PriorBlocks.of(AREA, coarse(smooth_terrain())), noise_m=0.1)
+    assert posterior.open_spread > 1.5 * informed.open_spread

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from planners.guarantee.belief.kernel_posterior import KernelPosterior
 from planners.guarantee.proof.grounds import GROUNDS
@@ -20,13 +21,27 @@ def test_simulated_ground_agrees_with_the_prior(name):
     assert np.std(drawn.elevation - other.elevation) > 0.02
 
 
-def test_a_few_misses_do_not_contradict_a_promise_and_many_do():
-    rmse_m = np.r_[np.full(3, 0.6), np.full(27, 0.3)]
-    errors = SimulatedErrors(rmse_m, ("heavy tails",) * 30)
-    assert not errors.contradict(0.4572, 0.9)
-    assert errors.contradict(0.2, 0.9)
-    assert errors.share(0.4572) == pytest.approx(0.9)
-    assert errors.share(0.4572, "heavy tails") == pytest.approx(0.9)
+def _errors(n_met, n_missed):
+    rmse_m = np.r_[np.full(n_missed, 0.6), np.full(n_met, 0.3)]
+    return SimulatedErrors(rmse_m, ("heavy tails",) * (n_met + n_missed))
+
+
+def test_a_promise_needs_the_lower_confidence_limit_of_the_share():
+    assert _errors(27, 3).share(0.4572) == pytest.approx(0.9)
+    assert _errors(27, 3).share(0.4572, "heavy tails") == pytest.approx(0.9)
+    assert not _errors(27, 3).prove(0.4572, 0.9)
+    assert not _errors(24, 6).prove(0.4572, 0.9)
+    assert _errors(57, 3).prove(0.4572, 0.89)
+    assert _errors(22, 0).prove(0.4572, 0.9)
+    assert not _errors(21, 0).prove(0.4572, 0.9)
+
+
+def test_confidence_limits_are_those_of_the_binomial_distribution():
+    low, high = _errors(27, 3).bounds(0.4572)
+    assert binom.sf(26, 30, low) == pytest.approx(0.1)
+    assert binom.cdf(27, 30, high) == pytest.approx(0.1)
+    assert _errors(0, 5).bounds(0.4572)[0] == 0.0
+    assert _errors(5, 0).bounds(0.4572)[1] == 1.0
 
 
 def test_a_posterior_without_spread_is_the_default():
