@@ -173,6 +173,7 @@ grid = Grid.over(area.bounds, step_m=0.25, crs=CRS)
 terrain = reconstruct(landmarks, grid, area=area, path=path.error)
 real = Dem.on(grid, 800.0 + height(grid.x - EAST, grid.y[:, None] - NORTH))
 naive = reconstruct(landmarks, grid, area=area)
+real.write("lidar.tif")
 
 # %% [markdown]
 # ## Is σ honest?

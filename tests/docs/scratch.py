@@ -3,12 +3,13 @@
 | file | content |
 |---|---|
 | site.geojson, site.gpkg, site.kml | an area of 600 m by 600 m (the KML in degrees) |
-| srtm.tif | coarse elevations around it, cells of 60 m |
+| srtm.tif, glo30.tif | coarse elevations around it, cells of 60 m and of 30 m |
 | lidar.tif | the true surface, cells of 5 m |
 | map.tif | a map of it with its standard deviation as second band |
 | gnss.csv | 36 checkpoints as a receiver exports them |
 | landmarks.csv | 300 surface points with their standard deviation |
 | cover.gpkg | polygons of ice and rock |
+| scans | two LiDAR scans of a few square metres |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
 """
 
@@ -53,6 +54,7 @@ def make_scratch(folder: Path) -> None:
     for name in ("site.geojson", "site.gpkg", "site.kml"):
         area.write(folder / name)
     ground(60.0, 300.0).write(folder / "srtm.tif")
+    ground(30.0, 300.0).write(folder / "glo30.tif")
     truth = ground(5.0)
     truth.write(folder / "lidar.tif")
     _write_map(folder / "map.tif", truth, rng)
@@ -60,6 +62,7 @@ def make_scratch(folder: Path) -> None:
     _write_landmarks(folder / "landmarks.csv", rng)
     _write_cover(folder / "cover.gpkg")
     _write_surveys(folder, rng)
+    _write_scans(folder / "scans", rng)
 
 
 def _write_map(path: Path, truth: Dem, rng: np.random.Generator) -> None:
@@ -105,3 +108,13 @@ def _write_surveys(folder: Path, rng: np.random.Generator) -> None:
         Dem(heights, old.transform, old.crs, DATUM).write(folder / name)
     names = {"name": np.array(["North glacier"], dtype=object)}
     write_features(folder / "glacier.gpkg", [ice], names, old.crs, layer="outlines")
+
+
+def _write_scans(folder: Path, rng: np.random.Generator) -> None:
+    """Write two scans of the ground around a scanner 1.5 m above it."""
+    folder.mkdir()
+    for k in range(2):
+        xy = np.array([WEST + 300.0 + 2.0 * k, SOUTH + 300.0]) + rng.uniform(-4.0, 4.0, (1500, 2))
+        z = surface(*xy.T) + rng.normal(0.0, 0.03, len(xy))
+        origin = np.append(xy.mean(axis=0), z.mean() + 1.5)
+        np.savez(folder / f"{k}.npz", points=np.column_stack([xy, z]), origin=origin)

@@ -1,27 +1,54 @@
 """Examples: scripts, notebooks, figures of the gallery."""
 
+import re
 import runpy
 from collections import Counter
 from importlib import import_module
 from pathlib import Path
 
 import matplotlib as mpl
+import nbformat
 import pytest
 from matplotlib import pyplot as plt
+
+from tests.docs.console import Shell
+from tests.docs.scratch import make_scratch
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
 FIGURES = sorted((ROOT / "examples" / "gallery").rglob("plot_*.py"))
 LONGEST_FIGURE_SCRIPT = 40
+NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 MOST_FILES = 15
+SHORTER = {
+    "firnline montecarlo study.toml --scheduler tcp://10.0.0.5:8786": "firnline montecarlo study.toml --engine dask",
+    "firnline run srtm_ridge.toml": "firnline run srtm_ridge.toml --until localize",
+    "firnline run srtm_ridge.toml --set planner.swaths=8": "firnline run srtm_ridge.toml --set planner.swaths=8 --dry-run",
+    "firnline run white_out.toml": "firnline run white_out.toml --until plan",
+}
+"""Commands that take longer than a test should, and what the test runs instead."""
+
+pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_the_script_of_a_tutorial_runs(script, tmp_path, monkeypatch):
+def test_a_tutorial_runs_with_the_commands_that_it_shows(script, tmp_path, monkeypatch):
+    make_scratch(tmp_path)
     monkeypatch.chdir(tmp_path)
     with mpl.rc_context({"backend": "Agg", "figure.max_open_warning": 0}):
         runpy.run_path(str(script), run_name="example")
     plt.close("all")
+    shell = Shell()
+    for command in shown_commands(script):
+        output = shell.run(command)
+        assert shell.code == 0, f"{command}\n{output}"
+
+
+def shown_commands(script):
+    """Return the commands in the text of a tutorial, the long ones as `SHORTER` says."""
+    found = re.findall(r"^# (firnline .*)$", script.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    commands = [command.split("#")[0].rstrip() for command in found]
+    return [SHORTER.get(command, command) for command in commands]
 
 
 @pytest.mark.parametrize("script", FIGURES, ids=lambda script: script.stem)
@@ -43,7 +70,6 @@ def test_there_are_twenty_figures_in_sections_of_at_most_fifteen():
 
 
 def test_the_notebooks_are_those_of_the_scripts(monkeypatch):
-    pytest.importorskip("jupytext", reason="the extra docs is not installed")
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     examples = import_module("generate.examples")
     for script in examples.scripts():
@@ -51,3 +77,13 @@ def test_the_notebooks_are_those_of_the_scripts(monkeypatch):
         assert notebook.read_text(encoding="utf-8") == examples.notebook_text(script), (
             f"run python docs/write_notebooks.py: {notebook.name} differs from its script"
         )
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
+def test_a_notebook_runs(notebook, tmp_path, monkeypatch):
+    execution = pytest.importorskip("nbclient", reason="the extra docs is not installed")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.delenv("MPLBACKEND", raising=False)
+    cells = nbformat.read(notebook, as_version=4)
+    execution.NotebookClient(cells, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()

@@ -2,105 +2,31 @@
 
 A block that begins with three backticks and ``console`` holds lines ``$ command`` with their output, where ``...``
 stands for anything. Blocks of one page run one after the other in one folder, which holds the files of
-``tests/docs/scratch.py``. A command whose output is not shown must end with exit code 0; another exit code is shown by
+``tests/docs/scratch.py`` and the recordings of ``tests/docs/scratch_drives.py`` that its commands name. A command whose output is not shown must end with exit code 0; another exit code is shown by
 ``$ echo $?``. Commands are ``firnline`` (output to a file by ``>``), ``cat``, ``head -N``, ``ls`` and ``echo $?``; they
 run in this process, so that hundreds of them are cheap.
 """
 
 import doctest
-import logging
 import re
-import shlex
 import shutil
-from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from sim.cli.main import app
+from tests.docs.console import Entry, Shell, entries
 from tests.docs.scratch import make_scratch
+from tests.docs.scratch_drives import make_drives
 
 ROOT = Path(__file__).parents[2]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+PAGES = (
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *(p for p in sorted((ROOT / "docs").rglob("*.md")) if not {"_build", "reference"} & set(p.parts)),
+)
 _LONGEST = 4000
 _RULES = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-
-
-@dataclass
-class Entry:
-    """A command of a transcript with the line that it stands in, and the output that is shown."""
-
-    line: int
-    command: str
-    shown: list[str] = field(default_factory=list)
-
-
-def entries(page: str) -> Iterator[Entry]:
-    """Yield the commands of a page in order."""
-    entry: Entry | None = None
-    inside = False
-    for number, text in enumerate(page.splitlines(), start=1):
-        if text.startswith("```"):
-            if entry:
-                yield entry
-            inside, entry = text.strip() == "```console", None
-        elif inside and text.startswith("$ "):
-            if entry:
-                yield entry
-            entry = Entry(number, text[2:])
-        elif inside and entry:
-            if entry.command.endswith("\\"):
-                entry.command = entry.command[:-1] + text.strip().removeprefix("> ")
-            else:
-                entry.shown.append(text)
-
-
-class Shell:
-    """The few commands that transcripts use, run in one folder."""
-
-    def __init__(self) -> None:
-        self.code = 0
-
-    def run(self, command: str) -> str:
-        """Run a command and return what a terminal would show."""
-        words = shlex.split(command, comments=True)
-        if words == ["echo", "$?"]:
-            code, self.code = self.code, 0
-            return f"{code}\n"
-        assert self.code == 0, f"the command before ended with exit code {self.code}"
-        return getattr(self, f"_{words[0]}")(words[1:])
-
-    def _firnline(self, words: list[str]) -> str:
-        target = None
-        if ">" in words:
-            words, (target,) = words[: words.index(">")], words[words.index(">") + 1 :]
-        # What no handler takes goes to stderr, as in a process of its own.
-        root = logging.getLogger()
-        root.addHandler(logging.lastResort)
-        try:
-            done = CliRunner().invoke(app, words, env={"COLUMNS": "100"}, prog_name="firnline")
-        finally:
-            root.removeHandler(logging.lastResort)
-        self.code = done.exit_code
-        if done.exception and not isinstance(done.exception, SystemExit):
-            raise done.exception
-        if target is None:
-            return done.output
-        Path(target).write_text(done.stdout, encoding="utf-8")
-        return done.stderr
-
-    def _cat(self, words: list[str]) -> str:
-        return "".join(Path(word).read_text(encoding="utf-8") for word in words)
-
-    def _head(self, words: list[str]) -> str:
-        lines = Path(words[1]).read_text(encoding="utf-8").splitlines(keepends=True)
-        return "".join(lines[: int(words[0][1:])])
-
-    def _ls(self, words: list[str]) -> str:
-        folder = Path(words[0]) if words else Path()
-        return "".join(f"{path.name}\n" for path in sorted(folder.iterdir()))
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +36,7 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_transcripts_of_a_page_run_as_shown(
     page: Path, scratch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -119,6 +46,7 @@ def test_the_transcripts_of_a_page_run_as_shown(
         pytest.skip("no console transcripts")
     here = tmp_path / "here"
     shutil.copytree(scratch, here)
+    make_drives(here, " ".join(entry.command for entry in found))
     monkeypatch.chdir(here)
     shell = Shell()
     for entry in found:
@@ -137,14 +65,28 @@ def test_a_transcript_is_cut_into_commands_and_output() -> None:
     assert list(entries(page)) == [Entry(3, "firnline plan a.kml", ["6 lines", "..."]), Entry(7, "ls")]
 
 
+def shown_elsewhere(page: Path) -> list[str]:
+    """Return the commands of firnline in the blocks of a page that no test runs."""
+    blocks = re.findall(
+        r"^```(?!console)\S*\n(.*?)^```", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
+    lines = (line.strip() for text in blocks for line in text.splitlines())
+    return [line for line in lines if re.match(r"(\$ )?(\S*/)?firnline ", line)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_command_that_a_page_shows_is_run(page: Path) -> None:
+    assert not shown_elsewhere(page)
+
+
 def test_every_command_of_the_command_line_is_run_by_a_transcript() -> None:
     ran = {
-        e.command.split()[1]
+        entry.command.split()[1]
         for page in PAGES
-        for e in entries(page.read_text("utf-8"))
-        if "firnline " in e.command
+        for entry in entries(page.read_text("utf-8"))
+        if entry.command.startswith("firnline ")
     }
-    unknown = {name for name in ran if re.fullmatch("[a-z]+", name)} - {
-        info.name or info.callback.__name__.strip("_") for info in app.registered_commands
+    commands = {
+        info.name or info.callback.__name__.strip("_") for info in app.registered_commands if not info.hidden
     }
-    assert not unknown
+    assert commands - ran == set()
