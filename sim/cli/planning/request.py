@@ -60,9 +60,9 @@ class PlanRequest(PlanOptions):
         """Return those of the named options that were given, as they are written on the command line."""
         known = {field.name for field in fields(self)}
         return [
-            "--" + name.replace("_", "-")
+            "--" + ("set" if name == "settings" else name.replace("_", "-"))
             for name in names
-            if name in known and getattr(self, name) not in (None, False, ())
+            if name in known and getattr(self, name) not in (None, False, (), [])
         ]
 
     def check_outputs(self) -> None:

@@ -64,6 +64,7 @@ def test_what_cannot_be_reached_is_refused_with_the_largest_error(folder):
         (("--season", "0.2", "--dates", "May"), "are not two days"),
         (("--season", "0.2", "--dates", "2026-05-01,2026-09-18"), "the surface of a season is unknown"),
         (("--season", "0.2", *DATES, "--require", "class-3"), "leave out --require"),
+        (("--season", "0.2", *DATES, "--set", "planner.swaths=3"), "leave out --set"),
     ],
 )
 def test_options_that_contradict_a_season_are_refused(folder, options, words):
