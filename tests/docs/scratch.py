@@ -10,6 +10,7 @@
 | landmarks.csv | 300 surface points with their standard deviation |
 | cover.gpkg | polygons of ice and rock |
 | scans | two LiDAR scans of a few square metres |
+| weather.csv | air temperature along four lines |
 | 2026.tif, 2024.tif, glacier.gpkg | two surveys, the outline of a glacier |
 """
 
@@ -63,6 +64,7 @@ def make_scratch(folder: Path) -> None:
     _write_cover(folder / "cover.gpkg")
     _write_surveys(folder, rng)
     _write_scans(folder / "scans", rng)
+    _write_weather(folder / "weather.csv", rng)
 
 
 def _write_map(path: Path, truth: Dem, rng: np.random.Generator) -> None:
@@ -118,3 +120,14 @@ def _write_scans(folder: Path, rng: np.random.Generator) -> None:
         z = surface(*xy.T) + rng.normal(0.0, 0.03, len(xy))
         origin = np.append(xy.mean(axis=0), z.mean() + 1.5)
         np.savez(folder / f"{k}.npz", points=np.column_stack([xy, z]), origin=origin)
+
+
+def _write_weather(path: Path, rng: np.random.Generator) -> None:
+    """Write temperatures that fall by 6.5 K/km with elevation, along four lines."""
+    x, y = (
+        a.ravel()
+        for a in np.meshgrid(WEST + np.linspace(50.0, 550.0, 60), SOUTH + 50.0 + 160.0 * np.arange(4))
+    )
+    temperature = -4.0 - 6.5e-3 * (surface(x, y) - 800.0) + rng.normal(0.0, 0.05, x.size)
+    rows = [f"{e:.2f},{n:.2f},{t:.3f}\n" for e, n, t in zip(x, y, temperature, strict=True)]
+    path.write_text("easting_m,northing_m,air_temperature\n" + "".join(rows), encoding="utf-8")
