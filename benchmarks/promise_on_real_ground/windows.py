@@ -12,6 +12,9 @@ eruption old: its source states that the ground has changed by tens of metres si
 Three landscapes joined later by the same rule, before any survey of them: an alpine bowl for development, which had
 no steep ground, a wooded slope (ground returns of lidar) and a dry gully for judgement. The judgement windows of the
 five older landscapes had been surveyed with earlier settings by then.
+
+A landslide slope (10 m cells, no CRS stated) was added by the same rule when the judgement windows of all others had been
+surveyed with earlier settings: it is fresh ground, in rows of its own.
 """
 
 import os
@@ -52,7 +55,7 @@ class Landscape:
     name: str
     file: str
     side_m: float
-    half: Literal["development", "judgement"]
+    half: Literal["development", "judgement", "fresh"]
     coarse: str = ""
     limit_m: float = 0.4572
     prior_sigma_m: float = 1.0
@@ -94,6 +97,14 @@ LANDSCAPES = (
         "judgement",
         crs="EPSG:32613",
         corner_m=(560_000.0, 4_372_000.0),
+    ),
+    Landscape(
+        "landslide slope",
+        "dem_landlab_repeat_and_lidar/pre_runout_DEM.asc",
+        300.0,
+        "fresh",
+        crs="EPSG:32610",
+        corner_m=(0.0, 5_100_000.0),
     ),
 )
 

@@ -28,8 +28,7 @@ _MOST_SAMPLES = 900
 _LEARNED = 80
 _CONFIDENCE = 0.9
 _MOST_BATCHES = 4
-_LEAST_MOST = 240
-# The highest probability that 240 surveys show where none misses.
+# The highest probability that is asked of simulated surveys: 230 of them show it where none misses.
 _MOST_SHOWN = 0.99
 
 
@@ -59,7 +58,7 @@ class SimulatedErrors(NamedTuple):
     def prove(self, limit_m: float, probability: float) -> bool:
         """Return whether the lower confidence limit of the share is the probability or more.
 
-        So many surveys as are made at most show a probability of 99 %; of more they show that none missed the limit.
+        Of a probability above 99 % they have to show 99 %.
         """
         return self.bounds(limit_m)[0] >= min(probability, _MOST_SHOWN)
 
@@ -101,13 +100,14 @@ class SimulatedSurveys:
         """Return the error of the map of simulated surveys: of more of them until they show whether it is met.
 
         There are `n_simulations` of them, and as many again while the confidence limits of their share lie on both sides
-        of the required probability, up to four times as many, or 240.
+        of the required probability: up to four times as many, or as many as show it where none misses.
         """
         limit_m, probability = self.requirement.limit_m, self.requirement.probability
         n = self.requirement.n_simulations
         xy = self._near(places(route, self.requirement.sample_step_m))
         found = self._surveyed(xy, 0, n)
-        most = max(_MOST_BATCHES * n, _LEAST_MOST)
+        needed = np.log(1.0 - _CONFIDENCE) / np.log(min(probability, _MOST_SHOWN))
+        most = max(_MOST_BATCHES * n, int(np.ceil(needed)))
         while len(found.rmse_m) < most and not found.prove(limit_m, probability):
             if found.bounds(limit_m)[1] < probability:
                 break
