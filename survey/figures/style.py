@@ -19,6 +19,8 @@ HALF_IN = 4.4
 DPI = 144
 SHARP_DPI = 240
 """Pixels per inch of figures in pages: two for each CSS pixel."""
+# Level of the PNG compression: of figures, and of those of pages, a third faster and 5 % larger.
+_COMPRESSION, _PAGE_COMPRESSION = 6, 4
 
 INK = "#1d2a35"
 MUTED = "#66727c"
@@ -101,8 +103,33 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     bytes
         A PNG file.
     """
+    return _png(figure, dpi, _COMPRESSION)
+
+
+@styled
+def page_png_bytes(figure: Figure) -> bytes:
+    """Render a figure for a page: two pixels for each CSS pixel; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Any figure of this package.
+
+    Returns
+    -------
+    bytes
+        A PNG file.
+    """
+    return _png(figure, SHARP_DPI, _PAGE_COMPRESSION)
+
+
+def _png(figure: Figure, dpi: int, compression: int) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    settings: dict[str, Any] = {
+        "metadata": {"Software": None},
+        "pil_kwargs": {"compress_level": compression},
+    }
+    figure.savefig(buffer, format="png", dpi=dpi, **settings)
     return buffer.getvalue()
 
 

@@ -7,7 +7,7 @@ from survey.core.errors import ConfigError
 from survey.core.files.replacing import replacing_folder
 from survey.core.files.writing import replacing
 from survey.figures.sheets.pages import pdf_bytes
-from survey.figures.style import SHARP_DPI, png_bytes
+from survey.figures.style import page_png_bytes
 from survey.reporting.document.content import Document
 from survey.reporting.document.pdf import document_pages
 from survey.reporting.pictures import picture_of
@@ -94,7 +94,7 @@ def _write_folder(folder: Path, document: Document) -> Path:
         for place in ("figures", "tables"):
             (draft / place).mkdir()
         for drawn in document.figures:
-            (draft / "figures" / f"{drawn.name}.png").write_bytes(png_bytes(drawn.figure, SHARP_DPI))
+            (draft / "figures" / f"{drawn.name}.png").write_bytes(page_png_bytes(drawn.figure))
         for table in document.tables:
             (draft / "tables" / f"{table.name}.csv").write_text(table.csv, encoding="utf-8", newline="\n")
         (draft / "index.html").write_text(html_page(document, is_alone=False), encoding="utf-8")
