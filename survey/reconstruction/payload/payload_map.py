@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -56,7 +57,7 @@ def map_payload(
     terrain_std : Dem, optional
         Standard deviation of that elevation [m].
     hyperparameters : PayloadHyperparameters, optional
-        Covariance function and noise, where they are known.
+        Covariance function and noise, where they are known; otherwise the map is the mean over their posterior.
 
     Returns
     -------
@@ -79,12 +80,47 @@ def map_payload(
     if len(names) != 1:
         raise InputError(f"the logs hold {len(names)} quantities; map one at a time.")
     placed = [_on_terrain(log.placed(path), terrain) for log, path in zip(logs, trajectories, strict=True)]
-    if hyperparameters is None:
-        few = AveragedReadings.of(placed, _N_FITTED)
-        hyperparameters = fitted(few, terrain.at(few.xy), placed[0].quantity.noise_sd)
+    few = AveragedReadings.of(placed, _N_FITTED)
+    weighted = (
+        fitted(few, terrain.at(few.xy), placed[0].quantity.noise_sd)
+        if hyperparameters is None
+        else [(1.0, hyperparameters)]
+    )
     readings = AveragedReadings.of(placed, _N_MAPPED)
-    process = PayloadProcess(readings, terrain.at(readings.xy), hyperparameters)
-    return _on_grid(process, placed, terrain, terrain_std, grid)
+    processes = [(w, PayloadProcess(readings, terrain.at(readings.xy), found)) for w, found in weighted]
+    elevation = terrain.at(grid.xy)
+    sigma_m = np.zeros(len(elevation)) if terrain_std is None else np.nan_to_num(terrain_std.at(grid.xy))
+    mean, std = mixture(
+        [w for w, _ in processes], [process.at(grid.xy, elevation, sigma_m) for _, process in processes]
+    )
+    datum, n_readings = terrain.vertical_datum, sum(len(log) for log in placed)
+    return Reconstruction(
+        Dem.on(grid, mean.reshape(grid.shape), datum),
+        Dem.on(grid, std.reshape(grid.shape), datum),
+        _support(processes[0][1], std, grid),
+        "gp",
+        _facts(processes[0][1]) | {"n_hyperparameters": len(processes)},
+        quantity=f"{placed[0].quantity.name}_{placed[0].quantity.unit}",
+        diagnostics={"n_readings": n_readings},
+    )
+
+
+def mixture(
+    weights: Sequence[float], parts: Sequence[tuple[FloatArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of a mixture of distributions with means and standard deviations.
+
+    Examples
+    --------
+    >>> one = np.ones(1)
+    >>> mean, std = mixture([0.5, 0.5], [(0.0 * one, one), (2.0 * one, one)])
+    >>> float(mean[0]), round(float(std[0]), 3)
+    (1.0, 1.414)
+    """
+    means, stds = (np.stack(column) for column in zip(*parts, strict=True))
+    mean = np.tensordot(weights, means, 1)
+    variance = np.tensordot(weights, stds**2 + (means - mean) ** 2, 1)
+    return mean, np.sqrt(variance)
 
 
 def payload_grid(grid: Grid) -> Grid:
@@ -141,26 +177,22 @@ def _on_terrain(log: PayloadLog, terrain: Dem) -> PayloadLog:
     return PayloadLog(log.quantity, log.value[known], times, log.xy[known])
 
 
-def _on_grid(
-    process: PayloadProcess,
-    placed: Sequence[PayloadLog],
-    terrain: Dem,
-    terrain_std: Dem | None,
-    grid: Grid,
-) -> Reconstruction:
-    """Return the map on a grid."""
-    quantity, (kernel, noise_sd) = placed[0].quantity, process.hyperparameters
-    elevation = terrain.at(grid.xy)
-    sigma_m = np.zeros(len(elevation)) if terrain_std is None else np.nan_to_num(terrain_std.at(grid.xy))
-    mean, std = process.at(grid.xy, elevation, sigma_m)
-    nearest: FloatArray = np.asarray(cKDTree(process.readings.xy).query(grid.xy)[0]).reshape(grid.shape)
-    codes = support_codes(
+def _support(process: PayloadProcess, std: FloatArray, grid: Grid) -> Any:
+    """Return the support codes of the nodes."""
+    kernel = process.hyperparameters.kernel
+    nearest = np.asarray(cKDTree(process.readings.xy).query(grid.xy)[0]).reshape(grid.shape)
+    return support_codes(
         nearest,
         (std**2 / kernel.variance_m2).reshape(grid.shape),
         shortest_length_m=kernel.length_scales_m[0],
         step_m=grid.step_m,
     )
-    facts = {
+
+
+def _facts(process: PayloadProcess) -> dict[str, Any]:
+    """Return the likeliest hyperparameters and the dependence on elevation with them."""
+    kernel, noise_sd = process.hyperparameters
+    return {
         "family": kernel.family,
         "length_scale_m": kernel.length_scales_m[0],
         "standard_deviation": float(np.sqrt(kernel.variance_m2)),
@@ -168,12 +200,3 @@ def _on_grid(
         "per_km_of_elevation": 1e3 * float(process.trend[1]),
         "per_km_of_elevation_sigma": 1e3 * float(np.sqrt(process.trend_covariance[1, 1])),
     }
-    return Reconstruction(
-        Dem.on(grid, mean.reshape(grid.shape), terrain.vertical_datum),
-        Dem.on(grid, std.reshape(grid.shape), terrain.vertical_datum),
-        codes,
-        "gp",
-        facts,
-        quantity=f"{quantity.name}_{quantity.unit}",
-        diagnostics={"n_readings": sum(len(log) for log in placed)},
-    )

@@ -5,12 +5,12 @@ their numbers of readings m,
 
 .. math::  y = H \beta + \epsilon, \qquad \operatorname{cov} \epsilon = v \, (R + g \operatorname{diag} m^{-1})
 
-Variance v and β follow in closed form; the length scale and the ratio g of the noise of a reading to v maximise the
-restricted likelihood (Patterson and Thompson 1971). The noise is fitted too, since data sheets state that of the
-laboratory.
+Variance v and β follow in closed form; the posterior of the length scale and of the ratio g of the noise of a reading
+to v follows from the restricted likelihood (Patterson and Thompson 1971). The noise is fitted too, since data sheets
+state that of the laboratory.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,9 @@ FAMILIES: tuple[type[Stationary], ...] = (Matern32, Matern52, SquaredExponential
 _JITTER = 1e-9
 _AT_ONCE = 4096
 _FIRST_SHARES = (0.05, 0.2)
+_LONGEST = 5.0
+_LEAST_WEIGHT = 0.01
+_DIFFERENCE = 0.1
 
 
 class PayloadHyperparameters(NamedTuple):
@@ -108,8 +111,12 @@ def fitted(
     elevation_m: FloatArray,
     noise_sd: float,
     families: Sequence[type[Stationary]] = FAMILIES,
-) -> PayloadHyperparameters:
-    """Fit covariance function and noise of a quantity by restricted likelihood.
+) -> list[tuple[float, PayloadHyperparameters]]:
+    """Return hyperparameters of a quantity with their posterior weights, the heaviest first.
+
+    For each family the posterior of the logarithms of length scale and noise ratio is taken as normal about the
+    maximum of the restricted likelihood, and represented by five points with equal mean and covariance; families
+    are weighted by Laplace's approximation of their evidence.
 
     Parameters
     ----------
@@ -120,35 +127,86 @@ def fitted(
     noise_sd : float
         Stated standard deviation of a reading's noise, where the search begins.
     families : sequence of type
-        Covariance functions to choose from.
+        Covariance functions that are considered.
 
     Returns
     -------
-    PayloadHyperparameters
-        The likeliest.
+    list of (float, PayloadHyperparameters)
+        Weights sum to 1; families below a hundredth are left out.
     """
     columns = readings.seen(np.column_stack([np.ones(len(elevation_m)), elevation_m - elevation_m.mean()]))
-    extent_m = float(np.hypot(*np.ptp(readings.xy, axis=0)))
-    spacing_m = float(np.median(np.hypot(*np.diff(readings.xy, axis=0).T)))
     spread = float(np.var(readings.value - columns @ np.linalg.lstsq(columns, readings.value, rcond=None)[0]))
     ratio = max(noise_sd**2 / max(spread, 1e-12), 1e-6)
-    bounds = [(np.log(max(spacing_m, 1e-3)), np.log(5.0 * extent_m)), (np.log(1e-8), np.log(1e4))]
-    found = []
-    for family in families:
-        for share in _FIRST_SHARES:
-            search = minimize(
-                _minus_log_likelihood,
-                [np.log(share * extent_m), np.log(ratio)],
-                args=(readings, columns, family),
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"eps": 1e-4, "maxiter": 40},
-            )
-            found.append((float(search.fun), family, search.x))
-    _, family, log_parameters = min(found, key=lambda one: one[0])
-    length_m, ratio = np.exp(log_parameters)
-    _, variance = _profiled(readings, columns, family, float(length_m), float(ratio))
-    return PayloadHyperparameters(family(variance, float(length_m)), float(np.sqrt(ratio * variance)))
+    peaks = [_peak(readings, columns, family, ratio) for family in families]
+    evidence = np.array([peak.log_evidence for peak in peaks])
+    weights = np.exp(evidence - evidence.max())
+    weights = np.where(weights < _LEAST_WEIGHT * weights.sum(), 0.0, weights)
+    weights /= weights.sum()
+    points = [
+        (float(weight * share), _with_variance(readings, columns, peak.family, point))
+        for weight, peak in zip(weights, peaks, strict=True)
+        if weight > 0.0
+        for share, point in peak.points()
+    ]
+    return sorted(points, key=lambda point: -point[0])
+
+
+class _Peak(NamedTuple):
+    """Maximum of the restricted likelihood of a family: logarithms of length scale and ratio, and their covariance."""
+
+    family: type[Stationary]
+    log_parameters: FloatArray
+    covariance: FloatArray
+    log_evidence: float
+
+    def points(self) -> list[tuple[float, FloatArray]]:
+        """Return five points with weights that have the mean and the covariance of the posterior."""
+        root = np.linalg.cholesky(self.covariance) * np.sqrt(3.0)
+        around = [self.log_parameters + sign * column for column in root.T for sign in (1.0, -1.0)]
+        return [(1.0 / 3.0, self.log_parameters), *((1.0 / 6.0, point) for point in around)]
+
+
+def _peak(readings: AveragedReadings, columns: FloatArray, family: type[Stationary], ratio: float) -> _Peak:
+    """Maximise the restricted likelihood of a family from two length scales."""
+    extent_m = float(np.hypot(*np.ptp(readings.xy, axis=0)))
+    spacing_m = float(np.median(np.hypot(*np.diff(readings.xy, axis=0).T)))
+    bounds = [(np.log(max(spacing_m, 1e-3)), np.log(_LONGEST * extent_m)), (np.log(1e-8), np.log(1e4))]
+    searches = [
+        minimize(
+            _minus_log_likelihood,
+            [np.log(share * extent_m), np.log(ratio)],
+            args=(readings, columns, family),
+            method="L-BFGS-B",
+            bounds=bounds,
+            options={"eps": 1e-4, "maxiter": 40},
+        )
+        for share in _FIRST_SHARES
+    ]
+    best = min(searches, key=lambda search: float(search.fun))
+    covariance = _covariance(lambda x: _minus_log_likelihood(x, readings, columns, family), best.x)
+    log_evidence = -float(best.fun) + 0.5 * float(np.linalg.slogdet(covariance)[1])
+    return _Peak(family, best.x, covariance, log_evidence)
+
+
+def _covariance(function: Callable[[FloatArray], float], peak: FloatArray) -> FloatArray:
+    """Return the inverse of the Hessian (2, 2) of a function at its minimum, no standard deviation above 1."""
+    a, b = _DIFFERENCE * np.eye(2)
+    middle = function(peak)
+    second = [(function(peak + h) - 2.0 * middle + function(peak - h)) / _DIFFERENCE**2 for h in (a, b)]
+    mixed = (
+        function(peak + a + b) - function(peak + a - b) - function(peak - a + b) + function(peak - a - b)
+    ) / (4.0 * _DIFFERENCE**2)
+    values, vectors = np.linalg.eigh([[second[0], mixed], [mixed, second[1]]])
+    covariance: FloatArray = (vectors / np.maximum(values, 1.0)) @ vectors.T
+    return covariance
+
+
+def _with_variance(
+    readings: AveragedReadings, columns: FloatArray, family: type[Stationary], log_parameters: FloatArray
+) -> PayloadHyperparameters:
+    length_m, ratio = (float(value) for value in np.exp(log_parameters))
+    _, variance = _profiled(readings, columns, family, length_m, ratio)
+    return PayloadHyperparameters(family(variance, length_m), float(np.sqrt(ratio * variance)))
 
 
 def _minus_log_likelihood(
