@@ -18,6 +18,7 @@ from survey.reconstruction.gp.mean import Mean
 
 if TYPE_CHECKING:
     from survey.reconstruction.joint.correction import PathCorrection
+    from survey.reconstruction.joint.solution import JointSolution
 
 SightLines = Literal["truncation", "own", "none"]
 """How a method uses lines of sight: its map is cut off at them afterwards, it uses them itself, or it cannot."""
@@ -99,11 +100,14 @@ class MappedTerrain(NamedTuple):
         Correction of the path.
     n_points : int
         Number of points that were mapped.
+    solution : JointSolution, optional
+        Joint estimate that the map was read from, for questions about its covariance.
     """
 
     reconstruction: Reconstruction
     correction: "PathCorrection | None" = None
     n_points: int = 0
+    solution: "JointSolution | None" = None
 
 
 class ScanModel(Protocol):

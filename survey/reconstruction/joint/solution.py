@@ -27,10 +27,11 @@ _EXTREME = 4.0
 
 
 class JointMap(NamedTuple):
-    """A map, and the correction of the path that goes with it."""
+    """A map, the correction of the path that goes with it, and the solution that both were read from."""
 
     reconstruction: Reconstruction
     correction: PathCorrection
+    solution: "JointSolution"
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,41 @@ class JointSolution:
         covariance[np.diag_indices(len(xy))] += self.tail_m2 + self.found.nugget_m**2
         return covariance
 
+    def slopes(self, xy: FloatArray, base_m: float) -> tuple[FloatArray, FloatArray]:
+        """Return slopes over a base to the east and to the north (M, 2) [m/m], and their covariance (M, 2, 2).
+
+        A slope is the difference of two heights half a base before and behind the place, over the base; relief
+        finer than the map is part of its covariance.
+        """
+        strengths, posterior = self.posterior.weights.amplitudes, self.posterior
+        steps = 0.5 * base_m * np.eye(2)
+        waves = [
+            waves_at(xy + step, self.basis, strengths) - waves_at(xy - step, self.basis, strengths)
+            for step in steps
+        ]
+        columns = np.array([self.trend.columns(2.0 * step[None])[0] for step in steps])
+        columns -= self.trend.columns(np.zeros((1, 2)))
+        rises = np.stack([w @ posterior.mean for w in waves], axis=1) + columns @ self._plane
+        cross = posterior.cross_weights(self._plane_rows) @ columns.T
+        covariance = np.tile(
+            columns @ posterior.shared_covariance(self._plane_rows) @ columns.T, (len(xy), 1, 1)
+        )
+        seen = [posterior.seen(w) for w in waves]
+        for a in (0, 1):
+            for b in (0, 1):
+                covariance[:, a, b] += np.einsum("mi,im->m", waves[a], seen[b])
+                covariance[:, a, b] += waves[a] @ cross[:, b] + waves[b] @ cross[:, a]
+            finer = self._finer_m2(steps[a], waves[a])
+            covariance[:, a, a] += finer
+        return rises / base_m, covariance / base_m**2
+
+    def _finer_m2(self, half: FloatArray, waves: FloatArray) -> FloatArray:
+        """Return the variance (M,) of differences of height that the map's waves leave out, nugget included."""
+        kernel = self.found.kernel
+        apart = kernel.covariance_of_lag(np.array([np.zeros(2), 2.0 * half]))
+        left: FloatArray = 2.0 * (apart[0] - apart[1]) - np.sum(waves**2, axis=1)
+        return np.maximum(left, 0.0) + 2.0 * self.found.nugget_m**2
+
     def _covariance(self, waves: FloatArray, columns: FloatArray) -> FloatArray:
         """Return the covariance of functionals of waves (M, m) and plane (M, 3)."""
         posterior = self.posterior
@@ -118,7 +154,7 @@ class JointSolution:
             quantity=ELEVATION,
             diagnostics=self.diagnostics(),
         )
-        return JointMap(result, self.correction())
+        return JointMap(result, self.correction(), self)
 
     def _fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
         """Return height and standard deviation (H, W) [m], relief finer than the map included."""

@@ -21,7 +21,8 @@ def _run(task: MappingTask) -> MappedTerrain:
             "give the prior as a Dem or leave it out."
         )
     model = JointTerrain(task.path, task.prior, task.config(GaussianProcessConfig), task.config(JointConfig))
-    return MappedTerrain(*model.map(task.points, task.grid, task.area))
+    made = model.map(task.points, task.grid, task.area)
+    return MappedTerrain(made.reconstruction, made.correction, solution=made.solution)
 
 
 JOINT = ReconstructionMethod(
