@@ -70,8 +70,8 @@ def reconcile(
 
     Scale, heading and steps are given larger errors, level by level, as long as the evidence of
     the smoother grows (type-II maximum likelihood). Fixes that the filter refused and that agree
-    again later are errors of the receiver and are left out. Fixes that are refused to the end of
-    the drive are either a jump of the receiver or an error of the odometry: the jump is the
+    again later are errors of the receiver and are left out, unless they are most of all. Fixes that are
+    refused to the end of the drive are either a jump of the receiver or an error of the odometry: the jump is the
     evidence with these fixes moved back by a constant offset, times the prior probability of a
     jump. Without a refusal at the end, wider errors must gain a log likelihood of 10.
 
@@ -125,6 +125,48 @@ class _Comparison:
         return self.evidence(wider, like=wider) - self.evidence(config, like=wider)
 
 
+def agrees_better_delayed(
+    recording: OdometryRecording, path: FloatArray, config: LocalizationConfig, delay_s: float
+) -> bool:
+    """Test whether a delay of the fixes explains a disagreement better than larger errors of the odometry do.
+
+    Odometry that is wrong in a turn resembles odometry that is late. The errors of the odometry are fitted to
+    the fixes as they are and to the fixes moved by the delay; the delay must gain a log likelihood of 10, or
+    0.02 for each fix of a long drive.
+
+    Parameters
+    ----------
+    recording : OdometryRecording
+        Odometry and fixes.
+    path : (N, 3) ndarray
+        Dead-reckoned positions [m].
+    config : LocalizationConfig
+        Errors assumed of the sensors.
+    delay_s : float
+        Delay of the fixes [s].
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    gps, (first_s, last_s) = recording.gps, recording.odometry.time_s[[0, -1]]
+    beyond_s = abs(delay_s)
+    common = gps.select((gps.time_s >= first_s + beyond_s) & (gps.time_s <= last_s - beyond_s))
+    moved = replace(common, time_s=common.time_s - delay_s)
+    chosen = [_Comparison(replace(recording, gps=fixes), path) for fixes in (common, moved)]
+    fitted = [_fitted(comparison, config)[0] for comparison in chosen]
+    widest = config.model_copy(
+        update={
+            name: max(getattr(errors, name) for errors in fitted) for name in (*_LEVELS, "scale_wander_m")
+        }
+    )
+    as_it_is, delayed = (
+        comparison.evidence(errors, like=widest) for comparison, errors in zip(chosen, fitted, strict=True)
+    )
+    return delayed - as_it_is > max(_CONVINCING, _MISFIT * len(common))
+
+
 def fitted_memory_s(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> float:
     """Return the correlation time of the fixes' errors [s]: the assumed one, or 4 or 16 times it by evidence.
 
@@ -159,13 +201,17 @@ def fitted_turn_sigma_m(recording: OdometryRecording, path: FloatArray, config: 
 
 
 def _refused_tail(recording: OdometryRecording, online: OnlinePath) -> BoolArray:
-    """Return which fixes were refused at the end of the path, or at its start, without one accepted beyond."""
+    """Return which fixes were refused at the end of the path, or at its start, without one accepted beyond.
+
+    Where more fixes were refused than accepted in between, these are all that were refused: so many are no
+    errors of the receiver alone.
+    """
     time_s, path_s = recording.gps.time_s, recording.odometry.time_s
     inside = np.flatnonzero((time_s >= path_s[0]) & (time_s <= path_s[-1]))
     tail = np.zeros(len(time_s), dtype=np.bool_)
     accepted = np.flatnonzero(online.accepted[inside])
-    if len(accepted) == 0:
-        tail[inside] = True
+    if len(accepted) == 0 or accepted[-1] - accepted[0] + 1 > 2 * len(accepted):
+        tail[inside] = ~online.accepted[inside]
         return tail
     for run in (inside[: accepted[0]], inside[accepted[-1] + 1 :]):
         if len(run) >= _LEAST_RUN:

@@ -133,11 +133,7 @@ def fix_delay_s(recording: OdometryRecording, path: FloatArray, config: Localiza
     if late - _with_any_memory(shifts.moved(0.0), path, config) < convincing:
         return 0.0
     delay_s = shifts.refined(delay_s)
-    logger.warning(
-        "the fixes come about %.1f s late (a log likelihood of %.0f more); they are moved back in time",
-        delay_s,
-        gain,
-    )
+    logger.info("the fixes seem to come about %.1f s late (a log likelihood of %.0f more)", delay_s, gain)
     return delay_s
 
 

@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from vision_slam.agreement.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
+from vision_slam.agreement.disagreement import (
+    Agreement,
+    agrees_better_delayed,
+    fitted_memory_s,
+    fitted_turn_sigma_m,
+    reconcile,
+)
 from vision_slam.agreement.drive import Drive, align_heading
 from vision_slam.agreement.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.agreement.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
@@ -68,12 +74,12 @@ def correct_delay(drive: Drive) -> Drive:
     one_clock = drive.config.model_copy(update={"clock_sigma_s": 0.0})
     least_s = _CLOCK_SIGMAS * drive.config.clock_sigma_s  # what is less is estimated with the path
     delay_s = fix_delay_s(gate_fixes(drive.recording, drive.online), drive.path, one_clock)
-    if abs(delay_s) > least_s:
+    if abs(delay_s) > least_s and agrees_better_delayed(drive.recording, drive.path, one_clock, delay_s):
         return _shifted(drive, delay_s)
     if drive.online.n_refused < _MANY_REFUSED:
         return drive
     delay_s = fix_delay_s(drive.recording, drive.path, one_clock)
-    if abs(delay_s) <= least_s:
+    if abs(delay_s) <= least_s or not agrees_better_delayed(drive.recording, drive.path, one_clock, delay_s):
         return drive
     moved = _shifted(drive, delay_s)
     return moved if moved.online.n_refused <= 0.5 * drive.online.n_refused else drive
@@ -94,16 +100,27 @@ def widen_errors(drive: Drive) -> Drive:
     """
     if drive.is_interrupted:
         return drive
+    is_foreign = drive.visual is not None and not drive.recording.start_is_surveyed
     agreement = reconcile(drive.recording, drive.path, drive.config, drive.online)
+    if is_foreign and drive.online.n_fixes > agreement.used.sum():
+        agreement = _with_all_fixes(drive, agreement)
     if np.array_equal(agreement.used, drive.online.accepted) and agreement.gain == 0.0:
         return drive
     widened = replace(drive, config=agreement.config, used=agreement.used)
     if agreement.gain == 0.0:
         return widened
-    is_foreign = drive.visual is not None and not drive.recording.start_is_surveyed
     if is_foreign and is_worse_than_fixes(drive.recording, drive.path, agreement.config):
         return follow_fixes(drive)
     return widened.noted(agreement.note)
+
+
+def _with_all_fixes(drive: Drive, agreement: Agreement) -> Agreement:
+    """Use the refused fixes too where they agree with their neighbours better than with the odometry."""
+    if not is_worse_than_fixes(drive.recording, drive.path, agreement.config):
+        return agreement
+    fix_s, path_s = drive.recording.gps.time_s, drive.recording.odometry.time_s
+    inside = (fix_s >= path_s[0]) & (fix_s <= path_s[-1])
+    return reconcile(drive.recording, drive.path, drive.config, replace(drive.online, accepted=inside))
 
 
 def follow_fixes(drive: Drive) -> Drive:

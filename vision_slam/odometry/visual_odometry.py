@@ -19,13 +19,12 @@ from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
 from vision_slam.odometry.lens.bundle_adjustment import LensChange
 from vision_slam.odometry.lens.self_calibration import (
-    LEAST_BORDER_PX,
     LensEstimate,
-    border_distance_px,
     estimate_lens,
     unknown_lens,
 )
 from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
+from vision_slam.odometry.speed import smoothed_steps
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam
@@ -139,18 +138,18 @@ def _self_calibrated(
     Corners far from where the given lens has them are lost in the first pass.
     """
     used, lens = LensChange(), None
-    for _ in range(_MOST_PASSES):
+    for n in range(_MOST_PASSES):
         ended: list[Track] = []
-        current = used.applied(camera)
-        odometer = _followed(recording, frames, current, config, progress=progress, ended=ended)
+        odometer = _followed(recording, frames, used.applied(camera), config, progress=progress, ended=ended)
         visual, slam = odometer.finish(recording), odometer.slam
         given = replace(camera, T_body_camera=slam.camera.T_body_camera)
         poses, rolled_m = np.array(slam.window.poses), np.array(slam.rolled_m)
         found = estimate_lens(given, poses, ended, rolled_m, slam.config, used=used)
-        if lens is not None and not found.is_accepted:
+        has_settled = not found.is_accepted or bool((np.abs(found.lens - used) < found.sigma).all())
+        if n and (has_settled or n == _MOST_PASSES - 1):
             break
-        lens = replace(found, camera=current)
-        if not found.is_accepted or border_distance_px(current, found.camera) < LEAST_BORDER_PX:
+        lens = replace(found, camera=replace(found.camera, T_body_camera=camera.T_body_camera))
+        if not found.is_accepted:
             break
         used = LensChange(*found.lens.tolist())
     return replace(visual, lens=lens)
@@ -280,6 +279,8 @@ def _corrected(
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
     steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
+    if records.wheels is None:
+        steps = smoothed_steps(steps, np.diff(times), np.array([frame.is_visual for frame in health[1:]]))
     attitude = world_attitudes(poses[:, :3, :3], times, records)
     if (
         records.wheels is not None

@@ -12,7 +12,12 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes, Inertial
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
-from vision_slam.agreement.disagreement import fitted_memory_s, fitted_turn_sigma_m, reconcile
+from vision_slam.agreement.disagreement import (
+    agrees_better_delayed,
+    fitted_memory_s,
+    fitted_turn_sigma_m,
+    reconcile,
+)
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
@@ -65,6 +70,27 @@ def test_a_gyro_that_the_assumed_errors_do_not_use_is_no_disagreement() -> None:
     agreement = reconcile(with_gyro, path, RTK, filter_path(with_gyro, path, RTK))
     assert agreement.config is RTK
     assert agreement.gain == 0.0
+
+
+def test_most_fixes_are_no_outliers() -> None:
+    """Odometry 25 % too long in a turn, and a filter that took few fixes, one of them near the end by chance."""
+    recording, _ = _hook(factor=1.25)
+    reckoned = dead_reckoning(recording.odometry, recording.start)
+    online = filter_path(recording, reckoned, RTK)
+    few = np.zeros_like(online.accepted)
+    few[[0, 1, 2, 97]] = True
+    agreement = reconcile(recording, reckoned, RTK, replace(online, accepted=few))
+    assert agreement.used.all()
+    assert agreement.gain > 10.0
+
+
+def test_odometry_that_is_wrong_in_a_turn_is_not_taken_for_a_delay() -> None:
+    wrong, path = _hook(factor=1.25)
+    reckoned = dead_reckoning(wrong.odometry, wrong.start)
+    assert not agrees_better_delayed(wrong, reckoned, RTK, 2.0)
+    right, _ = _hook()
+    late = replace(right, gps=replace(right.gps, time_s=right.gps.time_s + 2.0))
+    assert agrees_better_delayed(late, path, RTK, 2.0)
 
 
 def test_scale_that_grows_in_a_turn_widens_the_errors_until_all_fixes_are_used() -> None:

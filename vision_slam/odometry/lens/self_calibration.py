@@ -29,8 +29,7 @@ _LEAST_TURN_DEG = 20.0
 _SIGNIFICANT = 7.81  # squared Mahalanobis distance from the given lens (χ² with 3 degrees, 95 %)
 _LEAST_GAIN = 50.0  # decrease of the cost by another focal length; by chance it is 1
 _N_NEAR = 25  # steps, after which the lens hardly changes
-LEAST_BORDER_PX = 1.0
-"""Distance at the border of the image below which a lens is good enough [pixels]."""
+_LEAST_BORDER_PX = 1.0  # below, the given lens is good enough
 _WELL_ABOVE = 0.5  # of the prior's error, below which that of the estimate must be
 _N_PROBED = 5  # steps after which a focal length that is off shows
 _LEAST_FOCAL = 0.05  # a smaller change of the focal length is less certain than a calibration
@@ -165,12 +164,12 @@ def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: floa
     estimated = lens.applied(camera)
     if (sigma > _WELL_ABOVE * _ANY_LENS).any() or not _is_one_to_one(estimated):
         return unknown_lens(camera, poses, "its errors are hardly below those of the prior")
-    border_px = border_distance_px(camera, estimated)
+    border_px = _border_px(camera, estimated)
     is_other = float(np.array(lens) @ np.linalg.solve(covariance, np.array(lens))) > _SIGNIFICANT
-    if border_px > LEAST_BORDER_PX and not is_other:
+    if border_px > _LEAST_BORDER_PX and not is_other:
         reason = f"the images contradict it by {border_px:.1f} px at the border, which is not significant"
         return unknown_lens(camera, poses, reason)
-    is_accepted = border_px > LEAST_BORDER_PX
+    is_accepted = border_px > _LEAST_BORDER_PX
     note = f"the images agree with the lens within {border_px:.1f} px at the border"
     if is_accepted:
         note = (
@@ -269,19 +268,8 @@ def _longest(keyframes: list[IntArray], is_good: BoolArray, n_keyframes: int) ->
     return np.array(sorted(chosen), dtype=np.int64)
 
 
-def border_distance_px(given: Camera, estimated: Camera) -> float:
-    """Return the root mean square distance of two lenses at the border of the image [pixels].
-
-    Parameters
-    ----------
-    given, estimated : Camera
-        Lenses; rays of border pixels of the first are projected by the second.
-
-    Returns
-    -------
-    float
-        Over the pixels that the first lens has rays for.
-    """
+def _border_px(given: Camera, estimated: Camera) -> float:
+    """Return the root mean square distance of two lenses at the border of the image [pixels], where the first has rays."""
     border = _border(given)
     rays = given.rays(border)
     is_shown = np.isfinite(rays).all(axis=1)
