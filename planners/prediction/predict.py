@@ -4,6 +4,7 @@ import numpy as np
 
 from planners.capacity import require_cells
 from planners.prediction.error_model import ErrorModel, PredictedError
+from survey.core.arrays import BoolArray, IntArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -13,6 +14,11 @@ from survey.reconstruction.gp.covariance.families import KernelFamily
 from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.selection.families import likeliest
 
+_LEAST_CELLS = 9
+# Of more cells than this, so many groups along each side are used, with cells at these offsets from their first.
+_MOST_CELLS = 10_000
+_N_GROUPS = 5
+_OFFSETS = np.array([0, 1, 3, 9])
 _FAMILIES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-5/2", "matern-3/2")
 
 
@@ -97,6 +103,8 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
 
     Notes
     -----
+    Of more than 10,000 cells, 25 groups of 16 cells are used, spread evenly.
+
     Coarse cells show no relief finer than themselves, so errors predicted with this
     kernel are too small on rough ground; refit on the survey's first swaths.
 
@@ -115,15 +123,33 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     require_cells(prior.elevation.size)
     xy, height = prior.xy, prior.elevation.ravel()
     near = (xy >= [xmin, ymin]).all(axis=1) & (xy <= [xmax, ymax]).all(axis=1) & np.isfinite(height)
-    if near.sum() < 9:
+    if near.sum() < _LEAST_CELLS:
         raise InputError(
-            f"{int(near.sum())} known cells of the prior lie on the area; at least 9 are needed to fit a length scale."
+            f"{int(near.sum())} known cells of the prior lie on the area; at least {_LEAST_CELLS} are needed to fit a length scale."
         )
+    some = near & _in_groups(prior.shape)
+    if near.sum() > _MOST_CELLS and some.sum() > _LEAST_CELLS**2:
+        near = some
     noise = np.full(int(near.sum()), 1e-4 * float(np.var(height[near])) + 1e-4)
     fitted = [
         likeliest(xy[near], height[near], noise, GaussianProcessConfig(family=family)) for family in _FAMILIES
     ]
     return max(fitted, key=lambda found: found.score).kernel
+
+
+def _in_groups(shape: tuple[int, int]) -> BoolArray:
+    """Return which cells (R · C,) of a grid lie in groups that are spread evenly over it."""
+    rows, columns = (_group_indices(n) for n in shape)
+    chosen = np.zeros(shape, dtype=np.bool_)
+    chosen[np.ix_(rows, columns)] = True
+    return chosen.ravel()
+
+
+def _group_indices(n: int) -> IntArray:
+    """Return the indices along a side of n cells that lie in groups."""
+    first = np.linspace(0, max(n - 1 - _OFFSETS[-1], 0), _N_GROUPS).astype(int)
+    indices: IntArray = np.unique(np.minimum(first[:, None] + _OFFSETS, n - 1))
+    return indices
 
 
 def _over(prior: Dem, area: SurveyArea) -> Dem:

@@ -132,6 +132,14 @@ def test_a_kernel_is_fitted_to_the_prior():
     assert 75.0 < kernel.length_scales_m[0] < 450.0
 
 
+def test_a_kernel_of_many_cells_is_that_of_groups_of_them(rng):
+    grid = Grid((5.0, 5.0, 1495.0, 1495.0), 10.0, "EPSG:32608")
+    terrain = squared_exponential_field(grid, rng, length_scale_m=120.0)
+    kernel = terrain_kernel(terrain, SurveyArea.rectangle((0.0, 0.0, 1500.0, 1500.0), "EPSG:32608"))
+    assert kernel.length_scales_m[0] == pytest.approx(120.0, rel=0.2)
+    assert np.sqrt(kernel.variance_m2) == pytest.approx(terrain.elevation.std(), rel=0.3)
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [({"noise_m": -0.1}, "noise"), ({"noise_m": 0.1, "sample_step_m": 0.0}, "sample spacing")],
