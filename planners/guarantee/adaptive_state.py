@@ -15,7 +15,7 @@ from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredicto
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.search import fewest
 from planners.guarantee.survey_lines import SurveyLines
-from survey.core.arrays import FloatArray, IntArray
+from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.legs import Leg
@@ -120,7 +120,7 @@ class AdaptiveState:
         found = _fitted(xy, heights, config)
         state = cls(area, found, config)
         state.legs, state.samples, state.heights = list(route.legs), xy, heights
-        state.offsets = lines_driven(state, route)
+        state.offsets = state.lines.offsets_of(route, 0.1 * config.sample_step_m)
         state._check(found)
         return state
 
@@ -220,14 +220,9 @@ class AdaptiveState:
 
     def _check(self, posterior: KernelPosterior) -> None:
         """Check covariances on lines left out, and predict the map of what was driven."""
-        self.posterior = checked_by_lines(posterior, self.samples, self.heights, self._nearest_lines())
+        line = self.lines.nearest(self.samples, self.offsets)
+        self.posterior = checked_by_lines(posterior, self.samples, self.heights, line)
         self.predicted = self.predictor.of(self.samples, self.posterior)
-
-    def _nearest_lines(self) -> IntArray:
-        """Return the line driven (N,) that each sample is nearest to."""
-        offset = self.samples @ self.lines.left - float(self.lines.v.min())
-        nearest: IntArray = np.argmin(np.abs(offset[:, None] - np.array(self.offsets)), axis=1)
-        return nearest
 
 
 def _fitted(xy: FloatArray, heights: FloatArray, config: AdaptiveConfig) -> KernelPosterior:
@@ -235,17 +230,6 @@ def _fitted(xy: FloatArray, heights: FloatArray, config: AdaptiveConfig) -> Kern
     return posterior_from_survey(
         xy, heights, noise_m=config.noise_m, localization_m=config.localization_m, spread=SURVEY_SPREAD
     )
-
-
-def lines_driven(state: AdaptiveState, driven: Route) -> list[float]:
-    """Return the offsets of the lines driven [m]; pieces of one line, as about a hole, count once."""
-    edge = float(state.lines.v.min())
-    found: list[float] = []
-    for leg in driven.swaths:
-        offset = float(leg.axis.mean(axis=0) @ state.lines.left) - edge
-        if all(abs(offset - other) > 0.1 * state.config.sample_step_m for other in found):
-            found.append(offset)
-    return found
 
 
 def places_along(xy: FloatArray, step_m: float) -> FloatArray:

@@ -81,10 +81,11 @@ class Guarantee:
         """Assumptions on the terrain, in one line."""
         best = self.posterior.likeliest
         families = " or ".join(one.cell.family for one in self.posterior.kernels)
+        roughness = np.hypot(self.posterior.spread, self.posterior.open_spread)
         why = "as stated" if self.requirement.assumed else f"surface {self.requirement.surface}"
         return (
             f"covariance {families}, {why}; fitted to the prior: length scale {best.cell.length_scale_m:.0f} m, "
             f"standard deviation {np.sqrt(best.variance_m2):.1f} m, relief finer than samples {np.sqrt(best.unseen_m2):.2f} m; "
-            f"the error differs from that by a factor of {np.exp(self.posterior.spread):.2f} (standard deviation); a sample "
+            f"the roughness differs from that by a factor of {np.exp(roughness):.2f} (standard deviation); a sample "
             f"errs by {best.noise_m:.2f} m, all together by {self.requirement.shared_m:.2f} m"
         )

@@ -1,5 +1,6 @@
 """Lines across an area, addressed by their distance from its edge."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -10,8 +11,9 @@ from planners.planning import plan
 from planners.swaths.decomposition import clipped
 from planners.swaths.swaths import axes_of, shortened
 from planners.swaths.wavy import wavy
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, IntArray
 from survey.data.area import SurveyArea
+from survey.data.route import Route
 
 _INSET_SHARE = 0.25
 
@@ -50,3 +52,19 @@ class SurveyLines:
             return []
         config = WavyConfig(spacing_m=spacing_m)
         return [swath.xy for swath in wavy(axes, self.area, config, spacing_m, wavelength_m)]
+
+    def offsets_of(self, route: Route, apart_m: float) -> list[float]:
+        """Return the offsets of the lines driven [m]; pieces of one line, as about a hole, count once."""
+        edge = float(self.v.min())
+        found: list[float] = []
+        for leg in route.swaths:
+            offset = float(leg.axis.mean(axis=0) @ self.left) - edge
+            if all(abs(offset - other) > apart_m for other in found):
+                found.append(offset)
+        return found
+
+    def nearest(self, xy: FloatArray, offsets: Sequence[float]) -> IntArray:
+        """Return the index (N,) of the offset that each place (N, 2) is nearest to."""
+        offset = xy @ self.left - float(self.v.min())
+        nearest: IntArray = np.argmin(np.abs(offset[:, None] - np.array(offsets)), axis=1)
+        return nearest

@@ -3,13 +3,14 @@ import shapely
 
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import first_swaths, next_swath, survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState, lines_driven
+from planners.guarantee.adaptive_state import AdaptiveConfig
 from planners.guarantee.belief.kernel_posterior import (
     KernelPosterior,
     WeightedKernel,
     posterior_from_prior,
 )
 from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.survey_lines import SurveyLines
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
@@ -94,5 +95,4 @@ def test_the_same_samples_give_the_same_answer_and_pieces_of_a_line_count_once()
     assert first.predicted == again.predicted
     assert first.route is not None
     np.testing.assert_array_equal(first.route.legs[-1].xy, again.route.legs[-1].xy)
-    state = AdaptiveState(holed, first.posterior, config)
-    assert len(lines_driven(state, driven)) == config.n_first
+    assert len(SurveyLines(holed, 0.0).offsets_of(driven, 1.0)) == config.n_first
