@@ -87,7 +87,7 @@ print({name: round(four.prediction[name], 2) for name in ("length_m", "n_turns",
 # ## The shortest route for 0.45 m
 #
 # `best` compares straight and wavy swaths, their heading, spacing and distance from the border, and takes the shortest
-# route whose predicted RMSE is within the wish.
+# route whose predicted RMSE is small enough.
 
 # %%
 route = plan(area, prior, BestConfig(rmse_m=0.45), kernel=kernel)

@@ -162,8 +162,8 @@ path_map(path.position, path.covariance[:, :3, :3], fixes=fixes, reference=truth
 # %% [markdown]
 # ## The map
 #
-# Landmarks that were seen from one place share the error of that pose. `estimate.trajectory.error` says how the errors of
-# the poses hang together; with it, map and path are one estimate. Without it the landmarks would count as independent,
+# Landmarks that were seen from one place share the error of that pose. `estimate.trajectory.error` holds how the errors
+# of the poses are correlated; with it, map and path are estimated together. Without it the landmarks would count as independent,
 # and the standard deviation of the map would be far too small. A fifth of the landmarks is enough here.
 
 # %%

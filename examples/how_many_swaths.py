@@ -71,12 +71,12 @@ _ = ax.legend()
 
 # %% [markdown]
 # The page `how-many/index.html` has the same curves, the tables are `trials.csv` and `summary.csv`. Every trial is stored
-# when it finishes: a study that was stopped goes on with the same call.
+# when it finishes, so the same call continues a study that was stopped.
 #
 # ## A guarantee for one site
 #
-# A study speaks of kinds of terrain. A guarantee speaks of your site: its coarse prior shows how rough the ground is at
-# its own resolution, the class of surface says how rough it is below that. Here the site has snow on it, and a prior with
+# A study is about kinds of terrain, a guarantee about your site. Its coarse prior shows how rough the ground is at
+# its own resolution, the class of surface states how rough it is below that. Here the site has snow on it, and a prior with
 # cells of 30 m.
 
 # %%

@@ -80,5 +80,5 @@ print(done)
 print(sorted(path.name for path in Path("here").iterdir()))
 
 # %% [markdown]
-# A folder is used by one run at a time, and a study file that was edited in between is refused by what differs. Other work
-# is divided the same way: data types can be pickled, so `plan`, `reconstruct` and `score` can be called in any pool.
+# A folder is used by one run at a time, and a study file that was edited in between is refused; the message names the
+# difference. Data types can be pickled, so other work can be divided in the same way: `plan`, `reconstruct` and `score` can be called in any pool.

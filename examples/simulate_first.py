@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Simulate before you ship
 #
-# Before a rover is shipped to a glacier, its survey can be driven on paper: the route is planned, sensors with realistic
+# Before a rover is shipped to a glacier, its survey can be simulated: the route is planned, sensors with realistic
 # errors record the drive, path and map are estimated from the recording alone, and the map is judged against the
 # simulated truth. Then something goes wrong, on purpose. On the command line:
 #
@@ -80,7 +80,7 @@ executed_route(route, truth.trajectory.position[:, :2], found.trajectory.positio
 # ## What if
 #
 # A worse receiver, four surveyed stakes: one argument each. The estimator assumes what its configuration
-# says (`LocalizationConfig`), so a receiver that is worse than assumed shows in the share within the interval.
+# says (`LocalizationConfig`), so with a receiver that is worse than assumed too few nodes lie within the interval.
 
 # %%
 survey("receiver of 3 m", gps_bias_sigma_m=3.0)

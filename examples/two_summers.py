@@ -58,9 +58,9 @@ earlier = Dem.on(grid, surveyed(shifted + 1.0, 0.3))
 # ## Change of volume and mass
 #
 # `align=True` shifts the earlier survey onto the later one by the ground that did not change (Nuth and Kääb 2011). The
-# errors of the difference are then measured on the same ground: their variogram says over which distance they are
-# correlated. An error that is correlated over hundreds of metres does not average out over a glacier, so the honest
-# standard deviation of the volume is many times the naive one.
+# errors of the difference are then measured on the same ground: their variogram shows over which distance they are
+# correlated. An error that is correlated over hundreds of metres does not average out over a glacier, so the
+# standard deviation of the volume is many times that of independent errors.
 
 # %%
 result = change(later, earlier, {"tongue": tongue}, align=True)
