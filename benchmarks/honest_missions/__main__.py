@@ -1,8 +1,8 @@
 """Honesty of maps of missions in images: coverage and error on sites that nothing was chosen on.
 
-Run with ``python -m benchmarks.honest_missions``. Five sites of 100 × 100 m are surveyed by two lawnmower swaths and by
-one piecewise-continuous one: ``examples/mendenhall_like.toml`` at a sixth of its size, with half as many swaths, so that
-their distance is the same share of the correlation length; cells of the prior are 12.5 m wide. Each mission is driven and
+Run with ``python -m benchmarks.honest_missions``. Five sites of 60 × 60 m are surveyed by two lawnmower swaths and by
+one piecewise-continuous one: ``examples/mendenhall_like.toml`` at a tenth of its size, with half as many swaths, so that
+their distance is the same share of the correlation length; cells of the prior are 7.5 m wide. Each mission is driven and
 its images are processed once; recordings and outcomes are stored (``FIRNLINE_HONEST_MISSIONS`` names the folder), and a
 run that was broken off continues. Seeds 181 to 185 were used for nothing else (``FIRNLINE_HONEST_MISSIONS_SEEDS`` names
 others); sizes of the sites were chosen by the time that drives take.

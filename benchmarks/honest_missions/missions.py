@@ -27,14 +27,14 @@ PATTERNS = {"lawnmower": 2, "piecewise-continuous": 1}
 """Patterns, and the number of swaths of each."""
 PRODUCT = "copernicus-30"
 """Class of product whose errors are drawn and stated in maps with a real prior."""
-SIDE_M, EDGE_M, CELL_M = 100.0, 30.0, 12.5
+SIDE_M, EDGE_M, CELL_M = 60.0, 30.0, 7.5
 _WEST, _SOUTH = 526000.0, 6478000.0
 
 
 def mission_of(pattern: str, seed: int) -> MissionConfig:
-    """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at a sixth of its size."""
+    """Return the mission of a pattern and a site: ``examples/mendenhall_like.toml`` at a tenth of its size."""
     bounds = (_WEST + EDGE_M, _SOUTH + EDGE_M, _WEST + EDGE_M + SIDE_M, _SOUTH + EDGE_M + SIDE_M)
-    terrain = {"length_scale_m": 0.73 * SIDE_M, "size_m": SIDE_M + 2.0 * EDGE_M, "relief_m": 8.0}
+    terrain = {"length_scale_m": 0.73 * SIDE_M, "size_m": SIDE_M + 2.0 * EDGE_M, "relief_m": 6.0}
     settings = SURVEY | {
         "name": "honest-mission",
         "seed": seed,
