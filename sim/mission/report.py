@@ -9,6 +9,7 @@ import numpy as np
 import survey
 from sim.mission.drives import DRIVE_FILE
 from sim.mission.fleet import LOSS_FILE, drive_folders
+from sim.mission.hazards import HAZARDS
 from sim.mission.payload import PAYLOAD
 from sim.mission.qgis_project import write_run_project
 from sim.simulate.preview import animated
@@ -22,6 +23,7 @@ from survey.io.tables import read_table
 from survey.reconstruction.joint.several_drives import SeveralDrives
 from survey.reporting import (
     FleetResults,
+    HazardResults,
     OnBoard,
     PayloadResults,
     RoverDrive,
@@ -47,6 +49,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         reconstruction=reconstruction,
         score=survey.Score.from_dict(read_json(run.folder("score") / "score.json", "the score")),
         payload=_payload(run),
+        hazard=_hazard(run),
         points=SeveralDrives.of([(part, None) for part in points]).points,
     )
     if len(places) > 1:
@@ -68,6 +71,18 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
     )
     write_run_project(folder / "run.qgz", run, reconstruction)
     return page
+
+
+def _hazard(run: RunFolder) -> HazardResults | None:
+    """Return the hazards of the map, where the rover has a largest slope."""
+    place = run.folder("reconstruct") / HAZARDS
+    if not place.exists():
+        return None
+    facts = read_json(place / "hazard.json", "the hazards")
+    limit_deg = facts.pop("max_slope_deg")
+    return HazardResults(
+        probability=survey.Dem.read(place / "hazard.tif"), max_slope_deg=limit_deg, facts=facts
+    )
 
 
 def _payload(run: RunFolder) -> tuple[PayloadResults, ...]:

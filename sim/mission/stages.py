@@ -19,6 +19,7 @@ import survey
 from sim.config.mission import MissionConfig
 from sim.mission.drives import drive, estimate_drive, path_scores
 from sim.mission.fleet import drive_fleet, drive_folders, estimate_fleet, with_drawn_losses
+from sim.mission.hazards import map_hazards
 from sim.mission.payload import map_payloads, score_payloads
 from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
@@ -143,6 +144,7 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
             below = folder / place.relative_to(run.folder("localize"))
             below.mkdir(exist_ok=True)
             part.applied(path).write(below / "corrected_trajectory.csv")
+    map_hazards(mission, run, folder, mapped)
     map_payloads(mission, run, folder, mapped.reconstruction)
 
 

@@ -6,10 +6,19 @@ Figures are drawn by `survey.figures`; scores are computed by `survey.scoring`.
 from survey.reporting.page import write_report
 from survey.reporting.surveyed import (
     FleetResults,
+    HazardResults,
     OnBoard,
     PayloadResults,
     RoverDrive,
     SurveyResults,
 )
 
-__all__ = ["FleetResults", "OnBoard", "PayloadResults", "RoverDrive", "SurveyResults", "write_report"]
+__all__ = [
+    "FleetResults",
+    "HazardResults",
+    "OnBoard",
+    "PayloadResults",
+    "RoverDrive",
+    "SurveyResults",
+    "write_report",
+]

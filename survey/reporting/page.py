@@ -66,6 +66,7 @@ def write_report(
         pictures=pictures,
         localization=named_values(localization or {}),
         fleet=fleet_rows(survey.fleet, survey.route),
+        hazard=named_values({} if survey.hazard is None else survey.hazard.facts),
         payload=payload_rows(survey.payload),
         losses=named_values({} if survey.fleet is None else survey.fleet.losses),
         config_text=config_text,

@@ -13,9 +13,15 @@ from survey import figures
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from survey.figures.cartography.payload import payload_plot
+from survey.figures.cartography.field_plot import probability_plot, quantity_plot, uncertainty_plot
 from survey.figures.style import page_png_bytes
-from survey.reporting.surveyed import FleetResults, OnBoard, PayloadResults, SurveyResults
+from survey.reporting.surveyed import (
+    FleetResults,
+    HazardResults,
+    OnBoard,
+    PayloadResults,
+    SurveyResults,
+)
 
 _SCALE = 2
 _WIDE_PX = 720
@@ -92,6 +98,8 @@ def pictures_of(survey: SurveyResults) -> dict[str, Picture]:
         pictures |= _fleet_pictures(survey.fleet)
     for one in survey.payload:
         pictures |= _payload_pictures(survey, one)
+    if survey.hazard is not None:
+        pictures["hazard"] = _hazard_picture(survey, survey.hazard)
     if survey.on_board is not None:
         pictures |= _camera_pictures(survey.on_board)
         if survey.on_board.estimated is not None and survey.reference_trajectory is not None:
@@ -113,21 +121,30 @@ def _fleet_pictures(fleet: FleetResults) -> dict[str, Picture]:
 
 def _payload_pictures(survey: SurveyResults, one: PayloadResults) -> dict[str, Picture]:
     """Draw the map of a quantity of the payload, and its standard deviation."""
-    label = one.quantity.label
-    captions = {
-        "": f"{label}, mapped from readings along the route.",
-        "_std": f"Standard deviation of {label}.",
-    }
+    label, name = one.quantity.label, f"payload_{one.quantity.name}"
+    area, route = survey.area, survey.route
     return {
-        f"payload_{one.quantity.name}{name}": picture_of(
-            payload_plot(
-                one.mapped, label, area=survey.area, route=survey.route, is_deviation=name == "_std"
-            ),
-            f"Map: {caption}",
-            caption,
-        )
-        for name, caption in captions.items()
+        name: picture_of(
+            quantity_plot(one.mapped.mean, label, area=area, route=route),
+            f"Map of {label}",
+            f"{label}, mapped from readings along the route.",
+        ),
+        f"{name}_std": picture_of(
+            uncertainty_plot(one.mapped.std, label, area=area, route=route),
+            f"Map of the standard deviation of {label}",
+            f"Standard deviation of {label}.",
+        ),
     }
+
+
+def _hazard_picture(survey: SurveyResults, hazard: HazardResults) -> Picture:
+    """Draw the probability of steep ground."""
+    title = f"Slope above {hazard.max_slope_deg:g}°"
+    return picture_of(
+        probability_plot(hazard.probability, title, area=survey.area, route=survey.route),
+        f"Map of the probability of slopes above {hazard.max_slope_deg:g}°",
+        f"Probability that the ground is steeper than {hazard.max_slope_deg:g}°, the largest slope of the rover.",
+    )
 
 
 def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:

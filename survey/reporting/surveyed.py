@@ -99,6 +99,25 @@ class PayloadResults:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HazardResults:
+    """Ground beyond the rover's largest slope.
+
+    Parameters
+    ----------
+    probability : Dem
+        Probability at each node.
+    max_slope_deg : float
+        The limit [deg].
+    facts : mapping of str to float
+        Share of no-go ground and risk of the route, units in the names.
+    """
+
+    probability: Dem
+    max_slope_deg: float
+    facts: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class SurveyResults:
     """A finished survey with its reference and score.
 
@@ -126,6 +145,8 @@ class SurveyResults:
         Drives of several rovers, instead of one trajectory.
     payload : tuple of PayloadResults
         Maps of the quantities that a science payload measured.
+    hazard : HazardResults, optional
+        Steep ground, and the risk of the route.
     """
 
     area: SurveyArea
@@ -140,3 +161,4 @@ class SurveyResults:
     on_board: OnBoard | None = None
     fleet: FleetResults | None = None
     payload: tuple[PayloadResults, ...] = ()
+    hazard: HazardResults | None = None

@@ -145,3 +145,13 @@ def test_rovers_side_by_side_write_the_same_bytes_as_in_turn(surveyed, tmp_path)
     route = Route.read(surveyed.folder("plan") / "route.geojson")
     drive_fleet(build_world(config), route, config, tmp_path, 2)
     assert bytes_agree(tmp_path, surveyed.folder("simulate"))
+
+
+def test_steep_ground_is_marked_for_the_next_plan(tmp_path):
+    run = run_of(mission(rover={"max_pitch_deg": 20.0}, fleet={"rovers": 1}), tmp_path, "reconstruct")
+    place = run.folder("reconstruct") / "hazards"
+    facts = read_json(place / "hazard.json", "the hazards")
+    assert facts["max_slope_deg"] == 20.0
+    assert 0.0 <= facts["route_worst_probability"] <= 1.0
+    assert (place / "hazard.tif").exists()
+    assert (place / "next_area.gpkg").exists()

@@ -1,0 +1,119 @@
+"""Fleets, payloads and hazard maps on random sites that nothing was chosen on.
+
+Run with ``python -m benchmarks.fleet``. Seeds 7101 to 7110 were used for nothing else; sizes were chosen on seeds 41
+to 43. Sites of 300 × 300 m are surveyed by six swaths with gravity and barometer, in the statistical fidelity; the
+terrain is of five kinds in turn. Parts are stored as they finish (``FIRNLINE_FLEET`` names the folder, which belongs to
+one state of the code), and a run that was broken off continues; ``FIRNLINE_FLEET_PART`` (joint, payload, hazard or lost)
+computes one part alone and shows its rows.
+"""
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.fleet import hazard_maps, joint_maps, lost_rovers, payload_maps
+from benchmarks.report import Row, main
+from benchmarks.stored_parts import code_digest, stored
+
+FIRST_SEED, N_SITES, N_LOST = 7101, 10, 3
+_SOURCES = ("survey", "planners", "vision_slam", "sim", "benchmarks/fleet")
+
+
+def measure(quick: bool) -> Iterator[Row]:
+    """Yield the rows."""
+    parts: dict[str, Callable[[bool], Iterator[Row]]] = {
+        "joint": _joint_rows,
+        "payload": _payload_rows,
+        "hazard": _hazard_rows,
+        "lost": _lost_rows,
+    }
+    wanted = os.environ.get("FIRNLINE_FLEET_PART")
+    for name, rows in parts.items():
+        if wanted in (None, name):
+            yield from rows(quick)
+
+
+def _outcomes(name: str, make: Callable[[int], Any], n: int) -> list[Any]:
+    named = os.environ.get("FIRNLINE_FLEET")
+    folder = Path(named or tempfile.gettempdir()) / f"firnline-fleet-{code_digest(_SOURCES)}"
+    return [
+        stored(folder / f"{name}-{seed}.json", lambda seed=seed: make(seed))
+        for seed in range(FIRST_SEED, FIRST_SEED + n)
+    ]
+
+
+def _joint_rows(quick: bool) -> Iterator[Row]:
+    found = _outcomes("joint", joint_maps.outcome, 1 if quick else N_SITES)
+    rms = {
+        name: float(np.sqrt(np.mean([one[name]["rmse_m"] ** 2 for one in found])))
+        for name in ("one", "joint", "merged")
+    }
+    for name, value in rms.items():
+        yield Row(f"{_MAPS[name]}: RMSE over all sites", value, "m")
+    yield Row.of("two rovers over one: RMSE", rms["joint"] / rms["one"], "1", "<=", 1.05)
+    yield Row.of("joint map over maps merged apart: RMSE", rms["joint"] / rms["merged"], "1", "<=", 1.0)
+    worst = max(one["joint"]["rmse_m"] / one["merged"]["rmse_m"] for one in found)
+    yield Row("joint map over maps merged apart: RMSE, worst site", worst, "1")
+    for name, words in _MAPS.items():
+        coverage = float(np.mean([one[name]["coverage"] for one in found]))
+        yield _within(f"{words}: coverage of 95 %", coverage, is_barred=name == "joint")
+
+
+_MAPS = {"one": "one rover", "joint": "two rovers, joint map", "merged": "two rovers, maps merged apart"}
+
+
+def _within(name: str, coverage: float, *, is_barred: bool = True) -> Row:
+    held = 0.93 <= coverage <= 0.97
+    return Row(name, coverage, "1", "0.93 to 0.97", held) if is_barred else Row(name, coverage, "1")
+
+
+def _payload_rows(quick: bool) -> Iterator[Row]:
+    found = _outcomes("payload", payload_maps.outcome, 1 if quick else N_SITES)
+    ratios, coverage = [], []
+    for config in payload_maps.QUANTITIES:
+        maps = [one["quantities"][config.name] for one in found]
+        fitted, given = (
+            float(np.sqrt(np.mean([m[kind]["rmse"] ** 2 for m in maps]))) for kind in ("fitted", "given")
+        )
+        ratios.append(fitted / given)
+        coverage.append(float(np.mean([m["fitted"]["coverage"] for m in maps])))
+        yield Row(f"{config.name}: RMSE over that with the true hyperparameters", ratios[-1], "1")
+        yield Row(f"{config.name}: coverage of 95 %", coverage[-1], "1")
+    mean_ratio = float(np.exp(np.mean(np.log(ratios))))
+    name = "payload, 5 fields: RMSE over that with the true hyperparameters, mean"
+    yield Row.of(name, mean_ratio, "1", "<=", 1.05)
+    yield _within("payload, 5 fields: coverage of 95 %, mean", float(np.mean(coverage)))
+
+
+def _hazard_rows(quick: bool) -> Iterator[Row]:
+    found = _outcomes("hazard", hazard_maps.outcome, 1 if quick else N_SITES)
+    nodes, expected, seen = (
+        np.sum([one[key] for one in found], axis=0) for key in ("nodes", "expected", "seen")
+    )
+    off = (seen - expected) / np.maximum(nodes, 1.0)
+    for k in range(hazard_maps.N_BINS):
+        low, high = k / hazard_maps.N_BINS, (k + 1) / hazard_maps.N_BINS
+        name = f"P(slope > limit) between {low:.1f} and {high:.1f}: seen less predicted"
+        yield Row(name, float(off[k]), "1", "-0.05 to 0.05", abs(float(off[k])) <= 0.05)
+
+
+def _lost_rows(quick: bool) -> Iterator[Row]:
+    found = _outcomes("lost", lost_rovers.outcome, 1 if quick else N_LOST)
+    for on_loss in ("replan", "continue"):
+        maps = [one[on_loss] for one in found]
+        rmse = float(np.sqrt(np.mean([one["rmse_m"] ** 2 for one in maps])))
+        yield Row(f"rover lost at 40 %, {on_loss}: RMSE over all sites", rmse, "m")
+        coverage = float(np.mean([one["coverage"] for one in maps]))
+        yield Row(f"rover lost at 40 %, {on_loss}: coverage of 95 %", coverage, "1")
+        left = max(one["swaths_not_driven_m"] for one in maps)
+        yield Row(f"rover lost at 40 %, {on_loss}: swaths not driven, most", left, "m")
+    extra_s = float(np.mean([one["replan"]["extra_time_s"] for one in found]))
+    yield Row("rover lost at 40 %, replan: extra time until the last rover is back, mean", extra_s, "s")
+
+
+if __name__ == "__main__":
+    main("Fleet", measure, ("numpy", "scipy", "numba"))
