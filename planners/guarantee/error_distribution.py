@@ -9,8 +9,8 @@ its mean is at most
 with the part N of the noise of the samples and of relief finer than they are, which does not grow with the roughness:
 the error of the best linear map is a concave function of the variance of the terrain, and this is its tangent. The
 families of covariance stand for degrees of smoothness, and ground lies between them: T is their geometric mean, and its
-standard deviation from family to family makes a normal factor, which grows the farther the swaths are below what the
-prior shows. The other factors are two. How much ground differs from landscape to landscape is estimated from few of
+standard deviation from family to family makes a normal factor, cut off at the roughest family, which grows the farther
+the swaths are below what the prior shows. The other factors are two. How much ground differs from landscape to landscape is estimated from few of
 them, so that the logarithm for a new one has Student's distribution, of four degrees of freedom, and heavier tails than
 the normal one (Geisser 1993, Predictive Inference); what the cells of a prior or the samples of a survey leave open of
 the roughness is normal. They are integrated by Gauss-Legendre nodes of their distribution
@@ -28,8 +28,9 @@ from scipy.special import gammainc, gammaln, ndtri, stdtrit
 from survey.core.arrays import FloatArray
 
 _FREEDOM = 4.0
-_N_FACTORS = 64
-_N_BISECTIONS = 60
+_N_FACTORS = 28
+_N_BISECTIONS = 40
+_LEAST_SPREAD = 1e-6
 
 
 class ErrorMoments(NamedTuple):
@@ -118,22 +119,25 @@ class ErrorDistribution:
         return float(np.exp(2.0 * self._weights @ self._log_terrain)), noise, shape
 
     @cached_property
-    def _between(self) -> float:
-        """Standard deviation of the logarithm of the terrain's part from covariance to covariance."""
-        off = self._log_terrain - self._weights @ self._log_terrain
-        return float(np.sqrt(self._weights @ np.square(off)))
-
-    @cached_property
     def _factors(self) -> tuple[FloatArray, FloatArray]:
         """Factors of the roughness and their shares."""
-        logs, shares = np.zeros(1), np.ones(1)
-        normal = float(np.hypot(self.open_spread, self._between))
-        for spread, nodes in ((self.spread, _student), (normal, _normal)):
+        logs, shares = self._between
+        for spread, nodes in ((self.spread, _student), (self.open_spread, _normal)):
             if spread > 0.0:
                 values, weights = nodes()
                 logs = np.add.outer(logs, spread * values).ravel()
                 shares = np.multiply.outer(shares, weights).ravel()
         return np.exp(logs), shares
+
+    @cached_property
+    def _between(self) -> tuple[FloatArray, FloatArray]:
+        """Logarithms of the factor from family to family, no rougher than the roughest, and their shares."""
+        off = self._log_terrain - self._weights @ self._log_terrain
+        spread = float(np.sqrt(self._weights @ np.square(off)))
+        if spread < _LEAST_SPREAD:
+            return np.zeros(1), np.ones(1)
+        values, weights = _normal()
+        return np.minimum(spread * values, off.max()), weights
 
 
 @cache
