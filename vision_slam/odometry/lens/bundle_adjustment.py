@@ -144,8 +144,8 @@ class BundleAdjustment:
             equations, before = self._linearized(state), cost
             while damping < _MOST_DAMPING:
                 trial = _moved(state, equations, damping)
-                trial_cost = self._cost(trial)
-                if trial_cost < cost:
+                trial_cost = np.inf if trial is None else self._cost(trial)
+                if trial is not None and trial_cost < cost:
                     state, cost, damping = trial, trial_cost, max(0.2 * damping, _LEAST_DAMPING)
                     break
                 damping *= 8.0
@@ -251,8 +251,8 @@ def _projected(camera: Camera, local: FloatArray) -> tuple[FloatArray, FloatArra
     return pixel, slopes[:, :, by_point], np.concatenate([focal, slopes[:, :, by_radial]], axis=2)
 
 
-def _moved(state: Geometry, equations: _Equations, damping: float) -> Geometry:
-    """Return the geometry after one damped step."""
+def _moved(state: Geometry, equations: _Equations, damping: float) -> Geometry | None:
+    """Return the geometry after one damped step; None where rounding errors leave no solution."""
     points = equations.points.copy()
     every = np.arange(3)
     points[:, every, every] = (1.0 + damping) * points[:, every, every] + _SMALLEST
@@ -260,7 +260,10 @@ def _moved(state: Geometry, equations: _Equations, damping: float) -> Geometry:
     reduced, right = _reduced(equations, inverse)
     diagonal = np.arange(len(reduced))
     reduced[diagonal, diagonal] *= 1.0 + damping
-    step = cho_solve(cho_factor(reduced), right)
+    try:
+        step = cho_solve(cho_factor(reduced), right)
+    except np.linalg.LinAlgError:
+        return None
     pull = equations.pose_point.T @ step[:-3] + equations.lens_point.T @ step[-3:]
     shift = np.einsum("jik,jk->ji", inverse, equations.g_points - pull.reshape(-1, 3))
     poses, moves = state.poses.copy(), step[:-3].reshape(-1, 6)
@@ -286,11 +289,14 @@ def _reduced(equations: _Equations, inverse: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _lens_covariance(equations: _Equations) -> FloatArray:
-    """Return the covariance (3, 3) of the lens when poses and points are unknown too."""
+    """Return the covariance (3, 3) of the lens when poses and points are unknown too; infinite where that is singular."""
     inverse = np.asarray(np.linalg.inv(equations.points + _SMALLEST * np.eye(3)), dtype=np.float64)
     reduced, _ = _reduced(equations, inverse)
     units = np.eye(len(reduced))[:, -3:]
-    covariance: FloatArray = cho_solve(cho_factor(reduced), units)[-3:]
+    try:
+        covariance: FloatArray = cho_solve(cho_factor(reduced), units)[-3:]
+    except np.linalg.LinAlgError:
+        return np.diag(np.full(3, np.inf))
     return covariance
 
 

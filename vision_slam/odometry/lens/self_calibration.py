@@ -127,6 +127,8 @@ def estimate_lens(
     def adjustment(prior: FloatArray) -> BundleAdjustment:
         return BundleAdjustment(camera, seen, config.pixel_sigma, prior / _CORRELATED, travel)
 
+    if abs(used.log_focal) > _LEAST_FOCAL:
+        return _judged(camera, poses, adjustment(_ANY_LENS).solve(start), turned_deg)
     near = adjustment(_CALIBRATED).solve(start, _N_NEAR)
     return _judged(camera, poses, _with_focal_length(near, adjustment(_ANY_LENS)), turned_deg)
 

@@ -10,6 +10,7 @@ from survey.core.arrays import FloatArray
 from survey.data.camera.calibration import Camera
 from vision_slam.io.sequence_files import FORWARD
 from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.lens.bundle_adjustment import LensChange
 from vision_slam.odometry.lens.self_calibration import estimate_lens
 from vision_slam.odometry.tracks import Track
 
@@ -35,8 +36,8 @@ def _path(turn_deg: float, n: int = 30) -> FloatArray:
     return poses
 
 
-def _tracks(real: Camera, poses: FloatArray) -> list[Track]:
-    """Tracks of points beside the path, drawn by the real lens with 0.3 pixels of noise, read by the given one."""
+def _tracks(real: Camera, poses: FloatArray, read_by: Camera = _GIVEN) -> list[Track]:
+    """Tracks of points beside the path, drawn by the real lens with 0.3 pixels of noise, read by another one."""
     rng = np.random.default_rng(5)
     points = poses[rng.integers(0, len(poses), 1500), :3, 3] + rng.uniform(-1, 1, (1500, 3)) * [
         15.0,
@@ -50,7 +51,7 @@ def _tracks(real: Camera, poses: FloatArray) -> list[Track]:
         pixel = real.project(local) + rng.normal(0.0, 0.3, (len(points), 2))
         inside = (local[:, 2] > 3.0) & ((pixel > 0) & (pixel < [1239, 375])).all(axis=1)
         for index in np.flatnonzero(inside):
-            seen[index].append((k, _GIVEN.rays(pixel[index : index + 1])[0]))
+            seen[index].append((k, read_by.rays(pixel[index : index + 1])[0]))
     return [Track(np.zeros(2), [k for k, _ in rows], [ray for _, ray in rows]) for rows in seen if rows]
 
 
@@ -75,6 +76,17 @@ def test_a_focal_length_that_is_off_by_a_fifth_is_found_in_a_turn() -> None:
     assert found.is_accepted
     assert found.camera.matrix[0, 0] == pytest.approx(864.0, rel=0.03)
     assert "focal length" in found.note
+
+
+def test_an_estimate_over_tracks_of_the_estimated_lens_stays() -> None:
+    """The second pass reads the images with a focal length that the first one found a fifth off."""
+    poses = _path(80.0)
+    real = replace(_REAL, matrix=np.array([[576.0, 0.0, 619.5], [0.0, 576.0, 187.5], [0.0, 0.0, 1.0]]))
+    used = LensChange(float(np.log(0.81)), 0.02, -0.005)
+    tracks = _tracks(real, poses, used.applied(_GIVEN))
+    found = estimate_lens(_GIVEN, poses, tracks, _unknown(poses), _CONFIG, used=used)
+    assert found.is_accepted
+    assert found.camera.matrix[0, 0] == pytest.approx(576.0, rel=0.03)
 
 
 def test_a_straight_drive_leaves_the_lens_as_it_is_given() -> None:
