@@ -25,6 +25,25 @@ variance_m2 = 4.0
 length_scale_m = 40.0
 nugget_m = 0.1
 """
+IDEAL_MISSION = """
+schema_version = 1
+name = "small"
+fidelity = "ideal"
+[terrain]
+source = "random"
+size_m = 150.0
+step_m = 3.0
+length_scale_m = 60.0
+[planner]
+pattern = "lawnmower"
+swaths = 2
+[reconstruction]
+grid_step_m = 5.0
+[reconstruction.gp]
+fit = false
+variance_m2 = 4.0
+length_scale_m = 40.0
+"""
 STUDY = """
 schema_version = 1
 name = "small"

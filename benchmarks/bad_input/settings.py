@@ -150,6 +150,7 @@ def _option_cases() -> list[Case]:
     return cases
 
 
+_ON_DASK = ["montecarlo", "s.toml", "--runs", "runs", "--engine", "dask", "--scheduler"]
 _WORDS: dict[str, list[str]] = {
     "plan --pattern": [*_PLAN, "--pattern", "spiral"],
     "plan --crs": [*_PLAN, "--crs", "EPSG:banana"],
@@ -186,26 +187,8 @@ _WORDS: dict[str, list[str]] = {
     "reproduce": ["reproduce", "glacier-fig99"],
     "run --from": ["run", "s.toml", "--from", "nowhere"],
     "montecarlo --engine": ["montecarlo", "s.toml", "--runs", "runs", "--engine", "steam"],
-    "montecarlo --scheduler": [
-        "montecarlo",
-        "s.toml",
-        "--runs",
-        "runs",
-        "--engine",
-        "dask",
-        "--scheduler",
-        "tcp://127.0.0.1:9",
-    ],
-    "montecarlo --scheduler without an address": [
-        "montecarlo",
-        "s.toml",
-        "--runs",
-        "runs",
-        "--engine",
-        "dask",
-        "--scheduler",
-        "banana",
-    ],
+    "montecarlo --scheduler": [*_ON_DASK, "tcp://127.0.0.1:9"],
+    "montecarlo --scheduler without an address": [*_ON_DASK, "banana"],
     "unknown command": ["survey"],
     "unknown option": ["run", "s.toml", "--faster"],
 }

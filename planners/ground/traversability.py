@@ -1,6 +1,6 @@
 """Traversability: ground within a rover's limits of slope, roughness and width, reachable from its starts."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -101,8 +101,51 @@ def drivable(
     """
     factor = settings_factor(area)
     limits, dem = in_grid_metres(limits or RoverLimits(), factor), dem_in_grid_metres(dem, factor)
-    left_out: list[LeftOut] = []
-    free = area.free
+    within = _free_within(limits, dem, area)
+    if within.free.is_empty:
+        raise InputError(
+            f"no ground is left to drive on: {listed(within.left_out)}; relax the limits or move the area."
+        )
+    ground, cut_off = _reached(within.free, area, within.left_out)
+    if cut_off and reach_all:
+        raise InputError(
+            f"not all of the area can be reached from its starts: {listed(cut_off)}; start a rover there or leave it out of the area."
+        )
+    return Drivable(ground, tuple(replace(piece, map_scale=factor) for piece in within.left_out + cut_off))
+
+
+@dataclass
+class _Free:
+    """Ground that is still free, and what was left out of the area so far."""
+
+    free: Polygon | MultiPolygon
+    left_out: list[LeftOut]
+
+    def close(self, closed: shapely.Geometry, reason: Reason) -> None:
+        """Leave out closed ground."""
+        self.left_out += _pieces(shapely.intersection(self.free, closed), reason)
+        self.free = _polygonal(shapely.difference(self.free, closed))
+
+    def narrow(self, clearance_m: float) -> None:
+        """Keep a distance from every border, and leave out what is too narrow for it."""
+        # Chords of round corners come nearer by half a percent, and offsets are drawn to one percent.
+        offset_m = 1.015 * clearance_m
+        narrowed = _polygonal(self.free.buffer(-offset_m, quad_segs=8))
+        opened = narrowed.buffer(1.02 * offset_m, quad_segs=8)
+        self.left_out += _pieces(shapely.difference(self.free, opened), "too narrow")
+        self.free = narrowed
+
+    def open(self, room_m: float) -> None:
+        """Leave out what is too narrow to turn in."""
+        opened = self.free.buffer(-room_m, quad_segs=8).buffer(room_m, quad_segs=8)
+        opened = _polygonal(shapely.intersection(opened, self.free))
+        self.left_out += _pieces(shapely.difference(self.free, opened), "too narrow")
+        self.free = opened
+
+
+def _free_within(limits: RoverLimits, dem: Dem | None, area: SurveyArea) -> _Free:
+    """Return the ground of an area that is within the limits of a rover."""
+    within = _Free(area.free, [])
     if limits.needs_heights:
         if dem is None:
             raise InputError(
@@ -110,33 +153,15 @@ def drivable(
             )
         area.require_crs(dem.crs, "the DEM")
         for reason, closed in _closed_ground(dem, limits, area).items():
-            left_out += _pieces(shapely.intersection(free, closed), reason)
-            free = _polygonal(shapely.difference(free, closed))
+            within.close(closed, reason)
     if limits.clearance_m > 0.0:
-        # Chords of round corners come nearer by half a percent, and offsets are drawn to one percent.
-        clearance_m = 1.015 * limits.clearance_m
-        narrowed = _polygonal(free.buffer(-clearance_m, quad_segs=8))
-        opened = narrowed.buffer(1.02 * clearance_m, quad_segs=8)
-        left_out += _pieces(shapely.difference(free, opened), "too narrow")
-        free = narrowed
+        within.narrow(limits.clearance_m)
     if limits.turning_room_m > 0.0:
-        opened = free.buffer(-limits.turning_room_m, quad_segs=8).buffer(limits.turning_room_m, quad_segs=8)
-        opened = _polygonal(shapely.intersection(opened, free))
-        left_out += _pieces(shapely.difference(free, opened), "too narrow")
-        free = opened
-    if not free.equals(area.free):
+        within.open(limits.turning_room_m)
+    if not within.free.equals(area.free):
         # Where borders cross, rounding may put a new corner outside the old border.
-        free = _polygonal(free.buffer(-_ROUNDING_M, join_style="mitre"))
-    if free.is_empty:
-        raise InputError(
-            f"no ground is left to drive on: {listed(left_out)}; relax the limits or move the area."
-        )
-    ground, cut_off = _reached(free, area, left_out)
-    if cut_off and reach_all:
-        raise InputError(
-            f"not all of the area can be reached from its starts: {listed(cut_off)}; start a rover there or leave it out of the area."
-        )
-    return Drivable(ground, tuple(replace(piece, map_scale=factor) for piece in left_out + cut_off))
+        within.free = _polygonal(within.free.buffer(-_ROUNDING_M, join_style="mitre"))
+    return within
 
 
 def _reached(

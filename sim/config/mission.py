@@ -11,6 +11,7 @@ from sim.config.faults import FaultConfig
 from sim.config.fleet import FleetConfig
 from sim.config.mismatch import MismatchConfig
 from sim.config.payload import PayloadConfig
+from sim.config.placed import PlacedSection
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
@@ -154,7 +155,7 @@ def _is_prior(terrain: TerrainConfig) -> bool:
     return isinstance(terrain, DemTerrain) and terrain.role == "prior"
 
 
-class MissionConfig(Section):
+class MissionConfig(PlacedSection):
     """Configuration of a mission."""
 
     schema_version: Literal[1]
@@ -254,7 +255,6 @@ class MissionConfig(Section):
         stated = self.localization.model_copy(update={"start": self.aids.start})
         return self.mismatch.assumed(stated, self.seed)
 
-    _folder: Path = PrivateAttr(default=Path())
     _site_seed: int | None = PrivateAttr(default=None)
 
     @property
@@ -280,38 +280,6 @@ class MissionConfig(Section):
         alone = self.model_copy(update={"seed": own, "faults": faults})
         alone._site_seed = self.site_seed
         return alone
-
-    def read_from(self, folder: Path) -> "MissionConfig":
-        """Return the mission with its relative paths counted from `folder`.
-
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Folder of the mission file.
-
-        Returns
-        -------
-        MissionConfig
-            The same settings.
-        """
-        placed = self.model_copy()
-        placed._folder = folder
-        return placed
-
-    def path(self, file: str) -> Path:
-        """Return the place of a file that the mission names.
-
-        Parameters
-        ----------
-        file : str
-            Path as the mission names it.
-
-        Returns
-        -------
-        pathlib.Path
-            Relative paths count from the folder of the mission file.
-        """
-        return self._folder / file
 
     @property
     def input_files(self) -> dict[str, Path]:

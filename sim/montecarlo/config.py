@@ -10,11 +10,11 @@ from pydantic import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
-    PrivateAttr,
 )
 
 from planners import PlannerConfig, planner_config
 from sim.config.mission import SCHEMA_VERSION, RoverConfig, SensorConfig
+from sim.config.placed import PlacedSection
 from sim.config.terrain import SatelliteConfig, TerrainFamily
 from sim.montecarlo.map_config import Map, MapClassName, Name, ReconstructedMap, SearchedMap
 from survey.core.config import Section, read_toml, refuse_newer_schema, validated, with_overrides
@@ -82,7 +82,7 @@ class Design(NamedTuple):
     planner: PlannerConfig
 
 
-class StudyConfig(Section):
+class StudyConfig(PlacedSection):
     """Configuration of a study: every terrain is surveyed by every planner at every size, once for each trial."""
 
     schema_version: Literal[1]
@@ -113,8 +113,6 @@ class StudyConfig(Section):
     localization: LocalizationConfig = LocalizationConfig()
     satellite: SatelliteConfig = SatelliteConfig()
 
-    _folder: Path = PrivateAttr(default=Path())
-
     @property
     def designs(self) -> list[Design]:
         """Every planner at every size, in the order of the file."""
@@ -125,16 +123,6 @@ class StudyConfig(Section):
         """Largest RMSE of the wanted class, at its widest contour interval [m]."""
         wanted = self.require.replace("class-", "Class ")
         return next(row.limit_m for row in map_classes() if row.map_class == wanted)
-
-    def read_from(self, folder: Path) -> "StudyConfig":
-        """Return the study with its relative paths counted from `folder`."""
-        placed = self.model_copy()
-        placed._folder = folder
-        return placed
-
-    def path(self, file: str) -> Path:
-        """Return the place of a file that the study names."""
-        return self._folder / file
 
     @property
     def input_files(self) -> dict[str, Path]:

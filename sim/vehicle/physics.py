@@ -76,7 +76,20 @@ def origin_of(ground: HeightField, xy: FloatArray) -> FloatArray:
     return np.array([xy[0], xy[1], float(height[0])])
 
 
-class KinematicRover:
+class Tracks:
+    """Step, grip and track speeds that all models of a rover have."""
+
+    def __init__(self, config: PhysicsConfig) -> None:
+        self.dt_s = 1.0 / config.rate_hz
+        self.friction_share = 1.0
+        self.drive_share = (1.0, 1.0)
+
+    def _driven(self, left_m_s: float, right_m_s: float) -> tuple[float, float]:
+        """Return the speeds of both tracks that follow from the commanded ones [m/s]."""
+        return left_m_s * self.drive_share[0], right_m_s * self.drive_share[1]
+
+
+class KinematicRover(Tracks):
     r"""Kinematic model of a rover: it rests on the ground and rolls at the speed of its tracks, less slip.
 
     On a slope θ the tracks slip by i = i₀ + tan²θ; the turn is a share of what the tracks'
@@ -93,9 +106,7 @@ class KinematicRover:
     def __init__(
         self, ground: HeightField, config: PhysicsConfig, rover: Rover, start: FloatArray, heading_rad: float
     ) -> None:
-        self.dt_s = 1.0 / config.rate_hz
-        self.friction_share = 1.0
-        self.drive_share = (1.0, 1.0)
+        super().__init__(config)
         self._ground, self._config, self._rover = ground, config, rover
         self._n_steps = 0
         self._xy = np.array(start, dtype=np.float64)
@@ -107,7 +118,7 @@ class KinematicRover:
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance by one step at commanded track speeds [m/s]."""
-        left, right = left_m_s * self.drive_share[0], right_m_s * self.drive_share[1]
+        left, right = self._driven(left_m_s, right_m_s)
         self._n_steps += 1
         self._rolled += self.dt_s * left, self.dt_s * right
         slip = min((self.SLIP + np.tan(self._slope) ** 2) / self.friction_share, 1.0)

@@ -21,7 +21,7 @@ from sim.vehicle.bodies import (
     added,
 )
 from sim.vehicle.engines import rigid_bodies
-from sim.vehicle.physics import GRAVITY_M_S2, HeightField, RoverState, Vector, origin_of
+from sim.vehicle.physics import GRAVITY_M_S2, HeightField, RoverState, Tracks, Vector, origin_of
 from survey.core.arrays import FloatArray
 
 _PATCH_M = 40.0
@@ -30,7 +30,7 @@ _RESISTED_FROM_M_S = 0.05
 _SETTLED_S = 2.0
 
 
-class ContactRover:
+class ContactRover(Tracks):
     """Rover of rigid bodies whose tracks push against the ground.
 
     Parameters
@@ -62,9 +62,7 @@ class ContactRover:
     def __init__(
         self, ground: HeightField, config: PhysicsConfig, rover: Rover, start: FloatArray, heading_rad: float
     ) -> None:
-        self.dt_s = 1.0 / config.rate_hz
-        self.friction_share = 1.0
-        self.drive_share = (1.0, 1.0)
+        super().__init__(config)
         self._ground, self._config, self._rover = ground, config, rover
         self._weight = rover.mass_kg * GRAVITY_M_S2
         self._origin = origin_of(ground, start)
@@ -119,7 +117,7 @@ class ContactRover:
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance by one step at commanded track speeds [m/s]."""
         radius = self._config.wheel_radius_m
-        left, right = left_m_s * self.drive_share[0], right_m_s * self.drive_share[1]
+        left, right = self._driven(left_m_s, right_m_s)
         self.engine.command(left / radius, right / radius, self._config.friction * self.friction_share)
         before, resistance = self._now, self._resistance()
         self.engine.push(resistance)

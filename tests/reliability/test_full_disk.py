@@ -10,28 +10,9 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
+from benchmarks.small_inputs import IDEAL_MISSION
 from sim.cli.main import app
 from survey.core.runs.store import STAGES
-
-MISSION = """
-schema_version = 1
-name = "small"
-fidelity = "ideal"
-[terrain]
-source = "random"
-size_m = 150.0
-step_m = 3.0
-length_scale_m = 60.0
-[planner]
-pattern = "lawnmower"
-swaths = 2
-[reconstruction]
-grid_step_m = 5.0
-[reconstruction.gp]
-fit = false
-variance_m2 = 4.0
-length_scale_m = 40.0
-"""
 
 
 @contextmanager
@@ -65,7 +46,7 @@ def test_a_full_disk_is_named_and_the_mission_goes_on_afterwards(
     tmp_path, monkeypatch, n_bytes, last_complete_stage, until
 ):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "m.toml").write_text(MISSION)
+    (tmp_path / "m.toml").write_text(IDEAL_MISSION)
     # 9 kB hold no GeoPackage, 150 kB hold everything but the report's pictures.
     with largest_file(n_bytes):
         result = run()
@@ -96,5 +77,5 @@ def test_a_raster_that_does_not_fit_is_refused(tmp_path):
 @pytest.mark.reliability
 def test_a_forbidden_place_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "m.toml").write_text(MISSION)
+    (tmp_path / "m.toml").write_text(IDEAL_MISSION)
     assert "could not be written" in said(run("/proc/firnline"))

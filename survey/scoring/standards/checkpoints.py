@@ -16,8 +16,9 @@ from survey.core.crs.transformation import transformed
 from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.text import printable
-from survey.io.named_points import read_named_points
+from survey.io.named_points import NamedPoints, read_named_points
 from survey.io.point_columns import PLACE
+from survey.io.points.table import PointTable
 
 CONTROL_M = 0.10
 """A checkpoint this near to a control point counts as the same mark [m]."""
@@ -125,14 +126,8 @@ class Checkpoints:
         """
         named = read_named_points(path, "the checkpoint file", columns)
         table = named.table
-        found = table.columns
-        control = found.get("control")
-        if control is not None and (control != 0.0).any():
-            used = [named.names[k] for k in np.flatnonzero(control)]
-            raise InputError(
-                f"{path}: {_listed(used)} served as control; a map agrees with what it was made from, leave them out."
-            )
-        sigma = found.get("sigma_z_m", sigma_m)
+        _refuse_control(path, named)
+        sigma = table.columns.get("sigma_z_m", sigma_m)
         if sigma is None:
             raise InputError(
                 f"{path} states no uncertainty of the checkpoints' heights; add a column sigma_z_m, choose one with --columns sigma_z=NAME, or name one sigma for all."
@@ -140,19 +135,11 @@ class Checkpoints:
         stated = table.vertical_datum
         if stated and vertical_datum:
             same_vertical_datum(stated, vertical_datum, f"{path} and the request")
-        xyz = np.column_stack([found[name] for name in PLACE])
-        system = projected_crs(table.crs if crs is None else crs, str(path))
-        if table.crs is not None:
-            xyz = np.column_stack([transformed(xyz[:, :2], table.crs, system, str(path)), xyz[:, 2]])
+        xyz, system = _places(path, table, crs)
+        vegetated = table.columns.get("vegetated", np.zeros(len(xyz))) != 0.0
+        names = tuple(printable(name) for name in named.names)
         try:
-            return cls(
-                xyz,
-                sigma,
-                system,
-                stated or vertical_datum or UNSTATED,
-                tuple(printable(name) for name in named.names),
-                found.get("vegetated", np.zeros(len(xyz))) != 0.0,
-            )
+            return cls(xyz, sigma, system, stated or vertical_datum or UNSTATED, names, vegetated)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
@@ -194,6 +181,25 @@ class Checkpoints:
             raise InputError(
                 f"the checkpoints {self.names[i]} and {self.names[j]} lie at one place; count each place once."
             )
+
+
+def _refuse_control(path: str | Path, named: NamedPoints) -> None:
+    """Refuse points that the map was made from."""
+    control = named.table.columns.get("control")
+    if control is not None and (control != 0.0).any():
+        used = [named.names[k] for k in np.flatnonzero(control)]
+        raise InputError(
+            f"{path}: {_listed(used)} served as control; a map agrees with what it was made from, leave them out."
+        )
+
+
+def _places(path: str | Path, table: PointTable, crs: Any) -> tuple[FloatArray, CRS]:
+    """Return the places (N, 3) of a table in a projected CRS, and that CRS."""
+    xyz = np.column_stack([table.columns[name] for name in PLACE])
+    system = projected_crs(table.crs if crs is None else crs, str(path))
+    if table.crs is not None:
+        xyz = np.column_stack([transformed(xyz[:, :2], table.crs, system, str(path)), xyz[:, 2]])
+    return xyz, system
 
 
 def control_places(path: str | Path, crs: Any) -> FloatArray:

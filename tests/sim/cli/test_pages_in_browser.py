@@ -15,25 +15,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.small_inputs import IDEAL_MISSION
 from sim.cli.main import app
 from tests.docs.scratch import make_scratch
 
 AXE = Path(os.environ.get("FIRNLINE_AXE", "missing"))
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 MOST_PRINTED = 10
-MISSION = """
-schema_version = 1
-name = "small"
-fidelity = "ideal"
-terrain = { source = "random", size_m = 150.0, step_m = 3.0, length_scale_m = 60.0 }
-planner = { pattern = "lawnmower", swaths = 2 }
-[reconstruction]
-grid_step_m = 5.0
-[reconstruction.gp]
-fit = false
-variance_m2 = 4.0
-length_scale_m = 40.0
-"""
 STUDY = """
 schema_version = 1
 name = "study"
@@ -70,7 +58,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Pages of a run, a score, a change and a study."""
     folder = tmp_path_factory.mktemp("pages")
     make_scratch(folder)
-    (folder / "mission.toml").write_text(MISSION)
+    (folder / "mission.toml").write_text(IDEAL_MISSION)
     (folder / "study.toml").write_text(STUDY)
     checkpoints = ["--checkpoints", "gnss.csv", "--class", "0.10", "--by", "slope", "--language", "de"]
     with pytest.MonkeyPatch.context() as patch:

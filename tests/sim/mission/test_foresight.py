@@ -5,26 +5,15 @@ import pytest
 import shapely
 import typer
 
-from planners import LawnmowerConfig, RandomWanderConfig
+from planners import RandomWanderConfig
 from sim.cli.planning.foresight import print_options_of
-from sim.config.mission import AidsConfig, MissionConfig
 from sim.config.terrain import RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, predicted_survey, surveys_within
 from sim.world.site import World
 from survey import ConfigError, Dem, Grid, InputError, SurveyArea
+from tests.sim.small_missions import mission_with
 
 AREA = SurveyArea.rectangle((0.0, 0.0, 200.0, 200.0), "EPSG:32608")
-
-
-def mission(**aids) -> MissionConfig:
-    return MissionConfig(
-        schema_version=1,
-        name="m",
-        seed=5,
-        terrain=RandomTerrain(source="random"),
-        planner=LawnmowerConfig(swaths=2),
-        aids=AidsConfig(**aids),
-    )
 
 
 def world(area: SurveyArea = AREA) -> World:
@@ -36,7 +25,7 @@ def world(area: SurveyArea = AREA) -> World:
 
 
 def test_stakes_lower_the_predicted_error_and_more_so_that_of_the_mean_height():
-    plain, staked = (predicted_survey(mission(stakes=n), world(), limit_m=0.4) for n in (0, 2))
+    plain, staked = (predicted_survey(mission_with(stakes=n), world(), limit_m=0.4) for n in (0, 2))
     assert staked.rmse_m < plain.rmse_m
     assert staked.site_mean_m < plain.site_mean_m
     assert staked.chance >= plain.chance
@@ -44,7 +33,7 @@ def test_stakes_lower_the_predicted_error_and_more_so_that_of_the_mean_height():
 
 
 def test_the_fewest_swaths_are_found_for_each_number_of_stakes():
-    found = list(surveys_within(mission(), world(), limit_m=10.0, probability=0.5, most_swaths=2))
+    found = list(surveys_within(mission_with(), world(), limit_m=10.0, probability=0.5, most_swaths=2))
     assert [(survey.swaths, survey.stakes) for survey in found] == [(2, 0), (2, 2), (2, 4)]
     assert str(found[1]).startswith("2 swaths with 2 stakes: ")
 
@@ -55,7 +44,7 @@ def test_a_concave_area_of_any_size_is_predicted_and_lines_are_counted_apart_fro
     )
     (found,) = list(
         surveys_within(
-            mission(), world(SurveyArea(bay, AREA.crs)), limit_m=10.0, probability=0.5, most_swaths=2
+            mission_with(), world(SurveyArea(bay, AREA.crs)), limit_m=10.0, probability=0.5, most_swaths=2
         )
     )[:1]
     assert found.swaths == 2
@@ -66,25 +55,25 @@ def test_a_concave_area_of_any_size_is_predicted_and_lines_are_counted_apart_fro
 def test_a_prior_elsewhere_is_refused():
     far = SurveyArea.rectangle((5000.0, 0.0, 5200.0, 200.0), AREA.crs)
     with pytest.raises(InputError, match="no height on the area"):
-        list(surveys_within(mission(), world(far), limit_m=0.4))
+        list(surveys_within(mission_with(), world(far), limit_m=0.4))
 
 
 def test_patterns_without_a_number_of_swaths_to_vary_are_refused():
-    wander = mission().model_copy(update={"planner": RandomWanderConfig(swaths=2)})
+    wander = mission_with().model_copy(update={"planner": RandomWanderConfig(swaths=2)})
     with pytest.raises(ConfigError, match="lawnmower and wavy, not random-wander"):
         list(surveys_within(wander, world(), limit_m=1.0))
 
 
 def test_the_command_prints_the_survey_with_the_least_to_drive(capsys):
     site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
-    asked = mission().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
+    asked = mission_with().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
     print_options_of(asked, 10.0, 0.5, as_json=False)
     assert capsys.readouterr().out.startswith("least to drive: 2 swaths: ")
 
 
 def test_the_command_ends_with_5_where_no_survey_is_enough(capsys, monkeypatch):
     site = RandomTerrain(source="random", size_m=200.0, relief_m=8.0, length_scale_m=80.0, step_m=2.0)
-    asked = mission().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
+    asked = mission_with().model_copy(update={"terrain": site, "satellite": SatelliteConfig(cell_m=25.0)})
     # The search itself tries 24 surveys, which takes a minute.
     monkeypatch.setattr("sim.mission.foresight.surveys_within", lambda *_, **__: iter(()))
     with pytest.raises(typer.Exit) as ending:

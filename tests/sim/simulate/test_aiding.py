@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import LawnmowerConfig
-from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
-from sim.config.terrain import RandomTerrain
+from sim.config.mission import SensorConfig
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
 from survey import Dem, Grid, Leg, Route, SurveyArea
 from survey.data.recording import Recording
 from survey.data.truth import Truth
+from tests.sim.small_missions import mission_with
 from vision_slam.inertial.gravity import standing_bias
 from vision_slam.inertial.gyro import gyro_residual_rad
 
@@ -37,18 +36,7 @@ def route(swaths: int = 2) -> Route:
 
 
 def driven(**aids) -> tuple[Recording, Truth]:
-    return simulate_statistical(terrain(), route(), mission(**aids))
-
-
-def mission(**aids) -> MissionConfig:
-    return MissionConfig(
-        schema_version=1,
-        name="m",
-        seed=5,
-        terrain=RandomTerrain(source="random"),
-        planner=LawnmowerConfig(swaths=2),
-        aids=AidsConfig(**aids),
-    )
+    return simulate_statistical(terrain(), route(), mission_with(**aids))
 
 
 def test_aids_leave_the_other_sensors_as_they_were():
@@ -89,7 +77,7 @@ def test_the_turn_at_the_start_gives_the_bias_of_the_accelerometer():
 
 def test_the_gyro_measures_every_turn_where_the_heading_walks():
     sensors = SensorConfig(yaw_sigma_deg=0.0, tilt_sigma_deg=0.0, heading_walk_deg_sqrt_m=1e-6)
-    config = mission(accelerometer=True).model_copy(update={"sensors": sensors})
+    config = mission_with(accelerometer=True).model_copy(update={"sensors": sensors})
     recording, _ = simulate_statistical(terrain(), route(), config)
     # Right angles within a second are among the turns; what the heading walks is 1e-5 degrees.
     assert np.abs(gyro_residual_rad(recording.inertial, recording.odometry)).max() < 1e-6
@@ -117,7 +105,7 @@ def test_meetings_of_the_way_are_recognised():
         AREA.crs,
         "lawnmower",
     )
-    recording, real = simulate_statistical(terrain(), there_and_back, mission(recognition=1.0))
+    recording, real = simulate_statistical(terrain(), there_and_back, mission_with(recognition=1.0))
     times = real.trajectory.time_s
     later, earlier = (
         np.searchsorted(times, t) for t in (recording.loop_closures.time_s, recording.loop_closures.earlier_s)

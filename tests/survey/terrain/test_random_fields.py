@@ -1,8 +1,11 @@
 """Random terrain has the statistics it is named after, the relief asked for, and no hidden state."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
+from sim.config.terrain import TerrainFamily
 from survey.core.errors import ConfigError, InputError
 from survey.data.grid import Grid
 from survey.reconstruction.gp.covariance.kernels import Kernel, Matern32, Matern52, SquaredExponential
@@ -15,16 +18,7 @@ from survey.terrain import (
 )
 from survey.terrain.random_fields import kernel_field
 
-FAMILIES = (
-    "squared-exponential",
-    "matern-3/2",
-    "matern-5/2",
-    "gaussian_hills",
-    "cosine_surface",
-    "diamond_square",
-    "fractional_brownian",
-    "slope_and_waves",
-)
+FAMILIES = get_args(TerrainFamily)
 SITE = Grid((0.0, 0.0, 600.0, 600.0), 10.0)
 
 

@@ -1,0 +1,134 @@
+"""Request of ``firnline localize``: its options, and the recording that they open."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from sim.cli.options import Json, Quiet
+
+if TYPE_CHECKING:
+    from vision_slam.recorded_drive import RecordedDrive
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalizeRequest:
+    """Options of the command; None stands for an option that was not given."""
+
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Recording, ROS bag, or folder in KITTI, TUM, EuRoC layout or of images with times."
+        ),
+    ]
+    camera: Annotated[
+        Path | None, typer.Option("--camera", help="Calibration (camera.toml), instead of the layout's own.")
+    ] = None
+    topics: Annotated[
+        list[str], typer.Option("--topic", help="Topic of a bag, where it has several of a kind.")
+    ] = field(default_factory=list)
+    gps: Annotated[
+        Path | None,
+        typer.Option(
+            "--gps",
+            help="Fixes recorded beside the images: NMEA, u-blox .ubx, GnssLogger .txt, RTKLIB .pos, .gpx or .csv.",
+        ),
+    ] = None
+    columns: Annotated[
+        list[str],
+        typer.Option(
+            "--columns",
+            metavar="KEY=NAME,…",
+            help="Columns of a table of fixes where their names are not usual ones, e.g. time=t,x=Easting,y=Northing,z=H; keys: time, x, y, z, lon, lat, sigma_xy.",
+        ),
+    ] = field(default_factory=list)
+    frame_rate_hz: Annotated[
+        float | None,
+        typer.Option(
+            "--frame-rate",
+            min=1e-3,
+            help="Images per second, where neither names nor files state times [Hz].",
+        ),
+    ] = None
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            "--crs", help="Projected CRS to work in, e.g. EPSG:32608; the fixes' UTM zone unless named."
+        ),
+    ] = None
+    gps_shift_s: Annotated[
+        float,
+        typer.Option("--gps-shift", help="Add to the times of the fixes to get those of the images [s]."),
+    ] = 0.0
+    scale_from_m: Annotated[
+        float | None,
+        typer.Option(
+            "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
+        ),
+    ] = None
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            "--reference",
+            help="Reference path to compare with (.tum, .csv, KITTI poses, or fixes as --gps takes them); the estimator does not use it.",
+        ),
+    ] = None
+    viewer: Annotated[
+        Path | None, typer.Option("--viewer", help="Also write a file for rerun's viewer, e.g. drive.rrd.")
+    ] = None
+    settings: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
+        ),
+    ] = field(default_factory=list)
+    lens: Annotated[
+        Literal["auto", "given", "refine"],
+        typer.Option(
+            "--lens",
+            help="Estimate radial distortion and focal length from the images, or use them as given; auto estimates them where the calibration states no distortion.",
+        ),
+    ] = "auto"
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")
+    ] = Path("localization")
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing localization.")] = False
+    as_json: Json = False
+    quiet: Quiet = False
+
+    @property
+    def overrides(self) -> list[str]:
+        """Settings as KEY=VALUE, with that of the lens."""
+        return self.settings if self.lens == "auto" else [*self.settings, f"visual.lens={self.lens}"]
+
+    def check_outputs(self) -> None:
+        """Refuse outputs that exist or are inputs, and a viewer's file that cannot be written."""
+        from sim.cli.outputs import refuse_existing
+        from vision_slam.results import OWN_FILES
+
+        inputs = (self.source, self.camera, self.gps, self.reference)
+        refuse_existing([self.out], force=self.force, inputs=inputs, own=OWN_FILES)
+        if self.viewer is not None:
+            from vision_slam.viewer import refuse_without_rerun
+
+            refuse_existing([self.viewer], force=self.force, inputs=inputs)
+            refuse_without_rerun()
+
+    def open(self) -> "RecordedDrive":
+        """Open the recording with the files and options that belong to it."""
+        from vision_slam.recordings import open_recording
+
+        return open_recording(
+            self.source,
+            camera=self.camera,
+            topics=self.topics,
+            gps=self.gps,
+            crs=self.crs,
+            gps_shift_s=self.gps_shift_s,
+            scale_from_m=self.scale_from_m,
+            columns=self.columns,
+            frame_rate_hz=self.frame_rate_hz,
+        )
