@@ -19,6 +19,7 @@ MOST_FILES = 15
 FILE_P90, FILE_P90_WITH_DOCSTRINGS = 220, 250
 FUNCTION_P90 = 17
 LONGEST_FUNCTION = 45
+LEAST_NAMED_BY_TESTS = 0.7
 
 
 def files() -> list[Path]:
@@ -75,6 +76,25 @@ def class_places() -> dict[str, set[str]]:
     return places
 
 
+@cache
+def without_tests() -> list[str]:
+    """Return the modules with code that no test file is named after, no test imports, and that hold no example.
+
+    What they do is tested through the functions that use them.
+    """
+    tests = sorted((ROOT / "tests").rglob("*.py"))
+    text = "\n".join(file.read_text(encoding="utf-8") for file in tests)
+    found = []
+    for file, tree, lines in trees():
+        place = file.relative_to(ROOT)
+        defines = any(isinstance(node, ast.FunctionDef | ast.ClassDef) for node in tree.body)
+        has_own = ROOT / "tests" / place.with_name(f"test_{place.name}") in tests
+        is_named = ".".join(place.with_suffix("").parts) in text
+        if defines and not (has_own or is_named or any(">>>" in line for line in lines)):
+            found.append(str(place))
+    return found
+
+
 def test_folders_hold_at_most_fifteen_files():
     crowded = {folder: n for folder, n in folder_sizes().items() if n > MOST_FILES}
     assert not crowded
@@ -96,6 +116,10 @@ def test_functions_are_short():
     assert not {name: n for name, n in lengths.items() if n > LONGEST_FUNCTION}
 
 
+def test_most_modules_are_named_by_a_test_or_hold_an_example():
+    assert 1.0 - len(without_tests()) / len(trees()) >= LEAST_NAMED_BY_TESTS
+
+
 def test_every_folder_says_what_it_holds():
     silent = [
         str(file.relative_to(ROOT))
@@ -111,3 +135,4 @@ if __name__ == "__main__":
     print("files: median, p90, longest", *np.percentile(list(sizes.values()), [50, 90, 100]))  # noqa: T201
     for title, table in (("functions", lengths), ("files", sizes), ("folders", dict(folder_sizes()))):
         print(title, *sorted(table.items(), key=lambda item: -item[1])[:12], sep="\n  ")  # noqa: T201
+    print("modules that no test names", *without_tests(), sep="\n  ")  # noqa: T201
