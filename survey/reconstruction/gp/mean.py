@@ -170,6 +170,8 @@ class DemMean(Mean):
     def gradient(self, xy: FloatArray) -> FloatArray:
         """Return the slope (N, 2); within an arm of the prior's rim that of the nearest inner place.
 
+        Beside a void it is that towards the side with heights, and 0 where neither side has them.
+
         Parameters
         ----------
         xy : (N, 2) ndarray
@@ -182,7 +184,17 @@ class DemMean(Mean):
         """
         xmin, ymin, xmax, ymax = self.dem.bounds
         inner = np.clip(xy, [xmin + _ARM_M, ymin + _ARM_M], [xmax - _ARM_M, ymax - _ARM_M])
-        return super().gradient(inner)
+        inner = np.where(self.covers(inner)[:, None], inner, xy)
+        return np.stack([self._slope(inner, arm) for arm in _ARM_M * np.eye(2)], axis=-1)
+
+    def _slope(self, xy: FloatArray, arm: FloatArray) -> FloatArray:
+        """Return the slope along an arm (N,) by the ends of it that have heights."""
+        ahead, behind = self.covers(xy + arm), self.covers(xy - arm)
+        rise = self.at(np.where(ahead[:, None], xy + arm, xy)) - self.at(
+            np.where(behind[:, None], xy - arm, xy)
+        )
+        n_arms = ahead.astype(np.float64) + behind
+        return rise / (_ARM_M * np.maximum(n_arms, 1.0))
 
     def covers(self, xy: FloatArray) -> BoolArray:
         """Return which places (N, 2) the prior covers, as (N,).

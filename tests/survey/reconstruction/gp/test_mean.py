@@ -34,3 +34,12 @@ def test_a_function_must_give_a_finite_height_for_every_place() -> None:
         FunctionMean(lambda xy: np.full(len(xy), np.nan)).at(PLACES)
     with pytest.raises(InputError, match="2 places"):
         FunctionMean(lambda _: np.zeros(5)).at(PLACES)
+
+
+def test_the_slope_beside_a_void_is_that_of_the_side_with_heights():
+    grid = Grid((0.0, 0.0, 40.0, 40.0), 10.0, "EPSG:32608")
+    heights = 0.3 * grid.xy[:, 0].reshape(grid.shape)
+    heights[:, 0] = np.nan
+    dem = Dem.on(grid, heights)
+    known = dem.xy[np.isfinite(dem.elevation).ravel()]
+    np.testing.assert_allclose(DemMean(dem).gradient(known), np.tile([0.3, 0.0], (len(known), 1)), atol=1e-9)
