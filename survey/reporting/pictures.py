@@ -14,6 +14,7 @@ from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.cartography.field_plot import probability_plot, quantity_plot, uncertainty_plot
+from survey.figures.narrow import narrow_png
 from survey.figures.style import page_png_bytes
 from survey.reporting.surveyed import (
     FleetResults,
@@ -24,7 +25,7 @@ from survey.reporting.surveyed import (
 )
 
 _SCALE = 2
-_WIDE_PX = 720
+_WIDE_IN = 6.0
 _QUALITY = 90
 _OF_EACH_ROVER = ("path", "path_error")
 # Effort of the encoder, 0 to 6: half the time of the default 4 for 4 % larger images.
@@ -32,11 +33,15 @@ _EFFORT = 2
 
 
 class Picture(NamedTuple):
-    """Figure of a page: PNG of two pixels for each CSS pixel, or animated WebP; alternative text; caption."""
+    """Figure of a page: PNG of two pixels for each CSS pixel, or animated WebP; alternative text; caption.
+
+    `narrow` is the PNG for phones of a picture that takes the width of a page.
+    """
 
     image: bytes
     alt: str
     caption: str
+    narrow: bytes | None = None
 
     @property
     def kind(self) -> str:
@@ -46,8 +51,12 @@ class Picture(NamedTuple):
     @property
     def source(self) -> str:
         """What the page shows, as a data URI: WebP, a quarter as large as the PNG."""
-        image = self.image if self.kind == "webp" else _as_webp(self.image)
-        return f"data:image/webp;base64,{base64.b64encode(image).decode('ascii')}"
+        return _webp_source(self.image if self.kind == "webp" else _as_webp(self.image))
+
+    @property
+    def narrow_source(self) -> str | None:
+        """What the page shows on a phone, as a data URI; None where it is the same."""
+        return None if self.narrow is None else _webp_source(_as_webp(self.narrow))
 
     @property
     def file_source(self) -> str:
@@ -61,18 +70,33 @@ class Picture(NamedTuple):
             # The extended format, which animations have, states the canvas less one, in 24 bits each.
             width, height = (int.from_bytes(self.image[at : at + 3], "little") + 1 for at in (24, 27))
             return width, height
-        width, height = struct.unpack(">II", self.image[16:24])
-        return round(width / _SCALE), round(height / _SCALE)
+        return _png_size(self.image)
+
+    @property
+    def narrow_size(self) -> tuple[int, int]:
+        """Width and height for phones in CSS pixels."""
+        return self.size if self.narrow is None else _png_size(self.narrow)
 
     @property
     def is_wide(self) -> bool:
-        """Whether it takes the width of a page, so that a phone shows a part of it at a time."""
-        return self.size[0] > _WIDE_PX and self.kind == "png"
+        """Whether it takes the width of a page."""
+        return self.narrow is not None
 
 
 def picture_of(figure: Figure, alt: str, caption: str) -> Picture:
     """Render a figure for a page."""
-    return Picture(page_png_bytes(figure), alt, caption)
+    is_wide = figure.get_figwidth() > _WIDE_IN
+    return Picture(page_png_bytes(figure), alt, caption, narrow_png(figure) if is_wide else None)
+
+
+def _png_size(png: bytes) -> tuple[int, int]:
+    """Return width and height in CSS pixels, from the header."""
+    width, height = struct.unpack(">II", png[16:24])
+    return round(width / _SCALE), round(height / _SCALE)
+
+
+def _webp_source(webp: bytes) -> str:
+    return f"data:image/webp;base64,{base64.b64encode(webp).decode('ascii')}"
 
 
 def _as_webp(png: bytes) -> bytes:

@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from survey.core.quantity_text import duration_text, energy_text
+
 MINUS = "\u2212"
 
 _UNITS = {
@@ -66,13 +68,19 @@ def percent(share: float | None) -> str:
     return "–" if share is None or math.isnan(share) else f"{100.0 * share:.1f}%"
 
 
+# Time and energy of a drive, and shares, in the units that people read.
+_READ_BY_PEOPLE = {"_s": duration_text, "_j": energy_text, "_share": percent}
+
+
 def named_values(values: Mapping[str, float | None]) -> list[TableRow]:
     """Turn names with unit suffixes into table rows; names that begin with ``n_`` are counts.
 
     Examples
     --------
-    >>> [(row.name, *row.value.split()) for row in named_values({"drift_rmse_m": 0.25, "n_loops": 3})]
-    [('Drift RMSE', '0.250', 'm'), ('Loops', '3')]
+    >>> [(row.name, row.value.split()) for row in named_values({"drift_rmse_m": 0.25, "n_loops": 3})]
+    [('Drift RMSE', ['0.250', 'm']), ('Loops', ['3'])]
+    >>> [(row.name, row.value) for row in named_values({"time_s": 8100.0, "left_out_share": 0.02})]
+    [('Time', '2 h 15 min'), ('Left out', '2.0%')]
     """
     return [_named_value(key, value) for key, value in values.items()]
 
@@ -81,6 +89,11 @@ def _named_value(key: str, value: float | None) -> TableRow:
     meaning = _MEANINGS.get(key, "")
     if key.startswith("n_"):
         return TableRow(_label(key.removeprefix("n_")), number(value, decimals=0), meaning)
+    if value is not None and math.isfinite(value):
+        for suffix, text in _READ_BY_PEOPLE.items():
+            stem = key.removesuffix(suffix)
+            if stem != key:
+                return TableRow(_label(stem), text(value), meaning)
     decimals = 3 if value is None or abs(value) < 100.0 else 0
     for suffix, unit in _UNITS.items():
         stem = key.removesuffix(f"_{suffix}")

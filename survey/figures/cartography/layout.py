@@ -14,6 +14,8 @@ from survey.data.dem import Dem
 from survey.figures.style import VEIL
 
 _TALLEST_MAP_IN = 6.2
+MAP, COLOUR_BAR = "map", "colour bar"
+"""Labels of the axes of maps and of their colour bar."""
 
 
 class MapFigure(NamedTuple):
@@ -68,13 +70,13 @@ def map_figure(width_in: float, bounds: Bounds, *, n_maps: int = 1, legend: bool
     height_in = bottom + map_height + top
     figure = Figure(figsize=(width_in, height_in))
 
-    def add(start: float, width: float) -> Axes:
+    def add(start: float, width: float, label: str) -> Axes:
         return figure.add_axes(
-            (start / width_in, bottom / height_in, width / width_in, map_height / height_in)
+            (start / width_in, bottom / height_in, width / width_in, map_height / height_in), label=label
         )
 
-    maps = [add(left + index * (map_width + gap), map_width) for index in range(n_maps)]
-    bar = add(left + n_maps * (map_width + gap) - gap + 0.1, 0.11)
+    maps = [add(left + index * (map_width + gap), map_width, MAP) for index in range(n_maps)]
+    bar = add(left + n_maps * (map_width + gap) - gap + 0.1, 0.11, COLOUR_BAR)
     for index, axes in enumerate(maps):
         _set_up_map(axes, bounds, first=index == 0, crowded=n_maps > 1)
     return MapFigure(figure, maps, bar)

@@ -4,6 +4,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
+from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from pyproj import CRS
 
 from survey.core.map_scale import MapScale
@@ -24,8 +25,9 @@ def draw_scale_and_north(drawing: MapFigure, *, north: bool = True, crs: CRS | N
     ground_m = round_number(width / factor / 4.0)
     length = ground_m * factor
     end = xmax - 0.09 * width
-    place = axes.get_xaxis_transform()
-    inch = 1.0 / (axes.get_position().height * drawing.figure.get_figheight())
+    inches_above = drawing.figure.dpi_scale_trans + ScaledTranslation(0.0, 1.0, axes.transAxes)  # type: ignore[arg-type]  # it is affine
+    place = blended_transform_factory(axes.transData, inches_above)
+    across = blended_transform_factory(axes.transAxes, inches_above)
     for start, colour in ((end - length, INK), (end - length / 2.0, "white")):
         bar: dict[str, Any] = {
             "facecolor": colour,
@@ -34,21 +36,18 @@ def draw_scale_and_north(drawing: MapFigure, *, north: bool = True, crs: CRS | N
             "clip_on": False,
             "transform": place,
         }
-        axes.add_patch(Rectangle((start, 1.0 + 0.10 * inch), length / 2.0, 0.08 * inch, **bar))
+        axes.add_patch(Rectangle((start, 0.10), length / 2.0, 0.08, **bar))
     text = f"{grouped(ground_m / 1000.0)} km" if ground_m >= 1000.0 else f"{ground_m:g} m"
-    middle = 1.0 + 0.14 * inch
-    axes.text(
-        end - length - 0.015 * width, middle, text, transform=place, ha="right", va="center", fontsize=8
-    )
+    axes.text(end - length - 0.015 * width, 0.14, text, transform=place, ha="right", va="center", fontsize=8)
     if not north:
         return
-    axes.text(0.955, middle, "N", transform=axes.transAxes, ha="center", va="center", fontweight="bold")
+    axes.text(0.955, 0.14, "N", transform=across, ha="center", va="center", fontweight="bold")
     arrow = {"arrowstyle": "-|>", "color": INK, "mutation_scale": 12, "shrinkA": 0, "shrinkB": 0}
     axes.annotate(
         "",
-        xy=(0.985, 1.0 + 0.34 * inch),
-        xytext=(0.985, 1.0 + 0.03 * inch),
-        xycoords="axes fraction",
+        xy=(0.985, 0.34),
+        xytext=(0.985, 0.03),
+        xycoords=across,
         arrowprops=arrow,
         annotation_clip=False,
     )

@@ -1,8 +1,5 @@
 """QGIS projects: groups, relative paths, renderers, and that QGIS opens them where it is installed."""
 
-import json
-import shutil
-import subprocess
 import zipfile
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -15,6 +12,7 @@ import shapely
 from survey import Dem, Grid, Reconstruction, Route, SurveyArea
 from survey.data.legs import Leg
 from survey.reporting.qgis import QgisGroup, QgisLayer, write_project
+from tests.survey.reporting.qgis_check import layers_in_qgis, qgis_python
 
 CRS = "EPSG:32608"
 GRID = Grid((526_000.0, 6_478_000.0, 526_200.0, 6_478_100.0), 10.0, CRS)
@@ -27,18 +25,6 @@ RENDERERS = {
     "Hillshade": "hillshade",
     "Elevation": "singlebandpseudocolor",
 }
-# Prints the CRS of the project that is named, and validity and renderer of each of its layers.
-OPEN_IN_QGIS = """
-import json, sys
-from qgis.core import QgsApplication, QgsProject
-app = QgsApplication([], False)
-app.initQgis()
-project = QgsProject.instance()
-assert project.read(sys.argv[1])
-layers = {l.name(): [l.isValid(), l.renderer().type()] for l in project.mapLayers().values()}
-print(json.dumps([project.crs().authid(), layers]))
-app.exitQgis()
-"""
 
 
 @pytest.fixture
@@ -150,24 +136,10 @@ def test_the_same_project_has_the_same_bytes(project):
 
 
 def test_qgis_opens_every_layer_with_its_renderer(project):
-    python = next((p for p in ("/usr/bin/python3", shutil.which("python3")) if p and _has_qgis(p)), None)
+    python = qgis_python()
     if python is None:
         pytest.skip("QGIS with its Python interface is not installed (Debian: python3-qgis)")
-    environment = {"QT_QPA_PLATFORM": "offscreen", "PATH": "/usr/bin:/bin", "HOME": str(project.parent)}
-    ended = subprocess.run(
-        [python, "-c", OPEN_IN_QGIS, str(project)],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=environment,
-    )
-    crs, layers = json.loads(ended.stdout.strip().splitlines()[-1])
+    crs, layers = layers_in_qgis(python, project)
     assert crs == CRS
     assert all(is_valid for is_valid, _ in layers.values())
     assert {name: kind for name, (_, kind) in layers.items()} == RENDERERS
-
-
-def _has_qgis(python: str) -> bool:
-    return (
-        subprocess.run([python, "-c", "import qgis.core"], capture_output=True, check=False).returncode == 0
-    )
