@@ -3,10 +3,11 @@
 import json
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 
+from sim.cli.facts import end_dry_run, fact_line
 from sim.cli.options import RunOptions
 from sim.cli.progress import StageProgress, logged_to
 from sim.config.mission import MissionConfig
@@ -25,7 +26,9 @@ def run_until(
     first: str | None = None,
     workers: int | None = None,
 ) -> tuple[MissionConfig, RunFolder]:
-    """Run the stages of a mission that are not done yet, or all from `first` on, up to a stage."""
+    """Run the stages of a mission that are not done yet, or all from `first` on, up to a stage; a dry run ends here."""
+    if options.dry_run:
+        print_stages_of(mission_file, options, first=first, until=stage)
     mission = read_mission(mission_file, options.settings)
     run = open_run(mission, options.runs, first=first)
     with logged_to(run.log_file, options.verbose):
@@ -53,8 +56,8 @@ def print_stages_of(
     *,
     first: str | None = None,
     until: str = "report",
-) -> None:
-    """Check a mission and its input, and print where it would run and which stages are to be done; write nothing."""
+) -> NoReturn:
+    """Check a mission and its input, print where it would run and which stages are to be done, and end the command."""
     mission = read_mission(mission_file, options.settings)
     place = planned_place(mission, options.runs)
     done = set()
@@ -63,10 +66,13 @@ def print_stages_of(
         done = {stage for stage in STAGES if run.has(stage)}
     if first is not None:
         done -= set(STAGES[STAGES.index(first) :])
-    typer.echo(f"run     {place}{'' if place.exists() else ' (new)'}")
-    for stage in STAGES[: STAGES.index(until) + 1]:
-        typer.echo(f"{'done' if stage in done else 'to do':<7} {stage}")
-    typer.echo("nothing was written (--dry-run)")
+    stages = STAGES[: STAGES.index(until) + 1]
+    facts = {
+        "run": f"{place}{'' if place.exists() else ' (new)'}",
+        "done": ", ".join(stage for stage in stages if stage in done) or "nothing",
+        "to do": ", ".join(stage for stage in stages if stage not in done) or "nothing",
+    }
+    end_dry_run([place], facts)
 
 
 def summary(run: RunFolder) -> dict[str, Any]:
@@ -115,14 +121,15 @@ def print_summary(run: RunFolder, *, as_json: bool) -> None:
         return
     total = sum(seconds or 0.0 for seconds in content["stage_wall_s"].values())
     times = ", ".join(f"{name} {seconds or 0.0:.1f} s" for name, seconds in content["stage_wall_s"].items())
-    typer.echo(f"stages  {times} (together {total:.1f} s)")
+    typer.echo(fact_line("stages", f"{times} (together {total:.1f} s)"))
     _print_drives(content)
     if "score" in content:
-        typer.echo(f"RMSE    {content['score']['elevation']['rmse_m']:.3f} m")
-        typer.echo(f"class   {best_class(content['score'])}")
+        typer.echo(fact_line("RMSE", f"{content['score']['elevation']['rmse_m']:.3f} m"))
+        typer.echo(fact_line("class", best_class(content["score"])))
     for sentence in content.get("own_claim", []):
-        typer.echo(f"map     {sentence}")
-    typer.echo(f"report  {content['report']}" if "report" in content else f"run     {content['run']}")
+        typer.echo(fact_line("map", sentence))
+    end = "report" if "report" in content else "run"
+    typer.echo(fact_line(end, content[end]))
 
 
 def _print_drives(content: dict[str, Any]) -> None:
@@ -130,13 +137,15 @@ def _print_drives(content: dict[str, Any]) -> None:
     drives = content.get("drives", [content["drive"]] if "drive" in content else [])
     for k, drive in enumerate(drives, 1):
         name = "drive" if len(drives) == 1 else f"rover {k}"
-        typer.echo(f"{name:<7} {drive['ending']} after {drive['progress_m']:.0f} of {drive['route_m']:.0f} m")
+        reached = f"{drive['ending']} after {drive['progress_m']:.0f} of {drive['route_m']:.0f} m"
+        typer.echo(fact_line(name, reached))
     if "losses" in content:
         losses = content["losses"]
-        typer.echo(
-            f"losses  {len(losses['lost'])} rovers; swaths not driven {losses['swaths_not_driven_m']:.0f} m, extra way "
+        cost = (
+            f"{len(losses['lost'])} rovers; swaths not driven {losses['swaths_not_driven_m']:.0f} m, extra way "
             f"{losses['extra_length_m']:.0f} m, extra time {losses['extra_time_s']:.0f} s"
         )
+        typer.echo(fact_line("losses", cost))
 
 
 def best_class(score: dict[str, Any]) -> str:

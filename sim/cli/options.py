@@ -35,6 +35,7 @@ class RunOptions:
 
     runs: Runs = RUNS
     settings: Settings = field(default_factory=list)
+    dry_run: DryRun = False
     as_json: Json = False
     quiet: Quiet = False
     verbose: Verbose = 0

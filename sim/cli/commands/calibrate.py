@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sim.cli.options import Json, Quiet
+from sim.cli.facts import end_dry_run, fact_line
+from sim.cli.options import DryRun, Json, Quiet
 from sim.cli.outcome import with_exit_codes
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def calibrate(
     model: _Model = "pinhole",
     out: _Out = Path("camera.toml"),
     force: _Force = False,
+    dry_run: DryRun = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -71,10 +73,13 @@ def calibrate(
     from survey.figures import png_bytes
     from vision_slam.calibration.calibrate import calibrate as calibrated
     from vision_slam.calibration.plotting import calibration_figure
+    from vision_slam.io.sequence_files import image_files
 
     picture = out.with_suffix(".png")
     wanted = _board(board, charuco, square_mm, marker_mm, dictionary)
     refuse_existing([out, picture], force=force, inputs=[images])
+    if dry_run:
+        end_dry_run([out, picture], {"images": len(image_files(images))})
     with counted(quiet=quiet) as progress:
         calibration = calibrated(images, wanted, model=model, progress=progress)
     calibration.write(out)
@@ -119,16 +124,16 @@ def _counts(text: str, option: str) -> tuple[int, int]:
 def _lines(calibration: "CameraCalibration", out: Path, picture: Path) -> list[str]:
     """Return the result in words: parameters, images, next step."""
     camera, fit = calibration.camera, calibration.fit
-    lines = [
-        f"lens    {camera.width} × {camera.height} pixels, {camera.model}, RMS {fit.rms_px:.3f} pixels, "
+    lens = (
+        f"{camera.width} × {camera.height} pixels, {camera.model}, RMS {fit.rms_px:.3f} pixels, "
         f"{100.0 * calibration.coverage:.0f} % of the image reached"
-    ]
+    )
+    lines = [f"written to {out}, {picture}", fact_line("lens", lens)]
     for name, value, sigma in zip(calibration.names, calibration.values, calibration.sigma, strict=True):
         digits = 2 if name[0] in "fc" else 5
-        lines.append(f"{name:<7} {value:.{digits}f} ± {sigma:.{digits}f}")
+        lines.append(fact_line(name, f"{value:.{digits}f} ± {sigma:.{digits}f}"))
     for file, rms in zip(calibration.accepted, fit.view_rms_px, strict=True):
-        lines.append(f"used    {file.name}: {rms:.3f} pixels")
-    lines += [f"left    {name}: {reason}" for name, reason in calibration.rejected.items()]
-    lines.append(f"written {out}, {picture}")
-    lines.append(f"next    firnline localize IMAGES --camera {out}")
+        lines.append(fact_line("used", f"{file.name}: {rms:.3f} pixels"))
+    lines += [fact_line("left out", f"{name}: {reason}") for name, reason in calibration.rejected.items()]
+    lines.append(fact_line("next", f"firnline localize IMAGES --camera {out}"))
     return lines

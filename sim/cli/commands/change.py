@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from sim.cli.options import Json
+from sim.cli.facts import end_dry_run
+from sim.cli.options import DryRun, Json
 from sim.cli.outcome import with_exit_codes
 from sim.cli.outputs import refuse_existing, with_companions
 from sim.cli.request import with_options_of
@@ -59,6 +60,7 @@ class ChangeRequest:
         Path | None, typer.Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
     ] = None
     force: Annotated[bool, typer.Option("--force", help="Replace a change that is there.")] = False
+    dry_run: DryRun = False
     as_json: Json = False
 
     @property
@@ -100,6 +102,8 @@ def change(request: ChangeRequest) -> None:
     from survey.scoring.change.change_files import change_facts, write_change
 
     request.check_outputs()
+    if request.dry_run:
+        _end_dry_run(request)
     found, outlines = _compared(request)
     density = request.density_kg_m3, request.density_std_kg_m3
     facts = change_facts(found, *density)
@@ -114,6 +118,22 @@ def change(request: ChangeRequest) -> None:
     _print_change(facts, request.out)
     if request.report is not None:
         typer.echo(f"report written to {request.report}")
+
+
+def _end_dry_run(request: ChangeRequest) -> NoReturn:
+    """Read surveys and outlines, and print what would be compared."""
+    from survey import Dem
+    from survey.scoring.change.outlines import read_outlines
+
+    writes = [request.out, *([] if request.report is None else [request.report])]
+    surveys = {"later": request.later, "earlier": request.earlier}
+    if all(source.suffix == ".npz" for source in surveys.values()):
+        end_dry_run(writes)
+    read = {name: _surface(source, request.crs) for name, source in surveys.items()}
+    dems = {name: one if isinstance(one, Dem) else one.mean for name, one in read.items()}
+    facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
+    outlines = read_outlines(request.outline, dems["later"].crs)
+    end_dry_run(writes, {**facts, "outlines": ", ".join(outlines)})
 
 
 def _write_report(

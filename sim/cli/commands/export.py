@@ -1,11 +1,16 @@
 """``firnline export``: convert a route, map, track, area or set of points to the format of another program."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sim.cli.facts import end_dry_run
+from sim.cli.options import DryRun
 from sim.cli.outcome import with_exit_codes
 from sim.cli.outputs import companions_of_output, refuse_existing, with_companions
 from sim.cli.request import with_options_of
@@ -76,6 +81,7 @@ class ExportRequest:
         ),
     ] = None
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False
+    dry_run: DryRun = False
 
     def check(self) -> None:
         """Refuse outputs that exist or are inputs, and names that are not known."""
@@ -130,8 +136,20 @@ def export(request: ExportRequest) -> None:
         _export_route(request)
         return
     request.refuse_route_options()
-    convert(source, out, kind, crs=request.crs)  # type: ignore[arg-type]  # checked above
+    with _target(request) as target:
+        convert(source, target, kind, crs=request.crs)  # type: ignore[arg-type]  # checked above
     typer.echo(f"{out} written")
+
+
+@contextmanager
+def _target(request: ExportRequest) -> Iterator[Path]:
+    """Yield the file to write; for a dry run one in a folder that is removed, and the command ends."""
+    if not request.dry_run:
+        yield request.out
+        return
+    with TemporaryDirectory() as folder:
+        yield Path(folder) / request.out.name
+    end_dry_run([request.out])
 
 
 def _export_route(request: ExportRequest) -> None:
@@ -211,6 +229,8 @@ def _write_route(route: "survey.Route", request: ExportRequest, around: "Surroun
         parts = {out.with_stem(f"{out.stem}_rover{k + 1}"): k for k in range(route.n_rovers)}
         refuse_existing(parts, force=request.force)
     around.check(route)
+    if request.dry_run:
+        end_dry_run(parts)
     for file, part in parts.items():
         write_plan(route, file, rover=part, around=around)
     typer.echo(f"{', '.join(str(file) for file in parts)} written")

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from sim.cli.facts import end_dry_run
+from sim.cli.options import DryRun
 from sim.cli.outcome import with_exit_codes
 
 
@@ -16,6 +18,7 @@ def init(
         typer.Option("--dem", help="Survey this fine elevation raster instead of random terrain."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+    dry_run: DryRun = False,
 ) -> None:
     """Write a mission file with every setting, its unit and its default.
 
@@ -35,6 +38,8 @@ def init(
 
     refuse_existing([path], force=force, inputs=[dem])
     has_voids = dem is not None and not np.isfinite(Dem.read(dem).elevation).all()
+    if dry_run:
+        end_dry_run([path])
     with replacing(resolved(path)) as draft:
         draft.write_text(mission_template(path.stem, dem, clip_to_terrain=has_voids), encoding="utf-8")
     ground = "random terrain" if dem is None else f"the ground of {dem}"

@@ -1,12 +1,14 @@
 """``firnline localize``: path and landmarks from a recording."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
+from sim.cli.facts import end_dry_run, fact_line, figure_lines
 from sim.cli.localizing.request import LocalizeRequest
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
@@ -49,10 +51,24 @@ def localize(request: LocalizeRequest) -> None:
     request.check_outputs()
     drive = request.open()
     judge = None if request.reference is None else drive.read_reference(request.reference)
+    if request.dry_run:
+        _end_dry_run(drive, request)
     estimate, seconds = _timed(drive, request.overrides, quiet=request.quiet)
     comparison = drive.compare(estimate, judge)
     _write(request.out, request.viewer, drive, estimate, comparison)
-    _print(_summary(drive, estimate, comparison, seconds), request.out, as_json=request.as_json)
+    notes = (*drive.notes, *estimate.notes)
+    _print(_summary(estimate, comparison, seconds), notes, request.out, as_json=request.as_json)
+
+
+def _end_dry_run(drive: "RecordedDrive", request: LocalizeRequest) -> NoReturn:
+    """Check the settings, and print what was read."""
+    drive.config(request.overrides)
+    drive.visual_config(request.overrides)
+    facts: dict[str, object] = {
+        "images": 0 if drive.frames is None else len(drive.frames.time_s),
+        "fixes": 0 if drive.gps is None else len(drive.gps.time_s),
+    }
+    end_dry_run([request.out], facts | {f"note {k}": note for k, note in enumerate(drive.notes, start=1)})
 
 
 def _timed(drive: "RecordedDrive", settings: list[str], *, quiet: bool) -> "tuple[DriveEstimate, float]":
@@ -86,24 +102,25 @@ def _write(
         write_rrd(viewer, estimate, drive.records)
 
 
-def _print(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
+def _print(summary: dict[str, Any], notes: Sequence[str], out: Path, *, as_json: bool) -> None:
     """Print the summary as text or as JSON."""
     if as_json:
-        typer.echo(json.dumps(summary, indent=2))
+        stated = {"notes": "; ".join(notes)} if notes else {}
+        typer.echo(json.dumps(summary | stated, indent=2))
         return
     typer.echo(f"written to {out}")
-    for name, value in summary.items():
-        typer.echo(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
-    typer.echo(f"  pictures: {', '.join(str(file) for file in sorted(out.glob('*.png')))}")
+    for line in figure_lines(summary):
+        typer.echo(line)
+    for note in notes:
+        typer.echo(fact_line("note", note))
+    typer.echo(fact_line("pictures", ", ".join(str(file) for file in sorted(out.glob("*.png")))))
     if (out / "landmarks.gpkg").exists():
-        typer.echo(f"  next: firnline reconstruct {out / 'landmarks.gpkg'} --prior DEM.tif")
+        typer.echo(fact_line("next", f"firnline reconstruct {out / 'landmarks.gpkg'} --prior DEM.tif"))
     else:
-        typer.echo("  next: name fixes with --gps for a path in a CRS, or wheels.csv for metres")
+        typer.echo(fact_line("next", "name fixes with --gps for a path in a CRS, or wheels.csv for metres"))
 
 
-def _summary(
-    drive: "RecordedDrive", estimate: "DriveEstimate", comparison: "Comparison | None", seconds: float
-) -> dict[str, Any]:
+def _summary(estimate: "DriveEstimate", comparison: "Comparison | None", seconds: float) -> dict[str, Any]:
     """Return the figures that the command prints."""
     import numpy as np
 
@@ -125,7 +142,4 @@ def _summary(
         summary |= {"fixes": estimate.n_fixes, "fixes_refused": estimate.n_fixes_refused}
     if comparison is not None:
         summary |= comparison.figures
-    notes = (*drive.notes, *estimate.notes)
-    if notes:
-        summary["notes"] = "; ".join(notes)
     return summary

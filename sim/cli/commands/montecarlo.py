@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import Json, Quiet, Settings
+from sim.cli.facts import end_dry_run, fact_line
+from sim.cli.options import DryRun, Json, Quiet, Settings
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
 
@@ -30,6 +31,7 @@ class MonteCarloRequest:
     ] = None
     fresh: Annotated[bool, typer.Option("--fresh", help="Do every trial again.")] = False
     settings: Settings = field(default_factory=list)
+    dry_run: DryRun = False
     as_json: Json = False
     quiet: Quiet = False
 
@@ -48,6 +50,7 @@ def montecarlo(request: MonteCarloRequest) -> None:
       firnline montecarlo study.toml --set trials=1000 --scheduler tcp://10.0.0.5:8786
     """
     from sim.cli.progress import counted
+    from sim.montecarlo.capacity import require_study
     from sim.montecarlo.config import read_study
     from sim.montecarlo.study import run_study
     from survey.core.errors import ConfigError
@@ -56,6 +59,9 @@ def montecarlo(request: MonteCarloRequest) -> None:
         raise ConfigError(f"there is no engine {request.engine!r}; take serial, processes or dask.")
     wanted = read_study(request.study, request.settings)
     folder = request.runs / wanted.name
+    if request.dry_run:
+        require_study(wanted)
+        end_dry_run([folder], {"trials": wanted.trials})
     with counted(quiet=request.quiet) as progress:
         page = run_study(
             wanted,
@@ -87,5 +93,5 @@ def _print_results(folder: Path, page: Path, *, as_json: bool) -> None:
         typer.echo(
             f"{row['terrain']}, {row['planner']}, {row['map']}: fewest swaths by the mean error {fewest}, in 90 % of trials {safe}"
         )
-    typer.echo(f"table   {folder / 'trials.csv'}")
-    typer.echo(f"report  {page}")
+    typer.echo(fact_line("table", folder / "trials.csv"))
+    typer.echo(fact_line("report", page))

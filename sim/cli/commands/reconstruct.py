@@ -1,8 +1,14 @@
 """``firnline reconstruct``: a map from measured points or LiDAR scans."""
 
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
 from sim.cli.mapping.options import ReconstructOptions
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
+
+if TYPE_CHECKING:
+    from sim.cli.mapping.inputs import MapRequest
 
 
 @with_exit_codes
@@ -44,9 +50,24 @@ def _map(options: ReconstructOptions) -> None:
 
     request = map_request(options)
     refuse_existing([options.out], force=options.force, inputs=request.inputs, own=OWN_FILES)
+    if options.dry_run:
+        _end_dry_run(request, options.out)
     made = map_scan_files(request) if request.is_of_scans else map_points(request)
     write_map(made, options.out, rays=request.config.rays, max_slope_deg=options.max_slope_deg)
     print_map(made, options.out, as_json=options.as_json)
+
+
+def _end_dry_run(request: "MapRequest", out: Path) -> NoReturn:
+    """Read and check all input, and print what would be mapped."""
+    from sim.cli.facts import end_dry_run
+    from sim.cli.mapping.points import read_inputs
+    from survey.interchange.scans import scan_files
+
+    if request.is_of_scans:
+        facts = {"scans": f"{len(scan_files(request.options.sources))} files"}
+    else:
+        facts = read_inputs(request).facts
+    end_dry_run([out], {"method": request.method.name, **facts})
 
 
 def _refuse_max_slope(max_slope_deg: float | None, *, rays: bool) -> None:

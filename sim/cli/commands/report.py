@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sim.cli.facts import end_dry_run
 from sim.cli.options import RunOptions
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
@@ -45,6 +46,8 @@ def report(request: ReportRequest) -> None:
             )
         for stage in ("plan", "simulate", "localize", "reconstruct", "score"):
             run.verify(stage)
+        if request.dry_run:
+            end_dry_run([run.folder("report")])
         with run.stage("report") as folder:
             write_mission_report(folder, run)
     print_summary(run, as_json=request.as_json)

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
-from sim.cli.options import Quiet, Verbose
+from sim.cli.options import DryRun, Quiet, Verbose
 from sim.cli.outcome import with_exit_codes
 
 
@@ -24,6 +24,7 @@ def reproduce(
     force: Annotated[
         bool, typer.Option("--force", help="Replace studies that are there, complete ones included.")
     ] = False,
+    dry_run: DryRun = False,
     list_all: Annotated[bool, typer.Option("--list", help="Name every study and end.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,  # noqa: ARG001
@@ -49,11 +50,34 @@ def reproduce(
         typer.echo("\n".join(STUDIES))
     elif name is None:
         raise InputError("no study was named; `firnline reproduce --list` names them all.")
+    elif dry_run:
+        _end_dry_run(name, out, quick=quick, force=force)
     elif name == "all":
         _reproduce_all(out, quick=quick, force=force, quiet=quiet)
     else:
         _reproduce(name, out, quick=quick, force=force, quiet=quiet)
         typer.echo(f"{name}: {out / name}")
+
+
+def _end_dry_run(name: str, out: Path, *, quick: bool, force: bool) -> NoReturn:
+    """Check the folders, and print which studies would be made."""
+    from sim.cli.facts import end_dry_run
+    from sim.cli.outputs import refuse_existing
+    from sim.studies import study
+
+    if name == "all":
+        end_dry_run([out / each for each in _left(out, quick=quick, force=force)])
+    study(name)
+    refuse_existing([out / name], force=force, own=("*",))
+    end_dry_run([out / name])
+
+
+def _left(out: Path, *, quick: bool, force: bool) -> list[str]:
+    """Return the studies that are not complete, all of them with `force`."""
+    from sim.studies import STUDIES
+    from sim.studies.study_cache import is_complete
+
+    return [name for name in STUDIES if force or not is_complete(out / name, quick=quick)]
 
 
 def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
@@ -71,11 +95,9 @@ def _reproduce(name: str, out: Path, *, quick: bool, force: bool, quiet: bool) -
 
 def _reproduce_all(out: Path, *, quick: bool, force: bool, quiet: bool) -> None:
     """Make all studies that are not complete, in the order of the papers."""
-    from sim.studies import STUDIES
-    from sim.studies.study_cache import is_complete
     from survey.core.errors import FirnlineError, InputError
 
-    left = [name for name in STUDIES if force or not is_complete(out / name, quick=quick)]
+    left = _left(out, quick=quick, force=force)
     _announce(left, out, quick=quick)
     refused = []
     for n, name in enumerate(left, start=1):

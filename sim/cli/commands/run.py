@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import DryRun, RunOptions, Workers
+from sim.cli.options import RunOptions, Workers
 from sim.cli.outcome import NOT_MET, with_exit_codes
 from sim.cli.request import with_options_of
 
@@ -25,7 +25,6 @@ class RunRequest(RunOptions):
         bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
     ] = False
     workers: Workers = None
-    dry_run: DryRun = False
 
 
 @with_exit_codes
@@ -52,11 +51,6 @@ def run(request: RunRequest) -> None:
         if stage is not None and stage not in STAGES:
             raise ConfigError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
     start = "plan" if request.fresh else request.first
-    if request.dry_run:
-        from sim.cli.mission_file import print_stages_of
-
-        print_stages_of(request.mission, request, first=start, until=request.until)
-        return
     done, folder = run_until(request.mission, request.until, request, first=start, workers=request.workers)
     print_summary(folder, as_json=request.as_json)
     if request.require and not class_met(summary(folder), done.score.require):

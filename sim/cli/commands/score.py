@@ -1,8 +1,11 @@
 """``firnline score``: errors, coverage and class of a map against a reference or checkpoints."""
 
+from typing import NoReturn
+
+from sim.cli.facts import end_dry_run
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
-from sim.cli.scoring.checkpoints import score_at_checkpoints
+from sim.cli.scoring.checkpoints import read_checkpoints, score_at_checkpoints
 from sim.cli.scoring.maps import map_of
 from sim.cli.scoring.raster import score_against_raster
 from sim.cli.scoring.request import ScoreRequest
@@ -37,7 +40,24 @@ def score(request: ScoreRequest) -> None:
         print_summary(run, as_json=request.as_json)
         return
     request.check()
+    if request.dry_run:
+        _end_dry_run(request)
     if request.checkpoints is None:
         score_against_raster(request)
     else:
         score_at_checkpoints(request, map_of(request.source, request.crs))
+
+
+def _end_dry_run(request: ScoreRequest) -> NoReturn:
+    """Read the map and what it is judged by, and print both."""
+    from survey import Dem
+
+    map_ = map_of(request.source, request.crs)
+    dem = map_ if isinstance(map_, Dem) else map_.mean
+    facts = {"map": "{} × {} cells".format(*dem.shape)}
+    if request.checkpoints is None:
+        assert request.truth is not None
+        facts["reference"] = "{} × {} cells".format(*Dem.read(request.truth, crs=request.crs).shape)
+    else:
+        facts["checkpoints"] = str(len(read_checkpoints(request, dem).names))
+    end_dry_run([] if request.report is None else [request.report], facts)

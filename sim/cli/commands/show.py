@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from sim.cli.facts import fact_line
 from sim.cli.options import Json
 from sim.cli.outcome import with_exit_codes
 
@@ -36,7 +37,6 @@ def show(
         read_log(folder.log_file)
     if not as_json:
         missing = [stage for stage in STAGES if stage not in done]
-        typer.echo(
-            f"done    {', '.join(done) or 'nothing'}" + (f"; open: {', '.join(missing)}" if missing else "")
-        )
+        left = f"; open: {', '.join(missing)}" if missing else ""
+        typer.echo(fact_line("done", f"{', '.join(done) or 'nothing'}{left}"))
     print_summary(folder, as_json=as_json)

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from sim.cli.facts import end_dry_run
+from sim.cli.options import DryRun
 from sim.cli.outcome import with_exit_codes
 
 _HEADINGS = {".toml": "missions and studies", ".py": "tutorials, as script NAME or notebook NAME.ipynb"}
@@ -21,6 +23,7 @@ def example(
         typer.Option("--out", "-o", help="File to write.  [default: in this folder, named as the example]"),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+    dry_run: DryRun = False,
 ) -> None:
     """Copy an example, or list them all: missions, studies, tutorials as scripts and notebooks.
 
@@ -36,7 +39,7 @@ def example(
         _list()
     else:
         source = _source(name)
-        _copy(source, out or Path(source.name), force=force)
+        _copy(source, out or Path(source.name), force=force, dry_run=dry_run)
 
 
 def _list() -> None:
@@ -70,11 +73,13 @@ def examples_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "examples"
 
 
-def _copy(file: Path, target: Path, *, force: bool) -> None:
+def _copy(file: Path, target: Path, *, force: bool, dry_run: bool) -> None:
     from sim.cli.outputs import refuse_existing
     from survey.core.files.writing import replacing
 
     refuse_existing([target], force=force, inputs=[file])
+    if dry_run:
+        end_dry_run([target])
     with replacing(target.resolve()) as draft:
         draft.write_bytes(file.read_bytes())
     typer.echo(f"{target} written; run: {_command(file)} {target}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sim.cli.options import Json, Quiet
+from sim.cli.options import DryRun, Json, Quiet
 
 if TYPE_CHECKING:
     from vision_slam.recorded_drive import RecordedDrive
@@ -96,6 +96,7 @@ class LocalizeRequest:
         Path, typer.Option("--out", "-o", help="Folder for path, landmarks, health and pictures.")
     ] = Path("localization")
     force: Annotated[bool, typer.Option("--force", help="Replace an existing localization.")] = False
+    dry_run: DryRun = False
     as_json: Json = False
     quiet: Quiet = False
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import typer
 
 import survey
+from sim.cli.facts import fact_line, figure_lines
 from survey.core.files.replacing import replacing_folder
 from survey.reconstruction.base import ELEVATION
 
@@ -95,12 +96,16 @@ def print_map(made: MadeMap, out: Path, *, as_json: bool) -> None:
     rows, columns = result.mean.shape
     typer.echo(f"{rows} × {columns} nodes {made.origin}, written to {out / 'dem.tif'}")
     hint = " (name a polygon with --area)" if made.area is None else ""
-    typer.echo(f"  area = {_area_text(made.area)}{hint}")
-    for name, setting in result.hyperparameters.items():
-        typer.echo(f"  {name} = {setting:.6g}" if isinstance(setting, float) else f"  {name} = {setting}")
+    typer.echo(fact_line("area", f"{_area_text(made.area)}{hint}"))
+    for line in figure_lines(result.hyperparameters):
+        typer.echo(line)
     _print_findings(result)
     if result.quantity == ELEVATION:
-        typer.echo(f"  next: firnline score {out / 'dem.tif'} --truth REFERENCE, or --checkpoints POINTS.csv")
+        typer.echo(
+            fact_line(
+                "next", f"firnline score {out / 'dem.tif'} --truth REFERENCE, or --checkpoints POINTS.csv"
+            )
+        )
 
 
 def _print_findings(result: survey.Reconstruction) -> None:
@@ -108,16 +113,16 @@ def _print_findings(result: survey.Reconstruction) -> None:
     from survey.scoring.standards.certificate import own_claim
 
     for sentence in own_claim(result) if result.quantity == ELEVATION else []:
-        typer.echo(f"  {sentence}")
+        typer.echo(fact_line("map", sentence))
     share = result.diagnostics.get("prior_covered_share")
     if share is not None:
-        typer.echo(f"  the prior covers {100.0 * share:.1f} % of the map; the rest has no height")
+        typer.echo(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
     n_low = result.diagnostics.get("n_low_returns", 0)
     if n_low:
-        typer.echo(f"  {n_low} isolated low returns were left out")
+        typer.echo(fact_line("left out", f"{n_low} isolated low returns"))
     offset_m = result.diagnostics.get("satellite_offset_m")
     if offset_m is not None:
         sigma_m = result.diagnostics["satellite_offset_m_sigma"]
-        typer.echo(f"  the prior lies {offset_m:+.2f} ± {sigma_m:.2f} m from the map")
+        typer.echo(fact_line("prior", f"lies {offset_m:+.2f} ± {sigma_m:.2f} m from the map"))
     for conflict in result.diagnostics.get("prior_conflicts", ()):
-        typer.echo(f"  warning: {conflict}")
+        typer.echo(fact_line("warning", conflict))

@@ -1,6 +1,7 @@
 """``firnline reconstruct POINTS``: a map from one table of points."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import survey
 from sim.cli.mapping.inputs import MapRequest
@@ -13,8 +14,27 @@ from survey.reconstruction.mapping import within
 from survey.reconstruction.policy import map_landmarks
 
 
-def map_points(request: MapRequest) -> MadeMap:
-    """Map the points of a file over the area, or over their bounding box."""
+class PointInputs(NamedTuple):
+    """Inputs of a map from points, read and checked."""
+
+    points: survey.SurfacePoints
+    grid: survey.Grid
+    area: survey.SurveyArea | None
+    path: survey.Trajectory | None
+    prior: survey.Dem | None
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What was read, for people."""
+        rows, columns = self.grid.shape
+        return {
+            "points": f"{len(self.points.xyz)}, {self.points.crs.name}",
+            "map": f"{rows} × {columns} nodes of {self.grid.step_m:g} m",
+        }
+
+
+def read_inputs(request: MapRequest) -> PointInputs:
+    """Read the points, and with them area, path and prior, onto the nodes of the map."""
     points = survey.SurfacePoints.read(
         request.options.sources[0], crs=request.options.crs, sigma_m=request.options.sigma_m
     )
@@ -22,6 +42,12 @@ def map_points(request: MapRequest) -> MadeMap:
     path = None if request.options.trajectory is None else _path(request.options.trajectory, points)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
     prior = None if request.options.prior is None else _prior(request.options.prior, grid)
+    return PointInputs(points, grid, area, path, prior)
+
+
+def map_points(request: MapRequest) -> MadeMap:
+    """Map the points of a file over the area, or over their bounding box."""
+    points, grid, area, path, prior = read_inputs(request)
     with counted(quiet=request.options.quiet) as progress:
         mapped = map_landmarks(
             points,

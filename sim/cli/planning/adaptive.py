@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from sim.cli.facts import fact_line
 from sim.cli.outcome import NOT_MET
 from sim.cli.planning.guarantee import drawing_of, prior_of, requirement_of
 from sim.cli.planning.outputs import write_plan
@@ -97,4 +98,4 @@ def _print(facts: dict[str, Any], request: PlanRequest) -> None:
         return
     for name, value in facts.items():
         text = _TEXTS.get(name, str)(value)
-        typer.echo(f"{name.removesuffix('_m').replace('rmse', 'predicted RMSE'):<15} {text}")
+        typer.echo(fact_line(name.removesuffix("_m").replace("rmse", "predicted RMSE"), text))

@@ -1,22 +1,18 @@
 """``firnline plan --dry-run``: read and check everything, and state what would be done, without writing."""
 
-from typing import Any
+from typing import Any, NoReturn
 
-import typer
-
+from sim.cli.facts import end_dry_run
 from sim.cli.planning.request import PlanRequest
 
 
-def print_plan_of(request: PlanRequest) -> None:
+def print_plan_of(request: PlanRequest) -> NoReturn:
     """Check the inputs of a plan and print what the command would do."""
     if request.is_mission:
         from sim.cli.mission_file import print_stages_of
 
         print_stages_of(request.source, request, until="plan")
-        return
-    for name, value in _facts(request).items():
-        typer.echo(f"{name:<10} {value}")
-    typer.echo("nothing was written (--dry-run)")
+    end_dry_run(request.files.values(), _facts(request))
 
 
 def _facts(request: PlanRequest) -> dict[str, Any]:
@@ -33,7 +29,6 @@ def _facts(request: PlanRequest) -> dict[str, Any]:
     facts = {
         "area": f"{request.source}, {area_text(ground_area_m2(area.crs, area.polygon))}, {area.crs.name}",
         "pattern": pattern,
-        "would write": ", ".join(str(file) for file in request.files.values()),
     }
     if prior is not None:
         rows, columns = prior.shape

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from sim.cli.facts import fact_line
 from sim.cli.outcome import NOT_MET
 from sim.cli.planning.guarantee import drawing_of, found_guarantee, prior_of, requirement_of
 from sim.cli.planning.outputs import write_plan
@@ -64,8 +65,9 @@ def plan_joint(request: PlanRequest) -> None:
         typer.echo(json.dumps(facts | {"ways": [way._asdict() for way in options]}, indent=2))
         return
     _print_options(best, options)
-    typer.echo(f"  assumed: {made.assumptions}; without errors of position {least} swaths are enough")
-    typer.echo(f"written to {request.written_text}")
+    assumed = f"{made.assumptions}; without errors of position {least} swaths are enough"
+    typer.echo(fact_line("assumed", assumed))
+    typer.echo(fact_line("written to", request.written_text))
 
 
 def _stated(request: PlanRequest) -> dict[str, object]:
@@ -101,4 +103,4 @@ def _print_options(best: "PredictedSurvey", options: list["PredictedSurvey"]) ->
     typer.echo(f"least to drive: {best}")
     for way in options:
         if way != best:
-            typer.echo(f"            or: {way}")
+            typer.echo(fact_line("or", way))

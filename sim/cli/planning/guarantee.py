@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
+from sim.cli.facts import fact_line
 from sim.cli.outcome import NOT_MET
 from sim.cli.planning.drawing import PlanDrawing
 from sim.cli.planning.outputs import write_plan
@@ -156,21 +157,22 @@ def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
         f"{made.config.pattern} pattern, {swaths_text(made.route)}, {length_text(made.length_m)} to drive: an RMSE within "
         f"{requirement.limit_m:.4g} m is guaranteed with {requirement.probability:.0%}."
     )
-    typer.echo(f"  assumed: {made.assumptions}")
-    typer.echo(
-        f"  with that: RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%} by "
-        f"prediction, in {made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
-        f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least"
-    )
+    facts = {
+        "assumed": made.assumptions,
+        "predicted": f"RMSE {made.predicted.rmse_m:.2f} m, within the limit with {made.predicted.probability:.0%}; in "
+        f"{made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
+        f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least",
+    }
     if made.likely_swaths < (made.config.swaths or 0):
-        typer.echo(
-            f"  with the likeliest covariance alone: RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are "
-            "enough; --adaptive finds out"
+        facts["likeliest ground"] = (
+            f"RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are enough; --adaptive finds out"
         )
     if made.stakes is not None:
-        typer.echo(f"  or: {made.stakes}")
-    typer.echo("  not included: errors of position that grow along the path (--joint predicts them)")
-    typer.echo(f"  written to {request.written_text}")
+        facts["or"] = str(made.stakes)
+    facts["not included"] = "errors of position that grow along the path (--joint predicts them)"
+    facts["written to"] = request.written_text
+    for name, text in facts.items():
+        typer.echo(fact_line(name, text))
 
 
 def drawing_of(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import DryRun, RunOptions
+from sim.cli.options import RunOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,4 +164,3 @@ class PlanOptions(RunOptions):
     force: Annotated[
         bool, typer.Option("--force", help="Replace the route and its picture where they exist.")
     ] = False
-    dry_run: DryRun = False

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sim.cli.facts import fact_line
 from sim.cli.planning.drawing import PlanDrawing
 from sim.cli.planning.qgis_project import write_plan_project
 from sim.cli.planning.request import PlanRequest
@@ -36,7 +37,7 @@ def plan_facts(request: PlanRequest, route: "survey.Route") -> dict[str, Any]:
 
 def fact_lines(prediction: Mapping[str, float]) -> list[str]:
     """Return what is expected of a route as lines for people, in hours, kilometres and kilowatt-hours."""
-    return [f"  {title:<18} {text}" for title, text in fact_texts(prediction).values()]
+    return [fact_line(title, text) for title, text in fact_texts(prediction).values()]
 
 
 def fact_texts(prediction: Mapping[str, float]) -> dict[str, tuple[str, str]]:

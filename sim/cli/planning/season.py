@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
+from sim.cli.facts import fact_line
 from sim.cli.outcome import NOT_MET
 from sim.cli.planning.guarantee import drawing_of, prior_of
 from sim.cli.planning.request import PlanRequest
@@ -163,11 +164,14 @@ def _print_design(request: PlanRequest, design: "SeasonDesign") -> None:
         f"{best.n_swaths} swaths, {length_text(best.length_m)} and {days} each time, with {best.n_stakes} stakes: "
         f"± {best.error:.2g} {config.unit} (95 %), {config.wanted:g} wanted."
     )
-    typer.echo(f"  first survey {first[0]} to {first[1]}, second {second[0]} to {second[1]}")
     causes = ", ".join(f"{_CAUSES[name]} {value:.3f}" for name, value in best.budget._asdict().items())
-    typer.echo(f"  standard deviations [m]: {causes}")
-    typer.echo(
-        f"  assumed: melt of {config.melt_m_day:.3f} m of {config.density_kg_m3:.0f} kg/m³ a day, surface {config.surface}, "
-        f"{config.km_a_day:g} km a day"
-    )
-    typer.echo(f"  written to {request.written_text}")
+    facts = {
+        "first survey": f"{first[0]} to {first[1]}",
+        "second survey": f"{second[0]} to {second[1]}",
+        "σ [m]": causes,
+        "assumed": f"melt of {config.melt_m_day:.3f} m of {config.density_kg_m3:.0f} kg/m³ a day, "
+        f"surface {config.surface}, {config.km_a_day:g} km a day",
+        "written to": request.written_text,
+    }
+    for name, text in facts.items():
+        typer.echo(fact_line(name, text))

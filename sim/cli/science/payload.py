@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim.cli.options import Quiet
+from sim.cli.facts import end_dry_run
+from sim.cli.options import DryRun, Quiet
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
 
@@ -54,6 +55,7 @@ class PayloadRequest:
         "payload"
     )
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False
+    dry_run: DryRun = False
     quiet: Quiet = False
 
     def read_logs(self) -> "list[PayloadLog]":
@@ -104,7 +106,10 @@ def payload(request: PayloadRequest) -> None:
     refuse_existing([request.out], force=request.force, inputs=inputs, own=_OWN_FILES)
     terrain = Dem.read(request.terrain)
     logs = request.read_logs()
-    mapped = map_payload(logs, request.read_paths(terrain.crs), terrain, payload_grid(terrain.grid()))
+    paths = request.read_paths(terrain.crs)
+    if request.dry_run:
+        end_dry_run([request.out], {"logs": len(logs), "paths": len(request.trajectories)})
+    mapped = map_payload(logs, paths, terrain, payload_grid(terrain.grid()))
     with replacing_folder(request.out, own=_OWN_FILES) as draft:
         write_payload(mapped, logs[0], draft)
     if not request.quiet:

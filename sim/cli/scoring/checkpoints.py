@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from sim.cli.facts import fact_line
 from sim.cli.scoring.ground_classes import Classes, class_lines, class_values, scores_by_class
 from sim.cli.scoring.output import print_statistics, today, written
 from sim.cli.scoring.request import ScoreRequest
@@ -21,7 +22,7 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
     from survey.scoring import compare, score_at
 
     dem = map_ if isinstance(map_, survey.Dem) else map_.mean
-    points = _checkpoints(request, dem)
+    points = read_checkpoints(request, dem)
     area = None if request.area is None else survey.SurveyArea.read(request.area, crs=dem.crs)
     errors = compare(dem, points, area)
     judged = score_at(
@@ -37,7 +38,7 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
         _write_report(request, dem, errors, judged, area, classes)
 
 
-def _checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
+def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":
     """Read the checkpoints, and refuse those that the map was made from."""
     from survey.io.text_tables.spellings import parsed_columns
     from survey.scoring import Checkpoints
@@ -74,7 +75,7 @@ def _classes(
 def _print(judged: "CheckpointScore", classes: Classes) -> None:
     print_statistics(judged.to_dict()["elevation"])
     low, high = judged.interval.low_m, judged.interval.high_m
-    typer.echo(f"{'rmse 95 %':<12} {low:.4f} to {high:.4f} ({judged.interval.method})")
+    typer.echo(fact_line("RMSE, 95 %", f"{low:.3f} to {high:.3f} m ({judged.interval.method})"))
     if judged.left_out:
         typer.echo(f"no height at {', '.join(judged.left_out)}")
     for line in class_lines(classes):

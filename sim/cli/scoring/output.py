@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from sim.cli.facts import figure_lines
 from sim.cli.scoring.request import ScoreRequest
 
 if TYPE_CHECKING:
@@ -13,8 +14,8 @@ if TYPE_CHECKING:
 
 def print_statistics(figures: dict[str, Any]) -> None:
     """Print error statistics, one line each."""
-    for name, figure in figures.items():
-        typer.echo(f"{name:<12} {figure:.4f}" if isinstance(figure, float) else f"{name:<12} {figure}")
+    for line in figure_lines(figures):
+        typer.echo(line)
 
 
 def today() -> str:

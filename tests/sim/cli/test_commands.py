@@ -97,7 +97,7 @@ def test_stages_can_be_repeated_and_shown(runs):
     mission = ("run", str(runs / "m.toml"), "--runs", str(runs / "runs"), "-q")
     firnline(*mission, "--from", "score", "--until", "score")
     firnline("report", str(runs / "runs" / "small"))
-    assert firnline("show", str(runs / "runs" / "small")).startswith("done")
+    assert firnline("show", str(runs / "runs" / "small")).startswith("  done")
 
 
 def test_every_stage_verb_takes_a_mission(runs, tmp_path):

@@ -93,10 +93,7 @@ def test_a_dry_run_of_a_plan_reads_everything_and_writes_nothing():
 def test_a_dry_run_of_a_mission_names_its_folder_and_stages():
     run("init", "mine.toml")
     out = run("run", "mine.toml", "--runs", "runs", "--dry-run").stdout
-    assert out.splitlines()[0].startswith("run     runs/mine/")
-    assert [line.split() for line in out.splitlines()[1:3]] == [
-        ["to", "do", "plan"],
-        ["to", "do", "simulate"],
-    ]
+    assert out.splitlines()[0].startswith("  run                runs/mine/")
+    assert "  to do              plan, simulate, localize, reconstruct, score, report" in out
     assert not Path("runs").exists()
     assert run("run", "mine.toml", "--set", "planner.swathes=3", "--dry-run", code=4).stderr

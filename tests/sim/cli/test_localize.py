@@ -200,7 +200,7 @@ def test_photographs_of_a_phone_are_localized_from_their_own_exif(street: Path, 
     said = " ".join(result.stdout.split())
     assert "times are those of EXIF" in said
     assert "pixels from EXIF (equivalent of 32 mm on 35 mm film)" in said
-    assert f"pictures: {out / 'map.png'}, {out / 'tracks.png'}" in said
-    assert "next: name fixes with --gps" in said
+    assert f"pictures {out / 'map.png'}, {out / 'tracks.png'}" in said
+    assert "next name fixes with --gps" in said
     times = np.loadtxt(out / "trajectory.tum")[:, 0]
     np.testing.assert_allclose(np.diff(times), 0.1, atol=1e-3)

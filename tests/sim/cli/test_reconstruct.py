@@ -78,10 +78,10 @@ def test_an_area_is_mapped_instead_of_the_bounding_box(folder: Path) -> None:
     SurveyArea.rectangle((-8.0, 0.0, 48.0, 40.0), CRS).write("site.gpkg")
     code, said = run("points.gpkg", "--grid", 4, "--area", "site.gpkg", *GP)
     assert code == 0, said
-    assert "area = site.gpkg" in said
+    assert "  area               site.gpkg" in said
     assert Dem.read("reconstruction/dem.tif").grid().bounds == (-8.0, 0.0, 48.0, 40.0)
     code, said = run("points.gpkg", "--grid", 4, *GP, "--force")
-    assert "area = bounding box of the points" in said
+    assert "  area               bounding box of the points" in said
 
 
 def test_an_area_far_from_the_points_is_refused(folder: Path) -> None:
@@ -115,7 +115,7 @@ def test_the_share_that_a_prior_covers_is_printed_and_none_is_refused(folder: Pa
 
     code, said = run("points.gpkg", "--grid", 4, "--prior", prior(-10.0), *GP)
     assert code == 0, said
-    assert "the prior covers 6" in said
+    assert "  prior              covers 6" in said
     mean = Dem.read("reconstruction/dem.tif").elevation
     assert np.isfinite(mean[:, 0]).all()
     assert np.isnan(mean[:, -1]).all()
@@ -182,8 +182,8 @@ def test_a_prior_in_conflict_with_the_points_is_reported_in_one_sentence(folder:
     matern = ("--set", "reconstruction.gp.family=matern-3/2")
     code, said = run("points.gpkg", "--prior", "prior.tif", "--product", "srtm-90", "--grid", 4, *matern)
     assert code == 0, said
-    assert "the prior lies +40." in said
-    assert "warning: the prior lies 40." in said
+    assert "  prior              lies +40." in said
+    assert "  warning            the prior lies 40." in said
 
 
 def test_a_class_of_products_must_be_known_and_needs_a_prior(folder: Path) -> None:
@@ -198,4 +198,4 @@ def test_every_map_has_pictures_and_a_next_step(folder: Path) -> None:
     assert code == 0, said
     for name in ("mean", "sigma", "support"):
         assert (folder / "reconstruction" / f"{name}.png").read_bytes().startswith(b"\x89PNG"), name
-    assert "next: firnline score reconstruction/dem.tif --truth REFERENCE" in said
+    assert "  next               firnline score reconstruction/dem.tif --truth REFERENCE" in said

@@ -78,7 +78,9 @@ def test_score_assigns_the_named_crs_to_rasters_in_a_local_one(site: Path) -> No
     refusal = output_of("score", "local.tif", "--truth", "map.tif", code=3)
     assert "is a local one (LOCAL_CS) that cannot be reprojected" in refusal
     assert "--crs" in refusal
-    assert "rmse_m       0.0000" in output_of("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
+    assert "  RMSE               0.000 m" in output_of(
+        "score", "local.tif", "--truth", "map.tif", "--crs", UTM
+    )
     assert "was named" in output_of("score", "local.tif", "--truth", "map.tif", "--crs", "EPSG:32609", code=3)
 
 
@@ -86,7 +88,9 @@ def test_score_in_blocks_assigns_the_named_crs_too(site: Path, monkeypatch: pyte
     monkeypatch.setattr("sim.cli.scoring.raster.LARGE", 100)
     plane = Dem.read("map.tif")
     Dem(plane.elevation, plane.transform, LOCAL).write("local.tif")
-    assert "rmse_m       0.0000" in output_of("score", "local.tif", "--truth", "map.tif", "--crs", UTM)
+    assert "  RMSE               0.000 m" in output_of(
+        "score", "local.tif", "--truth", "map.tif", "--crs", UTM
+    )
 
 
 def test_an_export_replaces_nothing_without_force_and_never_its_input(site: Path) -> None:

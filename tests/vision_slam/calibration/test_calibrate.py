@@ -142,8 +142,8 @@ def test_the_command_writes_a_calibration_and_a_picture(images, tmp_path):
     out = tmp_path / "camera.toml"
     done = CliRunner().invoke(app, ["calibrate", str(images), "--board", "9x6", "-o", str(out), "-q"])
     assert done.exit_code == 0, done.output
-    assert "left    IMG_9999.png: board not found" in done.output
-    assert f"next    firnline localize IMAGES --camera {out}" in done.output
+    assert "  left out           IMG_9999.png: board not found" in done.output
+    assert f"  next               firnline localize IMAGES --camera {out}" in done.output
     assert (tmp_path / "camera.png").read_bytes().startswith(b"\x89PNG")
     assert Camera.read(out).width == 480
     again = CliRunner().invoke(app, ["calibrate", str(images), "--board", "9x6", "-o", str(out), "-q"])
