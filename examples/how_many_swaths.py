@@ -84,6 +84,8 @@ fine = Grid((500_000.0, 6_700_000.0, 500_590.0, 6_700_590.0), 10.0, "EPSG:32608"
 truth = matern_field(fine, np.random.default_rng(4), relief_m=20.0, nu=2.5, length_scale_m=220.0)
 prior = truth.block_mean(30.0)
 area = SurveyArea.rectangle((500_090.0, 6_700_090.0, 500_510.0, 6_700_510.0), fine.crs)
+prior.write("srtm.tif")
+area.write("site.gpkg")
 promise = guarantee(area, prior, MapRequirement(0.4572, 0.9, surface="snow", n_simulations=30))
 print("holds:", promise.holds)
 print(
