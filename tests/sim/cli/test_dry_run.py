@@ -6,9 +6,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from benchmarks.small_inputs import IDEAL_MISSION
 from sim.cli.main import app
 from tests.docs.scratch import make_scratch
-from tests.sim.cli.test_pages_in_browser import MISSION, STUDY
+from tests.sim.cli.test_pages_in_browser import STUDY
 
 # Commands that only print, and the desk, which writes what is drawn.
 WITHOUT = {"desk", "doctor", "fit", "help", "schema", "show"}
@@ -51,7 +52,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("dry")
     make_scratch(folder)
-    (folder / "mission.toml").write_text(MISSION)
+    (folder / "mission.toml").write_text(IDEAL_MISSION)
     (folder / "study.toml").write_text(STUDY)
     rows = [f"{500_050 + 10 * k},{6_700_300},{1.0 + 0.01 * k}\n" for k in range(40)]
     (folder / "air.csv").write_text("easting_m,northing_m,air\n" + "".join(rows))
