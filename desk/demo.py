@@ -30,8 +30,9 @@ def write_demo(folder: Path) -> Path:
         real_sample().write(terrain)
     if not plan_file.exists():
         site = sample_site()
-        xmin, ymin, xmax, ymax = site.bounds
-        area = SurveyArea.rectangle((xmin - 200.0, ymin - 200.0, xmax + 200.0, ymax + 200.0), site.prior.crs)
-        document = PlanDocument.of_area(area).model_copy(update={"starts": ((xmin - 150.0, ymin - 150.0),)})
+        west, south, east, north = (round(limit, -1) for limit in site.bounds)
+        bounds = (west - 200.0, south - 200.0, east + 200.0, north + 200.0)
+        area = SurveyArea.rectangle(bounds, site.prior.crs)
+        document = PlanDocument.of_area(area).model_copy(update={"starts": ((west - 150.0, south - 150.0),)})
         StoredHistory(plan_file, terrain.name, document).write()
     return plan_file

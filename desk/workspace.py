@@ -1,6 +1,5 @@
 """Workspace of the desk: a terrain, the plan that is drawn on it, and the folder in which files are written."""
 
-import logging
 import tempfile
 from contextlib import ExitStack
 from functools import cached_property
@@ -9,12 +8,12 @@ from typing import TYPE_CHECKING, Self
 
 from pyproj import CRS
 
+from desk.jobs.job import Jobs
 from desk.plan.document import PlanDocument
-from desk.plan.history import SUFFIX, StoredHistory, read_history
+from desk.plan.history import SUFFIX, StoredHistory
 from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.tiles import TerrainTiles
 from sim.cli.rasters import own_crs
-from survey.core.errors import InputError
 from survey.core.map_scale.factors import MapScale
 from survey.data.dem import Dem
 
@@ -49,12 +48,14 @@ class Workspace:
         self.tiles = TerrainTiles(pyramid)
         self.crs: CRS = pyramid.crs
         self.store = StoredHistory(plan_file, terrain.name, first)
+        self.jobs = Jobs()
         self.map_scale = MapScale.over(self.crs, pyramid.bounds).linear.mean
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.jobs.cancel_all()
         self._files.close()
 
     @cached_property
@@ -75,44 +76,3 @@ class Workspace:
         place = Path(folder) / "terrain.tif"
         Dem.read(terrain).write(place)
         return place
-
-
-def open_workspace(source: Path | None, folder: Path) -> Workspace:
-    """Open what the command names.
-
-    Parameters
-    ----------
-    source : pathlib.Path or None
-        Raster of elevations, file of a plan (``.desk.json``), or None for the plan in `folder` that was changed last.
-    folder : pathlib.Path
-        The current folder.
-
-    Returns
-    -------
-    Workspace
-        Its working folder is that of the source.
-
-    Raises
-    ------
-    InputError, ConfigError
-        Nothing to open, or it cannot be used.
-    """
-    source = source or _latest_plan(folder)
-    if source.name.endswith(SUFFIX):
-        history = read_history(source)
-        return Workspace(source.parent / Path(history.terrain).name, source, history.document)
-    plan_file = source.parent / f"{source.stem}{SUFFIX}"
-    if plan_file.exists():
-        logging.getLogger("firnline").info("the plan %s goes on.", plan_file)
-    return Workspace(source, plan_file, PlanDocument())
-
-
-def _latest_plan(folder: Path) -> Path:
-    """Return the plan of a folder that was changed last."""
-    plans = sorted(folder.glob(f"*{SUFFIX}"), key=lambda file: file.stat().st_mtime)
-    if not plans:
-        raise InputError(
-            f"the folder {folder} holds no plan of the desk ({SUFFIX}); name a raster of elevations, as in "
-            "firnline desk srtm.tif, or try firnline desk --demo."
-        )
-    return plans[-1]

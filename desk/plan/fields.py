@@ -1,10 +1,14 @@
 """Fields of the page's forms: name, kind, limits and help of every setting, from the configurations themselves."""
 
+from dataclasses import fields as dataclass_fields
 from functools import cache
-from typing import Any
+from typing import Any, get_type_hints
 
+from desk.plan.request import REQUIREMENTS
 from planners.driving.rover import Fleet, Rover
+from planners.guarantee.belief.surfaces import SURFACE_NAMES
 from planners.registry import PLANNERS
+from sim.cli.planning.options import PlanOptions
 from survey.core.config import Section
 
 
@@ -24,7 +28,34 @@ def settings_fields() -> dict[str, Any]:
     (True, False)
     """
     patterns = {planner.name: _fields(planner.config) for planner in PLANNERS}
-    return {"planner": patterns, "rover": _fields(Rover), "fleet": _fields(Fleet)}
+    return {
+        "planner": patterns,
+        "rover": _fields(Rover),
+        "fleet": _fields(Fleet),
+        "requirement": _requirement_fields(),
+    }
+
+
+def _requirement_fields() -> list[dict[str, Any]]:
+    """Return the fields of a required class; help and defaults are those of the command's options."""
+    choices = {
+        "require": ["class-1", "class-2", "class-3"],
+        "surface": list(SURFACE_NAMES),
+        "assume": ["squared-exponential", "matern-5/2", "matern-3/2", "whittle"],
+    }
+    kinds = {"max_swaths": "integer", "require": "text", "surface": "choice", "assume": "choice"}
+    stated = {field.name: field.default for field in dataclass_fields(PlanOptions)}
+    hints = get_type_hints(PlanOptions, include_extras=True)
+    return [
+        {
+            "name": name,
+            "help": next(part.help for part in hints[name].__metadata__ if hasattr(part, "help")),
+            "default": stated[name],
+            "kind": kinds.get(name, "number"),
+            "choices": choices.get(name, []),
+        }
+        for name in REQUIREMENTS
+    ]
 
 
 def _fields(section: type[Section]) -> list[dict[str, Any]]:

@@ -154,6 +154,26 @@ class StoredHistory:
             self._require(revision)
             self._store(self._history.moved(by))
 
+    def set_aside(self, name: str) -> None:
+        """Store the document as a variant; one of the same name is replaced.
+
+        Raises
+        ------
+        ConfigError
+            A name that is empty or too long, or too many variants.
+        """
+        with self._lock:
+            others = [variant for variant in self._history.variants if variant.name != name]
+            variants = [*others, Variant.model_construct(name=name, document=self.document)]
+            values = {**_plain(self._history), "variants": [_plain(variant) for variant in variants]}
+            self._store(validated(History, values, "the variant"))
+
+    def drop_variant(self, index: int) -> None:
+        """Remove a variant by its index; one that does not exist is left alone."""
+        with self._lock:
+            others = tuple(v for k, v in enumerate(self._history.variants) if k != index)
+            self._store(self._history.model_copy(update={"variants": others}))
+
     def write(self) -> None:
         """Write the file as it stands."""
         with self._lock:
@@ -165,8 +185,9 @@ class StoredHistory:
 
     def _store(self, history: History) -> None:
         write_json(self.path, _plain(history))
+        if (history.at, history.steps) != (self._history.at, self._history.steps):
+            self.revision += 1
         self._history = history
-        self.revision += 1
 
 
 def read_history(path: Path) -> History:
@@ -197,5 +218,5 @@ def read_history(path: Path) -> History:
     return history
 
 
-def _plain(history: History) -> dict[str, Any]:
-    return history.model_dump(mode="json")
+def _plain(section: Section) -> dict[str, Any]:
+    return section.model_dump(mode="json")

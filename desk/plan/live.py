@@ -118,9 +118,8 @@ class LivePlanner:
         return LivePlan(plan, is_provisional, fitted.refusal)
 
     def _planned(self, document: PlanDocument, area: SurveyArea, kernel: Kernel | None) -> AreaPlan:
-        options = document.model_copy(update={"requirement": {}})
         config: Any = checked_options(
-            request_of(options, Path("site.gpkg"), self.terrain, Path("route.geojson"))
+            request_of(document, Path("site.gpkg"), self.terrain, Path("route.geojson"))
         )
         homes_of(area, Crew(config.rover, config.fleet))
         prior = self.prior(area)

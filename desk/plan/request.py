@@ -15,18 +15,19 @@ _OPTIONS = {
     "rmse_m": "rmse",
 }
 """Settings of the section ``planner`` that are options of their own."""
-_REQUIREMENTS = (
+REQUIREMENTS = (
     "require",
     "probability",
+    "surface",
+    "max_swaths",
     "noise_m",
     "localization_m",
     "prior_sigma_m",
     "assume",
-    "surface",
     "micro_relief_m",
     "shared_m",
-    "max_swaths",
 )
+"""Options of a required class or error, in the order of the form."""
 _SPELLINGS = {"noise_m": "noise", "localization_m": "localization", "prior_sigma_m": "prior-sigma"}
 _SPELLINGS |= {"micro_relief_m": "micro-relief", "shared_m": "shared", "max_swaths": "max-swaths"}
 
@@ -44,12 +45,19 @@ def request_of(document: PlanDocument, area: Path, terrain: Path, out: Path) -> 
     Returns
     -------
     PlanRequest
-        With a required class, the settings of the pattern are left to the guarantee.
+        Without the required class.
     """
     return PlanRequest(source=area, out=out, prior=terrain, **_given(document))
 
 
-def command_of(document: PlanDocument, area: str, terrain: str, out: str) -> str:
+def requirement_request(document: PlanDocument, terrain: Path) -> PlanRequest:
+    """Return the options with which ``firnline plan --require`` guarantees the required class of a document."""
+    return PlanRequest(
+        source=Path("site.gpkg"), out=Path("route.geojson"), prior=terrain, **_required(document)
+    )
+
+
+def command_of(document: PlanDocument, area: str, terrain: str, out: str, *, required: bool = False) -> str:
     """Return the command that makes the same plan.
 
     Parameters
@@ -58,6 +66,8 @@ def command_of(document: PlanDocument, area: str, terrain: str, out: str) -> str
         The plan.
     area, terrain, out : str
         Names of the files.
+    required : bool
+        Whether the required class decides the pattern.
 
     Returns
     -------
@@ -71,7 +81,7 @@ def command_of(document: PlanDocument, area: str, terrain: str, out: str) -> str
     ['pattern wavy', 'swaths 6', 'set rover.max_pitch_deg=20.0 -o route.geojson']
     """
     words = ["firnline", "plan", area, "--prior", terrain]
-    given = _given(document)
+    given = _required(document) if required else _given(document)
     settings = given.pop("settings", ())
     for name, value in given.items():
         words += [f"--{_SPELLINGS.get(name, name)}", str(value)]
@@ -82,8 +92,6 @@ def command_of(document: PlanDocument, area: str, terrain: str, out: str) -> str
 
 def _given(document: PlanDocument) -> dict[str, Any]:
     """Return the options that differ from those of the command."""
-    if document.requirement:
-        return {name: document.requirement[name] for name in _REQUIREMENTS if name in document.requirement}
     planner = {name: value for name, value in document.planner.items() if value is not None}
     given: dict[str, Any] = {option: planner[name] for name, option in _OPTIONS.items() if name in planner}
     sections: dict[str, dict[str, Setting]] = {
@@ -97,6 +105,12 @@ def _given(document: PlanDocument) -> dict[str, Any]:
         if value is not None
     )
     return given | ({"settings": settings} if settings else {})
+
+
+def _required(document: PlanDocument) -> dict[str, Any]:
+    """Return the options of the required class that are stated."""
+    stated = {name: document.requirement.get(name) for name in REQUIREMENTS}
+    return {name: value for name, value in stated.items() if value is not None}
 
 
 def _toml(value: Setting) -> str:

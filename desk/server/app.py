@@ -3,7 +3,7 @@
 from starlette.applications import Starlette
 from starlette.routing import Route
 
-from desk.server import assets, editing, maps, planning
+from desk.server import assets, editing, files, jobs, maps, planning, variants
 from desk.server.replies import refused
 from desk.workspace import Workspace
 from survey.core.errors import FirnlineError
@@ -12,6 +12,7 @@ _ROUTES = (
     Route("/", assets.page),
     Route("/static/{name:path}", assets.asset),
     Route("/api/site", maps.site),
+    Route("/api/fields", maps.fields),
     Route("/api/heights", maps.heights, methods=["POST"]),
     Route("/tiles/{layer}/{zoom:int}/{column:int}/{row:int}.png", maps.tile),
     Route("/api/plan", editing.state),
@@ -20,6 +21,16 @@ _ROUTES = (
     Route("/api/redo", editing.redo, methods=["POST"]),
     Route("/api/route", planning.route),
     Route("/api/error", planning.error),
+    Route("/api/profile", files.profile),
+    Route("/api/export/{kind}", files.export),
+    Route("/api/dropped", files.dropped_file, methods=["POST"]),
+    Route("/api/variants", variants.table),
+    Route("/api/variants", variants.add, methods=["POST"]),
+    Route("/api/variants/{index:int}", variants.remove, methods=["DELETE"]),
+    Route("/api/jobs", jobs.start, methods=["POST"]),
+    Route("/api/jobs/{job}", jobs.cancel, methods=["DELETE"]),
+    Route("/api/jobs/{job}/events", jobs.events),
+    Route("/api/jobs/{job}/report/{name}", jobs.report),
 )
 
 

@@ -21,6 +21,7 @@ _HEADERS = {
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
+    "cache-control": "no-store",
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
     "referrer-policy": "no-referrer",
@@ -30,6 +31,7 @@ _HEADERS = {
 # A redirect would be the second half of a navigation from outside, for which a strict cookie is not sent.
 _WELCOME = (
     '<!doctype html><html lang="en"><meta charset="utf-8"><title>firnline desk</title>'
+    '<link rel="icon" href="data:,">'
     '<meta http-equiv="refresh" content="0;url=/"><p><a href="/">Open the desk</a></p></html>'
 )
 

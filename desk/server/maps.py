@@ -19,9 +19,7 @@ _MOST_PLACES = 2000
 
 
 def site(request: Request) -> Response:
-    """Answer with what the page needs to know once: CRS, tile grid, colours, fields of the settings."""
-    from desk.plan.fields import settings_fields
-
+    """Answer with what the page needs to know once: CRS, tile grid, colours."""
     workspace: Workspace = request.app.state.workspace
     style = workspace.tiles.style
     return JSONResponse(
@@ -37,9 +35,16 @@ def site(request: Request) -> Response:
             "slope_colours": legend_colours(SLOPE),
             "largest_slope_deg": LARGEST_SLOPE_DEG,
             "contour_interval_m": style.interval_m,
-            "fields": settings_fields(),
         }
     )
+
+
+def fields(request: Request) -> Response:
+    """Answer with the fields of the forms; the first time it takes as long as loading the planners."""
+    from desk.plan.fields import settings_fields
+
+    del request
+    return JSONResponse(settings_fields())
 
 
 def tile(request: Request) -> Response:

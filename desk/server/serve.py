@@ -4,6 +4,7 @@ import logging
 import socket
 import webbrowser
 from pathlib import Path
+from threading import Thread
 
 import typer
 import uvicorn
@@ -11,7 +12,7 @@ import uvicorn
 from desk.demo import write_demo
 from desk.server.app import desk_app
 from desk.server.gate import Gate
-from desk.workspace import open_workspace
+from desk.sources import open_workspace
 from survey.core.errors import InputError
 
 _DEMO_FOLDER = Path("firnline-desk-demo")
@@ -23,7 +24,7 @@ def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, dem
     Parameters
     ----------
     source : pathlib.Path or None
-        What to open, as for `desk.workspace.open_workspace`.
+        What to open, as for `desk.sources.open_workspace`.
     port : int
         Port on 127.0.0.1; 0 for a free one.
     opens_browser : bool
@@ -50,7 +51,16 @@ def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, dem
             server_header=False,
             timeout_graceful_shutdown=2,
         )
+        Thread(target=_load_planners, name="desk-loading", daemon=True).start()
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def _load_planners() -> None:
+    """Import what the first plan needs, while the page is opened."""
+    import desk.plan.error_map
+    import desk.plan.fields
+    import desk.plan.live
+    import desk.plan.summary  # noqa: F401
 
 
 def _listener(port: int) -> socket.socket:

@@ -32,7 +32,7 @@ def hills() -> Dem:
     grid = Grid((WEST + 22.5, SOUTH + 22.5, WEST + 877.5, SOUTH + 877.5), 45.0, "EPSG:32608")
     x, y = np.meshgrid(np.arange(grid.shape[1]) * 45.0, np.arange(grid.shape[0]) * 45.0)
     heights = 800.0 + 20.0 * np.sin(x / 140.0) + 15.0 * np.cos(y / 110.0 + x / 300.0)
-    heights[:3, :3] = np.nan
+    heights[:2, :2] = np.nan
     return Dem.on(grid, heights)
 
 

@@ -16,7 +16,7 @@ async function contentOf(answer) {
   throw new Refusal(sentence, answer.status);
 }
 
-/** @param {unknown} error */
+/** @param {unknown} error @returns {never} */
 function unreachable(error) {
   if (error instanceof DOMException && error.name === "AbortError") throw error;
   throw new Refusal("The server of the desk does not answer; start firnline desk again. The plan is stored.", 0);

@@ -72,7 +72,7 @@ export class Corners {
     const edit = (/** @type {string} */ what, /** @type {(places: Place[]) => Place[]} */ change) =>
       this.plan.edit(what, (document) => write(document, change(structuredClone(read(document)))));
     const rows = places.map((place, row) => this.#row(place, row, title, places.length, edit));
-    const head = element("tr", {}, ...["", "Easting [m]", "Northing [m]", ""].map((text) => element("th", { scope: "col", text })));
+    const head = element("tr", {}, ...["No.", "Easting [m]", "Northing [m]", "Edit"].map((text) => element("th", { scope: "col", text })));
     return element("div", { class: "rows" }, element("table", { "aria-label": `Corners of ${title}` }, element("caption", { class: "small", text: title }), element("thead", {}, head), element("tbody", {}, ...rows)));
   }
 

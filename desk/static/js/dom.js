@@ -41,6 +41,8 @@ const PATHS = {
   zoomIn: "M12 5v14M5 12h14",
   zoomOut: "M5 12h14",
   fit: "M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5",
+  open: "M3 7h6l2 2h10v10H3zM12 17v-5M9.5 14L12 11.5 14.5 14",
+  profile: "M3 19h18M3 16l5-7 4 4 4-8 5 9",
   undo: "M9 14L4 9l5-5M4 9h9a6 6 0 010 12h-2",
   redo: "M15 14l5-5-5-5M20 9h-9a6 6 0 000 12h2",
 };

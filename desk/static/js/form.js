@@ -29,8 +29,9 @@ export function fieldRow(section, field, value, changed, title = titleOf(field.n
   const id = `${section}-${field.name}`;
   const input = field.kind === "boolean" ? checkbox(id, value ?? field.default, changed)
     : field.kind === "choice" ? choice(id, field, value, changed)
+    : field.kind === "text" ? text(id, field, value, changed)
     : number(id, field, value, changed);
-  input.setAttribute("aria-describedby", `${id}-help`);
+  (input.querySelector("input") ?? input).setAttribute("aria-describedby", `${id}-help`);
   return element(
     "div", { class: "field" },
     element("label", { for: id, text: title }),
@@ -52,9 +53,16 @@ function choice(id, field, value, changed) {
 }
 
 /** @param {string} id @param {Field} field @param {any} value @param {(value: any) => void} changed */
+function text(id, field, value, changed) {
+  const list = element("datalist", { id: `${id}-list` }, ...field.choices.map((name) => element("option", { value: name })));
+  const input = element("input", { type: "text", id, list: `${id}-list`, maxlength: "40", value: value ?? "", placeholder: "not set", onchange: (/** @type {any} */ event) => changed(event.target.value.trim() || undefined) });
+  return element("span", { class: "input" }, input, list);
+}
+
+/** @param {string} id @param {Field} field @param {any} value @param {(value: any) => void} changed */
 function number(id, field, value, changed) {
   const isWhole = field.kind === "integer";
-  const placeholder = field.default === null || field.default === undefined ? "none" : String(field.default);
+  const placeholder = field.default === null || field.default === undefined ? "not set" : String(field.default);
   const input = /** @type {HTMLInputElement} */ (
     element("input", { type: "number", id, step: isWhole ? "1" : "any", placeholder, value: value === undefined || value === null ? "" : String(value) })
   );

@@ -28,14 +28,26 @@ export class Live extends EventTarget {
 
   /** @param {number} revision @param {AbortSignal} signal */
   async #follow(revision, signal) {
-    let route = await get(`/api/route?revision=${revision}`, signal);
+    const route = await get(`/api/route?revision=${revision}`, signal);
     this.#announce("route", route);
-    if (route.has_error) this.#announce("error", await get(`/api/error?revision=${revision}&detail=coarse`, signal));
-    if (route.is_provisional) {
-      route = await get(`/api/route?revision=${revision}&exact=1`, signal);
-      this.#announce("route", route);
+    await this.#errorOf(route, "", signal);
+    if (!route.is_provisional) return;
+    const exact = await get(`/api/route?revision=${revision}&exact=1`, signal);
+    this.#announce("route", exact);
+    await this.#errorOf(exact, "&exact=1", signal);
+  }
+
+  /**
+   * Show the error coarse at once, and fine after.
+   * @param {import("./types.js").PlanSummary} route @param {string} exact @param {AbortSignal} signal
+   */
+  async #errorOf(route, exact, signal) {
+    if (!route.has_error) {
+      if (!route.is_provisional) this.#announce("error", null);
+      return;
     }
-    this.#announce("error", route.has_error ? await get(`/api/error?revision=${revision}&detail=fine&exact=1`, signal) : null);
+    for (const detail of ["coarse", "fine"])
+      this.#announce("error", await get(`/api/error?revision=${route.revision}&detail=${detail}${exact}`, signal));
   }
 
   /** @param {string} name @param {unknown} detail */

@@ -1,13 +1,18 @@
 // The page of the desk: a map first, one panel beside it. Everything that is shown was computed by the server.
 import { get } from "./api.js";
+import { Compare } from "./compare.js";
 import { Corners } from "./corners.js";
 import { byId, element, iconButton } from "./dom.js";
+import { acceptFiles } from "./drop.js";
 import { ErrorLayer } from "./errors.js";
 import { showFacts } from "./facts.js";
+import { Files } from "./files.js";
 import { Layers } from "./layers.js";
 import { Live } from "./live.js";
 import { createMap, terrainLayer, zoomButtons } from "./map.js";
 import { Plan } from "./plan.js";
+import { Profile } from "./profile.js";
+import { Requirement } from "./requirement.js";
 import { RouteLayer } from "./route.js";
 import { Settings } from "./settings.js";
 import { createTabs } from "./tabs.js";
@@ -15,10 +20,14 @@ import { Tools } from "./tools.js";
 
 /** @typedef {import("./types.js").Site} Site */
 
-/** @param {string} sentence */
-function refuse(sentence) {
-  byId("refusal").textContent = sentence;
-  byId("refusal").hidden = sentence === "";
+/** What is refused: the plan as it stands, and the last action. */
+const refused = { plan: "", action: "" };
+
+/** @param {string} sentence Empty when nothing is refused. @param {"plan"|"action"} what */
+function refuse(sentence, what = "action") {
+  refused[what] = sentence;
+  byId("refusal").textContent = refused.action || refused.plan;
+  byId("refusal").hidden = !(refused.action || refused.plan);
 }
 
 /** @param {Plan} plan @param {Site} site */
@@ -50,8 +59,8 @@ function fitter(map, plan, site) {
     const places = plan.document.areas.flat(2);
     const xs = places.map(([x]) => x), ys = places.map(([, y]) => y);
     const extent = places.length ? [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)] : site.tiles.extent;
-    const top = byId("stage").clientWidth > 760 ? 56 : 20;
-    map.getView().fit(extent, { padding: [top, 70, 60, 70] });
+    const isWide = byId("stage").clientWidth > 760;
+    map.getView().fit(extent, { padding: isWide ? [56, 290, 60, 80] : [24, 24, 48, 56] });
   };
 }
 
@@ -64,6 +73,32 @@ function squareInView(map) {
   };
 }
 
+/** @param {() => void} openFile @param {Profile} profile */
+function addMapButtons(openFile, profile) {
+  const open = iconButton("open", "Open an outline, a raster or points", openFile);
+  const show = iconButton("profile", "Elevation along the route", () => {
+    profile.open(!profile.isOpen);
+    show.setAttribute("aria-pressed", String(profile.isOpen));
+  });
+  show.setAttribute("aria-pressed", "false");
+  byId("tools").append(element("hr"), open, show);
+}
+
+/** @param {any} map What tests and benchmarks ask of the map. @param {Plan} plan */
+function expose(map, plan) {
+  /** @type {any} */ (globalThis).firnlineDesk = {
+    pixelOf: (/** @type {number} */ x, /** @type {number} */ y) => {
+      const [left, top] = map.getPixelFromCoordinate([x, y]);
+      const box = byId("map").getBoundingClientRect();
+      return [left + box.left, top + box.top];
+    },
+    resolution: () => map.getView().getResolution(),
+    view: () => ({ centre: map.getView().getCenter(), resolution: map.getView().getResolution() }),
+    corner: () => plan.document.areas[0][0].toSorted((a, b) => a[0] - a[1] - (b[0] - b[1]))[0],
+    map,
+  };
+}
+
 async function begin() {
   /** @type {Site} */
   const site = await get("/api/site");
@@ -72,43 +107,64 @@ async function begin() {
   document.title = `${site.name} · firnline desk`;
   const map = createMap(site);
   const plan = new Plan();
+  expose(map, plan);
   const live = new Live(plan);
   const route = new RouteLayer();
   const errors = new ErrorLayer(map.getView().getProjection());
   const relief = terrainLayer(site, "relief", true), slope = terrainLayer(site, "slope", false), contours = terrainLayer(site, "contours", false);
   slope.setOpacity(0.6);
   const tools = new Tools(map, plan, site.grid_per_ground);
-  for (const layer of [relief, slope, errors.layer, contours, route.layer, tools.layer]) map.addLayer(layer);
+  for (const layer of [relief, slope, errors.layer, contours, route.layer, route.drivenLayer, tools.layer]) map.addLayer(layer);
   const fit = fitter(map, plan, site);
   byId("tools").append(...zoomButtons(map, fit));
   const metres = (/** @type {number} */ value) => `${value < 10 ? value.toPrecision(2) : value.toFixed(0)} m`;
   const layers = new Layers([
     { name: "route", title: "Route", layer: route.layer },
+    { name: "driven", title: "Simulated drive", layer: route.drivenLayer },
     { name: "error", title: "Predicted error", layer: errors.layer, legend: () => errors.shown?.image ? { title: "Predicted standard deviation", colours: errors.shown.colours, low: "0 m", high: `${metres(errors.shown.top_m)} or more` } : null },
     { name: "contours", title: `Contours, ${site.contour_interval_m} m`, layer: contours },
     { name: "slope", title: "Slope", layer: slope, legend: () => ({ title: "Slope", colours: site.slope_colours, low: "0°", high: `${site.largest_slope_deg}° or more` }) },
     { name: "relief", title: "Terrain", layer: relief, legend: () => ({ title: "Elevation", colours: site.height_colours, low: metres(site.heights_m[0]), high: metres(site.heights_m[1]) }) },
   ]);
-  const settings = new Settings(plan, site);
   const corners = new Corners(plan, tools, squareInView(map));
+  const settings = element("div"), requirement = element("div");
+  const compare = new Compare(plan);
+  const files = new Files(refuse, (paths) => route.showDriven(paths));
+  const profile = new Profile();
+  map.addLayer(profile.layer);
   createTabs([
-    { name: "settings", title: "Survey", page: settings.page },
+    { name: "settings", title: "Survey", page: settings },
     { name: "shapes", title: "Shapes", page: corners.page },
+    { name: "require", title: "Require", page: requirement },
+    { name: "compare", title: "Compare", page: compare.page },
+    { name: "files", title: "Files", page: files.page },
   ]);
   showHistory(plan, site);
   listen(plan, live, route, errors, layers);
+  live.addEventListener("route", (event) => {
+    files.command.textContent = /** @type {CustomEvent} */ (event).detail.command;
+    profile.refresh();
+  });
+  const openFile = acceptFiles(map, plan, layers, refuse);
+  addMapButtons(openFile, profile);
   await plan.load();
   fit();
   document.documentElement.dataset.ready = "yes";
+  const fields = await get("/api/fields");
+  settings.append(new Settings(plan, fields).page);
+  requirement.append(new Requirement(plan, fields).page);
+  document.documentElement.dataset.forms = "yes";
+  compare.show();
 }
 
 /** @param {Plan} plan @param {Live} live @param {RouteLayer} route @param {ErrorLayer} errors @param {Layers} layers */
 function listen(plan, live, route, errors, layers) {
   const state = document.documentElement.dataset;
+  plan.addEventListener("change", () => refuse(""));
   plan.addEventListener("refused", (event) => refuse(/** @type {CustomEvent} */ (event).detail));
   live.addEventListener("route", (event) => {
     const found = /** @type {CustomEvent} */ (event).detail;
-    refuse("");
+    refuse("", "plan");
     route.show(found);
     showFacts(found);
     state.route = `${found.revision}${found.is_provisional ? "~" : ""}`;
@@ -120,7 +176,7 @@ function listen(plan, live, route, errors, layers) {
     state.error = found ? `${plan.revision} ${found.detail}${found.is_provisional ? "~" : ""}` : `${plan.revision} none`;
   });
   live.addEventListener("refused", (event) => {
-    refuse(/** @type {CustomEvent} */ (event).detail);
+    refuse(/** @type {CustomEvent} */ (event).detail, "plan");
     route.show(null);
     showFacts(null);
     errors.show(null);

@@ -61,7 +61,7 @@ export class Plan extends EventTarget {
   /** @param {unknown} error */
   async #refused(error) {
     const sentence = error instanceof Error ? error.message : String(error);
-    this.dispatchEvent(new CustomEvent("refused", { detail: sentence }));
     if (error instanceof Refusal && error.status !== 0) this.#take(await get("/api/plan"));
+    this.dispatchEvent(new CustomEvent("refused", { detail: sentence }));
   }
 }

@@ -9,11 +9,21 @@ export const ROVERS = ["#d55e00", "#0072b2", "#009e73", "#aa4499", "#b58900", "#
 export class RouteLayer {
   constructor() {
     this.source = new ol.source.Vector();
+    this.driven = new ol.source.Vector();
+    const style = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#1d2a35", width: 1.6 }) });
+    this.drivenLayer = new ol.layer.Vector({ source: this.driven, style, zIndex: 14 });
     this.layer = new ol.layer.Vector({ source: this.source, style: styles, zIndex: 12 });
+  }
+
+  /** @param {number[][][]} paths That the rovers of a simulated mission believe they drove. */
+  showDriven(paths) {
+    this.driven.clear(true);
+    this.driven.addFeatures(paths.map((places) => new ol.Feature({ geometry: new ol.geom.LineString(places) })));
   }
 
   /** @param {PlanSummary|null} plan */
   show(plan) {
+    this.driven.clear(true);
     this.source.clear(true);
     if (!plan) return;
     const lines = plan.legs.map((leg) => new ol.Feature({ geometry: new ol.geom.LineString(leg.places), kind: leg.kind, rover: leg.rover }));

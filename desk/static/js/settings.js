@@ -3,7 +3,7 @@ import { element } from "./dom.js";
 import { fieldRow, titleOf } from "./form.js";
 
 /** @typedef {import("./plan.js").Plan} Plan */
-/** @typedef {import("./types.js").Site} Site */
+/** @typedef {import("./types.js").Fields} Fields */
 
 const SIZES = ["swaths", "spacing_m", "budget_m", "rmse_m"];
 const FIRST = {
@@ -15,12 +15,13 @@ const FIRST = {
 const LEFT_OUT = ["end_m", "candidates_deg"];
 
 export class Settings {
-  /** @param {Plan} plan @param {Site} site */
-  constructor(plan, site) {
+  /** @param {Plan} plan @param {Fields} fields */
+  constructor(plan, fields) {
     this.plan = plan;
-    this.site = site;
+    this.about = fields;
     this.page = element("div");
     plan.addEventListener("change", () => this.show());
+    this.show();
   }
 
   /** Show the settings of the document; the input that has the focus stays where it is. */
@@ -37,9 +38,9 @@ export class Settings {
   }
 
   #pattern() {
-    const names = Object.keys(this.site.fields.planner);
+    const names = Object.keys(this.about.planner);
     const field = { name: "pattern", help: "How the swaths are laid over the area.", default: "lawnmower", kind: "choice", choices: names };
-    const fields = this.site.fields.planner[this.#planner.pattern] ?? [];
+    const fields = this.about.planner[this.#planner.pattern] ?? [];
     const row = (/** @type {any} */ about) => this.#row("planner", about);
     const first = fields.filter((about) => FIRST.planner.includes(about.name));
     const rest = fields.filter((about) => ![...FIRST.planner, ...SIZES, ...LEFT_OUT].includes(about.name));
@@ -65,7 +66,7 @@ export class Settings {
 
   /** @param {"rover"|"fleet"} section @param {string} title */
   #section(section, title) {
-    const fields = this.site.fields[section].filter((field) => !LEFT_OUT.includes(field.name));
+    const fields = this.about[section].filter((field) => !LEFT_OUT.includes(field.name));
     const first = fields.filter((field) => FIRST[section].includes(field.name));
     const rest = fields.filter((field) => !FIRST[section].includes(field.name));
     const rows = (/** @type {any[]} */ some) => some.map((field) => this.#row(section, field));
@@ -84,7 +85,7 @@ export class Settings {
 
   /** @param {string} pattern Settings that the new pattern does not have are left behind. */
   #usePattern(pattern) {
-    const known = this.site.fields.planner[pattern].map((field) => field.name);
+    const known = this.about.planner[pattern].map((field) => field.name);
     this.plan.edit("Choose the pattern", (document) => {
       const taken = Object.entries(document.planner).filter(([name]) => known.includes(name));
       document.planner = { ...Object.fromEntries(taken), pattern };

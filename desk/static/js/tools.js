@@ -30,6 +30,8 @@ export class Tools {
     this.events = new EventTarget();
     /** @type {any[]} */
     this.active = [];
+    this.remove = iconButton("remove", "Remove what is selected (Delete)", () => this.removeSelected());
+    this.remove.disabled = true;
     this.#buttons();
     map.on("singleclick", (/** @type {any} */ event) => this.tool === "select" && this.#selectAt(event.pixel));
     plan.addEventListener("change", () => this.show());
@@ -79,8 +81,6 @@ export class Tools {
       button.dataset.tool = name;
       return button;
     });
-    this.remove = iconButton("remove", "Remove what is selected (Delete)", () => this.removeSelected());
-    this.remove.disabled = true;
     byId("tools").append(...buttons, element("hr"), this.remove, element("hr"));
   }
 

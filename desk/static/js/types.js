@@ -27,8 +27,8 @@
  * @property {string[]} slope_colours
  * @property {number} largest_slope_deg
  * @property {number} contour_interval_m
- * @property {{planner: Record<string, Field[]>, rover: Field[], fleet: Field[]}} fields
  */
+/** @typedef {{planner: Record<string, Field[]>, rover: Field[], fleet: Field[], requirement: Field[]}} Fields */
 /** @typedef {{kind: string, rover: number, places: Place[]}} Leg */
 /**
  * @typedef {object} PlanSummary

@@ -1,0 +1,1 @@
+"""Long computations of the desk, with progress: guarantees, curves of error against swaths, missions."""

@@ -1,0 +1,100 @@
+"""What the desk can be opened with: a raster, a plan of the desk, a mission file, a run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from desk.plan.document import PlanDocument
+from desk.plan.history import SUFFIX, read_history
+from desk.workspace import Workspace
+from survey.core.errors import InputError
+
+if TYPE_CHECKING:
+    from sim.config.mission import MissionConfig
+    from survey.data.area import SurveyArea
+    from survey.data.dem import Dem
+
+
+def open_workspace(source: Path | None, folder: Path) -> Workspace:
+    """Open what the command names.
+
+    Parameters
+    ----------
+    source : pathlib.Path or None
+        Raster of elevations, plan of the desk (``.desk.json``), mission file (``.toml``), run folder, or None for the
+        plan in `folder` that was changed last.
+    folder : pathlib.Path
+        The current folder; plans of missions and runs are stored there.
+
+    Returns
+    -------
+    Workspace
+        Its working folder is that of the raster or the plan.
+
+    Raises
+    ------
+    InputError, ConfigError
+        Nothing to open, or it cannot be used.
+    """
+    source = source or _latest_plan(folder)
+    if source.name.endswith(SUFFIX):
+        history = read_history(source)
+        return Workspace(source.parent / Path(history.terrain).name, source, history.document)
+    if source.is_dir():
+        return _of_run(source, folder)
+    if source.suffix == ".toml":
+        return _of_mission(source, folder)
+    return Workspace(source, source.parent / f"{source.stem}{SUFFIX}", PlanDocument())
+
+
+def _latest_plan(folder: Path) -> Path:
+    """Return the plan of a folder that was changed last."""
+    plans = sorted(folder.glob(f"*{SUFFIX}"), key=lambda file: file.stat().st_mtime)
+    if not plans:
+        raise InputError(
+            f"the folder {folder} holds no plan of the desk ({SUFFIX}); name a raster of elevations, as in "
+            "firnline desk srtm.tif, or try firnline desk --demo."
+        )
+    return plans[-1]
+
+
+def _of_mission(source: Path, folder: Path) -> Workspace:
+    from sim.mission.runs import read_mission
+    from sim.world.site import build_world
+
+    mission = read_mission(source)
+    world = build_world(mission)
+    return _workspace(mission, world.area, world.prior, folder)
+
+
+def _of_run(source: Path, folder: Path) -> Workspace:
+    from sim.mission.runs import read_mission
+    from survey.core.runs.store import RunFolder
+    from survey.data.area import SurveyArea
+    from survey.data.dem import Dem
+
+    run = RunFolder.find(source)
+    stage = run.verified("plan")
+    mission = read_mission(run.path / "config.toml")
+    return _workspace(mission, SurveyArea.read(stage / "area.gpkg"), Dem.read(stage / "prior.tif"), folder)
+
+
+def _workspace(mission: "MissionConfig", area: "SurveyArea", prior: "Dem", folder: Path) -> Workspace:
+    """Store the prior of a mission in the current folder, and open it with the mission's settings."""
+    terrain = folder / f"{mission.name}_prior.tif"
+    if not terrain.exists():
+        prior.write(terrain)
+    return Workspace(terrain, folder / f"{mission.name}{SUFFIX}", _document(mission, area))
+
+
+def _document(mission: "MissionConfig", area: "SurveyArea") -> PlanDocument:
+    """Return the survey of a mission, with the settings that differ from their defaults."""
+    from planners.driving.rover import Rover
+
+    planner = mission.planner.model_dump(mode="json", exclude_defaults=True)
+    rover = mission.rover.model_dump(mode="json", exclude_defaults=True, include=set(Rover.model_fields))
+    return PlanDocument.of_area(
+        area,
+        planner={**planner, "pattern": mission.planner.pattern},
+        rover=rover,
+        fleet=mission.fleet.model_dump(mode="json", exclude_defaults=True),
+    )

@@ -1,0 +1,277 @@
+"""Planning in a browser: settings, refusals, requirement, fleet, curve, variants, files, runs."""
+
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.desk.conftest import SOUTH, SQUARE, WEST
+
+
+def facts(opened) -> dict[str, str]:
+    found = opened.page.evaluate(
+        "Object.fromEntries([...document.querySelectorAll('.fact b')].map(b => [b.id, b.textContent]))"
+    )
+    return dict(found)
+
+
+def set_field(opened, field: str, value: str) -> None:
+    revision = opened.server.workspace.store.revision
+    opened.fill(field, value)
+    opened.wait_for_revision(revision + 1)
+
+
+def test_more_swaths_lower_the_error_and_lengthen_the_route(opened):
+    opened.wait_for_error()
+    before = facts(opened)
+    set_field(opened, "planner-swaths", "9")
+    opened.wait_for_error()
+    after = facts(opened)
+    assert float(after["rmse"].split()[0]) < float(before["rmse"].split()[0])
+    assert float(after["fact-length_m"].split()[0]) > float(before["fact-length_m"].split()[0])
+
+
+def test_the_error_map_has_a_legend_in_metres(opened):
+    opened.wait_for_error()
+    legend = opened.page.inner_text("#legend")
+    assert "Predicted standard deviation" in legend
+    assert "m or more" in legend
+
+
+@pytest.mark.parametrize("pattern", ["wavy", "best", "piecewise-continuous"])
+def test_a_pattern_is_chosen(opened, pattern):
+    opened.page.select_option("#planner-pattern", pattern)
+    opened.wait_for_revision(1)
+    assert opened.document["planner"]["pattern"] == pattern
+    opened.wait_for(lambda: (opened.state("route") or "").startswith("1"), "route")
+    assert opened.page.is_hidden("#refusal")
+
+
+def test_the_density_is_given_as_a_spacing(opened):
+    opened.page.select_option("#planner-size_by", "spacing_m")
+    opened.wait_for_revision(1)
+    set_field(opened, "planner-spacing_m", "100")
+    assert opened.document["planner"] == {"pattern": "lawnmower", "spacing_m": 100}
+    opened.wait_for(lambda: "--spacing 100" in opened.page.text_content("#command"), "command")
+
+
+def test_a_setting_that_is_emptied_returns_to_its_default(opened):
+    set_field(opened, "planner-heading_deg", "30")
+    set_field(opened, "planner-heading_deg", "")
+    assert "heading_deg" not in opened.document["planner"]
+
+
+def test_a_setting_out_of_range_is_refused_in_a_sentence_and_undone(opened):
+    set_field(opened, "planner-swaths", "-3")
+    opened.page.wait_for_selector("#refusal:not([hidden])")
+    assert "swaths" in opened.page.inner_text("#refusal")
+    opened.page.click("#history button:first-child")
+    opened.page.wait_for_selector("#refusal", state="hidden")
+
+
+def test_every_field_shows_its_help(opened):
+    opened.page.focus("#rover-max_pitch_deg")
+    assert "Largest slope" in opened.page.inner_text("#rover-max_pitch_deg-help")
+    described = opened.page.evaluate(
+        "[...document.querySelectorAll('.field :is(input, select)')].every(i => document.getElementById(i.getAttribute('aria-describedby') ?? '')?.textContent || i.id === 'shape')"
+    )
+    assert described
+
+
+def test_a_slope_limit_leaves_ground_out(opened):
+    set_field(opened, "rover-max_pitch_deg", "5")
+    opened.wait_for(lambda: "fact-left_out_share" in facts(opened), "share that is left out")
+
+
+def test_a_fleet_without_a_start_is_refused_and_with_one_planned(opened):
+    set_field(opened, "fleet-rovers", "2")
+    opened.page.wait_for_selector("#refusal:not([hidden])")
+    assert "start" in opened.page.inner_text("#refusal")
+    opened.page.click("[data-tool=start]")
+    opened.click(WEST + 250, SOUTH + 250)
+    opened.wait_for_revision(2)
+    opened.page.wait_for_selector("#refusal", state="hidden")
+    opened.wait_for_error()
+    assert (
+        opened.server.workspace.planner.quick(opened.server.workspace.store.document).plan.route.n_rovers == 2
+    )
+
+
+def test_a_requirement_finds_a_plan_that_is_used(opened):
+    opened.tab("require")
+    set_field(opened, "requirement-require", "6")
+    set_field(opened, "requirement-max_swaths", "12")
+    opened.page.select_option("#requirement-surface", "snow")
+    opened.wait_for_revision(3)
+    opened.page.click("#start-guarantee")
+    opened.page.wait_for_selector("#guarantee-sentence")
+    opened.page.click("#use-guarantee")
+    opened.wait_for_revision(4)
+    assert opened.document["planner"]["swaths"] >= 1
+    opened.wait_for_error()
+
+
+def test_a_requirement_that_cannot_be_met_is_refused_with_what_can_be_reached(opened):
+    store = opened.server.workspace.store
+    store.edit(
+        0, "Require", store.document.model_copy(update={"requirement": {"require": "0.001", "max_swaths": 3}})
+    )
+    opened.page.reload()
+    opened.page.wait_for_selector("html[data-forms]", state="attached")
+    opened.tab("require")
+    opened.page.click("#start-guarantee")
+    opened.page.wait_for_selector("#guarantee-sentence")
+    assert "cannot be guaranteed" in opened.page.inner_text("#guarantee-sentence")
+    assert opened.page.query_selector("#use-guarantee") is None
+
+
+def test_the_curve_marks_the_choice_and_another_one_is_used(opened):
+    opened.tab("compare")
+    opened.page.click("#start-curve")
+    opened.page.wait_for_selector("[aria-label='Use 8 swaths']")
+    assert opened.page.locator(".chart .chosen").count() == 1
+    opened.page.click("[aria-label='Use 8 swaths']")
+    opened.wait_for_revision(1)
+    assert opened.document["planner"]["swaths"] == 8
+
+
+def test_variants_stand_side_by_side(opened):
+    opened.tab("compare")
+    opened.page.fill("#variant-name", "four")
+    opened.page.click("#add-variant")
+    opened.page.wait_for_selector("#variants >> text=four")
+    opened.tab("settings")
+    set_field(opened, "planner-swaths", "7")
+    opened.tab("compare")
+    opened.page.fill("#variant-name", "seven")
+    opened.page.click("#add-variant")
+    opened.page.wait_for_selector("#variants >> text=seven")
+    assert opened.page.locator("#variants tbody tr").count() == 2
+    opened.page.click("[aria-label='Show four']")
+    opened.wait_for_revision(2)
+    assert opened.document["planner"]["swaths"] == 4
+    opened.page.click("[aria-label='Remove four']")
+    opened.page.wait_for_selector("#variants >> text=four", state="detached")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        ".plan",
+        ".waypoints",
+        ".gpx",
+        ".kml",
+        ".csv",
+        ".geojson",
+        ".pdf",
+        ".qgz",
+        "mission.zip",
+        "sigma.tif",
+        "area.gpkg",
+    ],
+)
+def test_a_file_is_saved_with_the_bytes_of_the_commands(opened, kind, tmp_path):
+    from desk.plan.exports import PlanExport
+
+    opened.tab("files")
+    with opened.page.expect_download() as download:
+        opened.page.click(f"[data-kind='{kind}']")
+    saved = tmp_path / download.value.suggested_filename
+    download.value.save_as(saved)
+    work = opened.server.workspace
+    document = work.store.document
+    expected = PlanExport(work.planner.exact(document), document, work.name, work.terrain).file(kind)
+    assert saved.name == expected.name
+    assert _content(saved.read_bytes()) == _content(expected.content)
+
+
+def _content(data: bytes) -> object:
+    """Return the files of an archive, or the bytes; inner archives of QGIS hold the time of writing."""
+    import io
+
+    if not data.startswith(b"PK"):
+        return data
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {
+            name: _content(archive.read(name))
+            for name in archive.namelist()
+            if not name.endswith((".qgz", ".gpkg", ".qgd"))
+        }
+
+
+def test_a_file_of_a_plan_that_is_refused_is_not_saved(opened):
+    set_field(opened, "planner-swaths", "-3")
+    opened.tab("files")
+    opened.page.click("[data-kind='.gpx']")
+    opened.page.wait_for_selector("#refusal:not([hidden])")
+    assert "swaths" in opened.page.inner_text("#refusal")
+
+
+def test_the_command_beside_the_plan_is_that_of_its_settings(opened):
+    set_field(opened, "rover-max_roll_deg", "20")
+    opened.tab("files")
+    opened.wait_for(lambda: "rover.max_roll_deg=20" in opened.page.inner_text("#command"), "command")
+    assert opened.page.inner_text("#command").startswith(
+        "firnline plan hills.gpkg --prior hills.tif --pattern lawnmower --swaths 4"
+    )
+
+
+def test_a_mission_runs_in_the_page_to_a_report(opened):
+    set_field(opened, "planner-swaths", "2")
+    opened.tab("files")
+    opened.page.click("#start-mission")
+    opened.page.wait_for_selector("#mission-result a")
+    assert "RMSE" in opened.page.inner_text("#mission-result")
+    with opened.page.context.expect_page() as report:
+        opened.page.click("#mission-result a")
+    report.value.wait_for_load_state()
+    assert "hills" in report.value.content()
+
+
+def test_the_profile_follows_the_route_by_keyboard(opened):
+    opened.wait_for_error()
+    opened.page.click("[aria-label='Elevation along the route']")
+    opened.page.wait_for_selector("#profile .curve")
+    opened.page.focus("#along")
+    opened.page.keyboard.press("ArrowRight")
+    opened.wait_for(lambda: "km" in opened.page.inner_text("#along-text"), "place on the route")
+
+
+def test_an_outline_that_is_opened_becomes_an_area(opened, tmp_path):
+    from desk.plan.document import PlanDocument
+
+    corners = tuple((x - 100.0, y - 100.0) for x, y in SQUARE[:3])
+    PlanDocument(areas=((corners,),)).survey_area(opened.server.workspace.crs).write(tmp_path / "site.kml")
+    opened.page.set_input_files("#open-file", tmp_path / "site.kml")
+    opened.wait_for_revision(1)
+    assert len(opened.document["areas"]) == 2
+
+
+def test_a_raster_that_is_opened_becomes_a_layer(opened, dem_file):
+    opened.page.set_input_files("#open-file", dem_file)
+    opened.page.wait_for_selector("#layers >> text=hills.tif")
+    assert "hills.tif" in opened.page.inner_text("#legend")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("site.kml", b"<kml>"),
+        ("notes.txt", b"text"),
+        ("map.tif", b"II*\x00broken"),
+        ("points.csv", b"a,b\n1,2\n"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_a_sentence(opened, tmp_path: Path, name, content):
+    (tmp_path / name).write_bytes(content)
+    opened.page.set_input_files("#open-file", tmp_path / name)
+    opened.page.wait_for_selector("#refusal:not([hidden])")
+    assert name.split(".")[0] in opened.page.inner_text("#refusal")
+    assert opened.server.workspace.store.revision == 0
+
+
+def test_layers_are_shown_and_hidden(opened):
+    opened.page.check("#show-slope")
+    assert "45° or more" in opened.page.inner_text("#legend")
+    opened.page.uncheck("#show-relief")
+    assert "Elevation" not in opened.page.inner_text("#legend")

@@ -1,0 +1,129 @@
+"""Jobs over the server: events, refusals, giving up, the report of a run."""
+
+import json
+import time
+
+import pytest
+
+from desk.jobs.job import Job, Jobs
+from survey.core.errors import CapacityError, InputError
+
+
+def events_of(page, kind):
+    job = page.post("/api/jobs", {"kind": kind}).json()["job"]
+    lines = page.get(f"/api/jobs/{job}/events").text.splitlines()
+    return [json.loads(line.removeprefix("data: ")) for line in lines if line.startswith("data: ")]
+
+
+def edit(page, **changes):
+    state = page.get("/api/plan").json()
+    document = {**state["document"], **changes}
+    assert (
+        page.post(
+            "/api/edit", {"revision": state["revision"], "title": "Test", "document": document}
+        ).status_code
+        == 200
+    )
+
+
+def test_the_curve_falls_with_the_number_of_swaths(page):
+    *points, last = events_of(page, "curve")
+    assert last["kind"] == "done"
+    curve = sorted((point["swaths"], point["rmse_m"]) for point in points)
+    assert [error for _, error in curve] == sorted((error for _, error in curve), reverse=True)
+    assert [point["swaths"] for point in points if point["is_chosen"]] == [4]
+
+
+def test_a_requirement_ends_with_a_plan_or_a_sentence(page):
+    edit(page, requirement={"require": "1.5", "probability": 0.8, "surface": "snow", "max_swaths": 12})
+    done = events_of(page, "guarantee")[-1]
+    assert done["kind"] == "done"
+    assert "RMSE" in done["sentence"]
+    assert done["command"].startswith(
+        "firnline plan hills.gpkg --prior hills.tif --require 1.5 --probability 0.8"
+    )
+    if done["holds"]:
+        assert done["planner"]["swaths"] >= 1
+
+
+def test_what_cannot_be_guaranteed_is_refused_with_what_can_be_reached(page):
+    edit(page, requirement={"require": "0.001", "max_swaths": 3})
+    done = events_of(page, "guarantee")[-1]
+    assert not done["holds"]
+    assert "cannot be guaranteed" in done["sentence"]
+    assert "they reach" in done["sentence"]
+
+
+def test_a_requirement_without_a_class_is_refused(page):
+    assert "no class is required" in events_of(page, "guarantee")[-1]["error"]
+
+
+def test_a_wrong_class_is_refused(page):
+    edit(page, requirement={"require": "class-9"})
+    assert "class-9" in events_of(page, "guarantee")[-1]["error"]
+
+
+def test_a_mission_runs_with_its_stages_to_a_report(page, workspace):
+    edit(page, planner={"pattern": "lawnmower", "swaths": 2})
+    found = events_of(page, "mission")
+    assert [event["stage"] for event in found if event["kind"] == "stage"][1:] == [
+        "plan",
+        "simulate",
+        "localize",
+        "reconstruct",
+        "score",
+        "report",
+    ]
+    assert any(event["kind"] == "driven" and len(event["paths"][0]) > 50 for event in found)
+    done = found[-1]
+    assert done["kind"] == "done", done
+    assert done["rmse_m"] > 0.0
+    report = page.get(done["report"])
+    assert report.status_code == 200
+    assert "sandbox" in report.headers["content-security-policy"]
+    assert (workspace.folder / "hills_mission" / "hills.toml").exists()
+    assert page.get(done["report"].replace("index.html", "..%2fmanifest.json")).status_code == 404
+
+
+@pytest.mark.parametrize("body", [{"kind": "shell"}, {}, {"kind": "curve", "path": "/etc"}])
+def test_an_unknown_job_is_refused(page, body):
+    assert page.post("/api/jobs", body).status_code == 422
+
+
+def test_a_job_that_does_not_exist_is_refused(page):
+    assert page.get("/api/jobs/none/events").status_code == 422
+    assert page.delete("/api/jobs/none").status_code == 422
+
+
+def endless(job: Job) -> dict[str, object]:
+    while True:
+        job.progress("waiting", 0, 1)
+        time.sleep(0.005)
+
+
+def test_a_job_is_given_up_at_its_next_report():
+    jobs = Jobs()
+    job = jobs.start(endless)
+    job.cancel()
+    assert [event["kind"] for event in job.events() if event][-1] == "cancelled"
+
+
+def test_a_few_jobs_run_at_once():
+    jobs = Jobs()
+    for _ in range(3):
+        jobs.start(endless)
+    with pytest.raises(CapacityError, match="are running"):
+        jobs.start(endless)
+    jobs.cancel_all()
+
+
+def test_a_fault_of_a_job_is_one_sentence(caplog):
+    def faulty(job: Job) -> dict[str, object]:
+        raise ZeroDivisionError("by zero")
+
+    def refused(job: Job) -> dict[str, object]:
+        raise InputError("it is wrong; correct it.")
+
+    jobs = Jobs()
+    assert "internal fault, ZeroDivisionError" in list(jobs.start(faulty).events())[-1]["error"]
+    assert list(jobs.start(refused).events())[-1]["error"] == "it is wrong; correct it."

@@ -1,0 +1,70 @@
+"""Files that are dropped onto the page."""
+
+import pytest
+
+from desk.plan.document import PlanDocument
+from desk.plan.dropped import dropped
+from survey.core.errors import FirnlineError
+from survey.data.area import SurveyArea
+from tests.desk.conftest import SOUTH, SQUARE, WEST
+
+
+def area() -> SurveyArea:
+    from pyproj import CRS
+
+    return PlanDocument(areas=((SQUARE,),), starts=((WEST + 300.0, SOUTH + 300.0),)).survey_area(
+        CRS("EPSG:32608")
+    )
+
+
+@pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".kml"])
+def test_an_outline_comes_with_its_starts_in_the_crs_of_the_terrain(tmp_path, suffix):
+    file = tmp_path / f"site{suffix}"
+    area().write(file)
+    found = dropped(file.name, file.read_bytes(), area().crs)
+    assert found["kind"] == "outline"
+    (outline,) = found["document"]["areas"][0]
+    assert min(x for x, _ in outline) == pytest.approx(WEST + 200.0, abs=1e-3)
+    assert found["document"]["starts"][0] == pytest.approx([WEST + 300.0, SOUTH + 300.0], abs=1e-3)
+
+
+def test_a_raster_becomes_an_image_with_its_place(dem_file):
+    found = dropped("error.tif", dem_file.read_bytes(), area().crs)
+    assert found["kind"] == "raster"
+    assert found["bounds"] == [WEST, SOUTH, WEST + 900.0, SOUTH + 900.0]
+    assert found["limits"][0] < found["limits"][1]
+
+
+def test_points_are_thinned_and_counted():
+    rows = "\n".join(f"{WEST + k},{SOUTH + k},800.0,0.1" for k in range(6000))
+    found = dropped("points.csv", f"x_m,y_m,z_m,sigma_z_m\n{rows}\n".encode(), area().crs)
+    assert found["n_points"] == 6000
+    assert len(found["places"]) == 3000
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("page.html", b"<html>"),
+        ("noending", b"x"),
+        ("../../evil.sh", b"x"),
+        ("site.kml", b"<kml>"),
+        ("site.geojson", b'{"type": "FeatureCollection", "features": []}'),
+        ("site.gpkg", b"SQLite format 3\x00 broken"),
+        ("map.tif", b"II*\x00" + bytes(100)),
+        ("points.csv", b"a,b\n1,2\n"),
+        ("empty.kml", b""),
+    ],
+)
+def test_a_wrong_file_is_refused_by_its_name(name, content):
+    with pytest.raises(FirnlineError) as refused:
+        dropped(name, content, area().crs)
+    assert "firnline-desk-" not in str(refused.value)
+    assert str(refused.value).endswith(".")
+
+
+def test_an_outline_beside_a_raster_in_another_crs_is_refused(dem_file):
+    from pyproj import CRS
+
+    with pytest.raises(FirnlineError, match="different systems"):
+        dropped("error.tif", dem_file.read_bytes(), CRS("EPSG:32609"))

@@ -1,0 +1,100 @@
+"""Files that the desk hands out are those that the commands write."""
+
+import io
+import shlex
+import zipfile
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from desk.plan.document import PlanDocument
+from desk.plan.exports import KINDS, PlanExport
+from desk.plan.live import LivePlanner
+from desk.plan.request import command_of
+from sim.cli.main import app
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from tests.desk.conftest import SOUTH, SQUARE, WEST
+
+STARTS = ((WEST + 210.0, SOUTH + 210.0), (WEST + 690.0, SOUTH + 210.0))
+OTHERS = (".gpx", ".kml", ".csv", ".wkt", ".plan", ".waypoints")
+
+
+def run(command: str) -> None:
+    result = CliRunner().invoke(app, shlex.split(command)[1:])
+    assert result.exit_code == 0, result.output
+
+
+@pytest.fixture
+def place(dem_file, tmp_path, monkeypatch) -> Path:
+    """Folder with the terrain, as the current one."""
+    monkeypatch.chdir(tmp_path)
+    Path("hills.tif").write_bytes(dem_file.read_bytes())
+    return tmp_path
+
+
+def export_of(document: PlanDocument) -> PlanExport:
+    terrain = Path("hills.tif")
+    live = LivePlanner(terrain, Dem.read(terrain).crs).exact(document)
+    live.plan.area.write("site.gpkg")
+    return PlanExport(live, document, "site", terrain)
+
+
+def test_routes_for_other_tools_have_the_bytes_of_the_commands(place):
+    document = PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 3})
+    export = export_of(document)
+    run(command_of(document, "site.gpkg", "hills.tif", "route.geojson"))
+    Path("made").mkdir()
+    for suffix in OTHERS:
+        run(f"firnline export route.geojson made/site{suffix} --area site.gpkg --dem hills.tif")
+        assert export.file(suffix).content == Path(f"made/site{suffix}").read_bytes(), suffix
+
+
+def test_sheets_and_error_have_the_bytes_of_the_command(place):
+    document = PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 3})
+    packed = export_of(document).file(".pdf")
+    Path("made").mkdir()
+    run(command_of(document, "site.gpkg", "hills.tif", "made/site.pdf"))
+    with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
+        assert set(archive.namelist()) == {"site.pdf", "site.geojson", "site_sigma.tif"}
+        for name in ("site.pdf", "site.geojson", "site_sigma.tif"):
+            assert archive.read(name) == Path("made", name).read_bytes(), name
+
+
+def test_a_fleet_gets_a_mission_for_each_rover(place):
+    document = PlanDocument(areas=((SQUARE,),), starts=STARTS, fleet={"rovers": 2})
+    packed = export_of(document).file(".plan")
+    with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
+        assert archive.namelist() == ["site_rover1.plan", "site_rover2.plan"]
+
+
+def test_the_mission_runs_to_the_same_route(place):
+    document = PlanDocument(
+        areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 3}, rover={"speed_m_s": 0.5}
+    )
+    packed = export_of(document).file("mission.zip")
+    with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
+        archive.extractall("mission")
+    run("firnline plan mission/site.toml --runs runs -q")
+    from survey.data.route import Route
+
+    (route,) = Path("runs").glob("site/*/1-plan/route.geojson") or [None]
+    made = Route.read(route)
+    expected = export_of(document).live.plan.route
+    assert [leg.xy.tolist() for leg in made.legs] == [leg.xy.tolist() for leg in expected.legs]
+
+
+def test_every_kind_is_written(place):
+    export = export_of(PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 2}))
+    for kind in KINDS:
+        file = export.file(kind)
+        assert len(file.content) > 100, kind
+        assert file.name.startswith("site"), kind
+
+
+@pytest.mark.parametrize("kind", ["", "exe", "../../etc/passwd", ".toml"])
+def test_an_unknown_kind_is_refused(place, kind):
+    export = export_of(PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 2}))
+    with pytest.raises(InputError, match="not known"):
+        export.file(kind)

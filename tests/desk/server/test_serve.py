@@ -1,0 +1,89 @@
+"""The command: address, parallel requests, refusals."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+from sim.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def running(dem_file, tmp_path) -> Iterator[tuple[subprocess.Popen, str]]:
+    """A desk in a process of its own, and its address."""
+    (tmp_path / "hills.tif").write_bytes(dem_file.read_bytes())
+    command = [sys.executable, "-m", "firnline", "desk", "hills.tif", "--no-browser"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True
+    ) as process:
+        yield process, re.search(r"http\S+", process.stdout.readline())[0]
+        process.kill()
+
+
+def test_a_real_server_answers_a_hundred_requests_at_once_and_ends_on_interrupt(running):
+    process, address = running
+    assert address.startswith("http://127.0.0.1:")
+    origin = address.split("/?")[0]
+    with httpx.Client(timeout=60.0) as client:
+        client.get(address).raise_for_status()
+        paths = ["/api/plan", "/tiles/relief/0/0/0.png", "/static/js/main.js", "/api/site"] * 25
+        with ThreadPoolExecutor(100) as pool:
+            found = list(pool.map(lambda path: client.get(origin + path).status_code, paths))
+    assert found == [200] * 100
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20.0) in (0, 130)
+
+
+def test_a_real_server_is_not_reached_from_elsewhere(running):
+    _, address = running
+    port = int(re.search(r":(\d+)/", address)[1])
+    others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {
+        "127.0.0.1",
+        "127.0.1.1",
+    }
+    for host in others:
+        with pytest.raises(ConnectionError):
+            socket.create_connection((host, port), timeout=2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "text"),
+    [
+        (["missing.tif"], 3, "missing.tif"),
+        ([], 3, "holds no plan of the desk"),
+        (["notes.txt"], 3, "notes.txt"),
+        (["--demo", "hills.tif"], 4, "leave out hills.tif"),
+        (["broken.desk.json"], 3, "damaged"),
+    ],
+)
+def test_what_cannot_be_opened_is_refused_in_a_sentence(tmp_path, monkeypatch, arguments, code, text):
+    monkeypatch.chdir(tmp_path)
+    Path("notes.txt").write_text("text")
+    if "broken.desk.json" in arguments:
+        Path("broken.desk.json").write_text("{")
+    result = CliRunner().invoke(app, ["desk", *arguments, "--no-browser"])
+    assert result.exit_code == code, result.output
+    assert text in result.output
+    assert "Traceback" not in result.output
+
+
+def test_a_port_that_is_taken_is_refused(dem_file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("hills.tif").write_bytes(dem_file.read_bytes())
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        result = CliRunner().invoke(app, ["desk", "hills.tif", "--port", port, "--no-browser"])
+    assert result.exit_code == 3
+    assert f"port {port}" in result.output

@@ -1,0 +1,31 @@
+"""Plans that are set aside, and the profile along a route."""
+
+import pytest
+
+
+def test_a_variant_is_set_aside_compared_and_removed(page, workspace):
+    found = page.post("/api/variants", {"name": "dense"}).json()["variants"]
+    assert [variant["name"] for variant in found] == ["dense"]
+    assert found[0]["facts"]["rmse_m"].endswith(" m")
+    assert workspace.store.revision == 0
+    assert page.post("/api/variants", {"name": "dense"}).json()["variants"][0]["name"] == "dense"
+    assert page.delete("/api/variants/0").json()["variants"] == []
+
+
+@pytest.mark.parametrize("name", ["", "   ", "x" * 81, 7, None])
+def test_a_variant_needs_a_name(page, name):
+    assert page.post("/api/variants", {"name": name}).status_code == 422
+
+
+def test_a_variant_that_is_refused_says_why(page):
+    state = page.get("/api/plan").json()
+    page.post("/api/edit", {"revision": 0, "title": "Empty", "document": {**state["document"], "areas": []}})
+    (row,) = page.post("/api/variants", {"name": "empty"}).json()["variants"]
+    assert "no area is drawn" in row["error"]
+
+
+def test_the_profile_follows_the_route(page):
+    (rover,) = page.get("/api/profile").json()["rovers"]
+    assert len(rover["distance_m"]) == len(rover["heights_m"]) == len(rover["places"])
+    assert rover["distance_m"] == sorted(rover["distance_m"])
+    assert 760.0 < min(rover["heights_m"]) < max(rover["heights_m"]) < 840.0

@@ -1,0 +1,84 @@
+"""What the desk can be opened with."""
+
+import numpy as np
+import pytest
+
+from desk.demo import write_demo
+from desk.sources import open_workspace
+from sim.cli.mission_file import run_until
+from sim.cli.options import RunOptions
+from survey.core.errors import InputError
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+
+MISSION = """
+schema_version = 1
+name = "small"
+fidelity = "ideal"
+terrain = { source = "random", size_m = 150.0, step_m = 3.0, length_scale_m = 60.0 }
+planner = { pattern = "lawnmower", swaths = 3 }
+rover = { max_pitch_deg = 25.0, camera_height_m = 0.9 }
+"""
+
+
+def test_a_mission_brings_its_area_prior_and_settings(tmp_path):
+    (tmp_path / "small.toml").write_text(MISSION)
+    with open_workspace(tmp_path / "small.toml", tmp_path) as desk:
+        document = desk.store.document
+        assert document.planner == {"pattern": "lawnmower", "swaths": 3}
+        assert document.rover == {"max_pitch_deg": 25.0}
+        assert len(desk.planner.quick(document).plan.route.swaths) == 3
+
+
+def test_a_run_brings_its_area_prior_and_settings(tmp_path):
+    (tmp_path / "small.toml").write_text(MISSION)
+    _, run = run_until(tmp_path / "small.toml", "plan", RunOptions(runs=tmp_path / "runs", quiet=True))
+    with open_workspace(run.path, tmp_path) as desk:
+        assert desk.store.document.planner["swaths"] == 3
+        assert desk.folder == tmp_path
+
+
+def test_a_raster_in_degrees_is_projected_as_the_command_does(tmp_path):
+    import rasterio
+    from rasterio.transform import from_origin
+
+    heights = np.add.outer(np.arange(40.0), np.arange(60.0)).astype(np.float32) + 500
+    profile = {
+        "driver": "GTiff",
+        "dtype": "float32",
+        "count": 1,
+        "width": 60,
+        "height": 40,
+        "crs": "EPSG:4326",
+    }
+    with rasterio.open(
+        tmp_path / "degrees.tif", "w", **profile, transform=from_origin(7.9, 46.6, 0.0003, 0.0003)
+    ) as file:
+        file.write(heights, 1)
+    with open_workspace(tmp_path / "degrees.tif", tmp_path) as desk:
+        assert desk.crs.to_epsg() == 32632
+        assert desk.tiles.png("relief", 0, 0, 0)
+
+
+def test_a_polar_raster_is_shown_in_its_own_crs(tmp_path):
+    grid = Grid((-200_000.0, -2_200_000.0, -198_000.0, -2_198_000.0), 100.0, "EPSG:3413")
+    Dem.on(grid, np.add.outer(np.arange(21.0), np.arange(21.0))).write(tmp_path / "polar.tif")
+    with open_workspace(tmp_path / "polar.tif", tmp_path) as desk:
+        assert desk.crs.to_epsg() == 3413
+        assert abs(desk.map_scale - 1.0) < 0.05
+
+
+def test_the_demo_is_written_once(tmp_path):
+    plan = write_demo(tmp_path / "demo")
+    before = plan.stat().st_mtime_ns
+    assert write_demo(tmp_path / "demo") == plan
+    assert plan.stat().st_mtime_ns == before
+    with open_workspace(plan, tmp_path) as desk:
+        assert desk.store.document.survey_area(desk.crs).ground_area_m2 == pytest.approx(1e6, rel=0.01)
+
+
+def test_a_plan_whose_raster_is_gone_is_refused_by_its_name(tmp_path):
+    plan = write_demo(tmp_path / "demo")
+    plan.with_name("srtm_sample.tif").unlink()
+    with pytest.raises(InputError, match=r"srtm_sample\.tif"):
+        open_workspace(plan, tmp_path)
