@@ -79,8 +79,7 @@ def test_the_mission_runs_to_the_same_route(place):
     run("firnline plan mission/site.toml --runs runs -q")
     from survey.data.route import Route
 
-    (route,) = Path("runs").glob("site/*/1-plan/route.geojson") or [None]
-    made = Route.read(route)
+    made = Route.read("runs/site/latest/1-plan/route.geojson")
     expected = export_of(document).live.plan.route
     assert [leg.xy.tolist() for leg in made.legs] == [leg.xy.tolist() for leg in expected.legs]
 
