@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.mission import MissionConfig
 from sim.mission.drives import drive
 from sim.mission.fleet import (
@@ -155,3 +156,36 @@ def test_steep_ground_is_marked_for_the_next_plan(tmp_path):
     assert 0.0 <= facts["route_worst_probability"] <= 1.0
     assert (place / "hazard.tif").exists()
     assert (place / "next_area.gpkg").exists()
+
+
+@pytest.mark.slow
+def test_rovers_drive_with_images_and_one_that_stalls_is_replaced(tmp_path):
+    bounds = (500008.0, 6700008.0, 500022.0, 6700022.0)
+    config = mission(
+        fidelity="vision",
+        terrain=TWO["terrain"] | {"size_m": 30.0, "step_m": 0.5, "relief_m": 1.0},
+        area={"bounds_m": bounds, "starts_m": ((500009.0, 6700009.0),)},
+        satellite={"cell_m": 10.0},
+        planner={"pattern": "lawnmower", "swaths": 2},
+        rover={"mass_kg": 18.0, "idle_w": 20.0},
+        scenery=BARE_SCENERY,
+        imaging={"width": 96, "height": 72},
+        physics={"engine": "kinematic"},
+        faults=(STOPPED | {"from_s": 12.0},),
+        fleet={"rovers": 2, "on_loss": "replan"},
+    )
+    run = run_of(config, tmp_path, "simulate")
+    folder = run.folder("simulate")
+    first, second = accounts(folder)
+    assert (first["ending"], second["ending"]) == ("arrived", "stalled")
+    assert second["progress_m"] < 14.0
+    planned = Route.read(run.folder("plan") / "route.geojson")
+    driven = Route.read(folder / "driven_route.geojson")
+    left_m = read_json(folder / LOSS_FILE, "the losses")["lost"][0]["swaths_left_m"]
+    assert sum(leg.length_m for leg in driven.swaths) == pytest.approx(
+        sum(leg.length_m for leg in planned.swaths)
+    )
+    assert left_m > 0.0
+    images = [Recording.read(place / "recording").frames for place in drive_folders(folder)]
+    assert min(len(frames) for frames in images) > 20
+    assert not np.array_equal(images[0][5], images[1][5])
