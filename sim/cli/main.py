@@ -25,7 +25,7 @@ from sim.cli.desk import desk
 from sim.cli.guide import doctor, example, schema, topics
 from sim.cli.guide.version import options
 from sim.cli.outcome import run_guarded
-from sim.cli.science import payload
+from sim.cli.science import payload, rehearse
 
 app = typer.Typer(
     name="firnline",
@@ -52,6 +52,7 @@ for command in (
     report.report,
     run.run,
     montecarlo.montecarlo,
+    rehearse.rehearse,
     fit.fit,
     reproduce.reproduce,
     export.export,

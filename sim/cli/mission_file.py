@@ -141,8 +141,9 @@ def _print_drives(content: dict[str, Any]) -> None:
         typer.echo(fact_line(name, reached))
     if "losses" in content:
         losses = content["losses"]
+        n_lost = len(losses["lost"])
         cost = (
-            f"{len(losses['lost'])} rovers; swaths not driven {losses['swaths_not_driven_m']:.0f} m, extra way "
+            f"{n_lost} rover{'s' * (n_lost > 1)}; swaths not driven {losses['swaths_not_driven_m']:.0f} m, extra way "
             f"{losses['extra_length_m']:.0f} m, extra time {losses['extra_time_s']:.0f} s"
         )
         typer.echo(fact_line("losses", cost))

@@ -17,7 +17,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on 
 Workers = Annotated[
     int | None,
     typer.Option(
-        "--workers", min=1, help="Processes of a drive with images; one for each core when left out, up to 2."
+        "--workers",
+        min=1,
+        help="Processes of drives with images: up to 2 for one rover, one for each rover of a fleet; as many as cores when left out.",
     ),
 ]
 DryRun = Annotated[

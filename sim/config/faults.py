@@ -7,7 +7,7 @@ from typing import Self
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
 from sim.config.sensors import sensor_failures
-from survey.core.config import Section
+from survey.core.config import Section, Share
 
 FAILURES: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -61,6 +61,8 @@ class FaultConfig(Section):
     """Strength; see `FAILURES` for its meaning and usual value."""
     rover: PositiveInt | None = None
     """Rover of the fleet that it befalls, counted from 1; all of them when left out."""
+    probability: Share = 1.0
+    """Probability that it befalls a rover; drawn from the mission's seed."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:

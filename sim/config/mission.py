@@ -12,6 +12,7 @@ from sim.config.fleet import FleetConfig
 from sim.config.mismatch import MismatchConfig
 from sim.config.payload import PayloadConfig
 from sim.config.placed import PlacedSection
+from sim.config.rehearsal import DrawnSetting
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
@@ -195,8 +196,8 @@ class MissionConfig(PlacedSection):
     instruments: InstrumentsConfig = InstrumentsConfig()
     """Instruments of the vision fidelity."""
     faults: tuple[FaultConfig, ...] = ()
-    """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength, rover.
-    Stopped tracks end a drive in every fidelity."""
+    """What goes wrong on a drive in the vision fidelity: tables of component, failure, from_s, until_s, strength, rover,
+    probability. Stopped tracks end a drive in every fidelity."""
     payload: tuple[PayloadConfig, ...] = ()
     """Science payload: tables of name, unit, rate_hz, noise_sd, lag_s, and of the field that is simulated."""
     localization: LocalizationConfig = LocalizationConfig()
@@ -205,6 +206,8 @@ class MissionConfig(PlacedSection):
     """Reconstruction of the terrain."""
     score: ScoreConfig = ScoreConfig()
     """Scoring of the map."""
+    rehearsal: tuple[DrawnSetting, ...] = ()
+    """What the runs of a rehearsal draw beside their seeds: tables of setting and between."""
 
     @model_validator(mode="after")
     def _sees_lines_of_sight(self) -> "MissionConfig":
@@ -275,11 +278,20 @@ class MissionConfig(PlacedSection):
         MissionConfig
             With the `site_seed` of this mission.
         """
-        faults = tuple(fault for fault in self.faults if fault.rover in (None, rover + 1))
+        faults = tuple(
+            fault
+            for k, fault in enumerate(self.faults)
+            if fault.rover in (None, rover + 1) and self._befalls(k, fault, rover)
+        )
         own = self.seed if rover == 0 else int(stream(self.seed, "fleet", rover).integers(2**62))
         alone = self.model_copy(update={"seed": own, "faults": faults})
         alone._site_seed = self.site_seed
         return alone
+
+    def _befalls(self, number: int, fault: FaultConfig, rover: int) -> bool:
+        """Return whether a fault is drawn to befall a rover."""
+        drawn = stream(self.seed, "faults", "drawn", number, rover).random()
+        return bool(drawn < fault.probability)
 
     @property
     def input_files(self) -> dict[str, Path]:
