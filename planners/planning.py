@@ -55,65 +55,46 @@ def plan(
     area : SurveyArea
         What is to be surveyed, and where rovers start.
     prior : Dem or None
-        Elevations known beforehand, in the area's CRS. It may cover a part of the area: the
-        terrain of the rest counts as unknown.
+        Elevations known beforehand, in the area's CRS; beyond them the terrain counts as unknown.
     config : LawnmowerConfig, WavyConfig, PiecewiseContinuousConfig, RandomWanderConfig, VarianceDrivenConfig or BestConfig
-        The pattern and its settings.
+        The pattern and its settings, in metres on the ground.
     rover : Rover, optional
-        Limits of slope and roughness, turning, and what driving takes. No metre of the
-        route lies on ground of the prior that is too steep or too rough.
+        Limits of slope and roughness, turning, and what driving takes; no metre of the route is beyond its limits.
     fleet : Fleet, optional
         How many rovers, and where they finish.
     kernel : survey.reconstruction.gp.covariance.kernels.Kernel, optional
-        Covariance of the unknown terrain, with lengths in the metres of the CRS. Patterns
-        that need one fit it to the prior (`terrain_kernel`) when it is left out.
+        Covariance of the unknown terrain, in metres of the CRS; fitted to the prior (`terrain_kernel`) where the
+        pattern needs one.
     noise_m, sample_step_m : float
-        Standard deviation of a sample of the terrain and the distance between samples
-        [m], for the predicted error.
+        Standard deviation of a sample and distance between samples [m], for the predicted error.
     progress : callable, optional
         Called with what is done, how much of it, and of how much.
 
     Returns
     -------
     Route
-        With ``prediction`` of ``length_m``, ``n_turns``, ``time_s``, ``energy_j`` and
-        ``transit_share``, all on the ground, ``map_scale`` (grid metres for each metre on
-        the ground), ``left_out_share`` of the area where no rover can be,
-        ``prior_covered_share`` of the area on which the prior has a height, and where a
-        kernel is given ``rmse_m``, the error of the map over the complete area. Slopes
-        enter time and energy where the prior has heights along all of the route; else the
-        ground is taken as level. The piecewise-continuous pattern and the random wander are
-        steered while driving: their route holds the reference swaths, which `rollout`
-        or the rover turns into a path, and no ``rmse_m``.
+        With ``prediction``: ``length_m``, ``n_turns``, ``time_s``, ``energy_j`` and ``transit_share`` on the ground;
+        ``map_scale`` (grid metres for each metre on the ground); ``left_out_share`` and ``prior_covered_share`` of the
+        area; and ``rmse_m`` of the complete map where a kernel is given. Slopes enter time and energy where the prior
+        covers the route. Patterns that are steered while driving return their reference swaths (see `rollout`).
 
     Raises
     ------
     TypeError
         ``config`` is no configuration of a planner.
     InputError
-        A prior in another CRS than the area, or without a height on it; an area that no
-        swath meets or on which the rover can drive nowhere; a start where it cannot be;
-        starts that do not fit the fleet; no prior and no kernel where they are needed.
+        A prior in another CRS or without a height; an area that no swath meets, or on which the rover can drive
+        nowhere; starts that do not fit; no prior and no kernel where they are needed.
     CapacityError
         More swaths, waypoints, cells or rovers than `planners.capacity` allows.
     ConfigError
-        A negative noise, a sample spacing that is not greater than 0; a pattern that the
-        rover or the fleet cannot drive.
+        A negative noise, a sample spacing of 0; a pattern that the rover or the fleet cannot drive.
 
     Notes
     -----
-    Settings are metres on the ground. Where the linear scale factor of the CRS is within
-    1 % of 1 they are taken as grid metres; elsewhere they are converted with the mean
-    factor over the area, and a warning says so. ``Route.length_m`` and ``Route.spacing_m``
-    are grid metres.
-
-    The predicted error follows from the covariance and the samples alone: heights of the
-    prior do not make it smaller. Terrain that the prior does not cover has the same
-    covariance, fitted to the cells that it has.
-
-    Ground that is too steep, too rough, too narrow or cut off from every start is left
-    out; a warning is logged with its share, and with place and reason of its largest
-    pieces. `drivable` returns all of them.
+    Settings are converted to grid metres where the scale factor of the CRS differs from 1 by more than 1 %, with a
+    warning. ``Route.length_m`` and ``Route.spacing_m`` are grid metres. The predicted error follows from covariance and
+    samples alone. Ground that cannot be driven is left out with a warning; `drivable` returns its pieces.
 
     Examples
     --------
