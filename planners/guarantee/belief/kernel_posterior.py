@@ -8,7 +8,7 @@ import numpy as np
 
 from planners.guarantee.belief.prior_blocks import PriorBlocks
 from planners.guarantee.belief.prior_fit import fitted_family
-from planners.guarantee.belief.surfaces import SURFACES, Surface
+from planners.guarantee.belief.surfaces import SURFACES, Surface, roughness_elsewhere
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.gp.covariance.families import SearchedFamily
@@ -136,8 +136,9 @@ def posterior_from_prior(
                r = \sigma_{prior} / \mathrm{sd}(\mathrm{cells})
 
     so that a worse prior never makes a survey more certain, and one that is older than the ground, with a stated
-    deviation of many metres, leaves the roughness as open as it is from landscape to landscape. The spread of the class
-    of surface is a factor of its own.
+    deviation of many metres, leaves the roughness as open as it is from landscape to landscape. By the same share, and
+    never below that of the cells, the mean moves to the roughness of other landscapes. The spread of the class of surface
+    is a factor of its own.
 
     Parameters
     ----------
@@ -162,14 +163,18 @@ def posterior_from_prior(
     chosen = SURFACES[surface]
     weights = chosen.weights if assumed is None else {assumed: 1.0}
     unseen_m = chosen.micro_relief_m if micro_relief_m is None else micro_relief_m
+    share = prior_sigma_m**2 / max(prior_sigma_m**2 + blocks.relief_m**2, 1e-12)
+    elsewhere = roughness_elsewhere(0.5 * blocks.cell_m)
     found, open_share = [], 0.0
     for family, weight in weights.items():
         one = fitted_family(blocks, family)
-        noise = localized_noise_m(noise_m, localization_m, one.cell.kernel(one.variance_m2))
+        # Cells that may be wrong by more than they vary do not show that the ground is smoother than elsewhere.
+        rougher = share * max(elsewhere.mean - one.log_roughness, 0.0)
+        variance_m2 = one.variance_m2 * float(np.exp(2.0 * rougher))
+        noise = localized_noise_m(noise_m, localization_m, one.cell.kernel(variance_m2))
         total = float(np.hypot(noise, unseen_m))
-        found.append(WeightedKernel(one.cell, one.variance_m2, total, weight, unseen_m**2))
+        found.append(WeightedKernel(one.cell, variance_m2, total, weight, unseen_m**2))
         open_share += weight * one.spread**2 / sum(weights.values())
-    share = prior_sigma_m**2 / max(prior_sigma_m**2 + blocks.relief_m**2, 1e-12)
     open_spread = float(np.sqrt(open_share + (_PRIOR_SPREAD * share) ** 2))
     return replace(KernelPosterior.of(found), spread=chosen.spread, open_spread=open_spread)
 

@@ -24,10 +24,11 @@ _RESOLUTIONS = (2.0, 3.0)
 
 
 class FittedFamily(NamedTuple):
-    """The likeliest length scale (in a cell) of a family, a variance [m²], and the spread of the log roughness."""
+    """The likeliest length scale (in a cell) of a family, a variance [m²], mean and spread of the log roughness [log m]."""
 
     cell: Cell
     variance_m2: float
+    log_roughness: float
     spread: float
 
 
@@ -62,7 +63,7 @@ def fitted_family(blocks: PriorBlocks, family: SearchedFamily) -> FittedFamily:
     mean = float(weights @ means)
     spread = float(np.sqrt(weights @ (np.square(means - mean) + [one.variance for one in weighed])))
     variance_m2 = best.variance_m2 * float(np.exp(2.0 * (mean - best.fitted)))
-    return FittedFamily(best.cell, variance_m2, spread)
+    return FittedFamily(best.cell, variance_m2, mean, spread)
 
 
 def _weighed(blocks: PriorBlocks, family: SearchedFamily) -> Iterator[_Weighed]:

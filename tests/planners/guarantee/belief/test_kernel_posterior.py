@@ -7,6 +7,7 @@ from planners.guarantee.belief.kernel_posterior import (
     posterior_from_survey,
 )
 from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.belief.surfaces import roughness_elsewhere
 from survey import Dem, Grid
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, lines, smooth_terrain
@@ -51,14 +52,28 @@ def test_the_class_of_surface_says_how_rough_the_ground_is(blocks):
     assert stated.likeliest.noise_m == pytest.approx(np.hypot(0.1, 0.5), rel=1e-6)
 
 
-def test_a_worse_prior_leaves_more_open_and_changes_no_covariance(blocks):
-    good, bad = (posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=sigma_m) for sigma_m in (0.5, 10.0))
-    assert good.kernels == bad.kernels
-    assert good.open_spread < bad.open_spread
-    assert good.spread == bad.spread
+def test_a_worse_prior_leaves_more_open_and_the_ground_no_smoother(blocks):
+    good, bad, worst = (
+        posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=sigma_m) for sigma_m in (0.5, 10.0, 1e4)
+    )
+    for better, worse in ((good, bad), (bad, worst)):
+        assert better.open_spread <= worse.open_spread
+        for one, other in zip(better.kernels, worse.kernels, strict=True):
+            assert other.cell == one.cell
+            assert other.variance_m2 >= one.variance_m2
+    assert good.spread == worst.spread
     # Cells that say nothing leave the roughness as open as it is from landscape to landscape.
-    nothing = posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=1e4)
-    assert nothing.open_spread > 0.8
+    assert worst.open_spread > 0.8
+
+
+def test_smooth_cells_of_a_prior_that_may_be_wrong_do_not_show_smooth_ground():
+    cells = np.add.outer(np.sin(np.arange(6.0)), np.cos(np.arange(6.0)))
+    blocks = PriorBlocks.of(AREA, Dem.on(Grid((25.0, 25.0, 275.0, 275.0), 50.0, CRS), 0.3 * cells))
+    posterior = posterior_from_prior(blocks, noise_m=0.1, prior_sigma_m=30.0)
+    half_cell = np.array([25.0, 0.0])
+    for one in posterior.kernels:
+        lost = one.variance_m2 - float(one.kernel.covariance_of_lag(half_cell))
+        assert np.sqrt(2.0 * lost) == pytest.approx(np.exp(roughness_elsewhere(25.0).mean), rel=0.05)
 
 
 def test_cells_that_show_errors_alone_leave_the_roughness_of_other_landscapes(rng):
