@@ -8,7 +8,6 @@ import yaml
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
 from survey.data.camera.calibration import Camera
 from survey.data.sensors.aiding import Inertial
 from vision_slam.io.sequence import ImageSequence
@@ -18,6 +17,7 @@ from vision_slam.io.sequence_files import (
     poses_of,
     require_all_there,
 )
+from vision_slam.io.text import read_text
 
 
 def read_euroc_sequence(place: Path, camera: Camera | None) -> ImageSequence:
@@ -56,9 +56,9 @@ def _looks_ahead(camera: Camera) -> bool:
 
 def _euroc_camera(path: Path) -> Camera:
     """Pinhole (radial-tangential) or fisheye (equidistant), on the frame of the inertial unit."""
-    file = existing_file(path, "the calibration")
+    text = read_text(path, "the calibration").replace("%YAML:1.0", "")
     try:
-        given = yaml.safe_load(file.read_text(encoding="utf-8").replace("%YAML:1.0", ""))
+        given = yaml.safe_load(text)
         fu, fv, cu, cv = (float(value) for value in given["intrinsics"])
         width, height = (int(value) for value in given["resolution"])
         distortion = np.array([float(value) for value in given["distortion_coefficients"]])
@@ -66,20 +66,20 @@ def _euroc_camera(path: Path) -> Camera:
         mounted = np.array(given["T_BS"]["data"], dtype=np.float64).reshape(4, 4)
     except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{file} is no EuRoC calibration ({error}); intrinsics, resolution, distortion_coefficients and T_BS were expected."
+            f"{path} is no EuRoC calibration ({error}); intrinsics, resolution, distortion_coefficients and T_BS were expected."
         ) from error
     matrix = [[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]]
     if lens == "equidistant":
         return Camera("fisheye", width, height, np.array(matrix), distortion, mounted)
     if lens not in {"radial-tangential", "radtan", "plumb_bob"}:
         raise InputError(
-            f"{file} has the distortion model {lens!r}; radial-tangential or equidistant was expected."
+            f"{path} has the distortion model {lens!r}; radial-tangential or equidistant was expected."
         )
     return Camera("pinhole", width, height, np.array(matrix), np.r_[distortion, 0.0][:5], mounted)
 
 
 def _euroc_rows(path: Path) -> list[list[str]]:
-    lines = existing_file(path, "the table").read_text(encoding="utf-8").splitlines()
+    lines = read_text(path, "the table").splitlines()
     rows = [[word.strip() for word in line.split(",")] for line in lines if line.strip() and line[0] != "#"]
     width = len(rows[0]) if rows else 0
     bad = next((number for number, row in enumerate(rows, start=1) if len(row) != width or width < 2), None)

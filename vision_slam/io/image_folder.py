@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from vision_slam.io.gps_files import GpsLog
@@ -23,7 +22,6 @@ from vision_slam.io.sequence_files import (
 )
 
 _LISTS_OF_TIMES = ("times.txt", "timestamps.txt")
-_UNIX_NS = 1e15  # a file name that counts more than this counts nanoseconds
 _RAW = (".heic", ".heif", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".avif", ".webp")
 _VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".insv", ".360")
 
@@ -97,11 +95,7 @@ def _listed_times(place: Path, inner: Path, files: list[Path]) -> PhotoTimes | N
         return None
     if len(times) > 1 and np.array_equal(times, np.arange(times[0], times[0] + len(times))):
         return None
-    return PhotoTimes(_seconds(times), order, "")
-
-
-def _seconds(times: FloatArray) -> FloatArray:
-    return times * 1e-9 if times[0] > _UNIX_NS else times
+    return PhotoTimes(times, order, "")
 
 
 def _at_rate(inner: Path, files: Sequence[Path], frame_rate_hz: float | None) -> PhotoTimes:

@@ -33,9 +33,10 @@ class AnyImages:
     files: Sequence[Path]
     shift: int = 0
     orientations: Sequence[int] = ()
+    is_deep: bool = False
 
     def __getitem__(self, index: int) -> Image:
-        pixels = eight_bits(read_pixels(self.files[index]), self.shift, str(self.files[index]))
+        pixels = eight_bits(_of_depth(self.files[index], self.is_deep), self.shift, str(self.files[index]))
         return upright(pixels, self.orientations[index]) if self.orientations else pixels
 
     @property
@@ -59,12 +60,21 @@ def images_of(files: Sequence[Path]) -> AnyImages:
     for file in files:
         refuse_cut_off(file)
     sample = np.unique(np.linspace(0, len(files) - 1, _N_SAMPLED).astype(int)).tolist()
-    first = read_pixels(files[0])
-    deepest = 8
-    if first.dtype == np.uint16:
-        deepest = max(bits_used(read_pixels(files[index])) for index in sample)
+    is_deep = bool(read_pixels(files[0]).dtype == np.uint16)
+    sampled = [_of_depth(files[index], is_deep) for index in sample]
+    deepest = max(bits_used(pixels) for pixels in sampled) if is_deep else 8
     orientations = tuple(read_photo(file).orientation if is_jpeg(file) else 1 for file in files)
-    return AnyImages(tuple(files), deepest - 8, orientations if max(orientations) > 1 else ())
+    return AnyImages(tuple(files), deepest - 8, orientations if max(orientations) > 1 else (), is_deep)
+
+
+def _of_depth(file: Path, is_deep: bool) -> npt.NDArray[Any]:
+    """Read an image; refuse 16 bits among images of 8, and the other way round."""
+    pixels = read_pixels(file)
+    if is_deep != (pixels.dtype == np.uint16):
+        raise InputError(
+            f"{file} has {pixels.dtype} pixels, the first image others; give images of one depth."
+        )
+    return pixels
 
 
 def is_jpeg(file: Path) -> bool:

@@ -13,9 +13,11 @@ from vision_slam.io.sequence_files import (
     FORWARD,
     assemble_sequence,
     image_files,
+    kitti_poses,
     read_numbers,
     require_as_many,
 )
+from vision_slam.io.text import read_text
 
 _KITTI_HEIGHT_M = 1.65
 _KITTI_PERIOD_S = 0.1
@@ -44,17 +46,16 @@ def read_kitti_sequence(place: Path, camera: Camera | None) -> ImageSequence:
         )  # images that are said to be rectified keep 10 pixels of distortion at the border
     reference = None
     if (place / "poses.txt").is_file():
-        poses = np.tile(np.eye(4), (len(files), 1, 1))
         rows = read_numbers(place / "poses.txt", 12)
         require_as_many(rows, files, place / "poses.txt")
-        poses[:, :3] = rows.reshape(-1, 3, 4)
+        poses = kitti_poses(rows, place / "poses.txt")
         reference = (times, camera.T_body_camera @ poses @ np.linalg.inv(camera.T_body_camera))
     return assemble_sequence(camera, times, files, reference=reference)
 
 
 def _kitti_matrix(file: Path) -> FloatArray:
     """Left camera of a KITTI calibration: the first projection, with or without its label."""
-    words = file.read_text(encoding="utf-8").splitlines()[0].split() if file.stat().st_size else []
+    words = read_text(file, "the calibration").splitlines()[0].split()
     try:
         numbers = [float(word) for word in words if not word.endswith(":")]
     except ValueError:

@@ -19,6 +19,7 @@ from vision_slam.io.sequence_files import (
     read_numbers,
     require_as_many,
 )
+from vision_slam.io.text import read_text
 
 _CAMERAS = ("image_00", "image_02")
 _CALIBRATION = "calib_cam_to_cam.txt"
@@ -54,7 +55,7 @@ def _times(file: Path) -> FloatArray:
     if not file.is_file():
         raise InputError(f"{file} is not there; get the complete recording with its timestamps.")
     times = []
-    for number, line in enumerate(file.read_text(encoding="utf-8").split("\n"), start=1):
+    for number, line in enumerate(read_text(file, "the list of times").split("\n"), start=1):
         if not line.strip():
             continue
         whole, _, fraction = line.strip().partition(".")
@@ -88,7 +89,7 @@ def _calibrated(place: Path, number: str, first: Path) -> Camera:
 
 
 def _numbers(file: Path, key: str, n: int) -> FloatArray:
-    lines = file.read_text(encoding="utf-8").splitlines()
+    lines = read_text(file, "the calibration").splitlines()
     words = next((line.split(":", 1)[1].split() for line in lines if line.startswith(f"{key}:")), [])
     try:
         numbers = np.array([float(word) for word in words])

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames, ImageFiles
@@ -22,6 +23,7 @@ from vision_slam.io.sequence_files import (
     read_numbers,
     require_all_there,
 )
+from vision_slam.io.text import read_text
 
 
 def read_sequence(
@@ -106,23 +108,33 @@ def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:
 
 def _with_motion(sequence: ImageSequence, place: Path) -> ImageSequence:
     """Add wheels and inertial readings to images, where the folder has tables of them."""
-    wheels, inertial = place / "wheels.csv", place / "inertial.csv"
-    return replace(
-        sequence,
-        wheels=Wheels.read(wheels) if wheels.exists() else None,
-        inertial=Inertial.read(inertial) if inertial.exists() else None,
-    )
+    files = place / "wheels.csv", place / "inertial.csv"
+    wheels = Wheels.read(files[0]) if files[0].exists() else None
+    inertial = Inertial.read(files[1]) if files[1].exists() else None
+    for file, records in zip(files, (wheels, inertial), strict=True):
+        if records is not None:
+            _refuse_other_times(file, records.time_s, sequence.frames.time_s)
+    return replace(sequence, wheels=wheels, inertial=inertial)
+
+
+def _refuse_other_times(file: Path, time_s: FloatArray, frame_s: FloatArray) -> None:
+    """Refuse readings none of which fall into the time of the images."""
+    if time_s[-1] <= frame_s[0] or time_s[0] >= frame_s[-1]:
+        raise InputError(
+            f"{file} covers {time_s[0]:.1f} to {time_s[-1]:.1f} s and the images {frame_s[0]:.1f} to {frame_s[-1]:.1f} s; "
+            "put both on one clock."
+        )
 
 
 def _tum(place: Path, camera: Camera | None) -> ImageSequence:
     times, files = [], []
-    for number, line in enumerate((place / "rgb.txt").read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(read_text(place / "rgb.txt", "the list of images").splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
             continue
         words = line.split()
         try:
             times.append(float(words[0]))
-            files.append(place / words[1])
+            files.append(place / words[1].replace("\\", "/"))
         except (ValueError, IndexError) as error:
             raise InputError(
                 f"{place / 'rgb.txt'}, line {number}: {line!r} is no time and file; correct it."
@@ -134,6 +146,7 @@ def _tum(place: Path, camera: Camera | None) -> ImageSequence:
     reference = None
     for file in sorted(place.glob("ground*.txt"))[:1]:  # the layout's reference poses
         rows = read_numbers(file, 8)
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
         reference = (
             rows[:, 0],
             poses_of(rows[:, 1:4], rows[:, 4:8], file) @ np.linalg.inv(camera.T_body_camera),

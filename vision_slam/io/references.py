@@ -9,7 +9,7 @@ from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.data.camera.calibration import Camera
 from survey.io.pose_files import read_tum
-from vision_slam.io.sequence_files import poses_of, read_numbers
+from vision_slam.io.sequence_files import kitti_poses, poses_of, read_numbers
 
 _KITTI_COLUMNS = 12
 
@@ -28,7 +28,7 @@ def is_kitti(path: str | Path) -> bool:
         By its first line that is no comment; False for a file that is no text.
     """
     try:
-        content = existing_file(path, "the reference").read_text(encoding="utf-8")
+        content = existing_file(path, "the reference").read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         return False
     lines = (line for line in content.splitlines() if line.strip() and not line.startswith("#"))
@@ -71,8 +71,7 @@ def read_poses(path: str | Path, frame_s: FloatArray, camera: Camera) -> tuple[F
             f"{path} has {len(numbers)} poses without times and the drive {len(frame_s)} images; name the poses of "
             "these images, or poses with times (TUM)."
         )
-    poses = np.tile(np.eye(4), (len(numbers), 1, 1))
-    poses[:, :3] = numbers.reshape(-1, 3, 4)
+    poses = kitti_poses(numbers, Path(path))
     return frame_s, camera.T_body_camera @ poses @ np.linalg.inv(camera.T_body_camera)
 
 

@@ -1,5 +1,6 @@
 """Assembly of an image sequence from files: images, times and tables of numbers."""
 
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -7,16 +8,24 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from survey.data.sensors.aiding import Inertial
 from vision_slam.io.images import PICTURES, images_of, refuse_other_sizes
 from vision_slam.io.photos.names import natural_key
 from vision_slam.io.sequence import ImageSequence
+from vision_slam.io.text import read_text
 
 # Where x right, y down, z forward lie on a body with x forward, y left, z up.
 FORWARD = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+# Names of units, their number per second, and times since 1970 and intervals between images that are in them.
+_UNITS = (
+    ("nanoseconds", 1e9, 1e17, 1e6),
+    ("microseconds", 1e6, 1e14, 2e3),
+    ("milliseconds", 1e3, 1e11, np.inf),
+)
+_NO_ROTATION = 1e-2  # of the product of a matrix and its transpose
 
 
 def assemble_sequence(
@@ -30,18 +39,36 @@ def assemble_sequence(
     images = images_of(files)
     refuse_other_sizes(files, camera)
     time_s, poses = reference or (None, None)
+    frame_s, unit_note = seconds_of(times)
     try:
-        frames = Frames(times, images)
+        frames = Frames(frame_s, images)
     except InputError as error:
         raise InputError(f"{files[0].parent}: {error}") from error
     return ImageSequence(
         camera,
         frames,
         inertial=inertial,
-        reference_time_s=time_s,
+        reference_time_s=None if time_s is None else seconds_of(time_s)[0],
         reference=poses,
-        notes=images.notes,
+        notes=(*unit_note, *images.notes),
     )
+
+
+def seconds_of(times: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return times of images in seconds, and a note where their size or interval shows another unit.
+
+    Examples
+    --------
+    >>> seconds_of(np.array([5e12, 5.1e12]))[1]
+    ('the times of the images were taken as nanoseconds',)
+    >>> seconds_of(np.array([0.0, 0.1]))[1]
+    ()
+    """
+    interval = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    for name, per_second, since_1970, least_interval in _UNITS:
+        if times[0] > since_1970 or interval > least_interval:
+            return times / per_second, (f"the times of the images were taken as {name}",)
+    return times, ()
 
 
 def calibrated_camera(place: Path) -> Camera:
@@ -71,10 +98,23 @@ def poses_of(place: FloatArray, quaternion: FloatArray, where: Path) -> FloatArr
     return poses
 
 
+def kitti_poses(rows: FloatArray, where: Path) -> FloatArray:
+    """Return poses (N, 4, 4) of rows of twelve numbers; refuse those without a rotation."""
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3] = rows.reshape(-1, 3, 4)
+    turn = poses[:, :3, :3]
+    off = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = np.flatnonzero((off > _NO_ROTATION) | (np.linalg.det(turn) < 0.0))
+    if len(wrong):
+        raise InputError(f"{where}, line {wrong[0] + 1}: the pose holds no rotation; correct it.")
+    return poses
+
+
 def read_numbers(path: Path, n_columns: int | None) -> FloatArray:
     """Read a table of numbers with as many columns as expected, any number where None is."""
+    text = read_text(path, "the table")
     try:
-        rows: FloatArray = np.loadtxt(existing_file(path, "the table"), ndmin=2)
+        rows: FloatArray = np.loadtxt(StringIO(text), ndmin=2)
     except ValueError as error:
         raise InputError(f"{path} holds something that is no number ({error}); correct it.") from error
     if n_columns is not None and rows.shape[1] != n_columns:

@@ -74,7 +74,7 @@ class Frames(DataObject):
         """
         place = Path(folder)
         list_file = existing_file(place / "frames.csv", "the list of frames")
-        rows = [line.split(",") for line in list_file.read_text(encoding="utf-8").splitlines()]
+        rows = [line.split(",") for line in list_file.read_text(encoding="utf-8-sig").splitlines()]
         if not rows or rows[0] != ["time_s", "file"] or len(rows) < 2:
             raise InputError(
                 f"{list_file} is no list of frames; a header time_s,file and one row a frame was expected."
