@@ -21,7 +21,14 @@ from planners.ground.transit import FreeGround
 from sim.config.faults import FaultConfig
 from sim.config.mission import MissionConfig
 from sim.executors import run_all
-from sim.mission.drives import DRIVE_FILE, drivable_area, drive, estimate_drive, write_account
+from sim.mission.drives import (
+    DRIVE_FILE,
+    drivable_area,
+    drive,
+    estimate_drive,
+    loss_on,
+    write_account,
+)
 from sim.simulate.simulated_drive import Ending
 from sim.world.site import World, build_world
 from survey.core.documents import read_json, write_json
@@ -91,6 +98,16 @@ def drive_fleet(
         write_json(folder / LOSS_FILE, _account(planned, route, losses, left_m, mission))
 
 
+def drive_alone(
+    world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int
+) -> None:
+    """Drive the route of a single rover; state how the drive ended where the rover is lost."""
+    alone = with_drawn_losses(route, mission).of_rover(0)
+    drive(world, route, alone, folder, workers)
+    if alone.fidelity != "vision" and loss_on(route, alone) is not None:
+        write_account(world, route, alone, folder)
+
+
 def with_drawn_losses(route: survey.Route, mission: MissionConfig) -> MissionConfig:
     """Return the mission with a fault for each rover that is drawn to be lost."""
     drawn: list[FaultConfig] = []
@@ -155,6 +172,13 @@ def _next_loss(folder: Path, known: Sequence[Loss]) -> Loss | None:
 def accounts(folder: Path) -> list[dict[str, Any]]:
     """Return how the drive of each rover ended."""
     return [read_json(place / DRIVE_FILE, "the account of the drive") for place in drive_folders(folder)]
+
+
+def n_lost(folder: Path) -> int:
+    """Return how many rovers of a stage did not arrive."""
+    files = [place / DRIVE_FILE for place in drive_folders(folder)]
+    endings = [read_json(file, "the account of the drive")["ending"] for file in files if file.exists()]
+    return sum(ending != Ending.ARRIVED.value for ending in endings)
 
 
 def _differs(before: survey.Route, after: survey.Route, rover: int) -> bool:

@@ -5,7 +5,6 @@ faults with a probability follow. Outcomes are stored as they finish, so that a 
 they do not depend on the number of processes.
 """
 
-import json
 import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -16,7 +15,7 @@ from scipy.stats import beta
 
 from sim.config.mission import MissionConfig
 from sim.executors import run_all
-from sim.mission.fleet import LOSS_FILE
+from sim.mission.fleet import n_lost
 from sim.mission.runs import open_run, planned_place, resolved_text
 from sim.mission.stages import run_mission
 from sim.mission.versions import current_versions, refuse_other_versions
@@ -164,15 +163,15 @@ def _rehearse_one(mission: MissionConfig, folder: Path, number: int) -> None:
 def _outcome(mission: MissionConfig, run: RunFolder) -> dict[str, Any]:
     """Return whether the class was met, and why not: a lost rover first, else the larger part of the error."""
     score = read_json(run.folder("score") / "score.json", "the score")
-    errors, losses = score["elevation"], run.folder("simulate") / LOSS_FILE
+    errors, lost = score["elevation"], n_lost(run.folder("simulate"))
     wanted = mission.score.require
     is_met = any(v["met"] for v in score["verdicts"] if v["map_class"].lower().replace(" ", "-") == wanted)
     is_level = abs(errors["bias_m"]) > errors["std_m"]
-    cause = "met" if is_met else "lost" if losses.exists() else "level" if is_level else "shape"
+    cause = "met" if is_met else "lost" if lost else "level" if is_level else "shape"
     return {
         "cause": cause,
         "rmse_m": errors["rmse_m"],
         "bias_m": errors["bias_m"],
         "coverage_95": score["calibration"]["coverage_95"],
-        "n_lost": len(json.loads(losses.read_text(encoding="utf-8"))["lost"]) if losses.exists() else 0,
+        "n_lost": lost,
     }

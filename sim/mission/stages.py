@@ -17,8 +17,8 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from sim.config.mission import MissionConfig
-from sim.mission.drives import drive, estimate_drive, path_scores
-from sim.mission.fleet import drive_fleet, drive_folders, estimate_fleet, with_drawn_losses
+from sim.mission.drives import estimate_drive, path_scores
+from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet
 from sim.mission.hazards import map_hazards
 from sim.mission.payload import map_payloads, score_payloads
 from sim.mission.versions import refuse_other_versions
@@ -110,7 +110,7 @@ def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: i
     if route.n_rovers > 1:
         drive_fleet(world, route, mission, folder, _processes(mission, workers))
     else:
-        drive(world, route, with_drawn_losses(route, mission).of_rover(0), folder, workers)
+        drive_alone(world, route, mission, folder, workers)
 
 
 def estimate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:

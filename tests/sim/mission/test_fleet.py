@@ -14,6 +14,7 @@ from sim.mission.fleet import (
     accounts,
     drive_fleet,
     drive_folders,
+    n_lost,
     route_of,
     with_drawn_losses,
 )
@@ -116,6 +117,17 @@ def test_a_loss_without_replanning_leaves_a_gap_that_is_stated(tmp_path):
     losses = read_json(run.folder("simulate") / LOSS_FILE, "the losses")
     assert losses["swaths_not_driven_m"] == pytest.approx(losses["lost"][0]["swaths_left_m"])
     assert losses["swaths_not_driven_m"] > 50.0
+
+
+def test_a_single_rover_that_stops_leaves_an_account(tmp_path):
+    config = mission(faults=(STOPPED | {"rover": 1},), fleet={"rovers": 1})
+    run = run_of(config, tmp_path, "simulate")
+    (account,) = accounts(run.folder("simulate"))
+    assert account["ending"] == "stalled"
+    assert account["progress_m"] == pytest.approx(150.0)
+    driven = Route.read(run.folder("simulate") / "driven_route.geojson")
+    assert driven.length_m == pytest.approx(150.0)
+    assert n_lost(run.folder("simulate")) == 1
 
 
 def test_losses_are_drawn_with_their_probability(surveyed):
