@@ -26,6 +26,8 @@ def reconstruct(options: ReconstructOptions) -> None:
 
       firnline reconstruct surface_points.gpkg --method joint --trajectory trajectory.csv
 
+      firnline reconstruct a/points.gpkg b/points.gpkg --method joint --trajectory a/path.csv --trajectory b/path.csv
+
       firnline reconstruct scans/ --method field --rays --max-slope 20 --crs EPSG:32608 --sigma 0.03
 
       firnline reconstruct mine.toml

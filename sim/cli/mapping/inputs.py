@@ -39,7 +39,7 @@ class MapRequest:
     @property
     def inputs(self) -> list[Path | None]:
         """Every file and folder that is read."""
-        return [*self.options.sources, self.options.prior, self.options.area, self.options.trajectory]
+        return [*self.options.sources, self.options.prior, self.options.area, *self.options.trajectories]
 
     def read_area(self, crs: CRS) -> survey.SurveyArea | None:
         """Return the area to map, in the points' CRS."""
@@ -99,26 +99,39 @@ def _are_scans(sources: Sequence[Path], method: ReconstructionMethod) -> bool:
 def _refuse_unused(request: MapRequest) -> None:
     """Refuse options that the method does not use, and name the methods that do."""
     method = request.method
-    if len(request.options.sources) > 1 and method.begin is None:
+    if len(request.options.sources) > 1 and method.begin is None and not method.needs_path:
         raise InputError(
             f"{len(request.options.sources)} files were named, and the method {method.name!r} maps one; name one, or take "
-            f"{names_where(m for m in METHODS.values() if m.begin)}."
+            f"{names_where(m for m in METHODS.values() if m.begin or m.needs_path)}."
         )
     if request.options.prior is not None and not method.uses_prior:
         raise InputError(
             f"the method {method.name} uses no prior; leave --prior out, or take "
             f"{names_where(m for m in METHODS.values() if m.uses_prior)}."
         )
-    if request.options.trajectory is not None and not (method.needs_path or request.is_of_scans):
+    _refuse_paths(request)
+    if request.config.rays and method.sight_lines == "none":
+        raise InputError(
+            f"the method {method.name} uses no lines of sight; take field or carving, or leave --rays out."
+        )
+
+
+def _refuse_paths(request: MapRequest) -> None:
+    """Refuse paths that the method does not use, and another number of them than it needs."""
+    method, n = request.method, len(request.options.trajectories)
+    if n and not (method.needs_path or request.is_of_scans):
         raise InputError(
             f"the method {method.name} does not use a trajectory; take --method joint, or leave --trajectory out."
         )
-    if method.needs_path and request.options.trajectory is None:
+    if request.is_of_scans and n > 1:
+        raise InputError(f"{n} trajectories were named for scans; name the one of the scanner.")
+    if method.needs_path and n == 0:
         raise InputError(
             "the method joint needs the path that the points were seen from; add --trajectory trajectory.csv, with "
             "trajectory.error.npz beside it."
         )
-    if request.config.rays and method.sight_lines == "none":
+    if method.needs_path and n != len(request.options.sources):
         raise InputError(
-            f"the method {method.name} uses no lines of sight; take field or carving, or leave --rays out."
+            f"{len(request.options.sources)} files of points and {n} trajectories were named; name one --trajectory for "
+            "each file, in their order."
         )

@@ -1,6 +1,6 @@
 """Options of ``firnline reconstruct``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -54,14 +54,14 @@ class ReconstructOptions(RunOptions):
     sigma_m: Annotated[
         float | None, typer.Option("--sigma", help="Standard deviation of points that state none [m].")
     ] = None
-    trajectory: Annotated[
-        Path | None,
+    trajectories: Annotated[
+        list[Path],
         typer.Option(
             "--trajectory",
-            help="Path that the points were seen from: trajectory.csv with its trajectory.error.npz for the method joint, "
-            "TUM for scans that do not state where the scanner was.",
+            help="Path that the points were seen from: trajectory.csv with its trajectory.error.npz for the method joint "
+            "(one for each file of points, in their order), TUM for scans that do not state where the scanner was.",
         ),
-    ] = None
+    ] = field(default_factory=list)
     rays: Annotated[
         bool,
         typer.Option(

@@ -1,6 +1,7 @@
 """Outputs of ``firnline reconstruct``: the folder of a map, and what is printed of it."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from survey.reconstruction.base import ELEVATION
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
     *("mean.png", "sigma.png", "width.png", "support.png"),
-    *("corrected_trajectory.csv", "corrected_trajectory.error.npz", "*.aux.xml"),
+    *("corrected_trajectory*.csv", "corrected_trajectory*.error.npz", "*.aux.xml"),
 )
 """Patterns of the files that a reconstruction consists of."""
 _BOUNDING_BOX = "bounding box of the points"
@@ -23,20 +24,21 @@ _MOST_DRAWN_NODES = 4_000_000
 
 
 class MadeMap(NamedTuple):
-    """A map, how it was made, the area that was named, and the corrected path of a joint map."""
+    """A map, how it was made, the area that was named, and the corrected path of each drive of a joint map."""
 
     reconstruction: survey.Reconstruction
     origin: str
     area: Path | None = None
-    corrected: survey.Trajectory | None = None
+    corrected: Sequence[survey.Trajectory] = ()
 
 
 def write_map(made: MadeMap, out: Path, *, rays: bool, max_slope_deg: float | None) -> None:
     """Write the map into a new folder that replaces the old one when it is complete."""
     with replacing_folder(out, own=OWN_FILES) as draft:
         _with_area(made).write(draft)
-        if made.corrected is not None:
-            made.corrected.write(draft / "corrected_trajectory.csv")
+        for k, path in enumerate(made.corrected, 1):
+            number = "" if len(made.corrected) == 1 else f"_{k}"
+            path.write(draft / f"corrected_trajectory{number}.csv")
         _draw(made.reconstruction, draft)
         if rays:
             _mark(made.reconstruction, draft, max_slope_deg)

@@ -1,4 +1,4 @@
-"""``firnline reconstruct POINTS``: a map from one table of points."""
+"""``firnline reconstruct POINTS``: a map from a table of points, or a joint map from the tables of several drives."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +10,7 @@ from sim.cli.progress import counted
 from sim.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
 from survey.reconstruction.base import ELEVATION
+from survey.reconstruction.joint.several_drives import SeveralDrives
 from survey.reconstruction.mapping import within
 from survey.reconstruction.policy import map_landmarks
 
@@ -17,10 +18,10 @@ from survey.reconstruction.policy import map_landmarks
 class PointInputs(NamedTuple):
     """Inputs of a map from points, read and checked."""
 
-    points: survey.SurfacePoints
+    drives: SeveralDrives
     grid: survey.Grid
     area: survey.SurveyArea | None
-    path: survey.Trajectory | None
+    paths: list[survey.Trajectory]
     prior: survey.Dem | None
 
     @property
@@ -28,41 +29,46 @@ class PointInputs(NamedTuple):
         """What was read, for people."""
         rows, columns = self.grid.shape
         return {
-            "points": f"{len(self.points.xyz)}, {self.points.crs.name}",
+            "points": f"{len(self.drives.points)}, {self.drives.points.crs.name}",
             "map": f"{rows} × {columns} nodes of {self.grid.step_m:g} m",
         }
 
 
 def read_inputs(request: MapRequest) -> PointInputs:
-    """Read the points, and with them area, path and prior, onto the nodes of the map."""
-    points = survey.SurfacePoints.read(
-        request.options.sources[0], crs=request.options.crs, sigma_m=request.options.sigma_m
-    )
+    """Read the points, and with them area, paths and prior, onto the nodes of the map."""
+    options = request.options
+    parts = [
+        survey.SurfacePoints.read(file, crs=options.crs, sigma_m=options.sigma_m) for file in options.sources
+    ]
+    paths = [_path(file, part) for file, part in zip(options.trajectories, parts, strict=False)]
+    errors = [path.error for path in paths] or [None]
+    drives = SeveralDrives.of(list(zip(parts, errors, strict=True)))
+    points = drives.points
     area = request.read_area(points.crs)
-    path = None if request.options.trajectory is None else _path(request.options.trajectory, points)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
-    prior = None if request.options.prior is None else _prior(request.options.prior, grid)
-    return PointInputs(points, grid, area, path, prior)
+    prior = None if options.prior is None else _prior(options.prior, grid)
+    return PointInputs(drives, grid, area, paths, prior)
 
 
 def map_points(request: MapRequest) -> MadeMap:
-    """Map the points of a file over the area, or over their bounding box."""
-    points, grid, area, path, prior = read_inputs(request)
+    """Map the points of a file, or of several drives, over the area, or over their bounding box."""
+    drives, grid, area, paths, prior = read_inputs(request)
     with counted(quiet=request.options.quiet) as progress:
         mapped = map_landmarks(
-            points,
+            drives.points,
             grid,
             request.config,
             prior=prior,
-            path=None if path is None else path.error,
+            path=drives.path,
             quantity=request.options.value or ELEVATION,
             progress=progress,
             area=area,
         )
     result = mapped.reconstruction if area is None else within(mapped.reconstruction, area)
-    corrected = None
-    if path is not None and mapped.correction is not None:
-        corrected = mapped.correction.applied(path)
+    corrected: list[survey.Trajectory] = []
+    if mapped.correction is not None:
+        parts = drives.corrections(mapped.correction)
+        corrected = [part.applied(path) for part, path in zip(parts, paths, strict=True)]
     return MadeMap(result, f"by {request.method.name}", request.options.area, corrected)
 
 

@@ -15,7 +15,7 @@ from survey.reconstruction.scan_map import map_scans
 def map_scan_files(request: MapRequest) -> MadeMap:
     """Map scans as they are read, over the area or over all that they show."""
     files = scan_files(request.options.sources)
-    track = None if request.options.trajectory is None else SensorPath.read(request.options.trajectory)
+    track = next((SensorPath.read(file) for file in request.options.trajectories), None)
     area = _area(request)
     grid = None if area is None else request.grid_over(area.bounds, area.crs)
     config = request.config

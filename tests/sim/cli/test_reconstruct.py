@@ -98,6 +98,17 @@ def test_the_joint_map_of_own_data_corrects_the_path(folder: Path) -> None:
     assert Reconstruction.read("reconstruction").hyperparameters["landmark_errors"] == "joint"
 
 
+def test_the_drives_of_two_rovers_are_mapped_together(folder: Path) -> None:
+    drives = ("points.gpkg", "points.gpkg", "--method", "joint", "--trajectory", "trajectory.csv")
+    code, said = run(*drives, "--trajectory", "trajectory.csv", "--grid", 4, *GP, "--json")
+    assert code == 0, said
+    assert json.loads(said)["diagnostics"]["n_points"] == 240
+    for k in (1, 2):
+        assert Trajectory.read(f"reconstruction/corrected_trajectory_{k}.csv", CRS).error is None
+    code, said = run(*drives, "--grid", 4, *GP, "--force")
+    assert (code, "2 files of points and 1 trajectories" in said) == (3, True)
+
+
 def test_the_joint_map_names_what_is_missing(folder: Path) -> None:
     code, said = run("points.gpkg", "--method", "joint")
     assert (code, "add --trajectory trajectory.csv" in said) == (3, True)
