@@ -20,8 +20,8 @@ test-exhaustive: $(VENV)/.ready
 test-pythons:
 	.ci/pythons.sh
 
-# The wheel in a clean environment away from the source: examples, a run, a report.
-wheel-check:
+# The wheel in a clean environment away from the source: a demo, and the first day of three users.
+wheel-check: $(VENV)/.ready
 	PYTHON=$(PYTHON) .ci/wheel.sh
 
 lint: $(VENV)/.ready

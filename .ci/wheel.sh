@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Build the wheel, install it into a clean environment away from the source, and run what a new user runs first.
+# Build the wheel, install it into a clean environment away from the source, and run what a new user runs first: a
+# demo, and the tests of the first day of a glaciologist, a roboticist and a surveyor (tests/first_day).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
@@ -30,4 +31,8 @@ run=results/runs/srtm-ridge/latest
 "$firnline" plan mine.toml --quiet
 "$firnline" score "$run/4-reconstruct" --truth "$run/2-simulate/truth/dem.tif" --by slope --report accuracy --quiet
 test -s accuracy/index.html && test -s accuracy/report.pdf
+
+# These tests start the command of the clean environment; pytest itself runs in the development environment.
+cd "$source"
+env -u PYTHONSAFEPATH FIRNLINE_COMMAND="$firnline" "${TEST_PYTHON:-.venv/bin/python}" -m pytest -q -p no:cacheprovider tests/first_day
 echo "the wheel works away from its source"
