@@ -30,7 +30,7 @@ COLOURS = {
     "vision_slam": "#dcebdc",
     "survey": "#e6e9ec",
 }
-PER_ROW = {"desk": 3, "sim": 5, "survey": 5, "planners": 4, "vision_slam": 4}
+PER_ROW = {"desk": 4, "sim": 5, "survey": 5, "planners": 4, "vision_slam": 4}
 INK = "#1d2a35"
 
 
