@@ -143,12 +143,13 @@ class MujocoLedger:
         """Add the work of the contacts during a step; nothing, for the parts are watched."""
 
     def mechanical_j(self) -> float:
-        """Return kinetic and potential energy [J], that of the motors' rotors included."""
+        """Return kinetic and potential energy [J] of the rover, that of the motors' rotors included."""
         import mujoco
 
         model, data = self._engine.model, self._engine.data
         now = mujoco.MjData(model)
-        now.qpos[:], now.qvel[:], now.mocap_pos[:] = data.qpos, data.qvel, data.mocap_pos
+        # The ground stays at its first place: it has a mass, and is put elsewhere when the patch changes.
+        now.qpos[:], now.qvel[:] = data.qpos, data.qvel
         mujoco.mj_forward(model, now)
         mujoco.mj_energyPos(model, now)
         mujoco.mj_energyVel(model, now)

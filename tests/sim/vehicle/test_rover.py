@@ -129,6 +129,18 @@ def test_energy_balance_closes(engine):
     assert abs(balance.missing_j) < 0.02 * balance.motors_j
 
 
+@contact
+def test_energy_balance_closes_where_the_patch_of_ground_changes(engine):
+    from tests.sim.vehicle.energy_balance import EnergyBalance
+
+    rover = standing(engine, Plane(8.0), 30.0, 0.0)
+    balance, patch = EnergyBalance(rover), rover.patch_centre
+    for _ in range(3200):
+        balance.step(0.9, 0.9)
+    assert rover.patch_centre != patch
+    assert abs(balance.missing_j) < 0.02 * balance.motors_j
+
+
 def test_kinematic_rover_follows_the_slope():
     rover = KinematicRover(Plane(10.0), PhysicsConfig(), ROVER, np.array([30.0, 50.0]), 0.0)
     state = driven(rover, 1.0, 1.0, 4.0)
