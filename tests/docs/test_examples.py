@@ -29,7 +29,7 @@ INSTEAD = {
 }
 """Commands that take longer than a test should, or whose output the script wrote before, and what runs instead."""
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(1800)
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
