@@ -1,6 +1,7 @@
 """Predicted standard deviation of the map as an image that the page lays over the terrain."""
 
 import base64
+import math
 from typing import Any
 
 import numpy as np
@@ -8,12 +9,15 @@ import numpy.typing as npt
 
 from desk.terrain.palette import DEVIATION, colour_of, legend_colours
 from desk.terrain.tiles import png_bytes
+from planners.prediction.predict import predict_error
 from sim.cli.planning.area import AreaPlan
 from survey.core.arrays import FloatArray
 from survey.core.quantity_text import round_number
+from survey.data.dem import Dem
 
-_NODES_ALONG = {"coarse": 24, "fine": 60}
-"""Nodes along the longer side of the area, by detail; the fine ones are those of the plan sheets."""
+_COARSE_NODES_ALONG = 24
+_COARSE_SAMPLES = 300
+_SAMPLE_STEP_M = 10.0
 
 
 def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
@@ -24,7 +28,8 @@ def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
     plan : AreaPlan
         With a covariance.
     detail : {"coarse", "fine"}
-        Distance of the nodes.
+        Fine is the standard deviation of the plan sheets. Coarse has fewer nodes, and fewer, better samples
+        stand for all.
 
     Returns
     -------
@@ -32,8 +37,7 @@ def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
         ``bounds`` [m], ``image`` (data address of a PNG), ``top_m`` of the colours, ``rmse_m``, ``p95_m``,
         ``worst_m``.
     """
-    xmin, ymin, xmax, ymax = plan.area.bounds
-    std = plan.drawing.std(plan.route, max(xmax - xmin, ymax - ymin) / _NODES_ALONG[detail])
+    std = _coarse_std(plan) if detail == "coarse" else plan.drawing.std(plan.route, plan.drawing.fine_cell_m)
     if std is None:
         return {"bounds": list(plan.area.bounds), "image": None}
     known = std.elevation[np.isfinite(std.elevation)]
@@ -48,6 +52,23 @@ def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
         "p95_m": float(np.percentile(known, 95.0)),
         "worst_m": float(known.max()),
     }
+
+
+def _coarse_std(plan: AreaPlan) -> Dem | None:
+    """Return the standard deviation on few nodes, from samples that are means of neighbours."""
+    drawing = plan.drawing
+    if drawing.kernel is None:
+        return None
+    xmin, ymin, xmax, ymax = plan.area.bounds
+    step_m = max(_SAMPLE_STEP_M, plan.route.length_m / _COARSE_SAMPLES)
+    return predict_error(
+        plan.route,
+        plan.area,
+        drawing.kernel,
+        noise_m=drawing.noise_m * math.sqrt(_SAMPLE_STEP_M / step_m),
+        sample_step_m=step_m,
+        cell_m=max(xmax - xmin, ymax - ymin) / _COARSE_NODES_ALONG,
+    ).std
 
 
 def _pixels(std: FloatArray, top_m: float) -> npt.NDArray[np.uint8]:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from pyproj import CRS
 
+import planners
 from desk.plan.document import PlanDocument
 from desk.plan.remembered import Remembered
 from desk.plan.request import request_of
@@ -125,3 +126,10 @@ class LivePlanner:
         prior = self.prior(area)
         with self._planning:
             return area_plan(config, area, prior, kernel)
+
+
+def plan_once() -> None:
+    """Plan a small area with a corner cut out, so that compiled code is loaded before the first plan."""
+    corners = ((0.0, 0.0), (90.0, 0.0), (90.0, 60.0), (50.0, 60.0), (50.0, 90.0), (0.0, 90.0))
+    area = PlanDocument(areas=((corners,),), starts=((5.0, 5.0),)).survey_area(CRS("EPSG:32608"))
+    planners.plan(area, None, planners.LawnmowerConfig(swaths=3))

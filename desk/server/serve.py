@@ -56,11 +56,13 @@ def serve(source: Path | None, *, port: int = 0, opens_browser: bool = True, dem
 
 
 def _load_planners() -> None:
-    """Import what the first plan needs, while the page is opened."""
+    """Import what the first plan needs, and load what it has compiled, while the page is opened."""
     import desk.plan.error_map
     import desk.plan.fields
-    import desk.plan.live
     import desk.plan.summary  # noqa: F401
+    from desk.plan.live import plan_once
+
+    plan_once()
 
 
 def _listener(port: int) -> socket.socket:

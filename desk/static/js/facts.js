@@ -18,9 +18,16 @@ export function showFacts(plan) {
     return [cell(fact.title, short(name, fact.text), name)];
   });
   cells.push(cell("area", plan.area_m2 < 1e5 ? `${plan.area_m2.toFixed(0)} m²` : `${(plan.area_m2 / 1e6).toFixed(3)} km²`, "area"));
-  byId("facts").replaceChildren(main, ...cells);
+  byId("facts").replaceChildren(main, ...cells, ...leftOut(plan));
   byId("facts").classList.toggle("provisional", plan.is_provisional);
   return undefined;
+}
+
+/** @param {PlanSummary} plan */
+function leftOut(plan) {
+  if (!plan.left_out.length) return [];
+  const places = plan.left_out.map((piece) => element("li", { text: piece.text }));
+  return [element("details", { class: "left-out" }, element("summary", { text: "What is left out, and why" }), element("ul", { tabindex: "0", "aria-label": "What is left out" }, ...places))];
 }
 
 /** @param {string} name @param {string} text */

@@ -5,17 +5,19 @@ import { byId, element } from "./dom.js";
 /** @typedef {{title: string, colours: string[], low: string, high: string}} Legend */
 
 export class Layers {
-  /** @param {Entry[]} entries From the top down. */
-  constructor(entries) {
+  /** @param {Entry[]} entries From the top down. @param {import("./swipe.js").Swipe} swipe */
+  constructor(entries, swipe) {
     this.entries = entries;
+    this.swipe = swipe;
     const open = matchMedia("(min-width: 761px)").matches;
-    this.list = element("div", { class: "list" }, ...entries.map((entry) => this.#row(entry)));
+    this.list = element("div", { class: "list" }, ...entries.map((entry) => this.#row(entry)), swipe.row);
     byId("layers").append(element("details", { open }, element("summary", { text: "Layers" }), this.list));
     this.legends();
   }
 
   /** @param {Entry} entry */
   add(entry) {
+    this.swipe.cut(entry.layer);
     this.entries.unshift(entry);
     this.list.prepend(this.#row(entry));
     this.legends();

@@ -15,6 +15,7 @@ import { Profile } from "./profile.js";
 import { Requirement } from "./requirement.js";
 import { RouteLayer } from "./route.js";
 import { Settings } from "./settings.js";
+import { Swipe } from "./swipe.js";
 import { createTabs } from "./tabs.js";
 import { Tools } from "./tools.js";
 
@@ -94,7 +95,7 @@ function expose(map, plan) {
     },
     resolution: () => map.getView().getResolution(),
     view: () => ({ centre: map.getView().getCenter(), resolution: map.getView().getResolution() }),
-    corner: () => plan.document.areas[0][0].toSorted((a, b) => a[0] - a[1] - (b[0] - b[1]))[0],
+    corner: () => plan.document.areas[0][0].toSorted((a, b) => b[0] - b[1] - (a[0] - a[1]))[0],
     map,
   };
 }
@@ -118,6 +119,8 @@ async function begin() {
   const fit = fitter(map, plan, site);
   byId("tools").append(...zoomButtons(map, fit));
   const metres = (/** @type {number} */ value) => `${value < 10 ? value.toPrecision(2) : value.toFixed(0)} m`;
+  const swipe = new Swipe(map);
+  for (const layer of [errors.layer, slope]) swipe.cut(layer);
   const layers = new Layers([
     { name: "route", title: "Route", layer: route.layer },
     { name: "driven", title: "Simulated drive", layer: route.drivenLayer },
@@ -125,7 +128,7 @@ async function begin() {
     { name: "contours", title: `Contours, ${site.contour_interval_m} m`, layer: contours },
     { name: "slope", title: "Slope", layer: slope, legend: () => ({ title: "Slope", colours: site.slope_colours, low: "0°", high: `${site.largest_slope_deg}° or more` }) },
     { name: "relief", title: "Terrain", layer: relief, legend: () => ({ title: "Elevation", colours: site.height_colours, low: metres(site.heights_m[0]), high: metres(site.heights_m[1]) }) },
-  ]);
+  ], swipe);
   const corners = new Corners(plan, tools, squareInView(map));
   const settings = element("div"), requirement = element("div");
   const compare = new Compare(plan);

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -90,15 +91,23 @@ def checked_options(request: PlanRequest) -> Any:
     ConfigError
         A setting that is unknown or wrong.
     """
+    from survey.core.config import validated, with_overrides
+
+    return validated(_sections_model(), with_overrides(_sections(request), request.settings), "the options")
+
+
+@cache
+def _sections_model() -> Any:
+    """Return the class of the sections that an area is planned with; made once, which takes a while."""
     import planners
-    from survey.core.config import Section, validated, with_overrides
+    from survey.core.config import Section
 
     class Wanted(Section):
         planner: planners.PlannerConfig
         rover: planners.Rover = planners.Rover()
         fleet: planners.Fleet = planners.Fleet()
 
-    return validated(Wanted, with_overrides(_sections(request), request.settings), "the options")
+    return Wanted
 
 
 def _default_size(pattern: str) -> dict[str, int]:

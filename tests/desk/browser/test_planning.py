@@ -81,6 +81,8 @@ def test_every_field_shows_its_help(opened):
 def test_a_slope_limit_leaves_ground_out(opened):
     set_field(opened, "rover-max_pitch_deg", "5")
     opened.wait_for(lambda: "fact-left_out_share" in facts(opened), "share that is left out")
+    opened.page.click(".left-out summary")
+    assert "too steep" in opened.page.inner_text(".left-out")
 
 
 def test_a_fleet_without_a_start_is_refused_and_with_one_planned(opened):
@@ -275,3 +277,15 @@ def test_layers_are_shown_and_hidden(opened):
     assert "45° or more" in opened.page.inner_text("#legend")
     opened.page.uncheck("#show-relief")
     assert "Elevation" not in opened.page.inner_text("#legend")
+
+
+def test_a_swipe_uncovers_the_terrain(opened):
+    opened.wait_for_error()
+    opened.page.uncheck("#show-route")
+    place = opened.page.locator("#map").bounding_box()
+    area = {"x": place["x"] + 300, "y": place["y"] + 300, "width": 120, "height": 120}
+    covered = opened.page.screenshot(clip=area)
+    opened.page.focus("#swipe")
+    opened.page.keyboard.press("Home")
+    opened.page.wait_for_timeout(300)
+    assert opened.page.screenshot(clip=area) != covered

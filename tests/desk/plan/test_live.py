@@ -73,3 +73,10 @@ def test_refusals_are_those_of_the_command(workspace, changes, error, text):
     document = workspace.store.document.model_copy(update=changes)
     with pytest.raises(error, match=text):
         workspace.planner.quick(document)
+
+
+def test_the_coarse_error_map_is_near_the_fine_one(workspace):
+    plan = workspace.planner.exact(workspace.store.document).plan
+    coarse, fine = error_map(plan, "coarse"), error_map(plan, "fine")
+    assert coarse["rmse_m"] == pytest.approx(fine["rmse_m"], rel=0.1)
+    assert coarse["worst_m"] == pytest.approx(fine["worst_m"], rel=0.25)
