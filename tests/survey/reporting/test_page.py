@@ -31,7 +31,7 @@ class Outline(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
-        if tag not in ("meta", "img"):
+        if tag not in ("meta", "img", "source"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -88,6 +88,7 @@ def test_the_page_loads_nothing(page):
     images = outline.all("img")
     assert len(images) == len(FIGURES)
     assert all(image["src"].startswith("data:image/webp;base64,") and image["alt"] for image in images)
+    assert all(source["srcset"].startswith("data:image/webp;base64,") for source in outline.all("source"))
     assert not {"script", "link", "iframe", "object", "video"} & {tag for tag, _ in outline.tags}
     assert not re.search(r"https?://|url\(|@import", page)
 
