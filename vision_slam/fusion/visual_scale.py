@@ -8,7 +8,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.sensors.aiding import GpsFixes
 from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.odometry.scale_drift import scale_sightings
+from vision_slam.odometry.scale.scale_drift import scale_sightings
 from vision_slam.odometry.visual_odometry import VisualOdometry
 from vision_slam.rotation import rotations
 

@@ -23,8 +23,8 @@ from vision_slam.odometry.lens.self_calibration import (
     estimate_lens,
     unknown_lens,
 )
-from vision_slam.odometry.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
-from vision_slam.odometry.speed import smoothed_steps
+from vision_slam.odometry.scale.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
+from vision_slam.odometry.scale.speed import smoothed_steps
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam
