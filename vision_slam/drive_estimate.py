@@ -122,6 +122,14 @@ class DriveEstimate:
         )
 
     @property
+    def T_body_tracked(self) -> FloatArray:
+        """Pose (4, 4) on the body of the point that the path is of: the camera, where lengths have no scale [m]."""
+        pose, visual = np.eye(4), self.visual_odometry
+        if visual is not None and visual.lever_arm_m is not None:
+            pose[:3, 3] = visual.lever_arm_m
+        return pose
+
+    @property
     def length_m(self) -> float:
         """Distance travelled [m], without the steps to poses that are lost."""
         steps_m = np.linalg.norm(np.diff(self.position, axis=0), axis=1)

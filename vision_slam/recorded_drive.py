@@ -190,7 +190,7 @@ class RecordedDrive:
             return self._compare_own_poses(estimate, reference)
         if estimate.trajectory is not None or self.reference is None or self.reference_time_s is None:
             return None
-        return compare_from_start(estimate, self.reference_time_s, self.reference @ _camera_on_body(estimate))
+        return compare_from_start(estimate, self.reference_time_s, self.reference @ estimate.T_body_tracked)
 
     def read_reference(self, path: Path) -> Trajectory | ReferencePoses:
         """Read a reference path.
@@ -233,18 +233,10 @@ class RecordedDrive:
         compare = compare_from_start if estimate.trajectory is None else compare_aligned
         mount = np.eye(4) if self.camera is None else self.camera.T_body_camera
         # A path without a scale is that of the camera: its position on the body is not subtracted.
-        mount = np.linalg.inv(_camera_on_body(estimate)) @ mount
+        mount = np.linalg.inv(estimate.T_body_tracked) @ mount
         of_body = mount @ reference.poses @ np.linalg.inv(mount)
         compared = [compare(estimate, reference.time_s, poses) for poses in (reference.poses, of_body)]
         return min(compared, key=lambda found: float(np.square(found.position - found.reference).sum()))
-
-
-def _camera_on_body(estimate: DriveEstimate) -> FloatArray:
-    """Return the shift (4, 4) from the body to the point whose path was estimated: the camera, where there is no scale."""
-    shift, visual = np.eye(4), estimate.visual_odometry
-    if visual is not None and visual.lever_arm_m is not None:
-        shift[:3, 3] = visual.lever_arm_m
-    return shift
 
 
 def _sections(overrides: Sequence[str]) -> dict[str, Any]:

@@ -4,14 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from vision_slam.agreement.disagreement import (
-    Agreement,
-    agrees_better_delayed,
-    fitted_memory_s,
-    fitted_turn_sigma_m,
-    reconcile,
-)
+from vision_slam.agreement.disagreement import Agreement, reconcile
 from vision_slam.agreement.drive import Drive, align_heading
+from vision_slam.agreement.evidence import agrees_better_delayed, fitted_memory_s, fitted_turn_sigma_m
 from vision_slam.agreement.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.agreement.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
 from vision_slam.fusion.online import gate_fixes, select_fixes
