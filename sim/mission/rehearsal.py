@@ -58,6 +58,25 @@ class RehearsalSummary(NamedTuple):
     interval: tuple[float, float]
 
 
+def rehearsal_folder(mission: MissionConfig, runs: Path) -> Path:
+    """Return the folder that a rehearsal has, whether it has begun or not; nothing is written.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        The mission.
+    runs : pathlib.Path
+        Folder of all runs.
+
+    Returns
+    -------
+    pathlib.Path
+        Beside the folder of the mission's run.
+    """
+    place = planned_place(mission, runs)
+    return place.with_name(f"rehearsal-{place.name}")
+
+
 def rehearse(
     mission: MissionConfig,
     runs: Path,
@@ -91,8 +110,7 @@ def rehearse(
     InputError
         The mission itself is refused, or other versions of the packages have begun the rehearsal.
     """
-    place = planned_place(mission, runs)
-    folder = place.with_name(f"rehearsal-{place.name}")
+    folder = rehearsal_folder(mission, runs)
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / _FACTS).exists():
         refuse_other_versions(

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sim.cli.facts import end_dry_run, fact_line
 from sim.cli.options import RunOptions
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
@@ -39,12 +40,14 @@ def rehearse(request: RehearseRequest) -> None:
     import json
 
     from sim.cli.progress import counted
-    from sim.mission.rehearsal import CAUSES, outcomes, summarized
+    from sim.mission.rehearsal import CAUSES, outcomes, rehearsal_folder, summarized
     from sim.mission.rehearsal import rehearse as run_all_of
     from sim.mission.rehearsal_figure import write_outcome_plot
     from sim.mission.runs import read_mission
 
     mission = read_mission(request.mission, request.settings)
+    if request.dry_run:
+        end_dry_run([rehearsal_folder(mission, request.runs)], {"runs": request.n_runs})
     with counted(quiet=request.quiet) as progress:
         folder = run_all_of(
             mission,
@@ -66,5 +69,5 @@ def rehearse(request: RehearseRequest) -> None:
     )
     for cause, n in summary.counts.items():
         if n and cause != "met":
-            typer.echo(f"  {CAUSES[cause]}: {n}")
-    typer.echo(f"outcomes {folder}")
+            typer.echo(fact_line(CAUSES[cause], n))
+    typer.echo(fact_line("outcomes", folder))

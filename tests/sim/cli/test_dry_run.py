@@ -27,6 +27,7 @@ RUNS = {
     "plan mission": "mission.toml",
     "reconstruct": "landmarks.csv --crs EPSG:32608 --prior srtm.tif --grid 20",
     "reconstruct mission": "mission.toml",
+    "rehearse": "mission.toml --count 2",
     "report": "mission.toml",
     "reproduce": "glacier-fig10 -o figures",
     "run": "mission.toml",
