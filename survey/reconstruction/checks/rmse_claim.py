@@ -64,11 +64,15 @@ class RmseClaim:
         Of the errors less their mean, which a vertical offset removes.
     offset_sigma_m : float
         Standard deviation of that mean [m].
+    untested_share : float
+        Share of the ground that lies farther from all points than any point that was left out to test the standard
+        deviation; 0 where nothing was left out.
     """
 
     absolute: RmsePosterior
     relative: RmsePosterior
     offset_sigma_m: float
+    untested_share: float = 0.0
 
     @classmethod
     def of(cls, covariance_m2: FloatArray, std_m: FloatArray) -> Self:
@@ -97,7 +101,7 @@ class RmseClaim:
     def from_facts(cls, facts: Mapping[str, Any]) -> Self:
         """Rebuild a claim from the record of a map."""
         absolute, relative = (RmsePosterior(**facts[name]) for name in ("absolute", "relative"))
-        return cls(absolute, relative, facts["offset_sigma_m"])
+        return cls(absolute, relative, facts["offset_sigma_m"], facts.get("untested_share", 0.0))
 
 
 def sampled_nodes(inside: npt.NDArray[np.bool_]) -> IntArray:

@@ -35,6 +35,8 @@ def checked_map(solution: JointSolution, grid: Grid, area: SurveyArea | None, *,
     check = check_by_swaths(solution) if is_tested else None
     result = mapped.reconstruction if check is None else _widened(mapped.reconstruction, check, solution)
     claim = _claim(solution, result, area)
+    if check is not None:
+        claim = replace(claim, untested_share=_untested_share(solution, result, check, area))
     facts: dict[str, Any] = {} if check is None else {CHECK: check.facts()}
     diagnostics = {**result.diagnostics, **facts, CLAIM: claim.facts()}
     return mapped._replace(reconstruction=replace(result, diagnostics=diagnostics))
@@ -48,6 +50,16 @@ def _widened(result: Reconstruction, check: PredictiveCheck, solution: JointSolu
     distance = np.asarray(cKDTree(solution.points.xy).query(grid.xy)[0], dtype=np.float64)
     std: FloatArray = result.std.elevation * check.factor_at(distance).reshape(grid.shape)
     return replace(result, std=Dem.on(grid, std, result.std.vertical_datum))
+
+
+def _untested_share(
+    solution: JointSolution, result: Reconstruction, check: PredictiveCheck, area: SurveyArea | None
+) -> float:
+    """Return the share of the ground that lies farther from all points than the farthest third of those left out."""
+    xy = result.mean.grid().xy
+    inside = np.ones(len(xy), dtype=bool) if area is None else area.contains(xy)
+    distance = np.asarray(cKDTree(solution.points.xy).query(xy[inside])[0], dtype=np.float64)
+    return float(np.mean(distance > max(check.distance_m))) if inside.any() else 0.0
 
 
 def _claim(solution: JointSolution, result: Reconstruction, area: SurveyArea | None) -> RmseClaim:

@@ -1,11 +1,14 @@
 """Classes of a map by its own claim: absolute, and after removing the best vertical offset."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.checks.rmse_claim import CONFIDENCE, RmseClaim, RmsePosterior
 from survey.scoring.standards.map_classes import Verdict, judge
 from survey.scoring.standards.standards import PAPER
+
+LARGEST_UNTESTED = 0.05
+"""Largest share of the ground beyond the distances of points left out for which a class is stated."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ def certificate(reconstruction: Reconstruction, standard: str = PAPER) -> Certif
     """State the classes of a map by its own claim.
 
     A class is met where the root mean square error is within its limit with a probability of at least 95 %, by
-    the posterior that follows from the joint covariance of the map's errors.
+    the posterior that follows from the joint covariance of the map's errors. The verdict is withheld where more than 5 %
+    of the ground lies farther from the points than those that were left out, as around a single swath.
 
     Parameters
     ----------
@@ -81,7 +85,9 @@ def certificate(reconstruction: Reconstruction, standard: str = PAPER) -> Certif
     claim = reconstruction.claim
     if claim is None:
         return None
-    absolute, relative = (judge(one.upper_m, standard) for one in (claim.absolute, claim.relative))
+    absolute, relative = (
+        _verdicts(one.upper_m, standard, claim.untested_share) for one in (claim.absolute, claim.relative)
+    )
     return Certificate(claim, absolute, relative, reconstruction.check is not None)
 
 
@@ -103,15 +109,33 @@ def own_claim(reconstruction: Reconstruction) -> list[str]:
     return sentences + ([] if certified is None else [*certified.sentences])
 
 
+def _verdicts(upper_m: float, standard: str, untested_share: float) -> tuple[Verdict, ...]:
+    """Return the verdicts on an error, withheld where the ground lies too far from the points to have been tested."""
+    verdicts = judge(upper_m, standard)
+    if untested_share <= LARGEST_UNTESTED:
+        return verdicts
+    reason = f"No class is stated: {100.0 * untested_share:.0f} % of the ground lies farther from the points than any test."
+    return tuple(replace(verdict, met=False, note=f"{reason} {verdict.note}") for verdict in verdicts)
+
+
 def _error(posterior: RmsePosterior, verdicts: tuple[Verdict, ...]) -> str:
     """Return the expected error, its 95 % limit and the tightest class met, as text."""
     met = [verdict for verdict in verdicts if verdict.met]
-    stated = (
-        f"{met[-1].map_class} met (limit {met[-1].limit_m:.3f} m)"
-        if met
-        else f"no class met (loosest limit {verdicts[0].limit_m:.3f} m)"
-    )
+    if any(verdict.is_withheld for verdict in verdicts):
+        reason = verdicts[0].note.partition(". ")[0]
+        stated = reason[0].lower() + reason[1:]
+    else:
+        stated = _tightest(verdicts, met)
     return (
         f"RMSE {posterior.expected_m:.3f} ± {posterior.sigma_m:.3f} m, below {posterior.upper_m:.3f} m with a "
         f"probability of {100.0 * CONFIDENCE:g} %, {stated}"
+    )
+
+
+def _tightest(verdicts: tuple[Verdict, ...], met: list[Verdict]) -> str:
+    """Return the tightest class met, or that none is, as text."""
+    return (
+        f"{met[-1].map_class} met (limit {met[-1].limit_m:.3f} m)"
+        if met
+        else f"no class met (loosest limit {verdicts[0].limit_m:.3f} m)"
     )

@@ -1,5 +1,7 @@
 """Kernel selection by marginal likelihood, on at most 640 of the points."""
 
+import numpy as np
+
 from survey.core.arrays import FloatArray
 from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.families import KernelFamily
@@ -19,6 +21,8 @@ CANDIDATES: tuple[KernelFamily, ...] = ("squared-exponential", "matern-3/2", "tw
 _LANDFORM_SHARE = 0.08
 # Families that are tried anisotropic too.
 _TURNED: tuple[KernelFamily, ...] = ("two-scale-matern", "two-scale-mixed")
+# Least width of the points over their length, by standard deviations, where kernels are tried anisotropic.
+_LEAST_WIDTH = 0.5
 # Points of the first comparison, and the number of kernels that are fitted to more of them.
 _N_FIRST, _N_REFINED = 320, 3
 
@@ -68,7 +72,8 @@ def with_landforms(
 
     The longest scale of each is at least a share of the site, so that what lies between the points does not revert to
     the mean within a few metres. Kernels are compared on 320 points, and the best three fitted to 640. The score counts
-    correlated points by their effective number.
+    correlated points by their effective number. Points along one line, such as a single swath, do not determine a length
+    across it: kernels that are fitted to them are isotropic.
 
     Parameters
     ----------
@@ -84,12 +89,18 @@ def with_landforms(
         for n in (_N_FIRST, N_SEARCHED)
     )
     fitted = [few.fit(family, config) for family in _families(config, candidates)]
-    if config.family == "auto" and config.kernel is None:
+    if config.family == "auto" and config.kernel is None and _are_wide(xy):
         fitted += [few.turned(found) for found in fitted if found.family in _TURNED]
     first = sorted((few.counted(found) for found in fitted), key=_score, reverse=True)[:_N_REFINED]
     if len(more.values) > len(few.values):
         first = [more.counted(more.refined(found)) for found in first]
     return sorted(first, key=_score, reverse=True)
+
+
+def _are_wide(xy: FloatArray) -> bool:
+    """Return whether points are at least half as wide as they are long."""
+    longest, widest = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+    return bool(widest >= _LEAST_WIDTH * longest)
 
 
 def _score(found: Hyperparameters) -> float:
