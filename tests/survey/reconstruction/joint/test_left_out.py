@@ -8,6 +8,7 @@ import pytest
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
+from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.joint_solve import waves_at
 from survey.reconstruction.joint.left_out import _solved, check_by_swaths
@@ -89,3 +90,16 @@ def test_swaths_that_disagree_by_more_than_the_path_can_err_contradict_the_map()
     assert (checked.std.elevation >= plain.std.elevation).all()
     assert checked.std.elevation.max() > 1.2 * plain.std.elevation.max()
     assert checked.claim.absolute.upper_m > plain.claim.absolute.upper_m
+
+
+def test_ground_far_from_a_single_swath_counts_as_untested():
+    both = two_swaths(400)
+    single = both.select(np.flatnonzero(both.keyframe <= 2.5))
+    shares = [
+        checked_map(
+            solution_of(points, path_error(0.3, 0.5)), GRID, None, is_tested=True
+        ).reconstruction.claim.untested_share
+        for points in (single, both)
+    ]
+    assert shares[0] > 0.3
+    assert shares[1] < 0.05

@@ -1,5 +1,7 @@
 """Classes of a map by its own claim."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,26 @@ def test_relative_error_is_that_without_the_offset():
     claim = certificate(claimed(0.3, 0.05)).claim
     assert claim.relative.expected_m == pytest.approx(0.05, rel=0.01)
     assert claim.offset_sigma_m == pytest.approx(0.3, rel=0.01)
+
+
+def test_no_class_is_stated_where_ground_lies_beyond_the_points_left_out():
+    result = claimed(0.02, 0.02)
+    facts = result.diagnostics[CLAIM]
+    assert certificate(result).absolute[0].met
+    far = replace(result, diagnostics={CLAIM: facts | {"untested_share": 0.3}})
+    found = certificate(far)
+    assert not any(verdict.met for verdict in (*found.absolute, *found.relative))
+    assert found.absolute[0].is_withheld
+    assert (
+        "no class is stated: 30 % of the ground lies farther from the points than any test"
+        in found.sentences[0]
+    )
+
+
+def test_a_claim_of_an_older_file_has_no_untested_ground():
+    facts = claimed(0.02, 0.02).diagnostics[CLAIM]
+    older = {name: value for name, value in facts.items() if name != "untested_share"}
+    assert RmseClaim.from_facts(older).untested_share == 0.0
 
 
 def test_a_map_without_joint_covariance_states_no_class():

@@ -84,3 +84,10 @@ def test_the_result_does_not_depend_on_the_run() -> None:
     one, two = (with_landforms(*data, GaussianProcessConfig(), candidates=FAMILIES)[0] for _ in range(2))
     np.testing.assert_array_equal(one.kernel.log_parameters, two.kernel.log_parameters)
     assert one.score == pytest.approx(two.score, abs=0.0)
+
+
+def test_kernels_of_points_along_one_line_are_isotropic() -> None:
+    xy, z, noise = drawn(SquaredExponential(4.0, 200.0, 8.0, 30.0), 200)
+    along = np.abs(xy[:, 1] - 150.0) < 30.0
+    found = with_landforms(xy[along], z[along], noise[along], GaussianProcessConfig(), candidates=FAMILIES)
+    assert [part.anisotropy for one in found for part in one.kernel.parts] == [1.0, 1.0]
