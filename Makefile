@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-exhaustive test-pythons wheel-check lint types imports check docs
+.PHONY: demo test test-walkthroughs test-exhaustive test-pythons wheel-check lint types imports check docs
 
 demo: $(VENV)/.ready
 	$(BIN)/firnline run examples/srtm_ridge.toml
@@ -11,6 +11,10 @@ demo: $(VENV)/.ready
 
 test: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist loadfile
+
+# What users do: every command of the pages, the scripts of examples/, first days with the wheel, the desk in a browser.
+test-walkthroughs: $(VENV)/.ready
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist worksteal -m walkthrough
 
 # Hundreds of random sites, every command killed, many kills: claims that `make test` holds on fewer cases.
 test-exhaustive: $(VENV)/.ready
@@ -37,7 +41,7 @@ types: $(VENV)/.ready
 imports: $(VENV)/.ready
 	$(BIN)/lint-imports
 
-check: lint types imports test
+check: lint types imports test test-walkthroughs
 
 # Builds the pages with all notebooks and figures; open docs/_build/html/index.html. No network is used once the packages are there.
 docs: $(VENV)/.docs

@@ -34,5 +34,5 @@ test -s accuracy/index.html && test -s accuracy/report.pdf
 
 # These tests start the command of the clean environment; pytest itself runs in the development environment.
 cd "$source"
-env -u PYTHONSAFEPATH FIRNLINE_COMMAND="$firnline" "${TEST_PYTHON:-.venv/bin/python}" -m pytest -q -p no:cacheprovider tests/first_day
+env -u PYTHONSAFEPATH FIRNLINE_COMMAND="$firnline" "${TEST_PYTHON:-.venv/bin/python}" -m pytest -q -p no:cacheprovider -m walkthrough tests/first_day
 echo "the wheel works away from its source"

@@ -32,6 +32,7 @@ INSTEAD = {
 pytestmark = pytest.mark.timeout(1800)
 
 
+@pytest.mark.walkthrough
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 def test_a_tutorial_runs_with_the_commands_that_it_shows(script, tmp_path, monkeypatch):
     make_scratch(tmp_path)
@@ -52,6 +53,7 @@ def shown_commands(script):
     return [INSTEAD.get(command, command) for command in commands]
 
 
+@pytest.mark.walkthrough
 @pytest.mark.parametrize("script", FIGURES, ids=lambda script: script.stem)
 def test_the_script_of_a_figure_is_short_and_runs(script, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

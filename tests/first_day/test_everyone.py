@@ -4,7 +4,11 @@ import json
 import re
 from pathlib import Path
 
+import pytest
+
 from tests.first_day.conftest import Firnline
+
+pytestmark = pytest.mark.walkthrough
 
 
 def test_version_help_and_completion(firnline: Firnline) -> None:

@@ -12,6 +12,8 @@ from pyproj import CRS
 from tests.first_day.conftest import Firnline
 from tests.survey.reporting.qgis_check import layers_in_qgis, qgis_python
 
+pytestmark = pytest.mark.walkthrough
+
 PLAN = ("plan", "site.kml", "--prior", "degrees.tif", "--swaths", "6")
 
 

@@ -8,6 +8,8 @@ import pytest
 from tests.docs.scratch_drives import N_IMAGES, make_drives
 from tests.first_day.conftest import Firnline
 
+pytestmark = pytest.mark.walkthrough
+
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:

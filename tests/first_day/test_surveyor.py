@@ -2,7 +2,11 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.first_day.conftest import Firnline
+
+pytestmark = pytest.mark.walkthrough
 
 
 def test_a_receivers_export_gives_a_report_in_the_words_of_the_standard(

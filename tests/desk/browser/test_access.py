@@ -7,6 +7,8 @@ import pytest
 
 from tests.desk.browser.conftest import DeskPage
 
+pytestmark = pytest.mark.walkthrough
+
 VIEWS = ("settings", "shapes", "require", "compare", "files")
 
 

@@ -6,6 +6,8 @@ import pytest
 
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 
+pytestmark = pytest.mark.walkthrough
+
 
 def place(x: float, y: float) -> tuple[float, float]:
     return WEST + x, SOUTH + y

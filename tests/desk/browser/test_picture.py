@@ -3,9 +3,13 @@
 import os
 from pathlib import Path
 
+import pytest
+
 from desk.demo import write_demo
 from desk.sources import open_workspace
 from tests.desk.browser.conftest import DeskPage, DeskServer
+
+pytestmark = pytest.mark.walkthrough
 
 
 def test_the_demo_is_pictured(browser, tmp_path):

@@ -7,6 +7,8 @@ import pytest
 
 from tests.desk.conftest import SOUTH, SQUARE, WEST
 
+pytestmark = pytest.mark.walkthrough
+
 
 def facts(opened) -> dict[str, str]:
     found = opened.page.evaluate(
