@@ -1,5 +1,5 @@
 // The table of corners: every polygon and start as typed coordinates.
-import { byId, element } from "./dom.js";
+import { element } from "./dom.js";
 
 /** @typedef {import("./plan.js").Plan} Plan */
 /** @typedef {import("./tools.js").Tools} Tools */
@@ -15,15 +15,27 @@ export class Corners {
     this.page = element("div");
     plan.addEventListener("change", () => this.show());
     tools.events.addEventListener("select", () => this.show());
+    // A table that was not drawn again while a number was typed is drawn once the focus has moved on.
+    this.isLate = false;
+    this.page.addEventListener("focusout", () => setTimeout(() => this.isLate && this.show()));
   }
 
   show() {
-    const focused = document.activeElement?.id;
+    const focused = document.activeElement;
+    this.isLate = this.page.contains(focused) && isBegun(focused);
+    if (this.isLate) return;
     const { areas, no_go, starts } = this.plan.document;
     const shapes = [...areas.map((_, index) => `areas-${index}`), ...no_go.map((_, index) => `no_go-${index}`), ...starts.map((_, index) => `starts-${index}`)];
     const chosen = this.tools.selected && shapes.includes(this.tools.selected) ? this.tools.selected : shapes[0];
     this.page.replaceChildren(element("h2", { text: "Shapes and corners" }), this.#adding(), ...(chosen ? [this.#choosing(shapes, chosen), ...this.#tables(chosen)] : []));
-    if (focused && this.page.querySelector(`#${CSS.escape(focused)}`)) byId(focused).focus();
+    this.#focus(focused?.id);
+  }
+
+  /** @param {string | undefined} id Of the field that had the focus before the table was drawn again. */
+  #focus(id) {
+    const field = id ? this.page.querySelector(`#${CSS.escape(id)}`) : null;
+    if (field instanceof HTMLElement) field.focus();
+    if (field instanceof HTMLInputElement && field.type === "number") field.select();
   }
 
   #adding() {
@@ -86,6 +98,7 @@ export class Corners {
           const value = Number(event.target.value);
           const isBad = event.target.value.trim() === "" || !Number.isFinite(value);
           event.target.setAttribute("aria-invalid", String(isBad));
+          if (!isBad) event.target.defaultValue = event.target.value;
           if (!isBad) edit("Type a corner", (/** @type {Place[]} */ places) => places.map((p, k) => (k === row ? (axis ? [p[0], value] : [value, p[1]]) : p)));
         },
       }));
@@ -97,6 +110,14 @@ export class Corners {
     const actions = isStart ? [] : [button("+", `Insert a corner after ${row + 1}`, insert), button("−", `Remove corner ${row + 1}`, remove, n <= 3)];
     return element("tr", {}, element("th", { scope: "row", text: String(row + 1) }), input(0), input(1), element("td", { class: "row" }, ...actions));
   }
+}
+
+/**
+ * Whether an element is a number that the user has begun to type and not entered.
+ * @param {Element | null} field
+ */
+function isBegun(field) {
+  return field instanceof HTMLInputElement && field.type === "number" && field.value !== field.defaultValue;
 }
 
 /** @param {Place} a @param {Place} b @returns {Place} */

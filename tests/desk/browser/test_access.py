@@ -119,3 +119,4 @@ def test_a_hostile_page_in_another_tab_can_do_nothing(opened, host):
     page.wait_for_timeout(300)
     assert opened.server.workspace.store.revision == 0
     other.shutdown()
+    other.server_close()

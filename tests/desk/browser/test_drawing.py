@@ -228,3 +228,19 @@ def test_the_place_and_height_under_the_pointer_are_shown(opened):
     opened.wait_until(
         "/E 5004[45]\\d\\.\\d {2}N 67004[45]\\d\\.\\d {2}[78]\\d\\d\\.\\d m/.test(document.querySelector('#place').textContent)"
     )
+
+
+def test_a_number_that_is_being_typed_is_not_replaced_by_the_answer_to_an_edit(opened):
+    page = opened.page
+    opened.tab("shapes")
+    held = []
+    page.route("**/api/edit", lambda route: held.append(route))  # noqa: PLW0108 - playwright wants a function of Python
+    for field, text in (("#corner-Outline-0-0", "500001\n"), ("#corner-Outline-0-1", "67")):
+        page.focus(field)
+        page.keyboard.press("Control+a")
+        page.keyboard.type(text)
+    held[0].continue_()
+    opened.wait_for_revision(1)
+    page.wait_for_timeout(500)
+    page.keyboard.type("8")
+    assert page.input_value("#corner-Outline-0-1") == "678"
