@@ -13,6 +13,7 @@ from planners.ground.traversability import RoverLimits as RoverLimits
 from planners.planning import plan as plan
 from sim.config.drive import PhysicsConfig as PhysicsConfig
 from sim.config.faults import FaultConfig as FaultConfig
+from sim.config.fleet import FleetConfig as FleetConfig
 from sim.config.mismatch import MismatchConfig as MismatchConfig
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import AreaConfig as AreaConfig
@@ -20,6 +21,8 @@ from sim.config.mission import MissionConfig as MissionConfig
 from sim.config.mission import RoverConfig as RoverConfig
 from sim.config.mission import ScoreConfig as ScoreConfig
 from sim.config.mission import SensorConfig as SensorConfig
+from sim.config.payload import PayloadConfig as PayloadConfig
+from sim.config.rehearsal import DrawnSetting as DrawnSetting
 from sim.config.scene import AppearanceConfig as AppearanceConfig
 from sim.config.scene import ImagingConfig as ImagingConfig
 from sim.config.scene import SceneryConfig as SceneryConfig

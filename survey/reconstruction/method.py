@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self, TypeVar
 
 from survey.core.arrays import Bounds, Progress
 from survey.core.config import Section
@@ -18,7 +18,6 @@ from survey.reconstruction.gp.mean import Mean
 
 if TYPE_CHECKING:
     from survey.reconstruction.joint.correction import PathCorrection
-    from survey.reconstruction.joint.solution import JointSolution
 
 SightLines = Literal["truncation", "own", "none"]
 """How a method uses lines of sight: its map is cut off at them afterwards, it uses them itself, or it cannot."""
@@ -100,14 +99,14 @@ class MappedTerrain(NamedTuple):
         Correction of the path.
     n_points : int
         Number of points that were mapped.
-    solution : JointSolution, optional
-        Joint estimate that the map was read from, for questions about its covariance.
+    solution : object, optional
+        `JointSolution` that the map was read from, for questions about its covariance.
     """
 
     reconstruction: Reconstruction
     correction: "PathCorrection | None" = None
     n_points: int = 0
-    solution: "JointSolution | None" = None
+    solution: Any = None
 
 
 class ScanModel(Protocol):

@@ -69,6 +69,7 @@ def configurations() -> Iterator[Any]:
         "RandomWanderConfig": {"swaths": 3}, "VarianceDrivenConfig": {"budget_m": 900.0}, "BestConfig": {"rmse_m": 0.5},
         "RandomTerrain": {"source": "random"}, "SampleTerrain": {"source": "srtm-sample"},
         "DemTerrain": {"source": "dem", "file": "dem.tif"}, "FaultConfig": {"component": "gps", "failure": "jump"},
+        "PayloadConfig": {"name": "albedo", "unit": "1"}, "DrawnSetting": {"setting": "rover.pitch_deg", "between": (0.0, 1.0)},
     }  # fmt: skip
     for name in TYPES:
         kind = getattr(firnline, name)
