@@ -133,7 +133,7 @@ def small_run(firnline: Firnline, here: Path) -> Path:
 
 
 def test_a_guarantee_states_what_it_rests_on_and_obeys_the_most_swaths(firnline: Firnline) -> None:
-    wanted = ("plan", "site.geojson", "--prior", "srtm.tif", "--require", "1.0", "--surface", "snow")
+    wanted = ("plan", "site.geojson", "--prior", "srtm.tif", "--require", "0.8", "--probability", "0.9")
     made = firnline(*wanted, "-o", "g.geojson").stdout
     assert "is guaranteed with" in made
     assert "  assumed " in made
