@@ -1,4 +1,4 @@
-"""Predicted standard deviation of the map as an image that the page lays over the terrain."""
+"""Draw the predicted standard deviation of the map as an image with transparency."""
 
 import base64
 import math

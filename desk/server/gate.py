@@ -106,7 +106,7 @@ class Gate:
         return _too_large() if not size.isdigit() or int(size) > LARGEST_BODY_BYTES else None
 
     def _first_visit(self, scope: Scope) -> Response | None:
-        """Exchange the token for the cookie; a token that was used is worth nothing."""
+        """Exchange the token for the cookie; a token is accepted once."""
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token")
         if scope["path"] != "/" or scope["method"] != "GET" or not given:
             return None

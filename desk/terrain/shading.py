@@ -134,7 +134,7 @@ def _with_alpha(colours: npt.NDArray[np.floating] | Pixels, known: npt.NDArray[n
 
 
 def _gradient(heights: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
-    """Rise to the east and to the north by central differences; one-sided at the edge of what is known."""
+    """Compute the gradient to the east and north by central differences; one-sided beside unknown heights."""
     inner = heights[1:-1, 1:-1]
     west, east, north, south = heights[1:-1, :-2], heights[1:-1, 2:], heights[:-2, 1:-1], heights[2:, 1:-1]
     return _rise(west, inner, east, cell_m), _rise(south, inner, north, cell_m)

@@ -100,8 +100,8 @@ def replanned(
 
     Notes
     -----
-    Rovers are taken to drive at their speed without a stop, so that none is asked to turn back; in truth they
-    are at most as far as that.
+    Rovers are assumed to drive at their speed without a stop. A rover that drives slower or stops has not come as far
+    as this at the time of the loss, so that none is asked to turn back.
     """
     if rover.battery_j is not None:
         raise ConfigError("a fleet with batteries is not replanned; leave out rover.battery_j.")

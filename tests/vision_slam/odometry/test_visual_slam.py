@@ -1,41 +1,24 @@
-"""Visual odometry on images whose motion is known, real and drawn."""
-
-from dataclasses import replace
-from itertools import pairwise
-from pathlib import Path
+"""Visual SLAM on drawn images whose motion is known."""
 
 import cv2
-import gtsam
 import numpy as np
 import pytest
 from pyproj import CRS
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes, Inertial, Wheels
+from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.config import LocalizationConfig
 from vision_slam.inertial.motion import RelativeMotion
-from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import ImageSequence, scale_by_reference
-from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.tracks import Track
+from vision_slam.io.sequence import ImageSequence
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.odometry.visual_slam import VisualSlam
-from vision_slam.odometry.window import Window
 from vision_slam.pipeline import localize
-
-
-def _pose(x_m: float, yaw_deg: float = 0.0) -> FloatArray:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    pose[0, 3] = x_m
-    return pose
 
 
 def _even(n: int, step: float) -> FloatArray:
@@ -54,7 +37,7 @@ def _driven(world: object, camera: Camera, poses: list[FloatArray], travel: bool
 
 
 def test_follows_a_straight_drive_and_maps_the_ground(plane_world: object, camera: Camera) -> None:
-    poses = [_pose(0.2 * k) for k in range(20)]
+    poses = [pose_at(0.2 * k) for k in range(20)]
     slam = _driven(plane_world, camera, poses)
     end = slam.pose(slam.frames[-1])
     # The wheels are exact here; sideways and in height only images measure: 1 % of the path.
@@ -67,7 +50,7 @@ def test_follows_a_straight_drive_and_maps_the_ground(plane_world: object, camer
 
 
 def test_wheels_that_slip_for_a_while_do_not_stretch_the_path(plane_world: object, camera: Camera) -> None:
-    poses = [_pose(0.2 * k) for k in range(24)]
+    poses = [pose_at(0.2 * k) for k in range(24)]
     slam = VisualSlam(camera)
     for k, pose in enumerate(poses):
         rolled = 0.2 if k < 12 or k >= 18 else 0.3
@@ -79,7 +62,7 @@ def test_wheels_that_slip_for_a_while_do_not_stretch_the_path(plane_world: objec
 
 def test_without_wheels_the_first_step_is_the_unit(plane_world: object, camera: Camera) -> None:
     """Images and gyro alone, no place and no scale given: they give only the shape of the path."""
-    poses = [_pose(0.2 * k) for k in range(16)]
+    poses = [pose_at(0.2 * k) for k in range(16)]
     slam = _driven(plane_world, camera, poses, travel=False)
     path = np.array([slam.pose(frame)[:3, 3] for frame in slam.frames])
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -93,7 +76,7 @@ def test_a_turn_from_the_first_image_on_is_followed_without_wheels_and_gyro(
 ) -> None:
     """A bend of 4 degrees an image: no straight step precedes it, and corners move by 20 pixels and more."""
     yaw_deg = 4.0 * np.arange(16.0)
-    poses = [_pose(0.0, yaw) for yaw in yaw_deg]
+    poses = [pose_at(0.0, yaw) for yaw in yaw_deg]
     ahead = np.column_stack([np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))])
     for k in range(1, len(poses)):
         poses[k][:2, 3] = poses[k - 1][:2, 3] + 0.3 * ahead[k - 1]
@@ -109,7 +92,7 @@ def test_a_turn_from_the_first_image_on_is_followed_without_wheels_and_gyro(
 
 
 def test_a_frozen_camera_does_not_hold_the_rover_back(plane_world: object, camera: Camera) -> None:
-    poses = [_pose(0.2 * k) for k in range(22)]
+    poses = [pose_at(0.2 * k) for k in range(22)]
     slam = VisualSlam(camera)
     for k in range(len(poses)):
         shown = poses[min(k, 9)] if k < 15 else poses[k]
@@ -126,16 +109,16 @@ def test_a_frozen_camera_does_not_hold_the_rover_back(plane_world: object, camer
 
 def test_a_turn_without_images_is_not_cut_short(plane_world: object, camera: Camera) -> None:
     # 2 m straight on, a quarter of a circle of 2 m without images, 2 m on to the left, at 1 m/s.
-    def pose_at(time_s: float) -> FloatArray:
+    def pose_after(time_s: float) -> FloatArray:
         angle = float(np.clip((time_s - 2.0) / 2.0, 0.0, np.pi / 2.0))
         before, after = min(time_s, 2.0), max(time_s - 2.0 - np.pi, 0.0)
-        pose = _pose(before + 2.0 * np.sin(angle), np.degrees(angle))
+        pose = pose_at(before + 2.0 * np.sin(angle), np.degrees(angle))
         pose[1, 3] = 2.0 * (1.0 - np.cos(angle)) + after
         return pose
 
     times = np.asarray(np.linspace(0.0, 6.8, 35), dtype=np.float64)
     taken = times[(times <= 2.0) | (times >= 5.2)]
-    images = [plane_world.image(pose_at(time_s)) for time_s in taken]  # type: ignore[attr-defined]
+    images = [plane_world.image(pose_after(time_s)) for time_s in taken]  # type: ignore[attr-defined]
     steady = np.asarray(np.linspace(0.0, 7.0, 141), dtype=np.float64)
     rates = np.where((steady > 2.0) & (steady <= 2.0 + np.pi), 0.5, 0.0)[:, None] * [0.0, 0.0, 1.0]
     inertial = Inertial(steady, rates, np.tile([0.0, 0.0, 9.81], (len(steady), 1)))
@@ -144,12 +127,12 @@ def test_a_turn_without_images_is_not_cut_short(plane_world: object, camera: Cam
     turns = Rotation.from_euler("xyz", odometry.attitude_rad[:-1]).as_matrix()
     end = np.einsum("nij,nj->i", turns, odometry.step)
     # Wheels and gyro are exact but for their sampling; the chord would end a metre off.
-    assert np.linalg.norm(end - (pose_at(taken[-1]) - pose_at(0.0))[:3, 3]) < 0.15
+    assert np.linalg.norm(end - (pose_after(taken[-1]) - pose_after(0.0))[:3, 3]) < 0.15
     assert len(odometry.time_s) > len(taken) + 8
 
 
 def test_turning_on_the_spot_moves_nothing(plane_world: object, camera: Camera) -> None:
-    poses = [_pose(0.2 * k) for k in range(8)] + [_pose(1.4, 4.0 * k) for k in range(1, 12)]
+    poses = [pose_at(0.2 * k) for k in range(8)] + [pose_at(1.4, 4.0 * k) for k in range(1, 12)]
     slam = _driven(plane_world, camera, poses)
     end = slam.pose(slam.frames[-1])
     assert np.linalg.norm(end[:3, 3] - poses[-1][:3, 3]) < 0.03
@@ -160,7 +143,7 @@ def test_turning_on_the_spot_moves_nothing(plane_world: object, camera: Camera) 
 def test_a_standing_camera_invents_no_motion(plane_world: object, camera: Camera) -> None:
     rng = np.random.default_rng(2)
     slam = VisualSlam(camera)
-    scene = plane_world.image(_pose(0.0)).astype(float)  # type: ignore[attr-defined]
+    scene = plane_world.image(pose_at(0.0)).astype(float)  # type: ignore[attr-defined]
     for k in range(15):
         noisy = (scene + rng.normal(0.0, 1.3, scene.shape)).clip(0, 255).astype(np.uint8)
         slam.step(noisy, 0.25 * k, RelativeMotion(0.25, None, None) if k else None)
@@ -172,7 +155,7 @@ def test_wheels_and_gyro_bridge_a_whiteout_that_is_declared(plane_world: object,
     rng = np.random.default_rng(3)
     slam = VisualSlam(camera)
     for k in range(24):
-        image = plane_world.image(_pose(0.2 * k))  # type: ignore[attr-defined]
+        image = plane_world.image(pose_at(0.2 * k))  # type: ignore[attr-defined]
         if 10 <= k < 15:
             image = (235 + rng.normal(0.0, 1.3, image.shape)).clip(0, 255).astype(np.uint8)
         slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
@@ -188,7 +171,7 @@ def test_steps_of_exposure_do_not_lose_the_corners(plane_world: object, camera: 
     slam = VisualSlam(camera)
     for k in range(24):
         light = 0.5 if 8 <= k < 14 else 1.3 if k >= 18 else 1.0
-        image = np.clip(light * plane_world.image(_pose(0.2 * k)), 0, 255).astype(np.uint8)  # type: ignore[attr-defined]
+        image = np.clip(light * plane_world.image(pose_at(0.2 * k)), 0, 255).astype(np.uint8)  # type: ignore[attr-defined]
         slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
     assert all(frame.health.is_visual for frame in slam.frames[1:])
     assert np.linalg.norm(slam.pose(slam.frames[-1])[:3, 3] - [4.6, 0.0, 0.0]) < 0.01 * 4.6
@@ -198,9 +181,9 @@ def test_the_few_corners_that_outlive_a_leap_are_rejected(plane_world: object, c
     """One image shows other ground but for a strip: what is followed in the strip is too little for a pose."""
     slam = VisualSlam(camera)
     for k in range(14):
-        image = plane_world.image(_pose(0.2 * k)).copy()  # type: ignore[attr-defined]
+        image = plane_world.image(pose_at(0.2 * k)).copy()  # type: ignore[attr-defined]
         if k >= 10:
-            strange = plane_world.image(_pose(40.0 + 0.2 * k))  # type: ignore[attr-defined]
+            strange = plane_world.image(pose_at(40.0 + 0.2 * k))  # type: ignore[attr-defined]
             image[:, 60:] = strange[:, 60:]
         slam.step(image, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
     is_visual = [frame.health.is_visual for frame in slam.frames]
@@ -211,7 +194,7 @@ def test_the_few_corners_that_outlive_a_leap_are_rejected(plane_world: object, c
 
 def test_steps_that_nothing_saw_say_so(plane_world: object, camera: Camera) -> None:
     """Four blank frames of 0.2 m each: together they are good to 5 % of the way, and all others as usual."""
-    images = [plane_world.image(_pose(0.2 * k)) for k in range(16)]  # type: ignore[attr-defined]
+    images = [plane_world.image(pose_at(0.2 * k)) for k in range(16)]  # type: ignore[attr-defined]
     for k in range(8, 12):
         images[k] = np.full_like(images[k], 235)
     times, rolled = _even(16, 0.25), _even(16, 0.2)
@@ -230,7 +213,7 @@ def test_steps_that_nothing_saw_say_so(plane_world: object, camera: Camera) -> N
 def test_the_same_images_give_the_same_bytes_with_one_thread_and_two(
     plane_world: object, camera: Camera
 ) -> None:
-    poses = [_pose(0.2 * k, 0.5 * k) for k in range(8)]
+    poses = [pose_at(0.2 * k, 0.5 * k) for k in range(8)]
     n_threads, found = cv2.getNumThreads(), []
     try:
         for n in (1, 2):
@@ -259,166 +242,8 @@ def test_the_same_recording_gives_the_same_bytes_with_one_thread_and_two(
     assert found[0] == found[1]
 
 
-def test_the_window_finds_what_plain_least_squares_finds(camera: Camera) -> None:
-    """Four poses, forty points: full bundle adjustment by scipy over poses and points is the judge."""
-    rng = np.random.default_rng(6)
-    real = [_pose(0.25 * k, 1.0 * k) for k in range(4)]
-    points = np.column_stack(
-        [rng.uniform(2.0, 8.0, 40), rng.uniform(-2.0, 2.0, 40), rng.uniform(-0.2, 0.2, 40)]
-    )
-    eyes = [pose @ camera.T_body_camera for pose in real]
-    sigma = 0.5 / 240.0
-    seen = np.array([(points - eye[:3, 3]) @ eye[:3, :3] for eye in eyes])
-    plane = seen[:, :, :2] / seen[:, :, 2:] + sigma * rng.normal(size=(4, 40, 2))
-    config = VisualOdometryConfig()
-    window = Window(camera, config)
-    window.begin(real[0])
-    for before, pose in pairwise(real):
-        step = np.linalg.inv(before) @ pose
-        guess = pose.copy()
-        guess[:3, 3] += rng.normal(0.0, 0.01, 3)
-        window.add(guess, RelativeMotion(0.25, step[:3, :3], float(np.linalg.norm(step[:3, 3]))))
-    between = list(window._between)
-    rays = np.concatenate([plane, np.ones((4, 40, 1))], axis=2)
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
-    for _ in range(4):
-        window.solve(tracks)
-
-    def residual(x: FloatArray) -> FloatArray:
-        bodies = [
-            gtsam.Pose3(real[0]),
-            *(gtsam.Pose3(real[k]).retract(x[6 * k - 6 : 6 * k]) for k in (1, 2, 3)),
-        ]
-        place = x[18:].reshape(40, 3)
-        parts = []
-        for k, body in enumerate(bodies):
-            eye = body.matrix() @ camera.T_body_camera
-            inside = (place - eye[:3, 3]) @ eye[:3, :3]
-            weight = (rays[:, :, 2].mean(axis=0) ** 1.5)[:, None] / sigma
-            parts.append(((inside[:, :2] / inside[:, 2:] - plane[k]) * weight).ravel())
-        for k in range(3):
-            off = between[k].pose.localCoordinates(bodies[k].between(bodies[k + 1]))
-            travel = float(np.linalg.norm(between[k].pose.translation()))
-            aside = config.lateral_sigma * travel + 0.005
-            parts.append(off[:3] / np.radians(config.gyro_sigma_deg * 0.25**0.5))
-            for shift in (off[3:4] / (config.wheel_sigma * travel + 0.002), off[4:] / aside):
-                length = np.linalg.norm(shift) + 1e-12  # Cauchy's loss as a residual: c √ln(1 + |e|²/c²)
-                parts.append(shift / length * 3.0 * np.sqrt(np.log1p((length / 3.0) ** 2)))
-        return np.concatenate(parts)
-
-    judge = least_squares(residual, np.r_[np.zeros(18), points.ravel()], xtol=1e-12, ftol=1e-12)
-    for k in (1, 2, 3):
-        expected = gtsam.Pose3(real[k]).retract(judge.x[6 * k - 6 : 6 * k]).translation()
-        # Points are triangulated linearly before they are eliminated: a tenth of the noise's effect (2 mm).
-        assert np.linalg.norm(window.poses[k][:3, 3] - expected) < 1e-3
-
-
-def test_corners_that_jump_do_not_bend_the_window(camera: Camera) -> None:
-    """Five of forty corners leap by twenty pixels in the last image, as those of a shadow do."""
-    rng = np.random.default_rng(8)
-    real = [_pose(0.25 * k) for k in range(4)]
-    points = np.column_stack(
-        [rng.uniform(2.0, 8.0, 40), rng.uniform(-2.0, 2.0, 40), rng.uniform(-0.2, 0.2, 40)]
-    )
-    eyes = [pose @ camera.T_body_camera for pose in real]
-    rays = np.array([(points - eye[:3, 3]) @ eye[:3, :3] for eye in eyes])
-    rays /= rays[:, :, 2:]
-    rays[3, :5, 0] += 20.0 / 240.0
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    window = Window(camera, VisualOdometryConfig())
-    window.begin(real[0])
-    for pose in real[1:]:
-        window.add(pose.copy(), RelativeMotion(0.25, np.eye(3), 0.25))
-    tracks = [Track(np.zeros(2), [0, 1, 2, 3], [rays[k, j] for k in range(4)]) for j in range(40)]
-    agree = window.solve(tracks)
-    # All else is exact: what the leaping corners bend shows in full.
-    assert max(np.abs(found - pose).max() for found, pose in zip(window.poses, real, strict=True)) < 1e-4
-    assert all(agree[5:])
-
-
-def test_a_horizon_that_turns_with_the_camera_leaves_the_poses_and_is_mostly_given_up(camera: Camera) -> None:
-    """Drops on the lens or noise: twenty corners stay where they are in the image while the gyro turns by 170 degrees."""
-    window = Window(camera, VisualOdometryConfig())
-    window.begin(_pose(0.0))
-    window.add(_pose(0.25, 170.0), RelativeMotion(0.25, _pose(0.0, 170.0)[:3, :3], 0.25))
-    ahead = np.column_stack([np.ones(20), 0.005 * np.arange(20), np.full(20, 0.05)])
-    rays = ahead / np.linalg.norm(ahead, axis=1, keepdims=True) @ camera.T_body_camera[:3, :3]
-    agree = window.solve([Track(np.zeros(2), [0, 1], [ray, ray]) for ray in rays])
-    assert np.array_equal(window.poses[1], _pose(0.25, 170.0))
-    assert sum(agree) < 10
-
-
-def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None:
-    folder = real_data / "seq_kitti_mini" / "KITTI_sequence_1"
-    if not folder.is_dir():
-        pytest.skip(f"the images {folder} are not here; set FIRNLINE_DATA")
-    sequence = read_sequence(folder)
-    assert sequence.reference is not None
-    first = scale_by_reference(sequence, 10.0)
-    found = visual_odometry(replace(first, reference=None, reference_time_s=None))
-    path = np.vstack(
-        [np.zeros(3), np.cumsum(np.einsum("nij,nj->ni", _turns(found), found.odometry.step), axis=0)]
-    )
-    reference = sequence.reference[:, :3, 3] - sequence.reference[0, :3, 3]
-    length = np.linalg.norm(np.diff(reference, axis=0), axis=1).sum()
-    assert np.linalg.norm(path[-1] - reference[-1]) < 0.015 * length
-
-
-def test_a_real_turn_keeps_its_scale_under_a_lens_that_nothing_states(real_data: Path) -> None:
-    folder = real_data / "seq_kitti_turn" / "KITTI_sequence_2"
-    if not folder.is_dir():
-        pytest.skip(f"the images {folder} are not here; set FIRNLINE_DATA")
-    sequence = read_sequence(folder)
-    assert sequence.reference is not None
-    found = visual_odometry(scale_by_reference(sequence, 10.0))
-    path = np.vstack(
-        [np.zeros(3), np.cumsum(np.einsum("nij,nj->ni", _turns(found), found.odometry.step), axis=0)]
-    )
-    reference = sequence.reference[:, :3, 3] - sequence.reference[0, :3, 3]
-    length = np.linalg.norm(np.diff(reference, axis=0), axis=1).sum()
-    assert found.lens is not None
-    assert found.lens.is_accepted
-    # With the lens as it was given the path ends 16 % off.
-    assert np.linalg.norm(path[-1] - reference[-1]) < 0.03 * length
-
-
-def test_a_camera_that_turns_by_a_quarter_of_a_pixel_an_image_is_followed(
-    plane_world: object, camera: Camera
-) -> None:
-    turns = np.degrees(0.25 / camera.matrix[0, 0]) * np.arange(90)
-    images = tuple(plane_world.image(_pose(0.0, turn)) for turn in turns)  # type: ignore[attr-defined]
-    found = visual_odometry(ImageSequence(camera, Frames(0.05 * np.arange(90.0), images)))
-    turned = found.odometry.attitude_rad[-1, 2] - found.odometry.attitude_rad[0, 2]
-    assert np.degrees(turned) == pytest.approx(turns[-1], rel=0.05)
-    assert np.linalg.norm(found.odometry.step, axis=1).sum() == 0.0
-
-
-def test_a_camera_without_wheels_that_stands_does_not_move(plane_world: object, camera: Camera) -> None:
-    view = plane_world.image(_pose(0.0)).astype(float)  # type: ignore[attr-defined]
-    rng = np.random.default_rng(6)
-    images = tuple((view + rng.normal(0.0, 2.0, view.shape)).clip(0, 255).astype(np.uint8) for _ in range(30))
-    found = visual_odometry(ImageSequence(camera, Frames(0.1 * np.arange(30.0), images)))
-    assert np.linalg.norm(found.odometry.step, axis=1).sum() == 0.0
-    assert np.abs(np.diff(found.odometry.attitude_rad, axis=0)).max() < 1e-6
-
-
-def _turns(found: object) -> FloatArray:
-    attitude = found.odometry.attitude_rad[:-1]  # type: ignore[attr-defined]
-    matrices: FloatArray = Rotation.from_euler("xyz", attitude).as_matrix()
-    return matrices
-
-
-def test_one_frame_and_images_of_another_size_are_refused(plane_world: object, camera: Camera) -> None:
-    image = plane_world.image(_pose(0.0))  # type: ignore[attr-defined]
-    with pytest.raises(InputError, match="one frame"):
-        visual_odometry(ImageSequence(camera, Frames(np.array([0.0]), (image,))))
-    with pytest.raises(InputError, match="its calibration 320 × 240"):
-        visual_odometry(ImageSequence(camera, Frames(np.array([0.0, 1.0]), (image[:100], image))))
-
-
 def test_colour_and_grey_are_the_same_drive(plane_world: object, camera: Camera) -> None:
-    images = [plane_world.image(_pose(0.2 * k)) for k in range(3)]  # type: ignore[attr-defined]
+    images = [plane_world.image(pose_at(0.2 * k)) for k in range(3)]  # type: ignore[attr-defined]
     grey, colour = VisualSlam(camera), VisualSlam(camera)
     for k, image in enumerate(images):
         motion = RelativeMotion(0.25, np.eye(3), 0.2) if k else None
@@ -433,7 +258,7 @@ _PRECISE = LocalizationConfig(gps_bias_sigma_m=0.01, gps_white_sigma_m=0.01, lan
 def _short_recording(plane_world: object, camera: Camera, n: int) -> Recording:
     """A straight drive from a known start: wheels a hundredth too long, fixes good to a centimetre."""
     times, rolled = _even(n, 0.25), _even(n, 1.01 * 0.2)
-    images = tuple(plane_world.image(_pose(0.2 * k)) for k in range(n))  # type: ignore[attr-defined]
+    images = tuple(plane_world.image(pose_at(0.2 * k)) for k in range(n))  # type: ignore[attr-defined]
     place = np.column_stack([_even(n, 0.2), np.zeros(n), np.zeros(n)]) + [5e5, 6e6, 100.0]
     return Recording(
         crs=CRS.from_epsg(32608), start=place[0], gps=GpsFixes(times, place), camera=camera,
@@ -458,7 +283,7 @@ def test_a_gap_in_the_images_is_predicted_by_its_length(plane_world: object, cam
     times = 0.25 * np.array(numbers)
     for n, k in enumerate(numbers):
         motion = RelativeMotion(float(times[n] - times[n - 1]), None, None) if n else None
-        slam.step(plane_world.image(_pose(0.125 * k)), float(times[n]), motion)  # type: ignore[attr-defined]
+        slam.step(plane_world.image(pose_at(0.125 * k)), float(times[n]), motion)  # type: ignore[attr-defined]
     at = np.array([slam.pose(frame)[0, 3] for frame in slam.frames])
     # One frame is predicted alone: the error of the last step, a twentieth, counts four times.
     assert (at[11] - at[10]) / (at[10] / 10.0) == pytest.approx(4.0, rel=0.05)
