@@ -4,12 +4,14 @@ from pathlib import Path
 from typing import Literal
 
 from survey.core.files.reading import existing_file
+from survey.interchange.route_readers import READERS
 from survey.io.vector import geometry_types
 
 ContentKind = Literal["raster", "route", "points", "track", "area"]
 _RASTERS = (".tif", ".tiff", ".asc", ".nc")
 _CLOUDS = (".las", ".laz", ".ply")
-_MISSIONS = (".plan", ".waypoints", ".wkt", ".gpx")
+# Endings of routes whose files may hold something else.
+_SHARED = (".csv", ".geojson", ".gpkg", ".json", ".kml")
 _TRACK = {"time_s", "x_m", "y_m", "z_m", "qw", "var_xx_m2"}
 _ROUTE = {"leg", "kind", "rover", "easting_m", "northing_m"}
 
@@ -49,7 +51,7 @@ def kind_of(source: str | Path, out: str | Path) -> ContentKind:
         return "points"
     if ".tum" in endings:
         return "track"
-    if endings[0] in _MISSIONS:
+    if endings[0] in READERS and endings[0] not in _SHARED:
         return "route"
     return _kind_of_table(Path(source)) if endings[0] == ".csv" else _kind_of_features(Path(source))
 

@@ -12,6 +12,7 @@ from survey.data.legs import Leg
 from survey.data.route import Route
 from survey.interchange.content import kind_of
 from survey.interchange.route_formats import write_plan
+from survey.interchange.route_readers import READERS
 
 CRS = "EPSG:32608"
 
@@ -30,6 +31,11 @@ CRS = "EPSG:32608"
 )
 def test_an_ending_that_stands_for_one_kind_decides_without_reading(source, out, kind):
     assert kind_of(source, out) == kind
+
+
+def test_an_ending_that_only_routes_have_stands_for_a_route(monkeypatch):
+    monkeypatch.setitem(READERS, ".poly", READERS[".wkt"])
+    assert kind_of("survey.poly", "survey.gpkg") == "route"
 
 
 @pytest.mark.parametrize(
