@@ -1,7 +1,14 @@
 """Small inputs: a mission and a Monte Carlo study of about a second, and scenery without features."""
 
 UTM = "EPSG:32608"
-MISSION = """
+_MAP = """[reconstruction]
+grid_step_m = 5.0
+[reconstruction.gp]
+fit = false
+variance_m2 = 4.0
+length_scale_m = 40.0
+"""
+MISSION = f"""
 schema_version = 1
 name = "small"
 seed = 11
@@ -17,15 +24,9 @@ pattern = "lawnmower"
 swaths = 2
 [sensors]
 landmarks_per_m = 0.5
-[reconstruction]
-grid_step_m = 5.0
-[reconstruction.gp]
-fit = false
-variance_m2 = 4.0
-length_scale_m = 40.0
-nugget_m = 0.1
+{_MAP}nugget_m = 0.1
 """
-IDEAL_MISSION = """
+IDEAL_MISSION = f"""
 schema_version = 1
 name = "small"
 fidelity = "ideal"
@@ -37,13 +38,7 @@ length_scale_m = 60.0
 [planner]
 pattern = "lawnmower"
 swaths = 2
-[reconstruction]
-grid_step_m = 5.0
-[reconstruction.gp]
-fit = false
-variance_m2 = 4.0
-length_scale_m = 40.0
-"""
+{_MAP}"""
 STUDY = """
 schema_version = 1
 name = "small"

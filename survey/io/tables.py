@@ -98,12 +98,17 @@ def _header(cells: list[str], required: Sequence[str], where: str) -> list[str]:
         raise InputError(
             f"{where} lacks the column {missing[0]!r} (found {found}); the header must hold {', '.join(required)}."
         )
+    refuse_repeated_columns(names, where)
+    return names
+
+
+def refuse_repeated_columns(names: Sequence[str], where: str) -> None:
+    """Refuse a header that names a column twice."""
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(
             f"{where} names the column {twice!r} {names.count(twice)} times; leave the one that is meant."
         )
-    return names
 
 
 def _parts(rows: Any, header: list[str], kept: list[int], where: str) -> Iterator[FloatArray]:

@@ -52,19 +52,8 @@ def test_a_plan_is_sheets_with_human_units_and_the_predicted_error_as_a_map(
 def test_one_command_writes_missions_with_fence_speed_and_home_for_all_rovers(
     firnline: Firnline, here: Path
 ) -> None:
-    firnline(
-        "plan",
-        "site.kml",
-        "--prior",
-        "degrees.tif",
-        "--swaths",
-        "6",
-        "--rovers",
-        "2",
-        "-o",
-        "two.geojson",
-        code=3,
-    )
+    for_two = ("--swaths", "6", "--rovers", "2", "-o", "two.geojson")
+    firnline("plan", "site.kml", "--prior", "degrees.tif", *for_two, code=3)
     features = json.loads((here / "site.geojson").read_text())
     start = {"role": "start"} | {}
     middle = [500_300.0, 6_700_300.0]
@@ -72,18 +61,7 @@ def test_one_command_writes_missions_with_fence_speed_and_home_for_all_rovers(
         {"type": "Feature", "properties": start, "geometry": {"type": "Point", "coordinates": middle}}
     )
     (here / "started.geojson").write_text(json.dumps(features))
-    firnline(
-        "plan",
-        "started.geojson",
-        "--prior",
-        "srtm.tif",
-        "--swaths",
-        "6",
-        "--rovers",
-        "2",
-        "-o",
-        "two.geojson",
-    )
+    firnline("plan", "started.geojson", "--prior", "srtm.tif", *for_two)
     options = ("--area", "started.geojson", "--dem", "srtm.tif", "--speed", "1.2", "--return")
     done = firnline("export", "two.geojson", "two.plan", "--autopilot", "ardupilot", *options)
     assert done.stdout == "two_rover1.plan, two_rover2.plan written\n"

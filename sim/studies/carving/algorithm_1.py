@@ -24,22 +24,12 @@ from survey.reconstruction.carving.bases import (
     height_at,
 )
 from survey.reconstruction.carving.config import SpaceCarvingConfig
+from survey.reconstruction.carving.descent import Step
 from survey.reconstruction.line_of_sight.sight_lines import checked_origins
 
 _SEARCH_M = 0.2
 """Step of the search along a line of sight [m]; the paper states none."""
 _PASSES_TO_SLOW = 4.0
-
-
-class Rule(NamedTuple):
-    """Prior and dead-band [m], η₀, the number of bases after which η has fallen by √2, λ, whether rays count."""
-
-    prior_m: float
-    dead_band_m: float
-    rate: float
-    slow_after: float
-    decay: float
-    carve: bool
 
 
 class Progressed(NamedTuple):
@@ -90,7 +80,7 @@ class LiteralCarving:
         for level in range(len(lengths)):
             fresh = Fresh.on(cells, level, 2 * len(xyz))
             order = rng.permutation(len(xyz))
-            progressed = visit(xyz, sensors, order, (self._bases, fresh), self._rule(len(xyz)), progressed)
+            progressed = visit(xyz, sensors, order, (self._bases, fresh), self._step(len(xyz)), progressed)
             self._bases = self._bases.merged(fresh.taken(level))
         self._bases = self._bases._replace(weight=self._bases.weight * progressed.decayed)
         self.n_bases_ = progressed.n_bases
@@ -101,10 +91,13 @@ class LiteralCarving:
         assert self._bases is not None
         return self._prior_m + self._bases.heights(xy - self._corner)
 
-    def _rule(self, n: int) -> Rule:
+    def _step(self, n: int) -> Step:
         config = self.config
         slow_after = 1.0 if self.is_rate_strict else _PASSES_TO_SLOW * n
-        return Rule(self._prior_m, config.dead_band_m, config.rate, slow_after, config.decay, config.carve)
+        rate = config.rate
+        return Step(
+            self._prior_m, config.dead_band_m, rate, slow_after, config.decay, config.carve, ray_rate=rate
+        )
 
 
 @njit(cache=True)
@@ -113,7 +106,7 @@ def visit(  # noqa: PLR0917 - compiled functions take no keywords
     sensors: FloatArray,
     order: IntArray,
     bases: tuple[Bases, Fresh],
-    rule: Rule,
+    step: Step,
     progressed: Progressed,
 ) -> Progressed:
     """Visit every point and its line of sight once, in the given order; weights are stored relative to the decay so far."""
@@ -121,23 +114,23 @@ def visit(  # noqa: PLR0917 - compiled functions take no keywords
     t, decayed = progressed.n_bases, progressed.decayed
     for i in order:
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-        residual = _height(bases, x, y, rule.prior_m, decayed) - z
-        if abs(residual) > rule.dead_band_m:
-            add_fresh(fresh, x, y, -_rate(rule, t) * residual / decayed, BY_POINT)
+        residual = _height(bases, x, y, step.prior_m, decayed) - z
+        if abs(residual) > step.dead_band_m:
+            add_fresh(fresh, x, y, -_rate(step, t) * residual / decayed, BY_POINT)
             t += 1
-        if rule.carve:
-            x, y, depth = _worst(bases, xyz[i], sensors[i], rule.prior_m, decayed)
-            if depth > rule.dead_band_m:
-                add_fresh(fresh, x, y, -_rate(rule, t) * depth / decayed, BY_RAY)
+        if step.carve:
+            x, y, depth = _worst(bases, xyz[i], sensors[i], step.prior_m, decayed)
+            if depth > step.dead_band_m:
+                add_fresh(fresh, x, y, -_rate(step, t) * depth / decayed, BY_RAY)
                 t += 1
-        decayed *= 1.0 - _rate(rule, t) * rule.decay
+        decayed *= 1.0 - _rate(step, t) * step.decay
     return Progressed(t, decayed)
 
 
 @njit(cache=True)
-def _rate(rule: Rule, t: int) -> float:
+def _rate(step: Step, t: int) -> float:
     """Return the learning rate η_t."""
-    return float(rule.rate / np.sqrt(1.0 + t / rule.slow_after))
+    return float(step.rate / np.sqrt(1.0 + t / step.slow_after))
 
 
 @njit(cache=True)

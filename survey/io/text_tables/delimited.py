@@ -12,7 +12,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
 from survey.core.text import printable
-from survey.io.tables import refuse_cut_off
+from survey.io.tables import refuse_cut_off, refuse_repeated_columns
 
 LARGEST_BYTES = 200_000_000
 """Largest table of text that is read."""
@@ -143,11 +143,7 @@ def _header(cells: Sequence[str], where: str) -> list[str]:
             f"{where} has no header line (it begins with {printable(', '.join(names))[:80]}); "
             "add one such as Point,Easting,Northing,Elevation."
         )
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(
-            f"{where} names the column {twice!r} {names.count(twice)} times; leave the one that is meant."
-        )
+    refuse_repeated_columns(names, where)
     return names
 
 

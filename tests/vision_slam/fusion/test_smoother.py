@@ -109,16 +109,15 @@ def test_uncertainty_grows_without_gps_and_is_small_at_the_surveyed_start():
     assert 0.3 < sigma[-1] < 3.0
 
 
+def sighted(time_s, position, attitude, sightings):
+    odometry = odometry_of(time_s, position, attitude)
+    return Recording(CRS, position[0], GpsFixes(time_s, position), odometry=odometry, sightings=sightings)
+
+
 def test_no_landmark_through_the_gates_is_refused():
     time_s, position, attitude = circle(50)
     sightings = Sightings([3], [[4.0, 0.0, 0.0]], [np.eye(3) * 0.01], [4.0])
-    recording = Recording(
-        CRS,
-        position[0],
-        GpsFixes(time_s, position),
-        odometry=odometry_of(time_s, position, attitude),
-        sightings=sightings,
-    )
+    recording = sighted(time_s, position, attitude, sightings)
     with pytest.raises(InputError, match="none of 1 landmarks"):
         localize(recording)
 
@@ -152,13 +151,7 @@ def test_sightings_must_belong_to_poses():
     time_s, position, attitude = circle(20)
     sightings = Sightings([20], [[4.0, 1.0, 0.0]], [np.eye(3)], [4.0])
     with pytest.raises(InputError, match="outside 0 … 19"):
-        Recording(
-            CRS,
-            position[0],
-            GpsFixes(time_s, position),
-            odometry=odometry_of(time_s, position, attitude),
-            sightings=sightings,
-        )
+        sighted(time_s, position, attitude, sightings)
 
 
 def test_gravity_says_nothing_new_of_an_odometry_that_it_levelled():

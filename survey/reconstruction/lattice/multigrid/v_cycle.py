@@ -56,15 +56,23 @@ def _apply_at(k: int, operator: Operator, levels: Hierarchy, z: FloatArray, out:
 
 
 @njit(cache=True)
-def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
-    """Smooth one level from nothing, and hand its residual to the next coarser one."""
+def _arrays_at(
+    k: int, levels: Hierarchy, room: Rooms
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return right-hand side, solution, work space and inverse diagonal bound of one level."""
     shapes = levels.shapes
-    rhs, z, work = (
+    return (
         level_grid(room[0], shapes, k),
         level_grid(room[1], shapes, k),
         level_grid(room[2], shapes, k),
+        level_grid(levels.inverse_bound, shapes, k),
     )
-    inverse = level_grid(levels.inverse_bound, shapes, k)
+
+
+@njit(cache=True)
+def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
+    """Smooth one level from nothing, and hand its residual to the next coarser one."""
+    rhs, z, work, inverse = _arrays_at(k, levels, room)
     for j in range(z.shape[0]):
         for i in range(z.shape[1]):
             z[j, i] = _STEPS[0] * inverse[j, i] * rhs[j, i]
@@ -76,20 +84,14 @@ def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None
             work[j, i] = rhs[j, i] - work[j, i]
     if k == 0:
         clear(work, levels.rim)
-    restrict(work, level_grid(room[0], shapes, k + 1))
+    restrict(work, level_grid(room[0], levels.shapes, k + 1))
 
 
 @njit(cache=True)
 def _ascend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
     """Take in the coarser level's correction, and smooth in reverse order."""
-    shapes = levels.shapes
-    rhs, z, work = (
-        level_grid(room[0], shapes, k),
-        level_grid(room[1], shapes, k),
-        level_grid(room[2], shapes, k),
-    )
-    inverse = level_grid(levels.inverse_bound, shapes, k)
-    add_prolonged(level_grid(room[1], shapes, k + 1), z)
+    rhs, z, work, inverse = _arrays_at(k, levels, room)
+    add_prolonged(level_grid(room[1], levels.shapes, k + 1), z)
     if k == 0:
         clear(z, levels.rim)
     _apply_at(k, operator, levels, z, work)
