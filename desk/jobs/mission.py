@@ -63,7 +63,7 @@ def mission_run(mission_file: Path, job: Job) -> dict[str, Any]:
 
 
 def _paths(run: RunFolder) -> list[list[list[float]]]:
-    """Return the path that each rover believes it drove, thinned for the map."""
+    """Return each rover's estimated path, thinned for the map."""
     area = SurveyArea.read(run.folder("plan") / "area.gpkg")
     files = [place / "trajectory.csv" for place in drive_folders(run.folder("localize"))]
     places = [Trajectory.read(file, area.crs).position[:, :2] for file in files]

@@ -154,7 +154,7 @@ def _equal(given: str, expected: str) -> bool:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Count what arrives, whatever the header promised."""
+    """Count the bytes that arrive, and do not rely on the header."""
     arrived = 0
 
     async def counted() -> Message:

@@ -68,7 +68,7 @@ def replanned(
 ) -> Route:
     """Share the swaths that are left after the loss of a rover among the others.
 
-    Every other rover finishes the leg that it is on at that time, drives its share of all swaths that nobody has
+    Every other rover finishes the leg that it is on at that time, drives its share of all swaths that no rover has
     driven (`planners.driving.fleet.share`), and returns to where it began.
 
     Parameters

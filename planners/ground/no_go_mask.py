@@ -19,7 +19,7 @@ def without_marked(area: SurveyArea, mask: Dem) -> SurveyArea:
     area : SurveyArea
         What is to be surveyed.
     mask : Dem
-        1 where nobody is to drive, such as the ``no_go.tif`` of a map with bounds; 0 or NaN elsewhere.
+        1 where driving is forbidden, such as the ``no_go.tif`` of a map with bounds; 0 or NaN elsewhere.
 
     Raises
     ------

@@ -41,6 +41,6 @@ def cell_outline(cells: BoolArray, dem: Dem) -> shapely.Geometry:
     """
     shapes = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=dem.transform)
     union = shapely.union_all([shapely.geometry.shape(geometry) for geometry, _ in shapes])
-    # Moving the outline out by a quarter of a cell more pays for what simplification takes away.
+    # Simplification takes away up to a quarter of a cell, so the outline is moved out by as much.
     tolerance = 0.25 * dem.step_m
     return shapely.simplify(union.buffer(0.5 * dem.step_m + tolerance, join_style="mitre"), 0.95 * tolerance)

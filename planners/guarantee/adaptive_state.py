@@ -153,10 +153,10 @@ class AdaptiveState:
         return self.predicted.probability >= self.config.probability
 
     def further(self, probability: float) -> list[tuple[float, float]] | None:
-        """Return the fewest further lines that are predicted to be enough; None where the densest survey has no hope.
+        """Return the fewest further lines that are predicted to be enough; None where not even the densest survey is.
 
         A prior, or a few swaths, may make the terrain look rougher than it is: while the probability is not
-        negligible, the swaths are doubled, and looked at again.
+        negligible, the number of swaths is doubled and predicted again.
         """
         most = self.most - len(self.offsets)
         if most < 1:

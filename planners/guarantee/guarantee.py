@@ -60,7 +60,7 @@ def guarantee(
     with the roughness of the class of surface; an adaptive survey (`planners.guarantee.adaptive`) learns it from the
     first swaths instead. Swaths run across a marked grain of the prior, at most five of its cells apart. Terrain that
     the prior does not cover has the fitted covariance and no known heights. On an area of more than sixteen cells along
-    a side the simulated surveys cover a square in its midst.
+    a side the simulated surveys cover a square at its centre.
     """
     require_cover(area, prior)
     grid_requirement = requirement.in_grid_metres(settings_factor(area))

@@ -128,7 +128,7 @@ class BackingOff:
     --------
     >>> backing = BackingOff(1.0)
     >>> asked = [backing.track_speeds(0.1 * k, np.zeros(2), (0.0, 0.6)) for k in range(40)]
-    >>> asked[0], asked[-1]  # it wants to turn left: the left track is the faster one in reverse
+    >>> asked[0], asked[-1]  # a turn to the left is commanded: the left track is the faster one in reverse
     ((0.0, 0.6), (-0.7, -0.2))
     """
 

@@ -29,7 +29,7 @@ def calibration_plot(
     *,
     area: SurveyArea | None = None,
 ) -> Figure:
-    r"""Draw if the claimed uncertainty is honest.
+    r"""Draw observed against stated coverage of the standard deviation.
 
     Left: the share of nodes whose error lies within the claimed interval, against the
     interval's nominal level; on the diagonal the claim is right, below it too confident.

@@ -30,7 +30,7 @@ _LONGEST_LINE = 64 * 2**20
 
 
 def check_ascii_grid(file: Path) -> None:
-    """Refuse an ASCII grid that holds anything but the numbers that its header promises.
+    """Refuse an ASCII grid that holds anything but the numbers that its header announces.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ def _crs_members(content: bytes) -> tuple[list[Any], list[Any]]:
 
     def collect(members: list[tuple[str, Any]]) -> Any:
         found.append([value for key, value in members if key == "crs"])
-        # Members of a CRS are needed, everything else is let go.
+        # Members of a CRS are needed, all others are skipped.
         return dict(members) if {key for key, _ in members} <= _CRS_MEMBERS else None
 
     json.loads(content, object_pairs_hook=collect)

@@ -13,7 +13,7 @@ from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.io.vector import read_features, write_features
 
-# Times count from here where a format wants a date and the track has none.
+# Times count from here where a format requires a date and the track has none.
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 _WGS84 = CRS.from_epsg(4326)
 _TIME, _HEIGHT = "time_s", "elevation_m"
@@ -22,7 +22,7 @@ _TIME, _HEIGHT = "time_s", "elevation_m"
 def write_track(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS) -> None:
     """Write a track of places (N, 3) [m]: ``.gpx`` in degrees for hand-helds, ``.gpkg`` as points in its CRS.
 
-    GPX wants dates: times count from the beginning of the year 2000, in whole milliseconds.
+    GPX requires dates: times count from the beginning of the year 2000, in whole milliseconds.
     Degrees are written to nine decimals, a tenth of a millimetre.
 
     Parameters

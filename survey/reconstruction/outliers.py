@@ -17,7 +17,7 @@ _N_NAMED = 20
 
 @dataclass(frozen=True)
 class Outliers:
-    """Points whose leave-one-out z-score exceeds what honest errors reach (`suspicious_z`), the worst first.
+    """Points whose leave-one-out z-score exceeds that of normal errors (`suspicious_z`), the worst first.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Outliers:
 
     @classmethod
     def among(cls, z_scores: FloatArray, rows: IntArray, treatment: str = "kept") -> Self:
-        """Pick the suspects from the z-scores (N,) of the points in these rows."""
+        """Return the suspicious points by the z-scores (N,) of the points in these rows."""
         worst = np.argsort(-np.abs(z_scores), kind="stable")
         worst = worst[np.abs(z_scores[worst]) > suspicious_z(len(z_scores))]
         return cls(rows[worst], z_scores[worst], treatment)
@@ -51,7 +51,7 @@ class Outliers:
 
 
 def suspicious_z(n: int) -> float:
-    """Return how many standard deviations make a point suspicious: 4, or more where n honest errors reach 4 by chance.
+    """Return how many standard deviations make a point suspicious: 4, or more where n normal errors reach 4 by chance.
 
     Examples
     --------

@@ -106,7 +106,7 @@ class TriangulatedTerrain(TerrainModel):
         return self
 
     def update(self, points: SurfacePoints) -> Self:
-        """Take in more points, and triangulate all again."""
+        """Add points, and triangulate all again."""
         if self._surface is None or self.crs_ is None:
             return self.fit(points)
         same_crs(self.crs_, points.crs, "the map and the points")

@@ -27,7 +27,7 @@ _MEANINGS = {
     "end_m": "error where the drive ended",
     "end_per_cent": "the same, of the distance travelled",
     "worst_m": "largest error of any pose",
-    "normalised_squared": "squared error over claimed variance; 3 when the claim is honest",
+    "normalised_squared": "squared error over claimed variance; 3 when the standard deviation is right",
 }
 _ACRONYMS = {"ate", "gps", "nmad", "rmse", "rms", "rpe"}
 

@@ -63,9 +63,15 @@ def _relative_class(e: ErrorStatistics) -> str:
 
 def _calibration_rows(k: Calibration) -> list[TableRow]:
     return [
-        TableRow("Errors within the 95% interval", percent(k.coverage_95), "95% when the claim is honest"),
         TableRow(
-            "RMS of error over claimed σ", number(k.z_rms, decimals=2), "1 when honest, above 1 too confident"
+            "Errors within the 95% interval",
+            percent(k.coverage_95),
+            "95% when the standard deviation is right",
+        ),
+        TableRow(
+            "RMS of error over claimed σ",
+            number(k.z_rms, decimals=2),
+            "1 when the standard deviation is right, above 1 when it is too small",
         ),
     ]
 

@@ -56,7 +56,7 @@ def verdict_sentence(verdicts: Sequence[Verdict]) -> str:
 
 
 def conditions(score: Score) -> list[str]:
-    """Return what the verdict assumes: the standard's condition, and how much of the area it speaks of."""
+    """Return what the verdict assumes: the standard's condition, and the share of the area that it covers."""
     notes = [score.verdicts[0].note] if score.verdicts[0].note else []
     if score.n_silent:
         notes.append(

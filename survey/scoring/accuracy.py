@@ -112,7 +112,7 @@ class Calibration:
     coverage_95 : float
         The share within ±1.96 standard deviations.
     z_rms : float
-        Root mean square of error over stated standard deviation; 1 when honest.
+        Root mean square of error over stated standard deviation; 1 when it is right.
     n : int
         Nodes with a stated standard deviation; where it is 0 everything above is NaN.
     """

@@ -49,7 +49,7 @@ class ErrorSketch:
     _counts: IntArray = field(default_factory=lambda: np.zeros(_N_BINS, dtype=np.int64), repr=False)
 
     def add(self, errors: FloatArray) -> None:
-        """Take in errors (N,) [m]; all finite."""
+        """Add errors (N,) [m]; all finite."""
         if len(errors) == 0:
             return
         if self.n == 0:
@@ -121,7 +121,7 @@ class CalibrationSketch:
     _within: FloatArray = field(default_factory=lambda: np.zeros(len(LEVELS) + 1))
 
     def add(self, errors: FloatArray, std: FloatArray) -> None:
-        """Take in errors and stated deviations (N,) [m]; NaN deviations do not count."""
+        """Add errors and stated deviations (N,) [m]; NaN deviations do not count."""
         stated = np.isfinite(std)
         e, s = np.abs(errors[stated]), std[stated]
         if (s < 0.0).any():

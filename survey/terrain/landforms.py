@@ -114,7 +114,7 @@ def slope_and_waves(
     n_waves: int = 6,
     wavelength_m: tuple[float, float] = (200.0, 400.0),
 ) -> Dem:
-    """Draw a plane with sinusoidal waves of random direction upon it.
+    """Draw a plane with sinusoidal waves of random direction.
 
     Parameters
     ----------

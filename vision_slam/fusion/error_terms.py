@@ -41,7 +41,7 @@ _EXACT_RAD = 1e-6
 _EXACT_SCALE = 1e-5
 # A heading worse than this counts as unknown; that of the odometry may have been aligned with the fixes.
 _KNOWN_DEG, _ANY_DEG = 1.0, 180.0
-# Wheels and odometry that differ by more standard deviations than this are both doubted there.
+# Wheels and odometry that differ by more standard deviations than this are both given larger errors there.
 _DOUBTED = 3.0
 # Readings this long before the first pose or after the last still count as of it: rovers rest there.
 _BESIDE_S = 1.0

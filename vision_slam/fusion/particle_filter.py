@@ -15,7 +15,7 @@ the odometry's step, (u, v) how it answers to yaw and pitch, L its length, Δt i
 in the frame of the particle, the world turned by −h about the vertical. In their own frames
 all particles move and see alike, and the receiver errs alike to all sides: one covariance
 serves all, and a particle weighs N(ν; 0, H P Hᵀ + R). From a known heading one particle is
-enough, and the filter is Kalman's. It is what the smoother knows of the last moment when
+enough, and the filter is Kalman's. It is the smoother's estimate of the last moment when
 nothing after it has been seen.
 """
 

@@ -30,9 +30,9 @@ class WheelSlipDetector:
     .. math:: \log(L / R) − s + \bar c < −0.12
 
     where c is averaged over 10 m, from when the left side falls by as much below its own
-    mean over 2 m: a map that shrinks does so slowly, and is the wheels' to mend. Slip below
-    that is left to them as an error of their scale. As long as they spin, the travel is L,
-    which \bar c mends little by little: what it says, it says of the map, and only once.
+    mean over 2 m: a map shrinks slowly, which the wheels correct. Slip below
+    that threshold counts as an error of the wheels' scale. As long as the wheels spin, the travel is L,
+    which \bar c corrects gradually, once.
     """
 
     def __init__(self, height_m: float) -> None:

@@ -153,7 +153,7 @@ def posterior_from_prior(
     micro_relief_m : float, optional
         Standard deviation of relief finer than the samples [m]; that of the class by default.
     assumed : str, optional
-        Family of covariance, where it is known and need not be doubted.
+        Family of covariance, where it is known.
 
     Returns
     -------

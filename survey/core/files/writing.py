@@ -27,7 +27,7 @@ def replacing(path: str | Path, *, stale: Iterable[Path] = ()) -> Iterator[Path]
     An interrupted writer leaves what stood at `path` before. A single file is put in place by one
     rename. A format of several files (Shapefile, ASCII grid) cannot be: its files are first
     written to the disk in a folder ``.<name>.exchange`` that appears by one rename, and then moved.
-    Whoever reads or writes `path` next through `existing_file` or this function completes the moves of a
+    The next reader or writer of `path` through `existing_file` or this function completes the moves of a
     writer that was killed between them, so that only other programs could meet old and new files side by side.
 
     Parameters

@@ -59,7 +59,7 @@ class CarvedSurface:
     frame : Frame
         What it covers.
     step : Step
-        What a pass goes by.
+        Parameters of a pass.
     settled, latest : Bases
         What earlier runs and this run have learned.
     raster : (H, W) ndarray
@@ -77,7 +77,7 @@ class CarvedSurface:
 
     @classmethod
     def new(cls, frame: Frame, step: Step) -> "CarvedSurface":
-        """Return a surface that knows nothing."""
+        """Return a surface without bases."""
         none = Bases.none(frame.cells)
         return cls(frame, step, none, none, np.zeros(frame.shape if step.carve else (2, 2)))
 
@@ -94,7 +94,7 @@ class CarvedSurface:
         return self.settled.merged(self.latest.columns()) if self.latest.n else self.settled
 
     def settle(self, step: Step) -> None:
-        """Close a run; the next one goes by `step`."""
+        """Close a run; the next one uses `step`."""
         self.settled, self.latest, self.step = self.bases(), Bases.none(self.frame.cells), step
         self.before = self.known = np.zeros(0)
 

@@ -73,7 +73,7 @@ class Cloud:
         return len(self.xyz)
 
     def add(self, points: SurfacePoints, place: CarvingFrame, held: BoolArray) -> None:
-        """Take in points; those without sensors stand for their own."""
+        """Add points; a point without a sensor counts as its own sensor."""
         origins = points.xyz if points.origins is None else points.origins
         self.xyz = np.concatenate([self.xyz, points.xyz - place.corner])
         self.origins = np.concatenate([self.origins, origins - place.corner])
@@ -105,7 +105,7 @@ class Cloud:
     ) -> IntArray:
         """Return an order in which to visit points: at random, tile by tile, and the tiles at random too.
 
-        Points farther apart than a kernel is wide do not know of one another; keeping to one
+        Points farther apart than a kernel is wide do not affect one another; keeping to one
         tile keeps its bases at hand, whatever the size of the map.
         """
         order = rng.permutation(len(visited))

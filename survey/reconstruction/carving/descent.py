@@ -25,7 +25,7 @@ MOST_PER_POINT = 1 + _N_WORST
 
 
 class Step(NamedTuple):
-    """What a pass goes by: prior and dead-band of points [m], η₀, the steps after which η has fallen by √2, λ, whether rays count, their η."""
+    """Parameters of a pass: prior and dead-band of points [m], η₀, the steps after which η has fallen by √2, λ, whether rays count, their η."""
 
     prior_m: float
     dead_band_m: float
@@ -159,8 +159,8 @@ def worst_violation(  # noqa: PLR0917
 ) -> Violation:
     """Search a line of sight on the rasters, and weigh the worst place exactly.
 
-    The search goes by the pass's own nodes, and about the worst of them by the finest. What the line of
-    sight says there counts as far as others do not outvote it.
+    The search uses the pass's own nodes, and the finest ones about the worst of them. What the line of
+    sight bounds there counts as far as other lines do not contradict it.
     """
     hit, origin = visited.xyz[i], visited.origins[i]
     dx, dy, dz = origin[0] - hit[0], origin[1] - hit[1], origin[2] - hit[2]

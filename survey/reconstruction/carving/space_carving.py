@@ -62,7 +62,7 @@ class SpaceCarvingKernel(TerrainModel):
 
     The bounds are no bounds in the sense of a probability: in gaps all three surfaces are drawn
     by the same kernels and share their error; of the study's piles of rubble 77 % lies
-    within. `FieldLattice` states honest ones. The standard deviation is
+    within. Those of `FieldLattice` are calibrated. The standard deviation is
     that of a normal distribution whose 95 % they would hold.
 
     Learning is anytime: `passes` can be left after any pass, and points can be added between
@@ -111,7 +111,7 @@ class SpaceCarvingKernel(TerrainModel):
         return self.begin(points).learn()
 
     def update(self, points: SurfacePoints) -> Self:
-        """Take in more points, in place, and learn from them and from the old ones within their reach.
+        """Add points in place, and learn from them and from the old ones within their reach.
 
         Raises
         ------
@@ -314,7 +314,7 @@ class SpaceCarvingKernel(TerrainModel):
         return points if kept.all() else points.select(kept)
 
     def _pace(self, n: int) -> tuple[float, float, float, float, bool, float]:
-        """Return what a pass over so many points goes by, beside the prior."""
+        """Return the parameters of a pass over so many points."""
         config = self.config
         decay = config.decay * min(_N_OF_DECAY / max(n, 1), 1.0)
         slow_after = _PASSES_TO_SLOW * max(n, 1)

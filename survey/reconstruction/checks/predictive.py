@@ -31,11 +31,11 @@ class PredictiveScores:
     coverage_95 : float
         Share of the points within the 95 % interval.
     z_rms : float
-        Root mean square of error over predicted standard deviation; 1 when honest.
+        Root mean square of error over predicted standard deviation; 1 when it is right.
     log_score : float
         Mean logarithm of the predictive density [nats]; the higher the better.
     pit_tenths : (10,) tuple of float
-        Share of the points in each tenth of the predictive distribution; 0.1 each when honest.
+        Share of the points in each tenth of the predictive distribution; 0.1 each when it is right.
     """
 
     n: int

@@ -61,7 +61,7 @@ class SigmaCalibration:
     ) -> Self:
         r"""Leave out discs of points and single points, predict them, and compare.
 
-        A swath's points vouch for one another, so leaving out one at a time shows nothing
+        Points of one swath determine one another, so leaving out one at a time shows nothing
         about the ground between swaths: discs as wide as the gaps of the survey do. Within
         each range of distance to the nearest remaining point the scale s maximises
 
@@ -157,7 +157,7 @@ def left_out(xy: FloatArray, gaps_m: FloatArray) -> PointsLeftOut:
     tree = cKDTree(xy)
     out = np.zeros(len(xy), dtype=bool)
     order = rng.permutation(len(xy))
-    # As wide as the gaps, unless a disc would then swallow much of the survey.
+    # As wide as the gaps, unless a disc would then hold much of the survey.
     fullest = tree.query(xy[order[:30]], k=[max(int(_SHARE_IN_ONE * len(xy)), 1)])[0]
     widest = min(float(np.quantile(gaps_m, 0.95)), float(np.median(fullest)))
     radii = widest * np.array([1.0, 0.6, 0.3])

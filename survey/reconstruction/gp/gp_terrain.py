@@ -82,7 +82,7 @@ class GaussianProcessTerrain(TerrainModel):
     vertical_datum_: str = UNSTATED
 
     def fit(self, points: SurfacePoints) -> Self:
-        """Learn from points: hyperparameters, the surface, what errs, and an honest scale.
+        """Fit hyperparameters and surface to points, down-weight outliers, and calibrate the standard deviation.
 
         Parameters
         ----------

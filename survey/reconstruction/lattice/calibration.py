@@ -1,4 +1,4 @@
-"""How honest a lattice's claims are, from blocks of points that it was not shown."""
+"""Calibration of a lattice's standard deviation on blocks of points that are left out."""
 
 from typing import Any, NamedTuple
 

@@ -115,7 +115,7 @@ class FieldLattice(LatticeModel):
         return self._add_scan(points)
 
     def update(self, points: SurfacePoints) -> Self:
-        """Take in one more scan, in place, and solve again, starting from the last solution.
+        """Add a scan in place, and solve again, starting from the last solution.
 
         Raises
         ------
@@ -171,7 +171,7 @@ class FieldLattice(LatticeModel):
         return model
 
     def _add_scan(self, points: SurfacePoints) -> Self:
-        """Take in the points of one scan, and its lines of sight."""
+        """Add the points of one scan, and its lines of sight."""
         scan = self._accepted(points)
         self.posterior.information.add(self._on_lattice(scan[:, :4]))
         self.recent.add(scan)

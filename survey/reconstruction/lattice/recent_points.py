@@ -1,4 +1,4 @@
-"""A share of the latest points: what a lattice learns its stiffness and the honesty of its claims from."""
+"""Sample of the latest points, for the stiffness of a lattice and the calibration of its standard deviation."""
 
 from dataclasses import dataclass, field
 
@@ -28,14 +28,14 @@ class RecentPoints:
     scans: list[FloatArray] = field(default_factory=list)
 
     def add(self, scan: FloatArray) -> None:
-        """Keep a share of a scan, and let go of the oldest."""
+        """Add a sample of a scan, and drop the oldest points."""
         self.scans.append(scan[:: -(-len(scan) // _N_PER_SCAN) or 1].copy())
         while sum(map(len, self.scans[1:])) >= _N_KEPT:
             self.scans.pop(0)
 
     @property
     def xyzw(self) -> FloatArray:
-        """All of them (N, 4), the latest ones first when there are too many."""
+        """All points (N, 4); the latest ones when there are too many."""
         return self._all[:, :4]
 
     @property
@@ -78,7 +78,7 @@ class RecentPoints:
         return float(stiffness.noise_factor**2 * np.median(1.0 / self.xyzw[:, 3]))
 
     def _amid(self, step_m: float) -> FloatArray:
-        """Return those about the middle of all of them, so that no calibration takes long."""
+        """Return the points around the centre of all points, to bound the time of a calibration."""
         points = self._all
         away = np.abs(points[:, :2] - np.median(points[:, :2], axis=0)).max(axis=1)
         amid: FloatArray = points[away < 0.5 * _MOST_NODES * step_m]

@@ -91,7 +91,7 @@ class SpringLattice(LatticeModel):
         return self._pulled(points)
 
     def update(self, points: SurfacePoints) -> Self:
-        """Take in one more scan, in place; the lattice moves with the sensor by whole steps.
+        """Add a scan in place; the lattice moves with the sensor by whole steps.
 
         Raises
         ------

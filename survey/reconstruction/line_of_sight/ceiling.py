@@ -72,7 +72,7 @@ class LowestRays:
         return cls(np.full((N_LOWEST, *shape), np.inf), np.zeros((N_LOWEST, *shape)))
 
     def add(self, window: NodeWindow, start: FloatArray, end: FloatArray, sigma_m: FloatArray) -> None:
-        """Take in rays.
+        """Add rays.
 
         Parameters
         ----------
@@ -105,9 +105,9 @@ class LowestRays:
         return ceiling
 
     def outvoted(self) -> FloatArray:
-        """Return the heights (H, W) below which a ray is alone with what it says [m]: 0.2 m under the third-lowest.
+        """Return the heights (H, W) below which no other rays confirm a ray [m]: 0.2 m under the third-lowest.
 
-        -∞ where fewer than three rays passed: there nothing speaks against a ray.
+        -∞ where fewer than three rays passed: no ray can be judged there.
         """
         third = self.height[-1]
         return np.where(np.isfinite(third), third - _ALONE_M, -np.inf)

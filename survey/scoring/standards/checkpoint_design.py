@@ -35,8 +35,8 @@ def design_checkpoints(
 
     Each quarter of the area's bounding rectangle holds at least 20 % of them, no two are
     nearer than 10 % of its diagonal, all lie on ground that is gentle and within reach of
-    the route. Within these bounds places are drawn at random, so that their errors speak
-    for the area.
+    the route. Within these bounds places are drawn at random, so that their errors represent
+    the area.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from survey.scoring.standards.checkpoints import Checkpoints
 
 @dataclass(frozen=True)
 class Spread:
-    """How checkpoints are spread over the area that they speak for.
+    """Spread of checkpoints over the area that they represent.
 
     Parameters
     ----------

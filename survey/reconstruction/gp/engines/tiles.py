@@ -110,7 +110,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         return mean, std
 
     def require_settled(self) -> None:
-        """Condition the tile with the most points, to know that its mean settles.
+        """Condition the tile with the most points, to check that its mean converges.
 
         Raises
         ------

@@ -77,7 +77,7 @@ class Likelihood:
 
 
 Wish = tuple[Cell, BoolArray]
-"""A cell, and the surveys (B,) that want it looked at."""
+"""A cell, and the surveys (B,) that request its likelihood."""
 
 
 @dataclass(frozen=True)

@@ -191,7 +191,7 @@ class KernelFit:
         if "length_scale_m" in name:
             if self.landform_share > 0.0 and name[-1] not in "23":
                 return float(np.log(self.landform_share * self.extent_m)), float(np.log(3.0 * self.extent_m))
-            # A further part that is longer than half the site is a plane, and wants waves that the others need.
+            # A further part that is longer than half the site is a plane, and would take waves that the others need.
             longest = 0.5 if name[-1] in "23" else 3.0
             return float(np.log(2e-3 * self.extent_m)), float(np.log(longest * self.extent_m))
         if "angle" in name:

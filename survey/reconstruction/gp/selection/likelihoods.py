@@ -36,7 +36,7 @@ class LikelihoodView:
         return LikelihoodView(self.xy[few], self.heights[few], self.noise_m)
 
     def look(self, wishes: Iterable[Wish]) -> bool:
-        """Evaluate cells for the surveys that want them, and return whether one saw something new."""
+        """Evaluate cells for the surveys that request them, and return whether any was new to its survey."""
         news = False
         for cell, mine in list(wishes):
             if not mine.any():

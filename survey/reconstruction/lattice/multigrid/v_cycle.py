@@ -71,7 +71,7 @@ def _arrays_at(
 
 @njit(cache=True)
 def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
-    """Smooth one level from nothing, and hand its residual to the next coarser one."""
+    """Smooth one level from zero, and restrict its residual to the next coarser one."""
     rhs, z, work, inverse = _arrays_at(k, levels, room)
     for j in range(z.shape[0]):
         for i in range(z.shape[1]):
@@ -89,7 +89,7 @@ def _descend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None
 
 @njit(cache=True)
 def _ascend(k: int, operator: Operator, levels: Hierarchy, room: Rooms) -> None:
-    """Take in the coarser level's correction, and smooth in reverse order."""
+    """Add the coarser level's correction, and smooth in reverse order."""
     rhs, z, work, inverse = _arrays_at(k, levels, room)
     add_prolonged(level_grid(room[1], levels.shapes, k + 1), z)
     if k == 0:
