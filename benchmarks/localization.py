@@ -151,6 +151,11 @@ def _run(seed: int, odometry: str, receiver: str) -> Run:
     return _localized(mission, *_drawn(mission))
 
 
+def survey(k: int, odometry: str, receiver: str) -> tuple[Run, LocalizationConfig]:
+    """Return the k-th survey with some odometry and receiver, and the errors that it was drawn with."""
+    return _run(FIRST_SEED + k, odometry, receiver), _mission(FIRST_SEED + k, odometry, receiver).assumed
+
+
 def _runs(odometry: str, receiver: str, n: int) -> list[Run]:
     return [_run(FIRST_SEED + k, odometry, receiver) for k in range(n)]
 

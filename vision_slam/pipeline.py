@@ -96,6 +96,8 @@ def localize(
     if recording.odometry is None and recording.frames is None and visual is None:
         return kinematic_survey(recording, settings)
     visual = visual or process_images(recording, visual_config, progress)
+    if visual is not None and visual.ignores_wheels:
+        recording = replace(recording, wheels=None)
     drive = measure_motion(recording, settings, visual)
     for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay):
         drive = step(drive)

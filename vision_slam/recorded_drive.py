@@ -158,11 +158,12 @@ class RecordedDrive:
             )
         visual = visual_odometry(self.records, visual_config, progress)
         refuse_swapped_images(visual.odometry)
-        if self.records.wheels is None:
+        has_wheels = self.records.wheels is not None and not visual.ignores_wheels
+        if not has_wheels:
             refuse_untracked(visual)
         errors = image_config(config or LocalizationConfig(), visual.scale_drift_sigma)
         # Without wheels the scale is the unit of the path; with them it is theirs.
-        scale_sigma = _UNIT if self.records.wheels is None else errors.wheel_scale_sigma
+        scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT
         errors = errors.model_copy(update={"scale_sigma": scale_sigma})
         return DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
 

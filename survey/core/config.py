@@ -74,7 +74,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     """
     file = existing_file(path, "the configuration")
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except ValueError as error:  # no TOML, no UTF-8, or a number of thousands of digits
         raise ConfigError(f"{file} is not valid TOML ({error}); correct that place.") from error
     except RecursionError as error:

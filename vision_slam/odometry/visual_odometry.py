@@ -17,6 +17,7 @@ from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
+from vision_slam.odometry.idle_wheels import IDLE_WHEELS, WithoutWheels, wheels_are_idle
 from vision_slam.odometry.lens.bundle_adjustment import LensChange
 from vision_slam.odometry.lens.self_calibration import (
     LensEstimate,
@@ -30,6 +31,7 @@ from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam
 from vision_slam.rotation import rotations
 
+_MOVES = 0.1  # share of the images that have to move for wheels that count nothing to be wrong
 _MOST_PASSES = 5  # over the images; two suffice unless the lens is off by tens of pixels
 
 
@@ -55,6 +57,8 @@ class VisualOdometry(DataObject):
         Position of the camera on the body [m] where the lengths have no scale. Steps and sightings are
         then those of the camera, in the axes of the body; `scale_visual_odometry` converts them to the
         body. None where they are those of the body.
+    ignores_wheels : bool
+        Whether the recording has wheels, which were left out because they count nothing while the images move.
 
     Notes
     -----
@@ -68,11 +72,13 @@ class VisualOdometry(DataObject):
     is_lost: BoolArray
     lens: LensEstimate | None = None
     lever_arm_m: FloatArray | None = None
+    ignores_wheels: bool = False
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found about the lens, in one sentence."""
-        return () if self.lens is None else (self.lens.note,)
+        """What was found about the lens and about the wheels, one sentence each."""
+        lens = () if self.lens is None else (self.lens.note,)
+        return (*lens, IDLE_WHEELS) if self.ignores_wheels else lens
 
     @property
     def scale_drift_sigma(self) -> float:
@@ -116,14 +122,29 @@ def visual_odometry(
         raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
     if len(recording.frames) < 2:
         raise InputError("the recording has one frame; motion needs at least two.")
-    camera, settings = recording.camera, config or VisualOdometryConfig()
+    if wheels_are_idle(recording):
+        without = _estimated(WithoutWheels(recording), recording.frames, recording.camera, config, progress)
+        if (np.linalg.norm(without.odometry.step, axis=1) > 0.0).mean() >= _MOVES:
+            return replace(without, ignores_wheels=True)
+    return _estimated(recording, recording.frames, recording.camera, config, progress)
+
+
+def _estimated(
+    recording: VisionRecords,
+    frames: Frames,
+    camera: Camera,
+    config: VisualOdometryConfig | None,
+    progress: Progress | None,
+) -> VisualOdometry:
+    """Estimate motion and landmarks, and the lens where the settings ask for it."""
+    settings = config or VisualOdometryConfig()
     if settings.lens == "given" and camera.distortion_is_assumed:
-        odometer = _followed(recording, recording.frames, camera, settings, progress=progress)
+        odometer = _followed(recording, frames, camera, settings, progress=progress)
         poses = np.array(odometer.slam.window.poses)
         return replace(odometer.finish(recording), lens=unknown_lens(camera, poses, "it was used as given"))
     if settings.lens == "given" or (settings.lens == "auto" and not camera.distortion_is_assumed):
-        return _followed(recording, recording.frames, camera, settings, progress=progress).finish(recording)
-    return _self_calibrated(recording, recording.frames, camera, settings, progress)
+        return _followed(recording, frames, camera, settings, progress=progress).finish(recording)
+    return _self_calibrated(recording, frames, camera, settings, progress)
 
 
 def _self_calibrated(

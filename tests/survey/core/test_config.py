@@ -84,3 +84,9 @@ def test_a_wrong_setting_of_a_section_made_in_python_is_a_config_error(build, me
 def test_settings_are_given_by_keyword():
     with pytest.raises(TypeError, match=r"Lines takes settings by keyword only, e.g. Lines\(swaths=...\)"):
         Lines(3)
+
+
+def test_a_byte_order_mark_before_toml_is_read_over(tmp_path):
+    file = tmp_path / "camera.toml"
+    file.write_text("width = 640\n", encoding="utf-8-sig")
+    assert read_toml(file) == {"width": 640}
