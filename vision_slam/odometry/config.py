@@ -10,7 +10,7 @@ from survey.core.config import Section
 class VisualOdometryConfig(Section):
     """Settings of contrast enhancement, tracking, keyframes and landmark errors.
 
-    Lengths are of the body's travel; pixel values belong to images of about 640 columns.
+    Lengths are of the body's travel, pixels those of the images.
     """
 
     lens: Literal["auto", "given", "refine"] = "auto"
@@ -31,7 +31,7 @@ class VisualOdometryConfig(Section):
     round_trip_px: PositiveFloat = 0.6
     """Largest forward-backward tracking error [pixels]."""
     pixel_sigma: PositiveFloat = 0.5
-    """Error of a followed corner [pixels]."""
+    """Error of a followed corner [pixels]; where the residuals of the images are larger, theirs is used."""
     gate_px: PositiveFloat = 3.0
     """Largest distance of a corner from where the pose puts its point [pixels]."""
     keyframe_spacing_m: PositiveFloat = 0.2

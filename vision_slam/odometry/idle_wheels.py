@@ -23,4 +23,4 @@ class WithoutWheels:
 def wheels_are_idle(records: VisionRecords) -> bool:
     """Return whether there are wheels and they count less than 2 mm over the complete drive."""
     wheels = records.wheels
-    return wheels is not None and max(np.ptp(wheels.left_m), np.ptp(wheels.right_m)) < _IDLE_M
+    return wheels is not None and bool(max(np.ptp(wheels.left_m), np.ptp(wheels.right_m)) < _IDLE_M)

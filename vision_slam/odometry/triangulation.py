@@ -30,6 +30,7 @@ class LandmarkTriangulator:
     def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
         self._T_body_camera, self._config = camera.T_body_camera, config
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
+        self.pixel_sigma = config.pixel_sigma
         self._frame: list[int] = []
         self._offset: list[FloatArray] = []
         self._covariance: list[FloatArray] = []
@@ -71,7 +72,7 @@ class LandmarkTriangulator:
 
     def _own(self, information: FloatArray, turn: FloatArray) -> FloatArray:
         """Return the covariance (3, 3) that pixels alone give, in the body frame [m²]."""
-        sigma = self._config.landmark_pixel_factor * self._config.pixel_sigma / self._focal_px
+        sigma = self._config.landmark_pixel_factor * self.pixel_sigma / self._focal_px
         own: FloatArray = sigma**2 * (turn.T @ np.linalg.inv(information) @ turn)
         return own
 

@@ -59,6 +59,9 @@ class VisualOdometry(DataObject):
         body. None where they are those of the body.
     ignores_wheels : bool
         Whether the recording has wheels, which were left out because they count nothing while the images move.
+    n_repeated : int
+        Images that are the same as the one before, byte by byte, and were left out. Wheels say whether
+        the camera stands or repeats itself; without wheels the next other image decides.
 
     Notes
     -----
@@ -73,12 +76,15 @@ class VisualOdometry(DataObject):
     lens: LensEstimate | None = None
     lever_arm_m: FloatArray | None = None
     ignores_wheels: bool = False
+    n_repeated: int = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found about the lens and about the wheels, one sentence each."""
+        """What was found about the lens, the wheels and repeated images, one sentence each."""
         lens = () if self.lens is None else (self.lens.note,)
-        return (*lens, IDLE_WHEELS) if self.ignores_wheels else lens
+        wheels = (IDLE_WHEELS,) if self.ignores_wheels else ()
+        repeated = f"images repeated to the last byte were left out: {self.n_repeated}"
+        return (*lens, *wheels, repeated) if self.n_repeated else (*lens, *wheels)
 
     @property
     def scale_drift_sigma(self) -> float:
@@ -221,6 +227,9 @@ class VisualOdometer:
         self.sensors = MotionSensors(records)
         self._blank = np.zeros((camera.height, camera.width), np.uint8)
         self._before_s = start_s
+        self._newest: Image | None = None
+        self._repeated: list[float] = []
+        self._n_repeated = 0
         self._landmarks = LandmarkTriangulator(camera, self.slam.config)
         self._far_features = FarFeatures(camera)
         self._frame_of: dict[int, int] = {}
@@ -237,6 +246,15 @@ class VisualOdometer:
         time_s : float
             Its time [s].
         """
+        if self._lever_arm_m is not None and self._newest is not None and np.array_equal(image, self._newest):
+            self._repeated.append(time_s)
+            return
+        self._n_repeated += len(self._repeated)
+        self._repeated, self._newest = [], image
+        self._follow(image, time_s)
+
+    def _follow(self, image: Image, time_s: float) -> None:
+        """Process an image that is not left out."""
         slam, sensors, before_s = self.slam, self.sensors, self._before_s
         for between_s in sensors.gap(before_s, time_s):
             slam.step(self._blank, between_s, sensors.between(before_s, between_s))
@@ -263,10 +281,14 @@ class VisualOdometer:
             Odometry, sightings and frame health.
         """
         slam = self.slam
+        if self._newest is not None and self._repeated:  # nothing shows any more that the camera moves
+            self._follow(self._newest, self._repeated[-1])
+            self._n_repeated += len(self._repeated) - 1
+            self._repeated = []
         slam.finished += slam.live_tracks
         self._triangulate_ended(slam.window.newest)
         found = _corrected(slam, self._landmarks.sightings, self._far_features, records)
-        return replace(found, lever_arm_m=self._lever_arm_m)
+        return replace(found, lever_arm_m=self._lever_arm_m, n_repeated=self._n_repeated)
 
     def _triangulate_ended(self, last_settled: int) -> None:
         """Triangulate the tracks that ended before the window, whose poses are final."""
@@ -277,6 +299,7 @@ class VisualOdometer:
         ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
         if ended:
             slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
+            self._landmarks.pixel_sigma = slam.window.pixel_sigma
             self._landmarks.add(ended, slam.window.poses, self._frame_of)
             self._far_features.add(ended)
             if self.ended is not None:

@@ -13,6 +13,7 @@ from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.features import Pixels, detect
 from vision_slam.odometry.health import FrameHealth, VisionHysteresis, image_health
+from vision_slam.odometry.pixel_noise import PixelNoise
 from vision_slam.odometry.recognition import ViewRecognizer
 from vision_slam.odometry.resection import resect
 from vision_slam.odometry.tracks import (
@@ -91,6 +92,7 @@ class VisualSlam:
         self._since: RelativeMotion | None = None
         self._has_travelled = self._is_unaided = False
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
+        self._noise = PixelNoise(self.config.pixel_sigma)
         self._hysteresis = VisionHysteresis(self.config.n_features)
         self._views = ViewRecognizer(camera, self.config)
 
@@ -262,11 +264,12 @@ class VisualSlam:
         has_gyro = self._since is None or self._since.rotation is not None
         camera, errors = resect(
             predicted @ self.camera.T_body_camera, points, is_far, self._rays(pixels[index]),
-            angle_sigma=self.config.pixel_sigma / self._focal_px,
+            angle_sigma=self._noise.sigma_px / self._focal_px,
             turn_sigma=0.01 if has_gyro else 0.1,
             shift_sigma=0.1 if has_gyro else 1.0,
         )  # fmt: skip
         agree[index] = errors < self.config.gate_px / self._focal_px
+        self._noise.update(self._focal_px * errors[agree[index]])
         return camera @ np.linalg.inv(self.camera.T_body_camera), agree
 
     def _turned(self, pixels: Pixels, came: BoolArray) -> tuple[FloatArray, BoolArray] | None:
@@ -351,6 +354,7 @@ class VisualSlam:
         pixels = np.array([track.pixel for track in self._tracks]).reshape(-1, 2)
         for track, ray in zip(self._tracks, self.camera.rays(pixels), strict=True):
             track.add_observation(self.window.newest, ray)
+        self.window.pixel_sigma = self._noise.sigma_px
         if self._tracks and self._has_travelled:
             self._retain(pixels.astype(np.float32), np.array(self.window.solve(self._tracks)))
             self._pose = self.window.poses[-1]

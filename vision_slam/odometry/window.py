@@ -57,6 +57,7 @@ class Window:
 
     def __init__(self, camera: Camera, config: VisualOdometryConfig) -> None:
         self.poses: list[FloatArray] = []
+        self.pixel_sigma = config.pixel_sigma
         self._between: list[_Between] = []
         self._config = config
         self._body_camera = camera.T_body_camera
@@ -145,7 +146,7 @@ class Window:
         if len(sights) < 2:
             return None
         # A pixel off the axis spans a larger piece of the plane z = 1: by 1/cos² along, 1/cos across.
-        sigma = self._config.pixel_sigma / self._focal_px / track.rays[-1][2] ** 1.5
+        sigma = self.pixel_sigma / self._focal_px / track.rays[-1][2] ** 1.5
         params = self._may_be_far if is_level and not track.has_moved else self._is_ground
         factor = gtsam.SmartProjectionPoseFactorCal3_S2(
             gtsam.noiseModel.Isotropic.Sigma(2, sigma), self._lens, self._sensor, params
@@ -179,7 +180,7 @@ class Window:
         first = np.r_[0, np.cumsum(counts)[:-1]]
         moved = np.linalg.norm(directions - np.repeat(directions[first], counts, axis=0), axis=1)
         most = np.maximum.reduceat(moved, first)
-        limit = _MOVED_SIGMAS * self._config.pixel_sigma / self._focal_px
+        limit = _MOVED_SIGMAS * self.pixel_sigma / self._focal_px
         for track, direction, shift in zip(tracks, directions[first], most, strict=True):
             track.has_moved = bool(shift > limit)
             if not track.has_moved:

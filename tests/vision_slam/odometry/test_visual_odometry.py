@@ -14,6 +14,7 @@ from survey.data.camera.frames import Frames
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, scale_by_reference
+from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
 
 
@@ -83,3 +84,14 @@ def test_one_frame_and_images_of_another_size_are_refused(plane_world: object, c
         visual_odometry(ImageSequence(camera, Frames(np.array([0.0]), (image,))))
     with pytest.raises(InputError, match="its calibration 320 × 240"):
         visual_odometry(ImageSequence(camera, Frames(np.array([0.0, 1.0]), (image[:100], image))))
+
+
+def test_a_repeated_image_is_left_out(plane_world: object, camera: Camera) -> None:
+    images = [plane_world.image(pose_at(0.2 * k)) for k in range(10)]  # type: ignore[attr-defined]
+    images[5] = images[4]
+    times = 0.25 * np.arange(10.0)
+    found = visual_odometry(ImageSequence(camera, Frames(times, images)), VisualOdometryConfig(lens="given"))
+    assert found.odometry.time_s.tolist() == times[[0, 1, 2, 3, 4, 6, 7, 8, 9]].tolist()
+    length = np.linalg.norm(found.odometry.step, axis=1)
+    assert length[4] == pytest.approx(2.0 * np.median(length), rel=0.1)
+    assert found.notes == ("images repeated to the last byte were left out: 1",)

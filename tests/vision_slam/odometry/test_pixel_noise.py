@@ -1,0 +1,41 @@
+"""The error of followed corners is that of the images."""
+
+import cv2
+import numpy as np
+import pytest
+
+from survey.data.camera.calibration import Camera
+from tests.vision_slam.odometry.poses import pose_at
+from vision_slam.inertial.motion import RelativeMotion
+from vision_slam.odometry.pixel_noise import PixelNoise
+from vision_slam.odometry.visual_slam import VisualSlam
+
+
+def test_the_assumed_error_is_the_least() -> None:
+    noise = PixelNoise(0.5)
+    for _ in range(100):
+        noise.update(np.full(20, 0.1))
+    assert noise.sigma_px == 0.5
+
+
+def test_the_measured_error_is_that_of_gaussian_residuals() -> None:
+    noise, rng = PixelNoise(0.5), np.random.default_rng(1)
+    for _ in range(500):
+        noise.update(np.hypot(*rng.normal(0.0, 1.2, (2, 200))))
+    assert noise.sigma_px == pytest.approx(1.2, rel=0.02)
+
+
+def test_trembling_images_have_a_larger_error_than_steady_ones(plane_world: object, camera: Camera) -> None:
+    rng, found = np.random.default_rng(3), []
+    columns, rows = np.meshgrid(np.arange(320, dtype=np.float32), np.arange(240, dtype=np.float32))
+    for trembling_px in (0.0, 1.0):
+        slam = VisualSlam(camera)
+        for k in range(16):
+            image = plane_world.image(pose_at(0.2 * k))  # type: ignore[attr-defined]
+            shift = trembling_px * rng.normal(size=(2, 12, 16)).astype(np.float32)
+            x, y = (cv2.resize(part, (320, 240), interpolation=cv2.INTER_NEAREST) for part in shift)
+            moved = np.asarray(cv2.remap(image, columns + x, rows + y, cv2.INTER_LINEAR), np.uint8)
+            slam.step(moved, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
+        found.append(slam.window.pixel_sigma)
+    assert found[0] < 1.1 * slam.config.pixel_sigma
+    assert found[1] > 1.2 * found[0]
