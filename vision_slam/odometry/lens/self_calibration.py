@@ -168,7 +168,7 @@ def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: floa
         return unknown_lens(camera, poses, "its errors are hardly below those of the prior")
     border_px = _border_px(camera, estimated)
     is_other = float(np.array(lens) @ np.linalg.solve(covariance, np.array(lens))) > _SIGNIFICANT
-    if border_px > _LEAST_BORDER_PX and not is_other:
+    if border_px > _LEAST_BORDER_PX and not (is_other or camera.distortion_is_assumed):
         reason = f"the images contradict it by {border_px:.1f} px at the border, which is not significant"
         return unknown_lens(camera, poses, reason)
     is_accepted = border_px > _LEAST_BORDER_PX

@@ -112,3 +112,18 @@ def test_few_corners_estimate_no_lens() -> None:
     found = estimate_lens(_GIVEN, poses, _tracks(_REAL, poses)[:20], _unknown(poses), _CONFIG)
     assert not found.is_accepted
     assert found.scale_sigma > 0.1
+
+
+def test_an_uncertain_estimate_is_better_than_a_distortion_that_nothing_states() -> None:
+    """Of the border's 2.9 pixels the small image shows so little that zero is not excluded; a stated lens stays."""
+    poses, given = _path(24.0), _GIVEN
+    tracks = _tracks(replace(_REAL, distortion=np.array([0.012, -0.004, 0.0, 0.0, 0.0])), poses)
+    config = VisualOdometryConfig(pixel_sigma=1.5)
+    assumed = estimate_lens(given, poses, tracks, _unknown(poses), config)
+    stated = estimate_lens(
+        replace(given, distortion_is_assumed=False), poses, tracks, _unknown(poses), config
+    )
+    assert "not significant" in stated.note
+    assert not stated.is_accepted
+    assert assumed.is_accepted
+    assert abs(assumed.lens[1] - 0.012) < 0.012
