@@ -14,6 +14,7 @@ from survey.data.area import SurveyArea
 from survey.data.parts.area_parts import united
 
 MOST_VERTICES = 20_000
+MOST_POINTS = 2_000
 Place = tuple[float, float]
 Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
 Rings = Annotated[tuple[Ring, ...], Field(min_length=1)]
@@ -43,6 +44,10 @@ class PlanDocument(Section):
     """Polygons that no route may touch."""
     starts: tuple[Place, ...] = ()
     """Where rovers start."""
+    stakes: tuple[Place, ...] = Field(default=(), max_length=MOST_POINTS)
+    """Where stakes are to be set and surveyed."""
+    checkpoints: tuple[Place, ...] = Field(default=(), max_length=MOST_POINTS)
+    """Where the map is to be checked by heights that it is not made from."""
     planner: dict[str, Setting] = Field(default_factory=lambda: dict(_FIRST_SETTINGS))
     """Settings of the section ``planner``."""
     rover: dict[str, Setting] = Field(default_factory=dict)
@@ -51,6 +56,8 @@ class PlanDocument(Section):
     """Settings of the section ``fleet``."""
     requirement: dict[str, Setting] = Field(default_factory=dict)
     """Settings of a required class or error; empty when the pattern is chosen by hand."""
+    simulation: dict[str, Setting] = Field(default_factory=dict)
+    """Depth and seed of a simulated run."""
 
     @model_validator(mode="after")
     def _of_bearable_size(self) -> Self:

@@ -1,4 +1,4 @@
-"""Routes of files: export of the plan, files that are dropped onto the page, elevation profile."""
+"""Routes of files: export of the plan, files that are dropped onto the page."""
 
 from anyio import to_thread
 from starlette.requests import Request
@@ -29,12 +29,3 @@ async def dropped_file(request: Request) -> Response:
     content = await request.body()
     name = request.query_params.get("name", "")
     return JSONResponse(await to_thread.run_sync(dropped, name, content, workspace.crs))
-
-
-def profile(request: Request) -> Response:
-    """Answer with the heights along the route."""
-    from desk.plan.profile import profiles
-
-    workspace: Workspace = request.app.state.workspace
-    route = workspace.planner.quick(workspace.store.document).plan.route
-    return JSONResponse({"rovers": profiles(route, workspace.tiles.pyramid, workspace.map_scale)})

@@ -8,11 +8,13 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from desk.server.replies import body_of
+from desk.terrain.contours import contour_lines
 from desk.terrain.heights import heights_at
 from desk.terrain.palette import ELEVATION, SLOPE, legend_colours
-from desk.terrain.shading import LARGEST_SLOPE_DEG
+from desk.terrain.shading import LARGEST_SLOPE_DEG, TerrainStyle
 from desk.terrain.tiles import LAYERS
 from desk.workspace import Workspace
+from survey.core.arrays import Bounds
 from survey.core.errors import ConfigError
 
 _MOST_PLACES = 2000
@@ -21,7 +23,6 @@ _MOST_PLACES = 2000
 def site(request: Request) -> Response:
     """Answer with what the page needs to know once: CRS, tile grid, colours."""
     workspace: Workspace = request.app.state.workspace
-    style = workspace.tiles.style
     return JSONResponse(
         {
             "name": workspace.name,
@@ -30,13 +31,45 @@ def site(request: Request) -> Response:
             "crs": {"name": workspace.crs.name, "code": ":".join(workspace.crs.to_authority() or ("", ""))},
             "grid_per_ground": workspace.map_scale,
             "tiles": workspace.tiles.grid(),
-            "heights_m": [style.low_m, style.high_m],
+            "style": _plain(workspace.tiles.style),
             "height_colours": legend_colours(ELEVATION),
             "slope_colours": legend_colours(SLOPE),
             "largest_slope_deg": LARGEST_SLOPE_DEG,
-            "contour_interval_m": style.interval_m,
         }
     )
+
+
+def style(request: Request) -> Response:
+    """Answer with the colours that suit the bounds that are looked at, or with those that are shown where they still do."""
+    workspace: Workspace = request.app.state.workspace
+    best = TerrainStyle.of(workspace.tiles.pyramid, _bounds(request))
+    shown = request.query_params.get("shown")
+    if shown is not None and TerrainStyle.parsed(shown).still_fits(best):
+        best = TerrainStyle.parsed(shown)
+    return JSONResponse(_plain(best))
+
+
+def contours(request: Request) -> Response:
+    """Answer with the contour lines within bounds."""
+    workspace: Workspace = request.app.state.workspace
+    return JSONResponse(contour_lines(workspace.tiles.pyramid, _bounds(request)))
+
+
+def _plain(style: TerrainStyle) -> dict[str, Any]:
+    return {"text": style.text, "low_m": style.low_m, "high_m": style.high_m}
+
+
+def _bounds(request: Request) -> Bounds:
+    """Return the bounds that a request names [m]."""
+    try:
+        west, south, east, north = (float(part) for part in request.query_params.get("bounds", "").split(","))
+    except ValueError as error:
+        raise ConfigError(
+            "the bounds are no four numbers; west, south, east, north were expected."
+        ) from error
+    if not (np.isfinite([west, south, east, north]).all() and west < east and south < north):
+        raise ConfigError("the bounds are not in the order west, south, east, north.")
+    return west, south, east, north
 
 
 def fields(request: Request) -> Response:
@@ -53,7 +86,9 @@ def tile(request: Request) -> Response:
     place = request.path_params
     if place["layer"] not in LAYERS:
         return JSONResponse({"error": f"the layer {place['layer']!r} is none of {', '.join(LAYERS)}."}, 404)
-    png = workspace.tiles.png(place["layer"], place["zoom"], place["column"], place["row"])
+    given = request.query_params.get("style")
+    style = None if given is None else TerrainStyle.parsed(given)
+    png = workspace.tiles.png(place["layer"], place["zoom"], place["column"], place["row"], style)
     if png is None:
         return JSONResponse({"error": "the terrain has no such tile."}, 404)
     return Response(png, media_type="image/png", headers={"cache-control": "private, max-age=3600"})

@@ -1,4 +1,4 @@
-"""Routes of the live plan: route and numbers, predicted error."""
+"""Routes of the live plan: route and numbers, predicted error, drive in time."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,14 @@ def error(request: Request) -> Response:
     live = _live(request)
     content: dict[str, Any] = {"is_provisional": live.is_provisional, "detail": detail}
     return JSONResponse(content | error_map(live.plan, detail))
+
+
+def drive(request: Request) -> Response:
+    """Answer with the drive of each rover in time."""
+    from desk.plan.drive import drives
+
+    workspace: Workspace = request.app.state.workspace
+    return JSONResponse({"rovers": drives(_live(request), workspace.tiles.pyramid)})
 
 
 def _live(request: Request) -> "LivePlan":

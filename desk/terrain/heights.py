@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from desk.terrain.levels import level_for
 from desk.terrain.pyramid import ElevationPyramid
 from survey.core.arrays import FloatArray
 
@@ -32,20 +33,12 @@ def heights_at(pyramid: ElevationPyramid, places: FloatArray) -> FloatArray:
     if not inside.any():
         return heights
     column, row = column[inside], row[inside]
-    level = _level_for(float(np.ptp(column)), float(np.ptp(row)))
+    level = level_for(float(np.ptp(column)), float(np.ptp(row)), _MOST_CELLS)
     u, v = column / 2**level - 0.5, row / 2**level - 0.5
     first_u, first_v = int(np.floor(u.min())), int(np.floor(v.min()))
     size = (int(v.max()) - first_v + 3, int(u.max()) - first_u + 3)
     heights[inside] = _between(pyramid.window(level, first_v, first_u, *size), u - first_u, v - first_v)
     return heights
-
-
-def _level_for(width: float, height: float) -> int:
-    """Return the finest level whose window has a bearable number of cells."""
-    level = 0
-    while (width / 2**level + 3) * (height / 2**level + 3) > _MOST_CELLS:
-        level += 1
-    return level
 
 
 def _between(cells: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:

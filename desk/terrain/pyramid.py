@@ -4,12 +4,13 @@ import math
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from affine import Affine
 from pyproj import CRS
 
+from desk.terrain.levels import block_means, level_for
 from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs.checks import projected_crs
 from survey.core.errors import InputError
@@ -19,6 +20,25 @@ from survey.io.raster.opening import checked_band, opened_dataset
 
 _MOST_CELLS_IN_MEMORY = 4_000_000
 _STRIP_CELLS = 4_000_000
+
+
+class Overview(NamedTuple):
+    """Heights of a part of the terrain on one level.
+
+    Parameters
+    ----------
+    heights : (H, W) ndarray
+        NaN where none is known [m].
+    west, north : float
+        Outer corner of the first cell [m].
+    cell_m : float
+        Width of a cell [m].
+    """
+
+    heights: FloatArray
+    west: float
+    north: float
+    cell_m: float
 
 
 class ElevationPyramid:
@@ -129,6 +149,32 @@ class ElevationPyramid:
         result[first_row - row : last_row - row, first_column - column : last_column - column] = part
         return result
 
+    def over(self, bounds: Bounds, most_cells: int) -> Overview:
+        """Return the part of the terrain within bounds, on the finest level on which it has few enough cells.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            ``(xmin, ymin, xmax, ymax)`` [m].
+        most_cells : int
+            Largest number of cells.
+
+        Returns
+        -------
+        Overview
+            At least one cell; beyond the raster nothing is known.
+        """
+        t, (n_rows, n_columns) = self.transform, self.shape
+        west, east = (min(max((x - t.c) / t.a, 0.0), n_columns) for x in (bounds[0], bounds[2]))
+        north, south = (min(max((y - t.f) / t.e, 0.0), n_rows) for y in (bounds[3], bounds[1]))
+        level = level_for(east - west, south - north, most_cells)
+        n = 2**level
+        column, row = int(west // n), int(north // n)
+        rows, columns = max(1, math.ceil(south / n) - row), max(1, math.ceil(east / n) - column)
+        cell_m = self.step_m * n
+        heights = self.window(level, row, column, rows, columns)
+        return Overview(heights, t.c + column * cell_m, t.f - row * cell_m, cell_m)
+
     def _read(self, k: int, row: int, column: int, last_row: int, last_column: int) -> FloatArray:
         """Read cells of a level from the file."""
         n, (height, width) = 2**k, self.shape
@@ -143,41 +189,6 @@ class ElevationPyramid:
         strips = range(0, -(-height // n), rows)
         n_columns, n_rows = -(-width // n), -(-height // n)
         return np.vstack([self._read(k, row, 0, min(row + rows, n_rows), n_columns) for row in strips])
-
-
-def block_means(values: FloatArray, n: int) -> FloatArray:
-    """Average squares of n × n cells over the cells that are known; NaN where none is.
-
-    Parameters
-    ----------
-    values : (H, W) ndarray
-        NaN where nothing is known.
-    n : int
-        Side of the squares; those at the southern and eastern edge may be cut.
-
-    Returns
-    -------
-    (ceil(H / n), ceil(W / n)) ndarray
-        Means.
-
-    Examples
-    --------
-    >>> block_means(np.array([[1.0, 3.0, 5.0], [np.nan, 2.0, 7.0]]), 2)
-    array([[2., 6.]])
-    """
-    if n == 1:
-        return values
-    height, width = values.shape
-    if height % n or width % n:
-        values = np.pad(values, ((0, -height % n), (0, -width % n)), constant_values=np.nan)
-    blocks = values.reshape(values.shape[0] // n, n, values.shape[1] // n, n)
-    known = np.isfinite(blocks)
-    if known.all():
-        means: FloatArray = blocks.mean(axis=(1, 3))
-        return means
-    counts = known.sum(axis=(1, 3))
-    sums = np.where(known, blocks, 0.0).sum(axis=(1, 3))
-    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
 def _level_in_memory(shape: tuple[int, int]) -> int:

@@ -1,4 +1,4 @@
-"""Colours of terrain: hypsometric tints under a hillshade, slope, contours."""
+"""Colours of terrain: hypsometric tints under a hillshade, slope."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from desk.terrain.palette import ELEVATION, SLOPE, colour_of
 from desk.terrain.pyramid import ElevationPyramid
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
+from survey.core.errors import ConfigError
 from survey.core.quantity_text import round_number
 
 Pixels = npt.NDArray[np.uint8]
@@ -17,12 +18,16 @@ Pixels = npt.NDArray[np.uint8]
 LARGEST_SLOPE_DEG = 45.0
 """Slope at the upper end of its colours [deg]."""
 _LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])  # from the north-west, 45° above the horizon
-_SHADE_STRENGTH = 0.75
+_SHADE_STRENGTH = 0.85
+_OVERVIEW_CELLS = 100_000
+_LARGEST_HEIGHT_M = 1e5
+_MOST_EXAGGERATION = 10.0
+_LEAST_OVERLAP = 0.6
 
 
 @dataclass(frozen=True)
 class TerrainStyle:
-    """What all tiles of a terrain have in common.
+    """Colours of elevations and strength of the hillshade, chosen for the ground that is looked at.
 
     Parameters
     ----------
@@ -30,35 +35,98 @@ class TerrainStyle:
         Heights at both ends of the colours [m].
     exaggeration : float
         Factor of the slopes under the hillshade.
-    interval_m : float
-        Height between contours [m].
+
+    Raises
+    ------
+    ConfigError
+        Heights in the wrong order, or a factor that is not from 1 to 10.
+
+    Examples
+    --------
+    >>> TerrainStyle.parsed("700,900,2.5")
+    TerrainStyle(low_m=700.0, high_m=900.0, exaggeration=2.5)
     """
 
     low_m: float
     high_m: float
     exaggeration: float
-    interval_m: float
+
+    def __post_init__(self) -> None:
+        in_order = -_LARGEST_HEIGHT_M < self.low_m < self.high_m < _LARGEST_HEIGHT_M
+        if not (in_order and 1.0 <= self.exaggeration <= _MOST_EXAGGERATION):
+            raise ConfigError(f"the colours {self.text!r} are not known; reload the page.")
 
     @classmethod
-    def of(cls, pyramid: ElevationPyramid) -> Self:
-        """Choose colours and exaggeration from a coarse level.
+    def parsed(cls, text: str) -> Self:
+        """Read what `text` writes.
+
+        Parameters
+        ----------
+        text : str
+            Two heights and a factor, separated by commas.
+
+        Returns
+        -------
+        TerrainStyle
+            The style.
+
+        Raises
+        ------
+        ConfigError
+            Something else.
+        """
+        try:
+            low, high, factor = (float(part) for part in text.split(","))
+        except ValueError as error:
+            raise ConfigError(f"the colours {text[:40]!r} are not known; reload the page.") from error
+        return cls(low, high, factor)
+
+    @classmethod
+    def of(cls, pyramid: ElevationPyramid, bounds: Bounds) -> Self:
+        """Stretch the colours over the heights within bounds.
 
         Parameters
         ----------
         pyramid : ElevationPyramid
             The terrain.
+        bounds : tuple of float
+            ``(xmin, ymin, xmax, ymax)`` [m].
 
         Returns
         -------
         TerrainStyle
-            The same for every tile.
+            With round numbers.
         """
-        heights = pyramid.level(max(pyramid.base, pyramid.coarsest))
-        known = heights[np.isfinite(heights)]
-        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-        relief = max(high - low, 1e-3)
-        cell_m = pyramid.step_m * 2 ** max(pyramid.base, pyramid.coarsest)
-        return cls(low, low + relief, _exaggeration(heights, cell_m), round_number(relief / 25.0))
+        part = pyramid.over(bounds, _OVERVIEW_CELLS)
+        known = part.heights[np.isfinite(part.heights)]
+        low, high = np.percentile(known, [0.5, 99.5]).tolist() if len(known) else (0.0, 1.0)
+        step = round_number(max(high - low, 0.01) / 8.0)
+        low, high = math.floor(low / step) * step, math.ceil(high / step) * step
+        factor = _exaggeration(part.heights, part.cell_m)
+        return cls(round(low, 6), round(max(high, low + step), 6), round(factor, 1))
+
+    @property
+    def text(self) -> str:
+        """The style as a part of an address."""
+        return f"{self.low_m:.10g},{self.high_m:.10g},{self.exaggeration:g}"
+
+    def still_fits(self, other: "TerrainStyle") -> bool:
+        """Return whether tiles of this style can stay where another one would be chosen.
+
+        Parameters
+        ----------
+        other : TerrainStyle
+            The one that fits best.
+
+        Returns
+        -------
+        bool
+            The heights are nearly the same, and the factor too.
+        """
+        span = self.high_m - self.low_m
+        overlap = min(self.high_m, other.high_m) - max(self.low_m, other.low_m)
+        is_alike = overlap > _LEAST_OVERLAP * max(span, other.high_m - other.low_m)
+        return is_alike and 0.7 < self.exaggeration / other.exaggeration < 1.4
 
     def relief(self, heights: FloatArray, cell_m: float) -> Pixels:
         """Return tints under a hillshade.
@@ -101,30 +169,6 @@ class TerrainStyle:
         share = np.where(known, slope_deg / LARGEST_SLOPE_DEG, 0.0)
         return _with_alpha(colour_of(SLOPE, share), known)
 
-    def contours(self, heights: FloatArray, cell_m: float) -> Pixels:
-        """Return dark pixels where the height passes a multiple of the interval; every fifth one is strong.
-
-        Parameters
-        ----------
-        heights, cell_m
-            As for `relief`.
-
-        Returns
-        -------
-        (H, W, 4) ndarray of uint8
-            Transparent elsewhere.
-        """
-        del cell_m
-        alpha = np.zeros(tuple(side - 2 for side in heights.shape))
-        for n, strength in ((1, 110.0), (5, 210.0)):
-            band = np.floor(heights / (n * self.interval_m))
-            here, east, south = band[1:-1, 1:-1], band[1:-1, 2:], band[2:, 1:-1]
-            crossed = ((here != east) & np.isfinite(east)) | ((here != south) & np.isfinite(south))
-            alpha[crossed & np.isfinite(here)] = strength
-        pixels = np.zeros((*alpha.shape, 4), dtype=np.uint8)
-        pixels[..., :3], pixels[..., 3] = (40, 52, 64), alpha
-        return pixels
-
 
 def _with_alpha(colours: npt.NDArray[np.floating] | Pixels, known: npt.NDArray[np.bool_]) -> Pixels:
     pixels = np.zeros((*known.shape, 4), dtype=np.uint8)
@@ -160,4 +204,4 @@ def _exaggeration(heights: FloatArray, cell_m: float) -> float:
     steepness = np.hypot(*_gradient(np.pad(heights, 1, constant_values=np.nan), cell_m))
     known = steepness[np.isfinite(heights)]
     typical = float(np.percentile(known, 90.0)) if len(known) else 0.0
-    return float(np.clip(math.tan(math.radians(30.0)) / max(typical, 1e-6), 1.0, 10.0))
+    return float(np.clip(math.tan(math.radians(30.0)) / max(typical, 1e-6), 1.0, _MOST_EXAGGERATION))

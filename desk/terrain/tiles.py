@@ -12,7 +12,7 @@ from desk.terrain.pyramid import ElevationPyramid
 from desk.terrain.shading import TerrainStyle
 
 TILE_CELLS = 256
-Layer = Literal["relief", "slope", "contours"]
+Layer = Literal["relief", "slope"]
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 _MOST_TILES = 512
 
@@ -28,7 +28,7 @@ class TerrainTiles:
 
     def __init__(self, pyramid: ElevationPyramid) -> None:
         self.pyramid = pyramid
-        self.style = TerrainStyle.of(pyramid)
+        self.style = TerrainStyle.of(pyramid, pyramid.bounds)
         self._png = lru_cache(_MOST_TILES)(self._drawn)
 
     def grid(self) -> dict[str, Any]:
@@ -42,15 +42,19 @@ class TerrainTiles:
         resolutions = [self.pyramid.step_m * 2**k for k in range(self.pyramid.coarsest, -1, -1)]
         return {"extent": self.pyramid.bounds, "tile_cells": TILE_CELLS, "resolutions_m": resolutions}
 
-    def png(self, layer: Layer, zoom: int, column: int, row: int) -> bytes | None:
+    def png(
+        self, layer: Layer, zoom: int, column: int, row: int, style: TerrainStyle | None = None
+    ) -> bytes | None:
         """Return a tile.
 
         Parameters
         ----------
-        layer : {"relief", "slope", "contours"}
+        layer : {"relief", "slope"}
             What is drawn.
         zoom, column, row : int
             Counted from the north-western corner.
+        style : TerrainStyle, optional
+            Of the relief; that of the terrain as one by default.
 
         Returns
         -------
@@ -62,14 +66,12 @@ class TerrainTiles:
         side = TILE_CELLS * 2 ** max(level, 0)
         if level < 0 or not (0 <= row * side < height and 0 <= column * side < width):
             return None
-        return self._png(layer, level, column, row)
+        return self._png(layer, level, column, row, style or self.style)
 
-    def _drawn(self, layer: Layer, level: int, column: int, row: int) -> bytes:
+    def _drawn(self, layer: Layer, level: int, column: int, row: int, style: TerrainStyle) -> bytes:
         first = (row * TILE_CELLS - 1, column * TILE_CELLS - 1)
         heights = self.pyramid.window(level, *first, TILE_CELLS + 2, TILE_CELLS + 2)
-        draw = {"relief": self.style.relief, "slope": self.style.slope, "contours": self.style.contours}[
-            layer
-        ]
+        draw = {"relief": style.relief, "slope": style.slope}[layer]
         return png_bytes(draw(heights, self.pyramid.step_m * 2**level))
 
 

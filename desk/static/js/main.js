@@ -1,23 +1,24 @@
 // The page of the desk: a map first, one panel beside it. Everything that is shown was computed by the server.
-import { get } from "./api.js";
-import { Compare } from "./compare.js";
-import { Corners } from "./corners.js";
+import { get } from "./server/api.js";
+import { Compare } from "./panel/compare.js";
+import { Corners } from "./panel/corners.js";
 import { byId, element, iconButton } from "./dom.js";
-import { acceptFiles } from "./drop.js";
-import { ErrorLayer } from "./errors.js";
-import { showFacts } from "./facts.js";
-import { Files } from "./files.js";
-import { Layers } from "./layers.js";
-import { Live } from "./live.js";
-import { createMap, terrainLayer, zoomButtons } from "./map.js";
-import { Plan } from "./plan.js";
-import { Profile } from "./profile.js";
-import { Requirement } from "./requirement.js";
-import { RouteLayer } from "./route.js";
-import { Settings } from "./settings.js";
-import { Swipe } from "./swipe.js";
-import { createTabs } from "./tabs.js";
-import { Tools } from "./tools.js";
+import { Drive } from "./map/drive.js";
+import { acceptFiles } from "./map/drop.js";
+import { ErrorLayer } from "./map/errors.js";
+import { showFacts } from "./panel/facts.js";
+import { Files } from "./panel/files.js";
+import { Layers } from "./map/layers.js";
+import { Live } from "./server/live.js";
+import { createMap, zoomButtons } from "./map/view.js";
+import { Plan } from "./server/plan.js";
+import { Requirement } from "./panel/requirement.js";
+import { RouteLayer } from "./map/route.js";
+import { Settings } from "./panel/settings.js";
+import { Swipe } from "./map/swipe.js";
+import { createTabs } from "./panel/tabs.js";
+import { Terrain } from "./map/terrain.js";
+import { Tools } from "./map/tools.js";
 
 /** @typedef {import("./types.js").Site} Site */
 
@@ -74,12 +75,12 @@ function squareInView(map) {
   };
 }
 
-/** @param {() => void} openFile @param {Profile} profile */
-function addMapButtons(openFile, profile) {
+/** @param {() => void} openFile @param {Drive} drive */
+function addMapButtons(openFile, drive) {
   const open = iconButton("open", "Open an outline, a raster or points", openFile);
-  const show = iconButton("profile", "Elevation along the route", () => {
-    profile.open(!profile.isOpen);
-    show.setAttribute("aria-pressed", String(profile.isOpen));
+  const show = iconButton("drive", "The drive in time, with its elevation", () => {
+    drive.open(!drive.isOpen);
+    show.setAttribute("aria-pressed", String(drive.isOpen));
   });
   show.setAttribute("aria-pressed", "false");
   byId("tools").append(element("hr"), open, show);
@@ -112,29 +113,28 @@ async function begin() {
   const live = new Live(plan);
   const route = new RouteLayer();
   const errors = new ErrorLayer(map.getView().getProjection());
-  const relief = terrainLayer(site, "relief", true), slope = terrainLayer(site, "slope", false), contours = terrainLayer(site, "contours", false);
-  slope.setOpacity(0.6);
+  const terrain = new Terrain(map, site);
   const tools = new Tools(map, plan, site.grid_per_ground);
-  for (const layer of [relief, slope, errors.layer, contours, route.layer, route.drivenLayer, tools.layer]) map.addLayer(layer);
+  for (const layer of [terrain.relief, terrain.slope, errors.layer, terrain.contours, route.layer, route.drivenLayer, tools.layer]) map.addLayer(layer);
   const fit = fitter(map, plan, site);
   byId("tools").append(...zoomButtons(map, fit));
   const metres = (/** @type {number} */ value) => `${value < 10 ? value.toPrecision(2) : value.toFixed(0)} m`;
   const swipe = new Swipe(map);
-  for (const layer of [errors.layer, slope]) swipe.cut(layer);
-  const layers = new Layers([
+  const layers = new Layers(map, [
     { name: "route", title: "Route", layer: route.layer },
     { name: "driven", title: "Simulated drive", layer: route.drivenLayer },
-    { name: "error", title: "Predicted error", layer: errors.layer, legend: () => errors.shown?.image ? { title: "Predicted standard deviation", colours: errors.shown.colours, low: "0 m", high: `${metres(errors.shown.top_m)} or more` } : null },
-    { name: "contours", title: `Contours, ${site.contour_interval_m} m`, layer: contours },
-    { name: "slope", title: "Slope", layer: slope, legend: () => ({ title: "Slope", colours: site.slope_colours, low: "0°", high: `${site.largest_slope_deg}° or more` }) },
-    { name: "relief", title: "Terrain", layer: relief, legend: () => ({ title: "Elevation", colours: site.height_colours, low: metres(site.heights_m[0]), high: metres(site.heights_m[1]) }) },
+    { name: "error", title: "Predicted error", layer: errors.layer, isPicture: true, legend: () => errors.shown?.image ? { title: "Predicted standard deviation", colours: errors.shown.colours, low: "0 m", high: `${metres(errors.shown.top_m)} or more` } : null },
+    { name: "contours", title: "Contours", layer: terrain.contours },
+    { name: "slope", title: "Slope", layer: terrain.slope, isPicture: true, legend: () => ({ title: "Slope", colours: site.slope_colours, low: "0°", high: `${site.largest_slope_deg}° or more` }) },
+    { name: "relief", title: "Terrain", layer: terrain.relief, isPicture: true, isBase: true, legend: () => ({ title: "Elevation", colours: site.height_colours, low: metres(terrain.style.low_m), high: metres(terrain.style.high_m) }) },
   ], swipe);
+  terrain.events.addEventListener("change", () => layers.legends());
   const corners = new Corners(plan, tools, squareInView(map));
   const settings = element("div"), requirement = element("div");
   const compare = new Compare(plan);
   const files = new Files(refuse, (paths) => route.showDriven(paths));
-  const profile = new Profile();
-  map.addLayer(profile.layer);
+  const drive = new Drive();
+  map.addLayer(drive.layer);
   createTabs([
     { name: "settings", title: "Survey", page: settings },
     { name: "shapes", title: "Shapes", page: corners.page },
@@ -146,10 +146,10 @@ async function begin() {
   listen(plan, live, route, errors, layers);
   live.addEventListener("route", (event) => {
     files.command.textContent = /** @type {CustomEvent} */ (event).detail.command;
-    profile.refresh();
+    drive.refresh();
   });
   const openFile = acceptFiles(map, plan, layers, refuse);
-  addMapButtons(openFile, profile);
+  addMapButtons(openFile, drive);
   await plan.load();
   fit();
   document.documentElement.dataset.ready = "yes";

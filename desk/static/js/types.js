@@ -8,10 +8,13 @@
  * @property {Rings[]} areas
  * @property {Rings[]} no_go
  * @property {Place[]} starts
+ * @property {Place[]} stakes
+ * @property {Place[]} checkpoints
  * @property {Record<string, any>} planner
  * @property {Record<string, any>} rover
  * @property {Record<string, any>} fleet
  * @property {Record<string, any>} requirement
+ * @property {Record<string, any>} simulation
  */
 /** @typedef {{name: string, help: string, default: any, kind: string, choices: string[]}} Field */
 /**
@@ -22,13 +25,13 @@
  * @property {{name: string, code: string}} crs
  * @property {number} grid_per_ground
  * @property {{extent: number[], tile_cells: number, resolutions_m: number[]}} tiles
- * @property {number[]} heights_m
+ * @property {TerrainStyle} style
  * @property {string[]} height_colours
  * @property {string[]} slope_colours
  * @property {number} largest_slope_deg
- * @property {number} contour_interval_m
  */
-/** @typedef {{planner: Record<string, Field[]>, rover: Field[], fleet: Field[], requirement: Field[]}} Fields */
+/** @typedef {{text: string, low_m: number, high_m: number}} TerrainStyle */
+/** @typedef {{planner: Record<string, Field[]>, rover: Field[], fleet: Field[], requirement: Field[], simulation: Field[]}} Fields */
 /** @typedef {{kind: string, rover: number, places: Place[]}} Leg */
 /**
  * @typedef {object} PlanSummary
@@ -54,5 +57,16 @@
  * @property {number} rmse_m
  * @property {number} p95_m
  * @property {number} worst_m
+ */
+/**
+ * @typedef {object} RoverDrive
+ * @property {number} rover
+ * @property {Place[]} places
+ * @property {(number|null)[]} heights_m
+ * @property {number[]} distance_m
+ * @property {number[]} time_s
+ * @property {number[]} energy_j
+ * @property {number[]|null} battery_share
+ * @property {[number, number][]} swaths
  */
 export {};

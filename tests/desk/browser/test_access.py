@@ -39,8 +39,9 @@ def test_axe_finds_nothing(opened, view, scheme):
 
 def test_axe_finds_nothing_on_refusals_and_profiles(opened):
     opened.wait_for_error()
-    opened.page.click("[aria-label='Elevation along the route']")
-    opened.page.wait_for_selector("#profile .curve")
+    opened.page.click("[aria-label^='The drive in time']")
+    opened.page.wait_for_selector("#drive .curve")
+    opened.page.check("#swipe-on")
     assert violations(opened.page) == []
     opened.fill("planner-swaths", "-3")
     opened.page.wait_for_selector("#refusal:not([hidden])")

@@ -232,15 +232,6 @@ def test_a_mission_runs_in_the_page_to_a_report(opened):
     assert "hills" in report.value.content()
 
 
-def test_the_profile_follows_the_route_by_keyboard(opened):
-    opened.wait_for_error()
-    opened.page.click("[aria-label='Elevation along the route']")
-    opened.page.wait_for_selector("#profile .curve")
-    opened.page.focus("#along")
-    opened.page.keyboard.press("ArrowRight")
-    opened.wait_for(lambda: "km" in opened.page.inner_text("#along-text"), "place on the route")
-
-
 def test_an_outline_that_is_opened_becomes_an_area(opened, tmp_path):
     from desk.plan.document import PlanDocument
 
@@ -272,22 +263,3 @@ def test_a_wrong_file_is_refused_in_a_sentence(opened, tmp_path: Path, name, con
     opened.page.wait_for_selector("#refusal:not([hidden])")
     assert name.split(".")[0] in opened.page.inner_text("#refusal")
     assert opened.server.workspace.store.revision == 0
-
-
-def test_layers_are_shown_and_hidden(opened):
-    opened.page.check("#show-slope")
-    assert "45° or more" in opened.page.inner_text("#legend")
-    opened.page.uncheck("#show-relief")
-    assert "Elevation" not in opened.page.inner_text("#legend")
-
-
-def test_a_swipe_uncovers_the_terrain(opened):
-    opened.wait_for_error()
-    opened.page.uncheck("#show-route")
-    place = opened.page.locator("#map").bounding_box()
-    area = {"x": place["x"] + 300, "y": place["y"] + 300, "width": 120, "height": 120}
-    covered = opened.page.screenshot(clip=area)
-    opened.page.focus("#swipe")
-    opened.page.keyboard.press("Home")
-    opened.page.wait_for_timeout(300)
-    assert opened.page.screenshot(clip=area) != covered

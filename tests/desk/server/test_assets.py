@@ -1,6 +1,7 @@
 """Files of the page."""
 
 import hashlib
+import posixpath
 import re
 
 import pytest
@@ -42,8 +43,9 @@ def test_every_file_that_the_page_names_is_served(page):
         assert page.get(address).status_code == 200
     for name, file in asset_files().items():
         if file.suffix == ".js" and "vendor" not in name:
-            for imported in re.findall(r'from "\./([\w.]+)"', file.read_text()):
-                assert f"js/{imported}" in asset_files(), f"{name} imports {imported}"
+            for imported in re.findall(r'from "(\.[\w./]+)"', file.read_text()):
+                served = posixpath.normpath(posixpath.join(posixpath.dirname(name), imported))
+                assert served in asset_files(), f"{name} imports {imported}"
 
 
 def test_the_page_asks_no_other_host():

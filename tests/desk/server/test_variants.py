@@ -1,4 +1,4 @@
-"""Plans that are set aside, and the profile along a route."""
+"""Plans that are set aside."""
 
 import pytest
 
@@ -22,10 +22,3 @@ def test_a_variant_that_is_refused_says_why(page):
     page.post("/api/edit", {"revision": 0, "title": "Empty", "document": {**state["document"], "areas": []}})
     (row,) = page.post("/api/variants", {"name": "empty"}).json()["variants"]
     assert "no area is drawn" in row["error"]
-
-
-def test_the_profile_follows_the_route(page):
-    (rover,) = page.get("/api/profile").json()["rovers"]
-    assert len(rover["distance_m"]) == len(rover["heights_m"]) == len(rover["places"])
-    assert rover["distance_m"] == sorted(rover["distance_m"])
-    assert 760.0 < min(rover["heights_m"]) < max(rover["heights_m"]) < 840.0

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from desk.terrain import pyramid as module
+from desk.terrain.levels import block_means
 from desk.terrain.palette import DEVIATION, ELEVATION, SLOPE
-from desk.terrain.pyramid import ElevationPyramid, block_means
+from desk.terrain.pyramid import ElevationPyramid
 from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
@@ -45,6 +46,16 @@ def test_windows_beyond_the_raster_are_unknown(large):
     with ElevationPyramid(large) as pyramid:
         assert np.isnan(pyramid.window(0, 1000, 0, 4, 4)).all()
         assert np.isnan(pyramid.window(0, -4, -4, 4, 4)).all()
+
+
+def test_a_part_has_few_enough_cells_and_its_place(large):
+    with ElevationPyramid(large) as pyramid:
+        part = pyramid.over((100.0, 50.0, 700.0, 300.0), 3_000)
+        assert part.heights.size <= 3_000
+        assert part.west <= 100.0 < part.west + part.cell_m
+        assert part.north - part.heights.shape[0] * part.cell_m <= 50.0
+        outside = pyramid.over((-900.0, 0.0, -800.0, 10.0), 3_000)
+        assert outside.heights.shape == (6, 1)
 
 
 def test_means_of_uneven_sizes_leave_unknown_cells_out():

@@ -1,6 +1,6 @@
 // The predicted standard deviation of the map over the terrain.
 
-/** @typedef {import("./types.js").ErrorMap} ErrorMap */
+/** @typedef {import("../types.js").ErrorMap} ErrorMap */
 const ol = /** @type {any} */ (globalThis).ol;
 
 export class ErrorLayer {

@@ -1,5 +1,5 @@
 // The tabs of the panel.
-import { byId, element } from "./dom.js";
+import { byId, element } from "../dom.js";
 
 /** @param {{name: string, title: string, page: HTMLElement}[]} tabs */
 export function createTabs(tabs) {

@@ -1,25 +1,42 @@
 // The list of layers with their opacity, and the legends of those that are shown.
-import { byId, element } from "./dom.js";
+import { byId, element } from "../dom.js";
 
-/** @typedef {{name: string, title: string, layer: any, legend?: () => Legend|null}} Entry */
+/** @typedef {{name: string, title: string, layer: any, legend?: () => Legend|null, isPicture?: boolean, isBase?: boolean}} Entry
+ * Pictures can be compared by a swipe; the base stays below both sides. */
 /** @typedef {{title: string, colours: string[], low: string, high: string}} Legend */
 
 export class Layers {
-  /** @param {Entry[]} entries From the top down. @param {import("./swipe.js").Swipe} swipe */
-  constructor(entries, swipe) {
+  /** @param {any} map @param {Entry[]} entries From the top down. @param {import("./swipe.js").Swipe} swipe */
+  constructor(map, entries, swipe) {
+    this.map = map;
     this.entries = entries;
     this.swipe = swipe;
     const open = matchMedia("(min-width: 761px)").matches;
     this.list = element("div", { class: "list" }, ...entries.map((entry) => this.#row(entry)), swipe.row);
     byId("layers").append(element("details", { open }, element("summary", { text: "Layers" }), this.list));
-    this.legends();
+    this.#changed();
   }
 
-  /** @param {Entry} entry */
+  /** @param {Entry} entry A layer of the same name is replaced. */
   add(entry) {
-    this.swipe.cut(entry.layer);
+    this.remove(entry.name);
     this.entries.unshift(entry);
     this.list.prepend(this.#row(entry));
+    this.#changed();
+  }
+
+  /** @param {string} name */
+  remove(name) {
+    const old = this.entries.find((entry) => entry.name === name);
+    if (!old) return;
+    this.map.removeLayer(old.layer);
+    this.entries = this.entries.filter((entry) => entry !== old);
+    this.list.querySelector(`#show-${CSS.escape(name)}`)?.closest(".layer")?.remove();
+    this.#changed();
+  }
+
+  #changed() {
+    this.swipe.offer(this.entries.filter((entry) => entry.isPicture));
     this.legends();
   }
 
@@ -33,10 +50,11 @@ export class Layers {
   #row(entry) {
     const shown = element("input", {
       type: "checkbox", id: `show-${entry.name}`, checked: entry.layer.getVisible(),
-      onchange: (/** @type {any} */ event) => {
-        entry.layer.setVisible(event.target.checked);
-        this.legends();
-      },
+      onchange: (/** @type {any} */ event) => entry.layer.setVisible(event.target.checked),
+    });
+    entry.layer.on("change:visible", () => {
+      /** @type {HTMLInputElement} */ (shown).checked = entry.layer.getVisible();
+      this.legends();
     });
     const opacity = element("input", {
       type: "range", min: "0", max: "1", step: "0.05", value: String(entry.layer.getOpacity()), "aria-label": `Opacity of ${entry.title}`,

@@ -1,8 +1,8 @@
 // The map: terrain tiles in the projected CRS of the terrain, scale bar, place under the pointer.
-import { byId, iconButton } from "./dom.js";
-import { post } from "./api.js";
+import { byId, iconButton } from "../dom.js";
+import { post } from "../server/api.js";
 
-/** @typedef {import("./types.js").Site} Site */
+/** @typedef {import("../types.js").Site} Site */
 const ol = /** @type {any} */ (globalThis).ol;
 
 /**
@@ -35,28 +35,6 @@ export function createMap(site) {
   map.getView().fit(extent, { padding: [24, 24, 24, 24] });
   showPlace(map, site);
   return map;
-}
-
-/**
- * Create a layer of terrain tiles.
- * @param {Site} site
- * @param {string} name
- * @param {boolean} visible
- */
-export function terrainLayer(site, name, visible) {
-  const [west, , , north] = site.tiles.extent;
-  const source = new ol.source.TileImage({
-    projection: new ol.proj.Projection({ code: "terrain", units: "m", extent: site.tiles.extent }),
-    tileGrid: new ol.tilegrid.TileGrid({
-      extent: site.tiles.extent,
-      origin: [west, north],
-      resolutions: site.tiles.resolutions_m,
-      tileSize: site.tiles.tile_cells,
-    }),
-    tileUrlFunction: (/** @type {number[]} */ [zoom, column, row]) => `/tiles/${name}/${zoom}/${column}/${row}.png`,
-    transition: 0,
-  });
-  return new ol.layer.Tile({ source, visible, preload: 1 });
 }
 
 /** @param {any} map @param {Site} site */

@@ -1,9 +1,9 @@
 // The page of settings: pattern, swaths or spacing, heading, rover, fleet.
-import { element } from "./dom.js";
+import { element } from "../dom.js";
 import { fieldRow, titleOf } from "./form.js";
 
-/** @typedef {import("./plan.js").Plan} Plan */
-/** @typedef {import("./types.js").Fields} Fields */
+/** @typedef {import("../server/plan.js").Plan} Plan */
+/** @typedef {import("../types.js").Fields} Fields */
 
 const SIZES = ["swaths", "spacing_m", "budget_m", "rmse_m"];
 const FIRST = {
@@ -53,7 +53,7 @@ export class Settings {
     ];
   }
 
-  /** @param {import("./types.js").Field[]} fields */
+  /** @param {import("../types.js").Field[]} fields */
   #size(fields) {
     const sizes = fields.filter((field) => SIZES.includes(field.name));
     const used = sizes.find((field) => this.#planner[field.name] !== undefined && this.#planner[field.name] !== null) ?? sizes[0];
@@ -73,7 +73,7 @@ export class Settings {
     return [element("h2", { text: title }), ...rows(first), ...(rest.length ? [more(`More of the ${title.toLowerCase()}`, rows(rest))] : [])];
   }
 
-  /** @param {"planner"|"rover"|"fleet"} section @param {import("./types.js").Field} field */
+  /** @param {"planner"|"rover"|"fleet"} section @param {import("../types.js").Field} field */
   #row(section, field) {
     return fieldRow(section, field, this.plan.document[section][field.name], (value) =>
       this.plan.edit(`Set ${titleOf(field.name).toLowerCase()}`, (document) => {

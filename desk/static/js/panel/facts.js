@@ -1,7 +1,7 @@
 // Numbers of the plan: predicted error first, then length, time, energy, turns.
-import { byId, element } from "./dom.js";
+import { byId, element } from "../dom.js";
 
-/** @typedef {import("./types.js").PlanSummary} PlanSummary */
+/** @typedef {import("../types.js").PlanSummary} PlanSummary */
 const SHOWN = ["length_m", "time_s", "energy_j", "n_turns", "n_recharges", "transit_share", "left_out_share"];
 
 /** @param {PlanSummary|null} plan */

@@ -1,9 +1,12 @@
 // Drawing tools: select and move, outline, hole, no-go zone, start, measure, remove.
-import { byId, element, iconButton } from "./dom.js";
-import { featuresOf, placesOf, styleOf } from "./shapes.js";
+import { byId, element, iconButton } from "../dom.js";
+import { featuresOf, MARKS, placesOf, styleOf } from "./shapes.js";
 
-/** @typedef {import("./plan.js").Plan} Plan */
+/** @typedef {import("../server/plan.js").Plan} Plan */
 const ol = /** @type {any} */ (globalThis).ol;
+/** Tools that mark points, and where the document holds them. */
+const POINTS = /** @type {Record<string, string>} */ ({ start: "starts", stake: "stakes", checkpoint: "checkpoints" });
+const NAMES = /** @type {Record<string, string>} */ ({ areas: "an area", no_go: "a no-go zone", starts: "a start", stakes: "a stake", checkpoints: "a checkpoint" });
 
 /** @type {[any, string, string, string][]} */
 const TOOLS = [
@@ -12,6 +15,8 @@ const TOOLS = [
   ["hole", "Draw a hole in an area", "h", "Click the corners of the hole inside an area; double-click ends it."],
   ["no_go", "Draw a no-go zone", "n", "Click the corners of ground that no route may touch; double-click ends it."],
   ["start", "Mark a start", "s", "Click where a rover starts, inside the area."],
+  ["stake", "Set a stake", "k", "Click where a stake is to be set and surveyed."],
+  ["checkpoint", "Mark a checkpoint", "c", "Click where the map is to be checked by a height that it is not made from."],
   ["measure", "Measure a distance", "m", "Click along what you want to measure; double-click ends it."],
 ];
 
@@ -71,8 +76,7 @@ export class Tools {
     const [role, index] = (this.selected ?? "").split("-");
     if (!role) return;
     this.select(null);
-    const titles = /** @type {Record<string, string>} */ ({ areas: "Remove an area", no_go: "Remove a no-go zone", starts: "Remove a start" });
-    this.plan.edit(titles[role], (document) => void (/** @type {any} */ (document)[role].splice(Number(index), 1)));
+    this.plan.edit(`Remove ${NAMES[role]}`, (document) => void (/** @type {any} */ (document)[role].splice(Number(index), 1)));
   }
 
   #buttons() {
@@ -102,7 +106,8 @@ export class Tools {
 
   /** @param {any[]} features */
   #storeMoved(features) {
-    const title = features[0].get("role") === "starts" ? "Move a start" : "Move a corner";
+    const role = features[0].get("role");
+    const title = role in MARKS ? `Move ${NAMES[role]}` : "Move a corner";
     const places = features.map((f) => [f.get("role"), f.get("index"), placesOf(f.getGeometry())]);
     this.plan.edit(title, (document) => {
       for (const [role, index, place] of places) /** @type {any} */ (document)[role][index] = place;
@@ -111,13 +116,14 @@ export class Tools {
 
   /** @param {string} name */
   #drawing(name) {
-    const kind = name === "start" ? "Point" : name === "measure" ? "LineString" : "Polygon";
+    const kind = name in POINTS ? "Point" : name === "measure" ? "LineString" : "Polygon";
     const draw = new ol.interaction.Draw({ source: this.sketch, type: kind, stopClick: true });
     if (name === "measure") draw.on("drawstart", (/** @type {any} */ event) => this.#measure(event.feature));
     draw.on("drawend", (/** @type {any} */ event) => {
       if (name === "measure") return;
       this.#add(name, event.feature.getGeometry());
-      setTimeout(() => this.use("select"));
+      if (!["stake", "checkpoint"].includes(name)) setTimeout(() => this.use("select"));
+      else setTimeout(() => this.sketch.clear());
     });
     return draw;
   }
@@ -134,7 +140,7 @@ export class Tools {
   /** @param {string} name @param {any} geometry */
   #add(name, geometry) {
     const places = placesOf(geometry);
-    if (name === "start") return this.plan.edit("Mark a start", (document) => void document.starts.push(places));
+    if (name in POINTS) return this.plan.edit(titleOf(name), (document) => void (/** @type {any} */ (document)[POINTS[name]].push(places)));
     if (name === "no_go") return this.plan.edit("Draw a no-go zone", (document) => void document.no_go.push(places));
     if (name === "area") return this.plan.edit("Draw an area", (document) => void document.areas.push(places));
     const around = this.source.getFeatures().find((/** @type {any} */ f) => f.get("role") === "areas" && f.getGeometry().intersectsCoordinate(geometry.getFirstCoordinate()));
@@ -165,3 +171,7 @@ export class Tools {
   }
 }
 
+/** @param {string} name Of a tool. */
+function titleOf(name) {
+  return TOOLS.find(([tool]) => tool === name)?.[1] ?? "";
+}

@@ -1,10 +1,11 @@
 // The table of corners: every polygon and start as typed coordinates.
-import { element } from "./dom.js";
+import { element } from "../dom.js";
+import { MARKS } from "../map/shapes.js";
 
-/** @typedef {import("./plan.js").Plan} Plan */
-/** @typedef {import("./tools.js").Tools} Tools */
-/** @typedef {import("./types.js").Place} Place */
-const TITLES = /** @type {Record<string, string>} */ ({ areas: "Area", no_go: "No-go zone", starts: "Start" });
+/** @typedef {import("../server/plan.js").Plan} Plan */
+/** @typedef {import("../map/tools.js").Tools} Tools */
+/** @typedef {import("../types.js").Place} Place */
+const TITLES = /** @type {Record<string, string>} */ ({ areas: "Area", no_go: "No-go zone", starts: "Start", stakes: "Stake", checkpoints: "Checkpoint" });
 
 export class Corners {
   /** @param {Plan} plan @param {Tools} tools @param {() => Place[]} square A first outline in the middle of the map. */
@@ -24,8 +25,8 @@ export class Corners {
     const focused = document.activeElement;
     this.isLate = this.page.contains(focused) && isBegun(focused);
     if (this.isLate) return;
-    const { areas, no_go, starts } = this.plan.document;
-    const shapes = [...areas.map((_, index) => `areas-${index}`), ...no_go.map((_, index) => `no_go-${index}`), ...starts.map((_, index) => `starts-${index}`)];
+    const document_ = /** @type {any} */ (this.plan.document);
+    const shapes = Object.keys(TITLES).flatMap((role) => document_[role].map((/** @type {any} */ _, /** @type {number} */ index) => `${role}-${index}`));
     const chosen = this.tools.selected && shapes.includes(this.tools.selected) ? this.tools.selected : shapes[0];
     this.page.replaceChildren(element("h2", { text: "Shapes and corners" }), this.#adding(), ...(chosen ? [this.#choosing(shapes, chosen), ...this.#tables(chosen)] : []));
     this.#focus(focused?.id);
@@ -41,7 +42,7 @@ export class Corners {
   #adding() {
     const add = (/** @type {string} */ title, /** @type {string} */ role, /** @type {string} */ name) =>
       element("button", { type: "button", text: title, onclick: () => this.#add(role, name) });
-    return element("div", { class: "row" }, add("Add an area", "areas", "Draw an area"), add("Add a no-go zone", "no_go", "Draw a no-go zone"), add("Add a start", "starts", "Mark a start"));
+    return element("div", { class: "row" }, add("Add an area", "areas", "Draw an area"), add("Add a no-go zone", "no_go", "Draw a no-go zone"), add("Add a start", "starts", "Mark a start"), add("Add a stake", "stakes", "Set a stake"), add("Add a checkpoint", "checkpoints", "Mark a checkpoint"));
   }
 
   /** @param {string} role @param {string} title */
@@ -50,7 +51,7 @@ export class Corners {
     const index = /** @type {any} */ (this.plan.document)[role].length;
     const middle = [(square[0][0] + square[2][0]) / 2, (square[0][1] + square[2][1]) / 2];
     const quarter = square.map(([x, y]) => [(x + middle[0]) / 2, (y + middle[1]) / 2]);
-    const made = role === "starts" ? middle : [role === "areas" ? square : quarter];
+    const made = role in MARKS ? middle : [role === "areas" ? square : quarter];
     this.plan.edit(title, (document) => void (/** @type {any} */ (document)[role].push(made))).then(() => this.tools.select(`${role}-${index}`));
   }
 
@@ -69,7 +70,7 @@ export class Corners {
   #tables(id) {
     const [role, index] = id.split("-");
     const shape = /** @type {any} */ (this.plan.document)[role][Number(index)];
-    if (role === "starts") return [this.#table([shape], "Start", (document) => [document.starts[Number(index)]], (document, places) => (document.starts[Number(index)] = places[0]))];
+    if (role in MARKS) return [this.#table([shape], TITLES[role], (document) => [document[role][Number(index)]], (document, places) => (document[role][Number(index)] = places[0]))];
     return shape.map((/** @type {Place[]} */ ring, /** @type {number} */ hole) =>
       this.#table(ring, hole ? `Hole ${hole}` : "Outline", (document) => document[role][Number(index)][hole], (document, places) => (document[role][Number(index)][hole] = places)));
   }
@@ -106,8 +107,8 @@ export class Corners {
       element("button", { type: "button", class: "quiet", text, title: label, "aria-label": label, disabled, onclick: action });
     const insert = () => edit("Insert a corner", (/** @type {Place[]} */ places) => places.toSpliced(row + 1, 0, between(places[row], places[(row + 1) % places.length])));
     const remove = () => edit("Remove a corner", (/** @type {Place[]} */ places) => places.toSpliced(row, 1));
-    const isStart = title === "Start";
-    const actions = isStart ? [] : [button("+", `Insert a corner after ${row + 1}`, insert), button("−", `Remove corner ${row + 1}`, remove, n <= 3)];
+    const isPoint = Object.values(MARKS).some((mark) => mark.title === title);
+    const actions = isPoint ? [] : [button("+", `Insert a corner after ${row + 1}`, insert), button("−", `Remove corner ${row + 1}`, remove, n <= 3)];
     return element("tr", {}, element("th", { scope: "row", text: String(row + 1) }), input(0), input(1), element("td", { class: "row" }, ...actions));
   }
 }

@@ -1,13 +1,13 @@
 // The plan document: every change goes to the server, which stores it, and comes back as the new state.
 import { get, post, Refusal } from "./api.js";
 
-/** @typedef {import("./types.js").PlanDocument} PlanDocument */
+/** @typedef {import("../types.js").PlanDocument} PlanDocument */
 
 export class Plan extends EventTarget {
   constructor() {
     super();
     /** @type {PlanDocument} */
-    this.document = { areas: [], no_go: [], starts: [], planner: {}, rover: {}, fleet: {}, requirement: {} };
+    this.document = { areas: [], no_go: [], starts: [], stakes: [], checkpoints: [], planner: {}, rover: {}, fleet: {}, requirement: {}, simulation: {} };
     this.revision = -1;
     /** @type {string|null} */
     this.undoTitle = null;

@@ -1,8 +1,8 @@
 // Files dropped onto the page: outlines become shapes of the plan, rasters and points become layers.
-import { post } from "./api.js";
-import { byId, element } from "./dom.js";
+import { post } from "../server/api.js";
+import { byId, element } from "../dom.js";
 
-/** @typedef {import("./plan.js").Plan} Plan */
+/** @typedef {import("../server/plan.js").Plan} Plan */
 /** @typedef {import("./layers.js").Layers} Layers */
 const ol = /** @type {any} */ (globalThis).ol;
 
@@ -55,7 +55,7 @@ function addLayer(map, layers, found, name, n) {
   map.addLayer(layer);
   const limits = found.limits?.map((/** @type {number} */ value) => value.toPrecision(4));
   const legend = () => (found.kind === "raster" ? { title: name, colours: found.colours, low: limits[0], high: limits[1] } : null);
-  layers.add({ name: `dropped-${n}`, title: name, layer, legend });
+  layers.add({ name: `dropped-${n}`, title: name, layer, legend, isPicture: found.kind === "raster" });
 }
 
 /** @param {any} map @param {any} found */

@@ -39,7 +39,7 @@ export class Live extends EventTarget {
 
   /**
    * Show the error coarse at once, and fine after.
-   * @param {import("./types.js").PlanSummary} route @param {string} exact @param {AbortSignal} signal
+   * @param {import("../types.js").PlanSummary} route @param {string} exact @param {AbortSignal} signal
    */
   async #errorOf(route, exact, signal) {
     if (!route.has_error) {

@@ -1,10 +1,10 @@
 // Requirement first: a class or an RMSE with a probability, and the cheapest plan that guarantees it.
-import { element } from "./dom.js";
+import { element } from "../dom.js";
 import { fieldRow } from "./form.js";
 import { Working } from "./working.js";
 
-/** @typedef {import("./plan.js").Plan} Plan */
-/** @typedef {import("./types.js").Fields} Fields */
+/** @typedef {import("../server/plan.js").Plan} Plan */
+/** @typedef {import("../types.js").Fields} Fields */
 
 export class Requirement {
   /** @param {Plan} plan @param {Fields} fields */

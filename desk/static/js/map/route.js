@@ -1,6 +1,6 @@
 // The route on the map: swaths, transits, direction, ground that is left out.
 
-/** @typedef {import("./types.js").PlanSummary} PlanSummary */
+/** @typedef {import("../types.js").PlanSummary} PlanSummary */
 const ol = /** @type {any} */ (globalThis).ol;
 
 /** Colours of rovers, as in the figures of reports; they differ for colour-blind people too. */

@@ -1,5 +1,5 @@
 // Files of the plan to take along, and the command that makes the same plan.
-import { element } from "./dom.js";
+import { element } from "../dom.js";
 import { Working } from "./working.js";
 
 /** @type {[string, [string, string][]][]} */

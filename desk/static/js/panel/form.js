@@ -1,7 +1,7 @@
 // Forms of settings, made from the fields that the server describes: name, unit, limits, help.
-import { element } from "./dom.js";
+import { element } from "../dom.js";
 
-/** @typedef {import("./types.js").Field} Field */
+/** @typedef {import("../types.js").Field} Field */
 
 /** @type {[RegExp, string][]} */
 const UNITS = [[/_deg$/, "°"], [/_m_s$/, "m/s"], [/_m$/, "m"], [/_s$/, "s"], [/_j$/, "J"], [/_kg$/, "kg"], [/_w$/, "W"], [/_share$/, "×"]];

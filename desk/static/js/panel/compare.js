@@ -1,10 +1,10 @@
 // Comparing: the curve of error against swaths, and plans that were set aside.
-import { get, post, Refusal } from "./api.js";
-import { chart, pathOf, svg } from "./chart.js";
-import { element } from "./dom.js";
+import { get, post, Refusal } from "../server/api.js";
+import { chart, pathOf, svg } from "../chart.js";
+import { element } from "../dom.js";
 import { Working } from "./working.js";
 
-/** @typedef {import("./plan.js").Plan} Plan */
+/** @typedef {import("../server/plan.js").Plan} Plan */
 
 export class Compare {
   /** @param {Plan} plan */

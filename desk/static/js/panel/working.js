@@ -1,6 +1,6 @@
 // A button that starts a job, with its progress and a way to give it up.
-import { element } from "./dom.js";
-import { runJob } from "./jobs.js";
+import { element } from "../dom.js";
+import { runJob } from "../server/jobs.js";
 
 export class Working {
   /**
@@ -16,7 +16,7 @@ export class Working {
     this.bar = element("progress", { max: "1", "aria-label": title, hidden: true });
     this.text = element("p", { class: "note", role: "status", id: `status-${kind}` });
     this.part = element("div", { class: "stack" }, element("div", { class: "row" }, this.button, this.stop), this.bar, this.text);
-    /** @type {import("./jobs.js").Running|null} */
+    /** @type {import("../server/jobs.js").Running|null} */
     this.running = null;
   }
 

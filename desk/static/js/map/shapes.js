@@ -1,6 +1,6 @@
 // The drawn polygons and starts as features of the map, and back.
 
-/** @typedef {import("./types.js").PlanDocument} PlanDocument */
+/** @typedef {import("../types.js").PlanDocument} PlanDocument */
 const ol = /** @type {any} */ (globalThis).ol;
 
 const OUTLINE = "#0b3d5c";
@@ -11,18 +11,28 @@ const stroked = (colour, fill, width) => [
   new ol.style.Style({ stroke: new ol.style.Stroke({ color: "rgba(255,255,255,.85)", width: width + 2.5 }) }),
   new ol.style.Style({ stroke: new ol.style.Stroke({ color: colour, width }), fill: new ol.style.Fill({ color: fill }) }),
 ];
-const marker = (/** @type {boolean} */ selected) =>
-  new ol.style.Style({
-    image: new ol.style.RegularShape({
-      points: 3, radius: selected ? 12 : 9, fill: new ol.style.Fill({ color: "#ffffff" }),
-      stroke: new ol.style.Stroke({ color: OUTLINE, width: 2.5 }),
-    }),
-  });
+/** Points of the plan: number of corners, angle and colour of their marks. */
+export const MARKS = /** @type {Record<string, {title: string, points: number, angle: number, colour: string}>} */ ({
+  starts: { title: "Start", points: 3, angle: 0, colour: OUTLINE },
+  stakes: { title: "Stake", points: 4, angle: Math.PI / 4, colour: "#7a3e9d" },
+  checkpoints: { title: "Checkpoint", points: 4, angle: 0, colour: "#0b6b50" },
+});
+
+/** @param {string} role @param {number} index @param {boolean} selected */
+function marker(role, index, selected) {
+  const { points, angle, colour } = MARKS[role];
+  const stroke = new ol.style.Stroke({ color: colour, width: 2.5 });
+  const image = new ol.style.RegularShape({ points, angle, radius: selected ? 12 : 9, fill: new ol.style.Fill({ color: selected ? "#ffe9a8" : "#ffffff" }), stroke });
+  if (role === "starts") return new ol.style.Style({ image });
+  const halo = new ol.style.Stroke({ color: "#ffffff", width: 3 });
+  const text = new ol.style.Text({ text: String(index + 1), offsetY: -16, font: "600 12px system-ui, sans-serif", fill: new ol.style.Fill({ color: colour }), stroke: halo });
+  return new ol.style.Style({ image, text });
+}
 
 /** @param {any} feature @param {boolean} selected */
 export function styleOf(feature, selected) {
   const role = feature.get("role");
-  if (role === "starts") return marker(selected);
+  if (role in MARKS) return marker(role, feature.get("index"), selected);
   if (role === "no_go") return stroked(NO_GO, "rgba(179,38,43,.22)", selected ? 3.5 : 2);
   return stroked(OUTLINE, "rgba(255,255,255,.01)", selected ? 4 : 2.5);
 }
@@ -34,7 +44,8 @@ export function featuresOf(document) {
   return [
     ...document.areas.map((rings, index) => feature(polygon(rings), "areas", index)),
     ...document.no_go.map((rings, index) => feature(polygon(rings), "no_go", index)),
-    ...document.starts.map((place, index) => feature(new ol.geom.Point(place), "starts", index)),
+    ...Object.keys(MARKS).flatMap((role) =>
+      /** @type {any} */ (document)[role].map((/** @type {number[]} */ place, /** @type {number} */ index) => feature(new ol.geom.Point(place), role, index))),
   ];
 }
 
