@@ -8,7 +8,8 @@ from survey.core.files.writing import replacing
 from survey.reporting import summary_text as words
 from survey.reporting.fleet_rows import fleet_rows
 from survey.reporting.payload_rows import payload_rows
-from survey.reporting.pictures import Picture, pictures_of
+from survey.reporting.picture import Picture
+from survey.reporting.pictures import pictures_of
 from survey.reporting.quantities import named_values, setting
 from survey.reporting.rendering import rendered
 from survey.reporting.score_rows import score_rows

@@ -10,7 +10,7 @@ from survey.figures.sheets.pages import pdf_bytes
 from survey.figures.style import page_png_bytes
 from survey.reporting.document.content import Document
 from survey.reporting.document.pdf import document_pages
-from survey.reporting.pictures import picture_of
+from survey.reporting.picture import picture_of
 from survey.reporting.rendering import rendered
 
 OUTPUTS = ("index.html", "report.pdf", "figures", "figures/*", "tables", "tables/*")
