@@ -26,10 +26,7 @@ def pages() -> dict[str, str]:
     }
     overview = [overview_row(name, content) for name, content in tables.items()]
     texts["reference/benchmarks/index.md"] = (
-        _HEAD
-        + table(("benchmark", "command", "rows", "limits met", "remarks"), overview)
-        + "\n"
-        + toctree(tables)
+        _HEAD + table(("benchmark", "command", "rows", "limits met"), overview) + "\n" + toctree(tables)
     )
     texts["reference/papers.md"] = papers_page()
     return texts
@@ -48,13 +45,14 @@ def stored_tables() -> dict[str, dict[str, Any]]:
 
 def benchmark_page(name: str, content: dict[str, Any]) -> str:
     """Return the page of a benchmark: command, machine and rows."""
-    what, command, _ = described(name)
+    what, command, remarks = described(name)
     machine = ", ".join(f"{key} {value}" for key, value in content["machine"].items())
     rows = [row(item) for item in content["rows"]]
     head = (
         f"# {what or title(name)}\n\nCommand: {command or 'see results/README.md'}. Machine: {machine}.\n\n"
     )
-    return head + table(("figure", "value", "unit", "limit", "met"), rows)
+    rest = f"\n## Remarks on the stored run\n\n{remarks}\n" if remarks else ""
+    return head + table(("figure", "value", "unit", "limit", "met"), rows) + rest
 
 
 def row(item: dict[str, Any]) -> tuple[str, str, str, str, str]:
@@ -63,25 +61,25 @@ def row(item: dict[str, Any]) -> tuple[str, str, str, str, str]:
     return escaped(item["name"]), number(item["value"]), item["unit"], item["bar"], met
 
 
-def overview_row(name: str, content: dict[str, Any]) -> tuple[str, str, str, str, str]:
+def overview_row(name: str, content: dict[str, Any]) -> tuple[str, str, str, str]:
     """Return a benchmark's line of the overview."""
-    what, command, remarks = described(name)
+    what, command, _ = described(name)
     judged = [item["holds"] for item in content["rows"] if item["holds"] is not None]
     return (
         f"[{what or title(name)}]({name}.md)",
         command,
         str(len(content["rows"])),
         f"{sum(judged)} of {len(judged)}",
-        remarks,
     )
 
 
 def described(name: str) -> tuple[str, str, str]:
     """Return what a benchmark measures, its command and remarks on its run, as ``results/README.md`` has them."""
-    for line in (RESULTS / "README.md").read_text(encoding="utf-8").splitlines():
+    text = (RESULTS / "README.md").read_text(encoding="utf-8")
+    remarks = re.search(rf"^\*\*`{name}\.json`\*\*\n(.*?)\n\n", text, flags=re.MULTILINE | re.DOTALL)
+    for line in text.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split(" | ")]
         if len(cells) == 3 and f"benchmarks/{name}.json" in cells[2]:
-            remarks = re.search(r"\((.*)\)\s*\|?$", cells[2])
             return cells[0].lstrip("| "), cells[1], remarks[1] if remarks else ""
     return "", "", ""
 

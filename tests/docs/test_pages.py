@@ -36,3 +36,9 @@ def test_the_version_is_stated_once():
     assert stated
     assert cited
     assert stated[1] == cited[1]
+
+
+def test_every_stored_table_stands_in_the_list_of_results():
+    text = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
+    stored = sorted(file.name for file in (ROOT / "results" / "benchmarks").glob("*.json"))
+    assert [name for name in stored if f"`benchmarks/{name}`" not in text] == []
