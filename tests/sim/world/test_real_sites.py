@@ -55,8 +55,11 @@ grid_step_m = 10.0
 
 @pytest.mark.parametrize(
     ("text", "epsg", "until"),
-    [(SLOVENIA, 3794, "report"), (TIROL, 31287, "score")],
-    ids=["slovenia", "tirol"],
+    [
+        pytest.param(SLOVENIA, 3794, "score", id="slovenia"),
+        pytest.param(TIROL, 31287, "score", id="tirol"),
+        pytest.param(SLOVENIA, 3794, "report", id="slovenia with report", marks=pytest.mark.exhaustive),
+    ],
 )
 def test_real_terrain_from_plan_to_report(real_data, tmp_path, text, epsg, until):
     (tmp_path / "m.toml").write_text(text.format(data=real_data) + KERNEL)
