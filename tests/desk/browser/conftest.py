@@ -1,10 +1,8 @@
 """A real server and a real browser: Debian's Chromium, driven by playwright."""
 
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 import uvicorn
@@ -14,24 +12,7 @@ from desk.server.gate import Gate
 from desk.server.serve import _listener
 from desk.workspace import Workspace
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 WAIT_MS = 120_000  # loaded machines are slow
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what needs a browser where there is none."""
-    reason = "Chromium is not installed" if CHROMIUM is None else _missing_package()
-    for item in items:
-        if reason and Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.skip(reason=reason))
-
-
-def _missing_package() -> str:
-    try:
-        import playwright.sync_api  # noqa: F401
-    except ImportError:
-        return "playwright is not installed"
-    return ""
 
 
 class DeskServer:
@@ -67,17 +48,6 @@ def server(workspace: Workspace) -> Iterator[DeskServer]:
     running = DeskServer(workspace)
     yield running
     running.stop()
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[object]:
-    """One browser for all tests."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"], timeout=WAIT_MS)
-        yield opened
-        opened.close()
 
 
 class DeskPage:

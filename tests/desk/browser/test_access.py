@@ -5,20 +5,12 @@ import threading
 
 import pytest
 
+from tests.accessibility import violations
 from tests.desk.browser.conftest import DeskPage
 
 pytestmark = pytest.mark.walkthrough
 
 VIEWS = ("settings", "shapes", "require", "compare", "files")
-
-
-def violations(page) -> list[str]:
-    from axe_playwright_python.sync_playwright import Axe
-
-    return [
-        f"{found['id']}: {found['nodes'][0]['html'][:140]}"
-        for found in Axe().run(page).response["violations"]
-    ]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -1,27 +1,46 @@
-"""All pages are accessible, fit a phone and print in few pages, as seen by a browser.
+"""All pages are accessible, fit a phone and print in few pages, as seen by a browser."""
 
-Needs Chromium, and axe-core outside the project: ``npm install axe-core`` and
-``FIRNLINE_AXE=node_modules/axe-core/axe.min.js``.
-"""
-
-import html
-import json
-import os
 import re
-import shutil
-import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from benchmarks.small_inputs import IDEAL_MISSION
 from sim.cli.main import app
+from tests.accessibility import violations
 from tests.docs.scratch import make_scratch
 
-AXE = Path(os.environ.get("FIRNLINE_AXE", "missing"))
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.walkthrough
+
+PAGES = ("run", "fleet", "montecarlo", "score", "change")
 MOST_PRINTED = 10
+# Figures have 240 pixels per inch; at less than 0.33 of that, letters of 8 points are less than 9 pixels tall.
+LEAST_SHOWN = 0.33
+FLEET = """
+schema_version = 1
+name = "fleet"
+fidelity = "ideal"
+[terrain]
+source = "random"
+size_m = 150.0
+step_m = 3.0
+origin_m = [500000.0, 6700000.0]
+[area]
+starts_m = [[500010.0, 6700010.0]]
+[planner]
+pattern = "lawnmower"
+swaths = 4
+[fleet]
+rovers = 2
+[[payload]]
+name = "air_temperature"
+unit = "degC"
+per_km_of_elevation = -6.5
+field_length_m = 60.0
+"""
 STUDY = """
 schema_version = 1
 name = "study"
@@ -35,48 +54,25 @@ length_scale_m = 100.0
 [[planners]]
 pattern = "lawnmower"
 """
-PROBE = """<script>
-window.addEventListener("load", () => axe.run(document).then(found => {
-  const panning = [...document.querySelectorAll("figure, figure > :not(figcaption)")]
-    .filter(e => e.scrollWidth > e.clientWidth + 1);
-  const shown = [...document.querySelectorAll("img")].map(e => 1.0 * e.clientWidth / e.naturalWidth);
-  parent.postMessage(JSON.stringify({
-    violations: found.violations.map(v => v.id + ": " + v.nodes[0].html.slice(0, 120)),
-    width: document.documentElement.scrollWidth,
-    panning: panning.map(e => e.outerHTML.slice(0, 80)),
-    smallest: Math.min(...shown),
-  }), "*");
-}));
-</script></body>"""
-# A window of Chromium is at least 500 pixels wide; a frame within it can be as narrow as a phone.
-FRAME = """<!DOCTYPE html><html><body><iframe src="probed.html" width="{width}" height="900"></iframe><script>
-window.addEventListener("message", event => {{
-  const note = document.createElement("pre");
-  note.id = "found-by-axe";
-  note.textContent = event.data;
-  document.body.append(note);
-}});
-</script></body></html>"""
-# Figures have 240 pixels per inch; at less than 0.33 of that, letters of 8 points are less than 9 pixels tall.
-LEAST_SHOWN = 0.33
-
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
-    pytest.mark.skipif(not AXE.is_file(), reason="FIRNLINE_AXE does not name axe.min.js"),
-]
+PANNING = """() => [...document.querySelectorAll("figure, figure > :not(figcaption)")]
+    .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
+SMALLEST = (
+    """() => Math.min(...[...document.querySelectorAll("img")].map(e => e.clientWidth / e.naturalWidth))"""
+)
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Pages of a run, a score, a change and a study."""
+    """Pages of a run, a run of two rovers with a payload, a score, a change and a study."""
     folder = tmp_path_factory.mktemp("pages")
     make_scratch(folder)
-    (folder / "mission.toml").write_text(IDEAL_MISSION)
-    (folder / "study.toml").write_text(STUDY)
+    for name, text in {"mission": IDEAL_MISSION, "fleet": FLEET, "study": STUDY}.items():
+        (folder / f"{name}.toml").write_text(text)
     checkpoints = ["--checkpoints", "gnss.csv", "--class", "0.10", "--by", "slope", "--language", "de"]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         firnline("run", "mission.toml", "--runs", "runs", "-q")
+        firnline("run", "fleet.toml", "--runs", "runs", "-q")
         firnline("montecarlo", "study.toml", "--runs", "studies", "--engine", "serial", "-q")
         firnline("score", "map.tif", *checkpoints, "--report", "score")
         firnline(
@@ -84,6 +80,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         )
     return {
         "run": next(folder.glob("runs/small/*/6-report/index.html")),
+        "fleet": next(folder.glob("runs/fleet/*/6-report/index.html")),
         "montecarlo": next(folder.glob("studies/study/**/index.html")),
         "score": folder / "score" / "index.html",
         "change": folder / "change" / "index.html",
@@ -95,34 +92,35 @@ def firnline(*args: str) -> None:
     assert done.exit_code == 0, done.output
 
 
-def browser(*args: str) -> str:
-    command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", *args]
-    return subprocess.run(command, check=True, capture_output=True, timeout=120, text=True).stdout
+@pytest.fixture(params=[(390, "light"), (390, "dark"), (1280, "light"), (1280, "dark")])
+def page(request: pytest.FixtureRequest, browser: Any) -> Iterator[Any]:
+    """An empty page of a phone or a screen, in light or dark colours."""
+    width_px, scheme = request.param
+    # axe-core is a script of the test, which the pages' policy forbids.
+    context = browser.new_context(
+        viewport={"width": width_px, "height": 900}, color_scheme=scheme, bypass_csp=True
+    )
+    yield context.new_page()
+    context.close()
 
 
-@pytest.mark.parametrize("name", ["run", "montecarlo", "score", "change"])
-@pytest.mark.parametrize("width_px", [390, 1280])
+@pytest.mark.parametrize("name", PAGES)
 def test_a_page_has_no_violation_and_is_legible_without_scrolling_sideways(
-    pages: dict[str, Path], tmp_path: Path, name: str, width_px: int
+    pages: dict[str, Path], page: Any, name: str
 ) -> None:
-    text = pages[name].read_text(encoding="utf-8")
-    probed = re.sub(r"<meta http-equiv=\"Content-Security-Policy\"[^>]*>", "", text)
-    probed = probed.replace("</body>", f"<script>{AXE.read_text(encoding='utf-8')}</script>{PROBE}")
-    (tmp_path / "probed.html").write_text(probed, encoding="utf-8")
-    (tmp_path / "frame.html").write_text(FRAME.format(width=width_px), encoding="utf-8")
-    url = (tmp_path / "frame.html").as_uri()
-    dom = browser("--window-size=1400,1000", "--virtual-time-budget=20000", "--dump-dom", url)
-    found = json.loads(html.unescape(re.search(r'<pre id="found-by-axe">(.*?)</pre>', dom, re.S)[1]))
-    assert found["violations"] == []
-    assert found["width"] <= width_px
-    assert found["panning"] == []
-    assert found["smallest"] >= LEAST_SHOWN
+    page.goto(pages[name].as_uri())
+    assert violations(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
+    assert page.evaluate(PANNING) == []
+    assert page.evaluate(SMALLEST) >= LEAST_SHOWN
 
 
-@pytest.mark.parametrize("name", ["run", "montecarlo", "score", "change"])
+@pytest.mark.parametrize("name", PAGES)
 def test_a_page_prints_on_few_sheets_without_its_settings(
-    pages: dict[str, Path], tmp_path: Path, name: str
+    pages: dict[str, Path], browser: Any, name: str
 ) -> None:
-    browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'p.pdf'}", pages[name].as_uri())
-    n_pages = len(re.findall(rb"/Type\s*/Page[^s]", (tmp_path / "p.pdf").read_bytes()))
-    assert 1 <= n_pages <= MOST_PRINTED
+    page = browser.new_page()
+    page.goto(pages[name].as_uri())
+    n_sheets = len(re.findall(rb"/Type\s*/Page[^s]", page.pdf(format="A4", prefer_css_page_size=True)))
+    page.close()
+    assert 1 <= n_sheets <= MOST_PRINTED
