@@ -223,7 +223,7 @@ def _area_files() -> dict[str, tuple[str, Prepare, bool]]:
             lambda path: path.write_text(_GPX.format("<trk><trkseg></trkseg></trk>")),
             False,
         ),
-        "KMZ": ("odd.kmz", _zipped_kml, False),
+        "KMZ without placemarks": ("odd.kmz", _zipped_kml, False),
     }
     return found | {name: (file, _writing(write, file), fine) for name, (file, write, fine) in made.items()}
 

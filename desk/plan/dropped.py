@@ -17,7 +17,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
 
-_OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".fgb")
+_OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".kmz", ".fgb")
 _RASTERS = (".tif", ".tiff", ".asc", ".hgt", ".nc")
 _POINTS = (".csv", ".las", ".laz", ".ply")
 _MOST_PIXELS = 1024

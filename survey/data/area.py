@@ -26,7 +26,7 @@ from survey.data.parts.area_parts import (
     roles_of,
     united,
 )
-from survey.io.vector import Features, read_features, write_features
+from survey.io.vector import Features, polygon_layer, read_features, write_features
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -84,7 +84,8 @@ class SurveyArea(DataObject):
         for start in self.starts:
             if not self.free.covers(Point(start)):
                 raise InputError(
-                    f"the start ({start[0]:.1f}, {start[1]:.1f}) is outside the area or in a no-go zone; move it to free ground."
+                    f"the start ({start[0]:.1f}, {start[1]:.1f}) is outside the area or in a no-go zone; move it to "
+                    "free ground (a point of an area file is a start)."
                 )
 
     @classmethod
@@ -112,7 +113,7 @@ class SurveyArea(DataObject):
 
     @classmethod
     def read(cls, path: str | Path, *, crs: Any = None, layer: str | int | None = None) -> Self:
-        """Read an area from GeoJSON, GeoPackage, KML or Shapefile.
+        """Read an area from GeoJSON, GeoPackage, KML, KMZ, Shapefile or FlatGeobuf.
 
         Features have the role ``area``, ``no-go`` or ``start`` in a text column ``role``;
         without it every polygon is area and every point a start.
@@ -124,7 +125,7 @@ class SurveyArea(DataObject):
         crs : str or pyproj.CRS, optional
             The projected CRS to work in.
         layer : str or int, optional
-            The layer; the only one by default.
+            The layer; the only one with polygons by default.
 
         Returns
         -------
@@ -137,7 +138,8 @@ class SurveyArea(DataObject):
         InputError
             The file is missing or damaged, or holds no polygon.
         """
-        features = read_features(path, layer=layer, what="the area file")
+        chosen = polygon_layer(path, what="the area file") if layer is None else layer
+        features = read_features(path, layer=chosen, what="the area file")
         try:
             return cls._from_features(in_crs(features, crs, f"the area file {path}"), roles_of(features))
         except InputError as error:

@@ -12,7 +12,7 @@ from survey.core.files.library_messages import first_line
 
 LARGEST_TEXT_BYTES = 256 * 2**20
 """JSON and XML files beyond this are not read: while they are parsed they take some ten times their size."""
-ROOTS = {".kml": "kml", ".gpx": "gpx"}
+ROOTS = {".kml": "kml", ".kmz": "kml", ".gpx": "gpx"}
 _PLAIN_CRS = re.compile(
     rb'"crs"\s*:\s*\{\s*"type"\s*:\s*"name"\s*,\s*"properties"\s*:\s*\{\s*"name"\s*:\s*"([^"\\]*)"\s*\}\s*\}'
 )
@@ -83,9 +83,8 @@ def _check_crs_name(name: str, where: str) -> None:
     known_crs(name, where)
 
 
-def check_xml(file: Path, root: str, what: str) -> None:
+def check_xml(content: bytes, root: str, where: str) -> None:
     """Refuse XML that begins with another element, declares entities, or links to other documents."""
-    content = small_text(file, what)
     names: list[str] = []
     parser = expat.ParserCreate(namespace_separator=" ")
 
@@ -93,15 +92,15 @@ def check_xml(file: Path, root: str, what: str) -> None:
         local = name.rsplit(" ", 1)[-1]
         if (not names and local != root) or local == "NetworkLink":
             raise InputError(
-                f"{what} {file} holds <{local[:40]}>; a <{root}> document with the features themselves was expected."
+                f"{where} holds <{local[:40]}>; a <{root}> document with the features themselves was expected."
             )
         names.append(local) if not names else None
 
     def doctype(*_: Any) -> None:
-        raise InputError(f"{what} {file} declares a document type or XML entities; remove the declaration.")
+        raise InputError(f"{where} declares a document type or XML entities; remove the declaration.")
 
     parser.StartElementHandler, parser.StartDoctypeDeclHandler = element, doctype
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
-        raise InputError(f"{what} {file} is damaged or no XML ({error}); get it again.") from error
+        raise InputError(f"{where} is damaged or no XML ({error}); get it again.") from error

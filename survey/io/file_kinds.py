@@ -12,6 +12,7 @@ from survey.core.errors import InputError
 from survey.io.ascii_grid import check_ascii_grid
 from survey.io.companions import files_beside
 from survey.io.document_checks import ROOTS, check_json, check_xml, small_text
+from survey.io.kmz import kml_document
 from survey.io.vrt import raster_sources
 
 RASTER_DRIVERS: Mapping[str, str] = MappingProxyType(
@@ -31,7 +32,7 @@ RASTER_DRIVERS: Mapping[str, str] = MappingProxyType(
     }
 )
 """GDAL's driver for each suffix of a raster."""
-VECTOR_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".gpx", ".json", ".kml", ".shp")
+VECTOR_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".gpx", ".json", ".kml", ".kmz", ".shp")
 """Suffixes of vector files."""
 OFFLINE: Mapping[str, str] = MappingProxyType(
     {
@@ -55,6 +56,7 @@ _SIGNATURES: Mapping[str, tuple[bytes, ...]] = {
     ".nc": (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n"),
     ".gpkg": (b"SQLite format 3\0",),
     ".fgb": (b"fgb\x03",),
+    ".kmz": (b"PK\x03\x04", b"PK\x05\x06"),
     ".shp": (b"\x00\x00\x27\x0a",),
 }
 # By words like these GDAL takes a file for a format that reads other files, programs or addresses.
@@ -130,7 +132,8 @@ def check_vector_file(file: Path, what: str) -> None:
     if suffix in (".geojson", ".json"):
         check_json(file, what)
     elif suffix in ROOTS:
-        check_xml(file, ROOTS[suffix], what)
+        content = kml_document(file, what) if suffix == ".kmz" else small_text(file, what)
+        check_xml(content, ROOTS[suffix], f"{what} {file}")
 
 
 def _check_content(file: Path, what: str = "the raster") -> None:

@@ -14,7 +14,7 @@ class PlanOptions(RunOptions):
     """Options of the command; None stands for an option that was not given."""
 
     source: Annotated[
-        Path, typer.Argument(help="Area (GeoJSON, GeoPackage, KML, Shapefile) or mission file (TOML).")
+        Path, typer.Argument(help="Area (GeoJSON, GeoPackage, KML, KMZ, Shapefile) or mission file (TOML).")
     ]
     prior: Annotated[Path | None, typer.Option("--prior", help="Coarse elevation raster of the area.")] = None
     pattern: Annotated[

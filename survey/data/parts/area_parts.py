@@ -48,11 +48,13 @@ def in_crs(features: Features, crs: Any, where: str) -> Features:
             known_crs(features.crs, where).name,
             crs.name,
         )
+    if features.crs is None:
+        raise InputError(
+            f"{where} carries no coordinate reference system; save it with one (a Shapefile has it in the .prj beside it)."
+        )
     if crs is None:
         return features._replace(crs=projected_crs(features.crs, where))
     target = projected_crs(crs, "the wanted CRS")
-    if features.crs is None:
-        raise InputError(f"{where} carries no coordinate reference system; save it with one.")
     moved = shapely.transform(features.geometry, lambda xy: transformed(xy, features.crs, target, where))
     return features._replace(geometry=moved, crs=target)
 

@@ -11,21 +11,22 @@ from shapely.validation import explain_validity
 from survey.core.crs.checks import projected_crs
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
-from survey.io.vector import read_features
+from survey.io.vector import polygon_layer, read_features
 
 # Columns that carry a name, the first one present is taken: own files, the Randolph inventory, KML.
 _NAMES = ("name", "Name", "NAME", "glac_name", "rgi_id", "RGIId", "id")
 
 
 def read_outlines(path: str | Path, crs: Any) -> dict[str, Polygon | MultiPolygon]:
-    """Read polygons by name from GeoJSON, GeoPackage, KML or Shapefile into a projected CRS.
+    """Read polygons by name from GeoJSON, GeoPackage, KML, KMZ or Shapefile into a projected CRS.
 
     Raises
     ------
     InputError
         A damaged file, no CRS, or a feature that is no simple polygon.
     """
-    features = read_features(path, what="the outline file")
+    layer = polygon_layer(path, what="the outline file")
+    features = read_features(path, layer=layer, what="the outline file")
     if features.crs is None:
         raise InputError(f"the outline file {path} carries no coordinate reference system; save it with one.")
     target = projected_crs(crs, "the surveys")

@@ -48,7 +48,7 @@ def test_what_gdal_would_follow_or_pass_over_is_refused(tmp_path: Path, text: st
 
 
 def test_plain_xml_passes(tmp_path: Path) -> None:
-    check_xml(written(tmp_path, "a.kml", "<kml><Document/></kml>"), "kml", "the area")
+    check_xml(b"<kml><Document/></kml>", "kml", "the area a.kml")
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_plain_xml_passes(tmp_path: Path) -> None:
 )
 def test_other_documents_links_and_entities_are_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        check_xml(written(tmp_path, "a.kml", text), "kml", "the area")
+        check_xml(text.encode(), "kml", "the area a.kml")
 
 
 def test_a_text_that_is_too_large_to_parse_is_refused(
