@@ -16,7 +16,7 @@ from survey.io.file_kinds import RASTER_DRIVERS, VECTOR_SUFFIXES
 from survey.io.point_columns import PLACE
 from survey.io.points.formats import _FORMATS as POINTS
 from survey.io.pose_files import TUM_COLUMNS
-from survey.io.text_tables.spellings import SPELLINGS
+from survey.io.text_tables.usual_names import SPELLINGS
 from survey.scoring.change.change_files import TABLE_COLUMNS as CHANGE
 
 _HEAD = """\

@@ -9,7 +9,8 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.io.text_tables.spellings import SPELLINGS, normalized
+from survey.io.text_tables.spellings import normalized, without_metres
+from survey.io.text_tables.usual_names import SPELLINGS
 
 PLACE = ("x_m", "y_m", "z_m")
 WGS84 = CRS.from_epsg(4326)
@@ -75,6 +76,8 @@ def place_columns(header: Sequence[str], where: str) -> PlaceColumns:
         raise InputError(
             f"{where} has columns whose names differ in the case of letters or in marks alone; rename or remove them."
         )
+    for plain, name in list(found.items()):
+        found.setdefault(without_metres(plain), name)
     families = [f for f in _FAMILIES if _named(f.first, found) and _named(f.second, found)]
     metric = [family for family in families if not family.is_geographic]
     chosen = (metric or families)[:1]
@@ -130,9 +133,14 @@ def _named(names: tuple[str, ...], found: dict[str, str]) -> bool:
     return any(name in found for name in names)
 
 
+def _present(names: tuple[str, ...], found: dict[str, str]) -> list[str]:
+    """Return the columns that have one of several names, each once."""
+    return list(dict.fromkeys(found[name] for name in names if name in found))
+
+
 def _one(names: tuple[str, ...], found: dict[str, str], where: str) -> str:
     """Return the only one of several names that a table has."""
-    present = [found[name] for name in names if name in found]
+    present = _present(names, found)
     if len(present) > 1:
         raise InputError(
             f"{where} has the columns {' and '.join(present)}, which mean the same; remove one of them."
@@ -142,14 +150,14 @@ def _one(names: tuple[str, ...], found: dict[str, str], where: str) -> str:
 
 def _height(family: _Family, found: dict[str, str], where: str) -> str:
     """Return the column of heights: the only one, or the one that belongs to the horizontal columns."""
-    present = [found[name] for name in SPELLINGS["height"] if name in found]
+    present = _present(SPELLINGS["height"], found)
     if len(present) == 1 or PLACE[2] in found:
         return present[0]
     if family.height in found:
         return found[family.height]
     if not present:
         raise InputError(
-            f"{where} has no column of heights (found {', '.join(found.values())}); name it z_m, z, elevation or height."
+            f"{where} has no column of heights (found {', '.join(dict.fromkeys(found.values()))}); name it z_m, z, elevation or height."
         )
     raise InputError(
         f"{where} has the columns {' and '.join(present)}, and either could be the height; name the one that is meant z_m, or choose it with --columns z=NAME where the command has that option."

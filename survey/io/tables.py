@@ -79,7 +79,7 @@ def read_table(
             header = _header(next(rows, []), required, where)
             kept = [index for index, name in enumerate(header) if name not in texts]
             parts = list(_parts(rows, header, kept, where))
-        refuse_cut_off(file, where)
+        refuse_cut_off(_last_byte(file), where)
     except (UnicodeError, csv.Error, OSError) as error:
         raise InputError(
             f"{where} is no text table ({first_line(error)}); a CSV file was expected."
@@ -159,12 +159,15 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def refuse_cut_off(file: Path, where: str) -> None:
-    """Refuse a text file that does not end with the end of a line."""
-    with file.open("rb") as stream:
-        stream.seek(-1, 2)
-        last = stream.read(1)
+def refuse_cut_off(last: bytes, where: str) -> None:
+    """Refuse a text whose last byte is not the end of a line."""
     if last not in (b"\n", b"\r"):
         raise InputError(
             f"{where} ends in the middle of a line; it may be cut off, make it again or end it with a line break."
         )
+
+
+def _last_byte(file: Path) -> bytes:
+    with file.open("rb") as stream:
+        stream.seek(-1, 2)
+        return stream.read(1)

@@ -12,6 +12,7 @@ from pyproj import CRS
 
 from survey.core.arrays import FloatArray
 from survey.core.crs.checks import projected_crs
+from survey.core.crs.choice import chosen_crs
 from survey.core.crs.transformation import transformed
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import ConfigError, InputError
@@ -70,12 +71,8 @@ class GpsLog:
 
     @property
     def utm(self) -> CRS | None:
-        """The UTM zone of the first fix; None where the file has metres already."""
-        if not self.is_geodetic:
-            return None
-        longitude, latitude = self.place[0, :2].tolist()
-        zone = int((longitude + 180.0) // 6.0) % 60 + 1
-        return CRS.from_epsg((32600 if latitude >= 0.0 else 32700) + zone)
+        """The UTM zone of the first fix, polar stereographic near the poles; None where the file has metres already."""
+        return chosen_crs(self.place[:1, 0], self.place[:1, 1]) if self.is_geodetic else None
 
     def fixes(self, crs: CRS | str | None = None) -> tuple[GpsFixes, CRS]:
         """Return the fixes in a projected CRS, and which one that is: the UTM zone of the first fix unless named.
@@ -323,7 +320,11 @@ def _checked_words(line: str, where: str) -> list[str]:
     sum_of = 0
     for letter in body:
         sum_of ^= ord(letter)
-    if not star or checksum.strip().upper() != f"{sum_of & 0xFF:02X}":
+    if not star:
+        raise InputError(
+            f"{where}: the sentence has no checksum; log NMEA with checksums, so that damage is seen."
+        )
+    if checksum.strip().upper() != f"{sum_of & 0xFF:02X}":
         raise InputError(
             f"{where}: the checksum of the sentence is wrong; it was cut off or damaged, remove it."
         )

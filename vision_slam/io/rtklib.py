@@ -1,5 +1,6 @@
 """Positions of RTKLIB (``.pos``): times, places and their standard deviations."""
 
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,7 +21,8 @@ _LEAST_WORDS = 10
 def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Read the positions of a file in degrees.
 
-    Times may be dates or GPS week and seconds; GPS time is converted to UTC. Standard deviations
+    Times may be dates or GPS week and seconds; GPS time is converted to UTC. Angles may be degrees or degrees,
+    minutes and seconds. Standard deviations
     are at least 1 cm for fixed, 5 cm for float and 1 m for single solutions.
 
     Parameters
@@ -42,19 +44,56 @@ def read_positions(file: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     InputError
         A line is no position, or the file holds none.
     """
-    rows, is_utc = [], False
+    rows, is_utc, has_minutes = [], False, False
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     for number, line in enumerate(lines, start=1):
         if line.startswith("%"):
+            _refuse_other_positions(line, file)
             is_utc = is_utc or ("UTC" in line and "latitude" in line)
-            continue
-        if line.strip():
-            rows.append(_position(line.replace(",", " ").split(), f"{file}, line {number}"))
+            has_minutes = has_minutes or "latitude(d'" in line
+        elif line.strip():
+            words = re.split(r"[\s,;]+", line.strip())
+            words = _with_degrees(words, f"{file}, line {number}") if has_minutes else words
+            rows.append(_position(words, f"{file}, line {number}"))
     if not rows:
         raise InputError(f"{file} holds no positions; process the observations again.")
     table = np.array(rows)
     time_s = table[:, 0] if is_utc else table[:, 0] - _leap_s(table[:, 0])
     return time_s, table[:, 1:4], table[:, 4]
+
+
+def _refuse_other_positions(header: str, file: Path) -> None:
+    """Refuse positions about the Earth's centre or a base, and times of Japan, as the header names them."""
+    kinds = {
+        "x-ecef": "positions from the Earth's centre",
+        "e-baseline": "positions from a base",
+        " JST": "times of Japan",
+    }
+    found = next((words for mark, words in kinds.items() if mark in header), None)
+    if found is not None:
+        raise InputError(
+            f"{file} holds {found}; choose latitude, longitude, height and GPST or UTC in RTKLIB's output options."
+        )
+
+
+def _with_degrees(words: list[str], where: str) -> list[str]:
+    """Return the words of a line with both angles in degrees instead of degrees, minutes and seconds."""
+    if len(words) < _LEAST_WORDS + 4:
+        raise InputError(
+            f"{where}: {len(words)} values; degrees, minutes and seconds of both angles were expected."
+        )
+    angles = [_degrees(words[k : k + 3], where) for k in (2, 5)]
+    return [*words[:2], *angles, *words[8:]]
+
+
+def _degrees(parts: list[str], where: str) -> str:
+    """Return an angle of degrees, minutes and seconds in degrees; the sign stands before the degrees, −0 too."""
+    try:
+        degrees, minutes, seconds = map(float, parts)
+    except ValueError as error:
+        raise InputError(f"{where} is no position in degrees ({error}); correct or remove it.") from error
+    size = abs(degrees) + minutes / 60.0 + seconds / 3600.0
+    return repr(-size if parts[0].startswith("-") else size)
 
 
 def _position(words: list[str], where: str) -> tuple[float, float, float, float, float]:

@@ -1,4 +1,4 @@
-"""Text tables of other programs: commas, semicolons or tabs between cells, decimal points or commas."""
+"""Text tables of other programs: commas, semicolons, tabs or blanks between cells, decimal points or commas."""
 
 import csv
 from collections.abc import Sequence
@@ -18,6 +18,7 @@ LARGEST_BYTES = 200_000_000
 """Largest table of text that is read."""
 _COMMENTS = ("#", "%")
 _LONGEST_CELL = 40
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 class TextTable(NamedTuple):
@@ -47,6 +48,11 @@ class TextTable(NamedTuple):
             values[k] = self._number(cell, line, name)
         return values
 
+    def is_number(self, name: str, row: int) -> bool:
+        """Return whether a cell of a column is a number, with the decimal mark of the table."""
+        cell = self.rows[row][self.header.index(name)].strip()
+        return _is_decimal(cell if self.has_decimal_commas else cell.replace(",", ";"))
+
     def _number(self, cell: str, line: int, name: str) -> float:
         text = cell.replace(",", ".") if self.has_decimal_commas else cell
         try:
@@ -66,15 +72,15 @@ def read_text_table(path: str | Path, what: str) -> TextTable:
     Parameters
     ----------
     path : str or pathlib.Path
-        Text file. Lines before the header that begin with ``#`` or ``%``, and empty lines, are skipped.
+        Text file in UTF-8, UTF-16 or Windows-1252. Lines before the header that begin with ``#`` or ``%``, and
+        empty lines, are skipped.
     what : str
         What the table is, for the message.
 
     Returns
     -------
     TextTable
-        The cells. Numbers have decimal commas where cells are separated by semicolons or tabs and a number
-        has a comma.
+        The cells. Numbers have decimal commas where cells are not separated by commas and a number has one.
 
     Raises
     ------
@@ -92,12 +98,7 @@ def read_text_table(path: str | Path, what: str) -> TextTable:
     if header_at is None:
         raise InputError(f"{where} is empty; a header such as Point,Easting,Northing,Elevation was expected.")
     separator = _separator(lines[header_at])
-    try:
-        cells = list(csv.reader(lines[header_at:], delimiter=separator, strict=True))
-    except csv.Error as error:
-        raise InputError(
-            f"{where} is no text table ({first_line(error)}); a CSV file was expected."
-        ) from error
+    cells = _cells(lines[header_at:], separator, where)
     header = _header(cells[0], where)
     numbered = [(header_at + k, row) for k, row in enumerate(cells[1:], start=2) if any(map(str.strip, row))]
     _check_rows(numbered, header, where)
@@ -113,10 +114,12 @@ def _lines(file: Path, where: str) -> list[str]:
             f"{where} has {file.stat().st_size:,} bytes; tables of up to {LARGEST_BYTES:,} are read, split it."
         )
     content = file.read_bytes()
+    if content.startswith(_UTF16):  # "Unicode text" of spreadsheets
+        content = content.decode("utf-16", errors="replace").encode()
     if b"\0" in content:
         raise InputError(f"{where} is no text table (it holds bytes of 0); a CSV file was expected.")
     if content.strip():
-        refuse_cut_off(file, where)
+        refuse_cut_off(content[-1:], where)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -130,8 +133,19 @@ def _lines(file: Path, where: str) -> list[str]:
 
 
 def _separator(header: str) -> str:
-    """Return what separates cells: a semicolon or a tab where the header has one, else a comma."""
-    return next((mark for mark in (";", "\t") if mark in header), ",")
+    """Return what separates cells: a semicolon, a tab or a comma where the header has one, else blanks."""
+    return next((mark for mark in (";", "\t", ",") if mark in header), " ")
+
+
+def _cells(lines: list[str], separator: str, where: str) -> list[list[str]]:
+    if separator == " ":
+        return [line.split() for line in lines]
+    try:
+        return list(csv.reader(lines, delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise InputError(
+            f"{where} is no text table ({first_line(error)}); a CSV file was expected."
+        ) from error
 
 
 def _header(cells: Sequence[str], where: str) -> list[str]:
@@ -156,7 +170,7 @@ def _check_rows(numbered: list[tuple[int, list[str]]], header: list[str], where:
         if len(row) != len(header):
             raise InputError(
                 f"{where}, line {line}: {len(row)} values where the header names {len(header)}; "
-                "the file may be cut off, make it again."
+                "remove lines before the header, or make the file again where it is cut off."
             )
 
 

@@ -10,225 +10,10 @@ from typing import NamedTuple
 
 from survey.core.errors import ConfigError, InputError
 from survey.core.text import printable
-
-SPELLINGS: Mapping[str, tuple[str, ...]] = {
-    "x": ("x_m", "x", "x_coord", "x_coordinate"),
-    "y": ("y_m", "y", "y_coord", "y_coordinate"),
-    "easting": (
-        "easting_m",
-        "easting",
-        "east_m",
-        "east",
-        "e",
-        "grid_easting",
-        "utm_easting",
-        "utm_e",
-        "este",
-        "rechtswert",
-        "ostwert",
-    ),
-    "northing": (
-        "northing_m",
-        "northing",
-        "north_m",
-        "north",
-        "n",
-        "grid_northing",
-        "utm_northing",
-        "utm_n",
-        "norte",
-        "hochwert",
-        "nordwert",
-    ),
-    "longitude": (
-        "longitude_deg",
-        "longitude",
-        "lon_deg",
-        "lon",
-        "lng",
-        "long",
-        "longitud",
-        "longitude_wgs84",
-        "gps_longitude",
-        "longitudedegrees",
-    ),
-    "latitude": (
-        "latitude_deg",
-        "latitude",
-        "lat_deg",
-        "lat",
-        "latitud",
-        "latitude_wgs84",
-        "gps_latitude",
-        "latitudedegrees",
-    ),
-    "height": (
-        "z_m",
-        "z",
-        "elevation",
-        "height",
-        "h",
-        "altitude",
-        "elevation_m",
-        "height_m",
-        "altitude_m",
-        "elev",
-        "elev_m",
-        "alt",
-        "alt_m",
-        "ele",
-        "z_coord",
-        "z_coordinate",
-        "orthometric_height",
-        "orthometric_height_m",
-        "ortho_height",
-        "ellipsoidal_height",
-        "ellipsoidal_height_m",
-        "ellipsoid_height",
-        "msl_height",
-        "gps_altitude",
-        "altitudemeters",
-        "höhe",
-        "hoehe",
-        "altura",
-        "cota",
-    ),
-    "sigma_z": (
-        "sigma_z_m",
-        "sigma_z",
-        "sigma_u",
-        "sigma_up",
-        "sigma_v",
-        "sdv",
-        "sdv_m",
-        "sdz",
-        "sdz_m",
-        "sdu",
-        "sdu_m",
-        "sd_v",
-        "sd_z",
-        "sd_u",
-        "sd_up",
-        "std_z",
-        "std_u",
-        "std_up",
-        "std_v",
-        "stdz",
-        "vrms",
-        "v_rms",
-        "rms_v",
-        "elevation_rms",
-        "vertical_rms",
-        "vertical_rms_m",
-        "vertical_sd",
-        "vertical_std",
-        "vertical_precision",
-        "vertical_precision_m",
-        "vert_precision",
-        "vert_prec",
-        "vprec",
-        "v_prec",
-        "vertical_accuracy_m",
-        "vertical_accuracy",
-    ),
-    "sigma_xy": (
-        "sigma_xy_m",
-        "sigma_xy",
-        "sdh",
-        "sdh_m",
-        "sd_h",
-        "hrms",
-        "h_rms",
-        "rms_h",
-        "horizontal_rms",
-        "horizontal_rms_m",
-        "horizontal_sd",
-        "horizontal_std",
-        "horizontal_precision",
-        "horizontal_precision_m",
-        "horz_prec",
-        "hz_prec",
-        "hprec",
-        "h_prec",
-        "horizontal_accuracy_m",
-        "horizontal_accuracy",
-        "lateral_rms",
-        "hacc",
-        "hacc_m",
-        "h_acc",
-        "h_acc_m",
-        "accuracy",
-        "accuracy_m",
-        "accuracymeters",
-    ),
-    "name": (
-        "name",
-        "point",
-        "point_id",
-        "pointid",
-        "point_name",
-        "point_number",
-        "pt",
-        "pt_id",
-        "ptid",
-        "id",
-        "station",
-        "punkt",
-        "punktnummer",
-        "punktnr",
-        "punto",
-        "nombre",
-    ),
-    "vegetated": ("vegetated",),
-    "control": ("control",),
-    "time": (
-        "time_s",
-        "time",
-        "t",
-        "t_s",
-        "timestamp",
-        "timestamp_s",
-        "time_stamp",
-        "seconds",
-        "elapsed_s",
-        "utc_s",
-        "unix_s",
-        "unix_time",
-        "epoch_s",
-        "gps_time_s",
-        "utc",
-        "utc_time",
-        "time_utc",
-        "datetime",
-        "date_time",
-        "datetime_utc",
-        "iso_time",
-        "gps_time",
-        "time_ms",
-        "timestamp_ms",
-        "unix_ms",
-        "unix_time_ms",
-        "unixtimemillis",
-    ),
-}
-"""Normalized names of columns by what they hold; `normalized` shows how a header is compared with them."""
-
-OWN_NAMES: Mapping[str, str] = {
-    "x": "x_m",
-    "y": "y_m",
-    "z": "z_m",
-    "lon": "longitude_deg",
-    "lat": "latitude_deg",
-    "sigma_z": "sigma_z_m",
-    "sigma_xy": "sigma_xy_m",
-    "name": "name",
-    "vegetated": "vegetated",
-    "control": "control",
-    "time": "time_s",
-}
-"""Keys of a column mapping (``--columns x=Easting``), with the name that each column takes."""
+from survey.io.text_tables.usual_names import OWN_NAMES, SPELLINGS
 
 _FACTORS = {"mm": 1e-3, "cm": 1e-2}
+_METRES = re.compile(r"_(m|met(er|re)s?)$")
 _FEET = re.compile(r"_(us_?)?(ft|feet|foot)$")
 
 
@@ -292,6 +77,41 @@ def parsed_columns(texts: Iterable[str], keys: Mapping[str, str] = OWN_NAMES) ->
             )
         found[own] = column
     return found
+
+
+def spelled(name: str, kind: str) -> bool:
+    """Return whether the name of a column is a usual one for a kind of value; a unit of length does not matter.
+
+    Parameters
+    ----------
+    name : str
+        Name in a header.
+    kind : str
+        A key of `SPELLINGS`.
+
+    Returns
+    -------
+    bool
+        True for the names of `SPELLINGS`, and for those with a unit of metres, centimetres or millimetres.
+
+    Examples
+    --------
+    >>> spelled("Easting (Meter)", "easting"), spelled("VRMS(mm)", "sigma_z"), spelled("Elevation (ft)", "height")
+    (True, True, False)
+    """
+    plain = normalized(without_unit(name))
+    return plain in SPELLINGS[kind] or without_metres(plain) in SPELLINGS[kind]
+
+
+def without_metres(plain: str) -> str:
+    """Drop a unit of metres from a normalized name.
+
+    Examples
+    --------
+    >>> without_metres("easting_meter"), without_metres("h_m"), without_metres("m")
+    ('easting', 'h', 'm')
+    """
+    return _METRES.sub("", plain)
 
 
 class ColumnNames(NamedTuple):
@@ -377,10 +197,10 @@ def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
     'SDV'
     """
     own = SPELLINGS[kind][0]
-    found = [name for name in header if normalized(without_unit(name)) in SPELLINGS[kind]]
+    found = [name for name in header if spelled(name, kind)]
     if own in found or len(found) < 2:
         return own if own in found else next(iter(found), None)
-    key = next(short for short, long in OWN_NAMES.items() if long == own)
+    key = next((short for short, long in OWN_NAMES.items() if long == own), kind)
     raise InputError(
         f"{where} has the columns {' and '.join(found)}, and either could be meant; choose one with --columns {key}={found[0]}."
     )
@@ -420,7 +240,7 @@ def refuse_feet(header: Sequence[str], where: str) -> None:
     found = [normalized(name) for name in header]
     for kind in ("easting", "northing", "height", "sigma_z"):
         feet = [name for name, plain in zip(header, found, strict=True) if _is_feet(plain, kind)]
-        if feet and not any(plain in SPELLINGS[kind] for plain in found):
+        if feet and not any(spelled(name, kind) for name in header):
             raise InputError(
                 f"{where}: the column {feet[0]} is in feet; convert it to metres (US survey or international feet) and rename it."
             )

@@ -241,6 +241,9 @@ def test_nmea_without_any_fix_or_with_a_wrong_checksum_is_refused(tmp_path: Path
     file.write_text("$GPGGA,235958.00,5824.0000,N,13433.0000,W,1,08,0.9,100.0,M,0,M,,*00")
     with pytest.raises(InputError, match="line 1: the checksum"):
         read_gps(file)
+    file.write_text("$GPGGA,235958.00,5824.0000,N,13433.0000,W,1,08,0.9,100.0,M,0,M,,")
+    with pytest.raises(InputError, match="line 1: the sentence has no checksum"):
+        read_gps(file)
 
 
 def test_tables_of_fixes_in_degrees_and_in_metres(tmp_path: Path) -> None:

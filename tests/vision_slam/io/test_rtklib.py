@@ -62,3 +62,33 @@ def test_what_is_no_position_is_refused_with_its_line(tmp_path: Path, line: str,
 def test_a_file_without_positions_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no positions"):
         read_positions(written(tmp_path, "% header"))
+
+
+def test_degrees_minutes_and_seconds_are_read_as_the_header_names_them(tmp_path: Path) -> None:
+    head = "%  UTC  latitude(d'\") longitude(d'\") height(m) Q ns sdn(m) sde(m) sdu(m)"
+    line = "2024/05/01 12:00:00.0 60 26 17.16 -0 59 53.52 812.3 1 12 0.01 0.01 0.02 0 0 0 0 99"
+    _, place, _ = read_positions(written(tmp_path, head, line))
+    np.testing.assert_allclose(place, [[-(59 / 60 + 53.52 / 3600), 60 + 26 / 60 + 17.16 / 3600, 812.3]])
+
+
+def test_semicolons_separate_as_blanks_do(tmp_path: Path) -> None:
+    line = LINE.format(time="2024/05/01 12:00:00.0", quality=1)
+    blanks = read_positions(written(tmp_path, line))
+    semicolons = read_positions(written(tmp_path, line.replace(" ", ";")))
+    np.testing.assert_array_equal(blanks[1], semicolons[1])
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("%  GPST  x-ecef(m)  y-ecef(m)  z-ecef(m)", "positions from the Earth's centre"),
+        ("%  GPST  e-baseline(m)  n-baseline(m)  u-baseline(m)", "positions from a base"),
+        ("%  JST  latitude(deg)  longitude(deg)", "times of Japan"),
+    ],
+)
+def test_positions_that_are_no_degrees_are_refused_by_their_header(
+    tmp_path: Path, head: str, words: str
+) -> None:
+    line = "2024/05/01 12:00:00.0 12.1 -3.2 0.4 1 12 0.01 0.01 0.02 0 0 0"
+    with pytest.raises(InputError, match=words):
+        read_positions(written(tmp_path, head, line))

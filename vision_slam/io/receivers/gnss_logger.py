@@ -24,7 +24,8 @@ _PROVIDERS = ("GPS", "FLP", "FUSED", "NLP", "NETWORK", "GT")
 def read_gnss_logger(file: Path) -> ReceiverFixes:
     """Read the fixes of a log: those of one provider, GPS where it has at least two.
 
-    Android's accuracy is the radius of 68 %; it becomes a standard deviation in each axis.
+    Android's accuracy is the radius of 68 %; it becomes a standard deviation in each axis. Fixes without an
+    altitude, which phones log before satellites are found, are left out and counted.
 
     Parameters
     ----------
@@ -45,12 +46,15 @@ def read_gnss_logger(file: Path) -> ReceiverFixes:
     header = next((line.lstrip("# ") for line in lines if line.lstrip("# ").startswith("Fix,Prov")), _USUAL)
     columns = _columns(header)
     by_provider: dict[str, list[tuple[float, ...]]] = {}
+    n_without_height = 0
     for number, line in enumerate(lines, start=1):
         if line.startswith("Fix,"):
             words = line.split(",")
-            by_provider.setdefault(words[1].upper(), []).append(
-                _fix(words, columns, f"{file}, line {number}")
-            )
+            fix = _fix(words, columns, f"{file}, line {number}")
+            if np.isnan(fix[3]):
+                n_without_height += 1
+            else:
+                by_provider.setdefault(words[1].upper(), []).append(fix)
     chosen = next((p for p in _PROVIDERS if len(by_provider.get(p, [])) >= 2), None)
     if chosen is None:
         raise InputError(
@@ -67,6 +71,7 @@ def read_gnss_logger(file: Path) -> ReceiverFixes:
         1e-3 * table[:, 0],
         table[:, 1:4],
         axis_sigma_m(table[:, 4]) if has_sigma else None,
+        n_without_fix=n_without_height,
         vertical_datum=ELLIPSOIDAL,
         notes=(note,),
     )
@@ -81,15 +86,16 @@ def _columns(header: str) -> dict[str, int]:
 
 
 def _fix(words: list[str], columns: dict[str, int], where: str) -> tuple[float, ...]:
-    """Return time [ms], longitude, latitude [deg], height and accuracy [m] of one line; 0 without accuracy."""
+    """Return time [ms], longitude, latitude [deg], height (NaN without) and accuracy (0 without) [m] of one line."""
     try:
         values = {kind: words[at].strip() for kind, at in columns.items() if at >= 0}
-        fix = tuple(float(values[kind]) for kind in ("time", "longitude", "latitude", "height"))
+        height = values["height"] or "nan"
+        fix = (*(float(values[kind]) for kind in ("time", "longitude", "latitude")), float(height))
         accuracy = float(values.get("accuracy") or 0.0)
     except (ValueError, IndexError, KeyError) as error:
         raise InputError(
             f"{where} is no fix with time, longitude, latitude and altitude ({error}); correct or remove it."
         ) from error
-    if not (abs(fix[1]) <= 180.0 and abs(fix[2]) <= 90.0 and np.isfinite(fix).all()):
+    if not (abs(fix[1]) <= 180.0 and abs(fix[2]) <= 90.0 and np.isfinite(fix[:3]).all()):
         raise InputError(f"{where}: {fix[2]:g}, {fix[1]:g} are no degrees; correct or remove the line.")
     return (*fix, accuracy)

@@ -1,5 +1,6 @@
 """Tables of fixes of other programs: usual names of columns, times as numbers or dates, a mapping by the user."""
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +12,6 @@ from survey.core.errors import InputError
 from survey.core.text import printable
 from survey.io.text_tables.delimited import TextTable, read_text_table
 from survey.io.text_tables.spellings import (
-    OWN_NAMES,
     ColumnNames,
     metres_factor,
     normalized,
@@ -19,6 +19,7 @@ from survey.io.text_tables.spellings import (
     parsed_columns,
     renamed_header,
 )
+from survey.io.text_tables.usual_names import OWN_NAMES
 from vision_slam.io.receivers.rows import ReceiverFixes, axis_sigma_m
 
 KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
@@ -26,6 +27,8 @@ KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "si
 _UNITS = ((1e17, 1e-9, "nanoseconds"), (1e14, 1e-6, "microseconds"), (1e11, 1e-3, "milliseconds"))
 _DATED_S = 1e8
 _RADII = ("acc",)  # accuracy, hAcc
+_CLOCK = re.compile(r"\d{1,2}:\d{2}:")
+_DAY_FIRST = re.compile(r"^(\d{2})\.(\d{2})\.(\d{4})\b")
 
 
 def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
@@ -34,7 +37,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     Parameters
     ----------
     file : Path
-        Text table with a header; commas, semicolons or tabs between the cells.
+        Text table with a header; commas, semicolons, tabs or blanks between the cells.
     columns : sequence of str
         ``key=column`` pairs for names that are not usual; keys are those of `KEYS`.
 
@@ -42,7 +45,8 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     -------
     ReceiverFixes
         In degrees or in metres. Times are numbers (seconds, or Unix milli-, micro- or
-        nanoseconds) or dates in ISO 8601, of UTC unless they state an offset. A column of accuracy
+        nanoseconds) or dates as ISO 8601 or ``31.12.2026 23:59:59``, of UTC unless they state an offset; a date
+        and a time of day may stand in two columns. A column of accuracy
         counts as the radius of 68 %, one of a horizontal standard deviation as that of the
         distance; a note says which columns were read.
 
@@ -57,7 +61,8 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     given = parsed_columns(columns, KEYS)
     table = table._replace(header=renamed_header(table.header, given, table.where))
     names = _names(table)
-    time_s, unit = _times(table, names["time"])
+    date = _date_column(table, names["time"])
+    time_s, unit = _times(table, names["time"], date)
     is_geodetic = "longitude" in names
     first, second = ("longitude", "latitude") if is_geodetic else ("easting", "northing")
     place = np.column_stack([_metres(table, names[kind]) for kind in (first, second, "height")])
@@ -66,6 +71,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
             f"{table.where} holds places that are no degrees in {names[first]} and {names[second]}; "
             f"name columns of metres with --columns x={names[first]},y={names[second]}."
         )
+    names |= {} if date is None else {"date": date}
     read = ColumnNames({kind: given.get(name, name) for kind, name in names.items()}, _unused(table, names))
     return ReceiverFixes(
         time_s,
@@ -126,24 +132,31 @@ def _sigma_m(table: TextTable, names: dict[str, str], given: dict[str, str]) -> 
     return axis_sigma_m(stated) if is_radius else stated / np.sqrt(2.0)
 
 
-def _times(table: TextTable, name: str) -> tuple[FloatArray, str]:
+def _date_column(table: TextTable, name: str) -> str | None:
+    """Return the column of days beside a column of times of day; None where times are complete."""
+    return one_column("date", table.header, table.where) if _CLOCK.match(table.texts(name)[0]) else None
+
+
+def _times(table: TextTable, name: str, date: str | None) -> tuple[FloatArray, str]:
     """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds."""
-    try:
-        float(table.texts(name)[0])
-    except ValueError:
-        return _dates(table, name), ", times are dates"
-    numbers = table.numbers(name)
-    for least, factor, word in _UNITS:
-        if numbers[0] > least:
-            return factor * numbers, f", times are Unix {word}"
-    return numbers, ""
+    if table.is_number(name, 0):
+        numbers = table.numbers(name)
+        for least, factor, word in _UNITS:
+            if numbers[0] > least:
+                return factor * numbers, f", times are Unix {word}"
+        return numbers, ""
+    days = ("",) * len(table.rows) if date is None else table.texts(date)
+    return _dates(table, name, days), ", times are dates"
 
 
-def _dates(table: TextTable, name: str) -> FloatArray:
+def _dates(table: TextTable, name: str, days: Sequence[str]) -> FloatArray:
+    """Return Unix times (N,) [s] of the cells of a column, each after its day where the day is apart."""
     times = np.empty(len(table.rows))
-    for k, (line, cell) in enumerate(zip(table.lines, table.texts(name), strict=True)):
+    cells = zip(table.lines, days, table.texts(name), strict=True)
+    for k, (line, day, cell) in enumerate(cells):
+        text = _DAY_FIRST.sub(r"\3-\2-\1", f"{day} {cell}".strip().replace("/", "-"))
         try:
-            date = datetime.fromisoformat(cell.replace("/", "-"))
+            date = datetime.fromisoformat(text)
         except ValueError as error:
             raise InputError(
                 f"{table.where}, line {line}: {printable(cell)[:40]!r} in the column {name} is no number and no date such as "

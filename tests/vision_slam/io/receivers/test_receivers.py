@@ -31,6 +31,14 @@ def test_gnss_logger_gives_the_fixes_of_the_satellites(tmp_path):
     assert fixes.notes == ("fixes of the provider GPS (1 of NLP are left out)",)
 
 
+def test_fixes_without_an_altitude_are_left_out_and_counted(tmp_path):
+    lines = [f"Fix,GPS,46.0,8.0,{height},,3.0,,{UNIX + k}000" for k, height in enumerate(("", 500.0, 501.0))]
+    (tmp_path / "log.txt").write_text("\n".join([HEADER, *lines]))
+    log = read_gps(tmp_path / "log.txt")
+    assert log.place[:, 2].tolist() == [500.0, 501.0]
+    assert log.n_without_fix == 1
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -181,3 +189,36 @@ def test_columns_without_a_table_are_refused(tmp_path):
         read_gps(tmp_path / "a.gpx", ["time=t"])
     with pytest.raises(ConfigError, match="name the table with --gps"):
         open_recording(tmp_path, columns=["time=t"])
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "Date,Time,Latitude,Longitude,Altitude\n2024-06-12,10:00:00,46.0,8.0,500.0\n2024-06-12,10:00:01.5,46.0001,8.0,501.0\n",
+        "Datum;Uhrzeit;Breite;Länge;Höhe\n12.06.2024;10:00:00;46,0;8,0;500,0\n12.06.2024;10:00:01.5;46,0001;8,0;501,0\n",
+        "zeit;lat;lon;alt\n12.06.2024 10:00:00;46,0;8,0;500\n12.06.2024 10:00:01.5;46,0001;8,0;501\n",
+    ],
+)
+def test_days_and_times_of_day_are_read_from_one_column_or_two(tmp_path, table):
+    (tmp_path / "fixes.csv").write_text(table)
+    log = read_gps(tmp_path / "fixes.csv")
+    np.testing.assert_allclose(log.time_s, [UNIX, UNIX + 1.5])
+    np.testing.assert_allclose(log.place, [[8.0, 46.0, 500.0], [8.0, 46.0001, 501.0]])
+
+
+def test_seconds_with_decimal_commas_are_numbers(tmp_path):
+    (tmp_path / "phyphox.csv").write_text(
+        '"Time (s)";"Latitude (°)";"Longitude (°)";"Height (m)";"Horizontal Accuracy (m)"\n'
+        "0,12;46,0;8,0;500,0;3,02\n1,12;46,0001;8,0;501,0;3,02\n"
+    )
+    log = read_gps(tmp_path / "phyphox.csv")
+    np.testing.assert_allclose(log.time_s, [0.12, 1.12])
+    np.testing.assert_allclose(log.sigma_m, [2.0, 2.0])
+    assert not log.is_dated
+
+
+def test_fixes_beyond_84_degrees_are_in_polar_stereographic(tmp_path):
+    (tmp_path / "north.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,height_m\n0,85,-40,1\n1,85.0001,-40,1\n"
+    )
+    assert read_gps(tmp_path / "north.csv").fixes()[1].to_epsg() == 3413
