@@ -105,7 +105,11 @@ def _used_columns(header: list[str], where: str) -> dict[str, str]:
         "sigma_z_m": one_column("sigma_z", header, where),
         "vegetated": one_column("vegetated", header, where),
         "control": one_column("control", header, where),
+        "map_x_m": one_column("map_x", header, where),
+        "map_y_m": one_column("map_y", header, where),
     }
+    if found["map_x_m"] is not None:
+        found["sigma_xy_m"] = one_column("sigma_xy", header, where)
     others = {key: name for key, name in found.items() if name is not None}
     return {**dict(zip(own, places.names, strict=True)), **others}
 

@@ -26,7 +26,11 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
     area = None if request.area is None else survey.SurveyArea.read(request.area, crs=dem.crs)
     errors = compare(dem, points, area)
     judged = score_at(
-        errors, tuple(request.standards), class_m=request.class_m, interval_m=request.interval_m
+        errors,
+        tuple(request.standards),
+        class_m=request.class_m,
+        interval_m=request.interval_m,
+        horizontal_class_m=request.horizontal_class_m,
     )
     classes = _classes(request, map_, dem, errors)
     if request.as_json:

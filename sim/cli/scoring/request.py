@@ -38,6 +38,13 @@ class ScoreRequest(RunOptions):
     class_m: Annotated[
         float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
     ] = None
+    horizontal_class_m: Annotated[
+        float | None,
+        typer.Option(
+            "--horizontal-class",
+            help="Horizontal class wanted [m]; checkpoints have the columns map_x and map_y.",
+        ),
+    ] = None
     interval_m: Annotated[
         float | None, typer.Option("--interval", help="Contour interval of ASPRS 1990 and NMAS [m].")
     ] = None
@@ -49,7 +56,7 @@ class ScoreRequest(RunOptions):
         typer.Option(
             "--columns",
             metavar="KEY=COLUMN,…",
-            help="Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name; usual names are found.",
+            help="Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name, map_x, map_y, sigma_xy; usual names are found.",
         ),
     ] = field(default_factory=list)
     datum: Annotated[

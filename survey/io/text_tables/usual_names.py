@@ -185,6 +185,8 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
         "horizontalaccuracy",
         "h_accuracy",
     ),
+    "map_x": ("map_x_m", "map_x", "map_easting", "map_east", "map_e"),
+    "map_y": ("map_y_m", "map_y", "map_northing", "map_north", "map_n"),
     "name": (
         "name",
         "point",
@@ -249,6 +251,8 @@ OWN_NAMES: Mapping[str, str] = {
     "lat": "latitude_deg",
     "sigma_z": "sigma_z_m",
     "sigma_xy": "sigma_xy_m",
+    "map_x": "map_x_m",
+    "map_y": "map_y_m",
     "name": "name",
     "vegetated": "vegetated",
     "control": "control",

@@ -73,7 +73,7 @@ def checkpoint_report(
         Chapter("Error statistics", tables=(_statistics(score),), figures=figures),
         *([Chapter("Errors by class of ground", tables=grouped)] if grouped else []),
         Chapter("Distribution of the checkpoints", paragraphs=_spread(errors)),
-        Chapter("Residuals", tables=(_residuals(errors),)),
+        Chapter("Residuals", tables=(_residuals(errors), *_shifts(errors))),
         methods_section([*(BY_STANDARD[it.standard] for it in score.assessments), HOEHLE]),
     ]
     return Document("Accuracy report", setting.title, setting.subtitle, tuple(sections), setting.signature)
@@ -109,8 +109,9 @@ def _notes(score: CheckpointScore) -> tuple[str, ...]:
         for it in score.assessments
     ]
     cautions = [f"Note: {caution}." for it in score.assessments for caution in it.cautions]
-    horizontal = template("en")["own"]["horizontal"]
-    return tuple(dict.fromkeys([*bases, horizontal, *cautions]))
+    is_tested = any(it.kind == "horizontal" for it in score.assessments)
+    untested = [] if is_tested else [template("en")["own"]["horizontal"]]
+    return tuple(dict.fromkeys([*bases, *untested, *cautions]))
 
 
 def _inputs(setting: ReportSetting, dem: Dem, errors: CheckpointErrors) -> Table:
@@ -174,3 +175,18 @@ def _residuals(errors: CheckpointErrors) -> Table:
         )
     )
     return Table("residuals", "Residual at each checkpoint, map minus checkpoint", headings, rows, 2)
+
+
+def _shifts(errors: CheckpointErrors) -> tuple[Table, ...]:
+    """Return a table of the horizontal residuals of checkpoints that were found in the map; none without them."""
+    placed = errors.placed
+    if placed is None or placed.shift_m is None or placed.sigma_xy_m is None:
+        return ()
+    headings = ("Checkpoint", "East [m]", "North [m]", "Distance [m]", "σ [m]")
+    rows = tuple(
+        (name, number(east), number(north), number(float(np.hypot(east, north))), number(sigma))
+        for name, (east, north), sigma in zip(
+            placed.names, placed.shift_m.round(3) + 0.0, placed.sigma_xy_m, strict=True
+        )
+    )
+    return (Table("shifts", "Horizontal residual at each checkpoint, map minus checkpoint", headings, rows),)

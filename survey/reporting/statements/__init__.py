@@ -75,6 +75,8 @@ def statement(finding: Assessment, language: str = "en") -> str:
     """
     texts = template(language)
     case = _case(finding)
+    if finding.kind != "vertical" and case not in texts["own"]:
+        case = f"{finding.kind}_{case}"
     wording = texts["own"].get(case) or texts[finding.standard][case]
     return wording.format(**_values(finding))
 
@@ -85,7 +87,7 @@ def _case(finding: Assessment) -> str:
         return "reduced" if _has_too_few_only(finding) else "withheld"
     if finding.outcome == "not met":
         return "not_met"
-    if finding.measure.startswith("vegetated"):
+    if finding.is_vegetated:
         return "vegetated"
     has_statement = finding.outcome == "met" or (finding.limit is None and not _has_classes(finding))
     return "tested" if has_statement else "reported"
@@ -101,7 +103,7 @@ def _has_too_few_only(finding: Assessment) -> bool:
         finding.standard == EDITION_2
         and finding.limit is not None
         and finding.value <= finding.limit
-        and not finding.measure.startswith("vegetated")
+        and not finding.is_vegetated
         and all(_TOO_FEW.match(condition) for condition in finding.missing)
     )
 

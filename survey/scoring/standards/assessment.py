@@ -9,6 +9,7 @@ from survey.core.errors import InputError
 from survey.scoring.accuracy import ErrorStatistics
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors
 from survey.scoring.standards.findings import Assessment, assessed
+from survey.scoring.standards.horizontal import horizontal_findings
 from survey.scoring.standards.intervals import RmseInterval
 from survey.scoring.standards.standards import (
     EDITION_2,
@@ -61,6 +62,7 @@ def score_at(
     *,
     class_m: float | None = None,
     interval_m: float | None = None,
+    horizontal_class_m: float | None = None,
 ) -> CheckpointScore:
     """Judge a map by its errors at checkpoints.
 
@@ -75,6 +77,9 @@ def score_at(
         reported and nothing is met or missed.
     interval_m : float, optional
         Contour interval of ASPRS 1990 and NMAS [m]; 1, 2 and 3 ft by default.
+    horizontal_class_m : float, optional
+        Horizontal class of Edition 2: the RMSE_H wanted [m]. It needs checkpoints with `map_xy`; with a `class_m`
+        beside it the three-dimensional class is the root of the sum of both squares.
 
     Returns
     -------
@@ -86,7 +91,7 @@ def score_at(
     ConfigError
         A standard that is not known.
     InputError
-        A class or an interval that is not positive.
+        A class or an interval that is not positive, or a horizontal class without marks that were found in the map.
 
     Examples
     --------
@@ -100,14 +105,14 @@ def score_at(
     >>> [score_at(found(n), class_m=0.10).assessments[0].outcome for n in (29, 30)]
     ['not assessed to the standard', 'met']
     """
-    for value, what in ((class_m, "class"), (interval_m, "contour interval")):
+    wanted = ((class_m, "class"), (interval_m, "contour interval"), (horizontal_class_m, "horizontal class"))
+    for value, what in wanted:
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"the {what} is {value} m; a number above 0 was expected.")
-    findings = [
-        finding
-        for name in standards
-        for finding in assessed(standard_named(name), errors, class_m, interval_m)
-    ]
+    findings: list[Assessment] = []
+    for standard in map(standard_named, standards):
+        findings += assessed(standard, errors, class_m, interval_m)
+        findings += horizontal_findings(standard, errors, horizontal_class_m, class_m)
     return CheckpointScore(
         ErrorStatistics.of(errors.errors_m),
         RmseInterval.of(errors.errors_m),

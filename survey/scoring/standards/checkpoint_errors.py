@@ -92,6 +92,10 @@ class CheckpointErrors:
         Share of the named area on which the map gives a height; 1 where no area was named.
     xyz : (N, 3) ndarray, optional
         Easting, northing and height of the checkpoints [m], where they are known.
+    shift_m : (N, 2) ndarray, optional
+        Place in the map minus place of the checkpoint, east and north [m]; NaN where a mark was not found in the map.
+    sigma_xy_m : (N,) ndarray, optional
+        Standard deviations of the horizontal distances of the checkpoints from their true places [m].
     """
 
     errors_m: FloatArray
@@ -104,6 +108,8 @@ class CheckpointErrors:
     has_datums: bool = True
     covered_share: float = 1.0
     xyz: FloatArray | None = None
+    shift_m: FloatArray | None = None
+    sigma_xy_m: FloatArray | None = None
 
     @cached_property
     def checkpoint_rmse_m(self) -> float:
@@ -123,17 +129,26 @@ class CheckpointErrors:
         CheckpointErrors or None
             The errors there.
         """
-        mask = self.vegetated if vegetated else ~self.vegetated
+        return self._only(self.vegetated if vegetated else ~self.vegetated)
+
+    @cached_property
+    def placed(self) -> "CheckpointErrors | None":
+        """Those that were found in the map too; None where there are none."""
+        return None if self.shift_m is None else self._only(np.isfinite(self.shift_m).all(axis=1))
+
+    def _only(self, mask: BoolArray) -> "CheckpointErrors | None":
+        """Return some of them; None for none."""
         if not mask.any():
             return None
-        names = tuple(name for name, taken in zip(self.names, mask, strict=True) if taken)
         return replace(
             self,
             errors_m=self.errors_m[mask],
             sigma_z_m=self.sigma_z_m[mask],
             vegetated=self.vegetated[mask],
-            names=names,
+            names=tuple(name for name, taken in zip(self.names, mask, strict=True) if taken),
             xyz=None if self.xyz is None else self.xyz[mask],
+            shift_m=None if self.shift_m is None else self.shift_m[mask],
+            sigma_xy_m=None if self.sigma_xy_m is None else self.sigma_xy_m[mask],
         )
 
     def beyond(self, limit_m: float) -> tuple[str, ...]:
@@ -213,4 +228,6 @@ def compare(dem: Dem, checkpoints: Checkpoints, area: SurveyArea | None = None) 
         dem.vertical_datum == checkpoints.vertical_datum != UNSTATED,
         1.0 if area is None else covered_share(dem, area),
         frozen(checkpoints.xyz[used]),
+        None if checkpoints.map_xy is None else frozen((checkpoints.map_xy - checkpoints.xy)[used]),
+        None if checkpoints.map_xy is None else frozen(checkpoints.sigma_xy_m[used]),
     )

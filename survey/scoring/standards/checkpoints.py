@@ -43,11 +43,16 @@ class Checkpoints:
     vegetated : (N,) array_like of bool, optional
         Points in tall grass, crops, brush or forest, which newer standards judge apart; on
         ice there are none.
+    map_xy : (N, 2) array_like, optional
+        Easting and northing at which each mark was found in the map [m], in the CRS of the map; NaN where it was not.
+    sigma_xy_m : float or (N,) array_like, optional
+        Standard deviation of the horizontal distance of each checkpoint from its true place [m]; needed with `map_xy`.
 
     Raises
     ------
     InputError
-        No points, wrong shapes, NaN, a sigma of 0 or less, two points at one place.
+        No points, wrong shapes, NaN, a sigma of 0 or less, two points at one place, places in the map
+        without `sigma_xy_m`.
 
     Examples
     --------
@@ -61,6 +66,8 @@ class Checkpoints:
     vertical_datum: str = UNSTATED
     names: tuple[str, ...] = ()
     vegetated: Any = None
+    map_xy: Any = None
+    sigma_xy_m: Any = None
 
     def __post_init__(self) -> None:
         xyz = checked(self.xyz, (None, 3), "the checkpoints")
@@ -84,6 +91,8 @@ class Checkpoints:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "vegetated", frozen(cover, bool))
         object.__setattr__(self, "crs", projected_crs(self.crs, "the set of checkpoints"))
+        if self.map_xy is not None:
+            self._check_places_in_map()
         self._refuse_repeats()
 
     def __len__(self) -> int:
@@ -103,7 +112,7 @@ class Checkpoints:
 
         Beside the place, the columns ``sigma_z_m``, ``name``, ``vegetated`` (0 or 1) and
         ``control`` (0 or 1) are understood, and those of GNSS exports (``Point, Easting, Northing,
-        Elevation, SDV``).
+        Elevation, SDV``). Columns ``map_x_m``, ``map_y_m`` with ``sigma_xy_m`` state where each mark was found in the map.
 
         Parameters
         ----------
@@ -138,8 +147,12 @@ class Checkpoints:
         xyz, system = _places(path, table, crs)
         vegetated = table.columns.get("vegetated", np.zeros(len(xyz))) != 0.0
         names = tuple(printable(name) for name in named.names)
+        found = [table.columns.get(name) for name in ("map_x_m", "map_y_m")]
+        map_xy = None if found[0] is None or found[1] is None else np.column_stack([found[0], found[1]])
+        sigma_xy = None if map_xy is None else table.columns.get("sigma_xy_m")
+        datum = stated or vertical_datum or UNSTATED
         try:
-            return cls(xyz, sigma, system, stated or vertical_datum or UNSTATED, names, vegetated)
+            return cls(xyz, sigma, system, datum, names, vegetated, map_xy, sigma_xy)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
@@ -173,6 +186,29 @@ class Checkpoints:
                 f"{_listed(used)} lie within {tolerance_m:g} m of control points; a map agrees with what it was made from, "
                 "leave them out of the checkpoints."
             )
+
+    def _check_places_in_map(self) -> None:
+        """Refuse places in the map of another number, or without their uncertainty."""
+        n = len(self.xyz)
+        places = np.asarray(self.map_xy, dtype=np.float64)
+        if places.shape != (n, 2) or np.isinf(places).any():
+            raise InputError(
+                f"there are {n} checkpoints; two numbers or NaN were expected for each in map_xy."
+            )
+        if self.sigma_xy_m is None:
+            raise InputError(
+                "the checkpoints state where they were found in the map and not how well they were placed; add a column "
+                "sigma_xy_m, or choose one with --columns sigma_xy=NAME."
+            )
+        sigma = checked(
+            np.broadcast_to(np.asarray(self.sigma_xy_m, dtype=np.float64), (n,)), (n,), "the sigmas"
+        )
+        if (sigma <= 0.0).any():
+            raise InputError(
+                f"{int((sigma <= 0).sum())} checkpoints have a sigma_xy of 0 or less; state how well they were placed."
+            )
+        object.__setattr__(self, "map_xy", frozen(places))
+        object.__setattr__(self, "sigma_xy_m", sigma)
 
     def _refuse_repeats(self) -> None:
         pairs = cKDTree(self.xy).query_pairs(1e-6)

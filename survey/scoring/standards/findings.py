@@ -33,6 +33,7 @@ from survey.scoring.standards.standards import (
 )
 
 Outcome = Literal["met", "not met", "reported", "not assessed to the standard"]
+Kind = Literal["vertical", "horizontal", "3d"]
 NOT_ASSESSED: Outcome = "not assessed to the standard"
 _SHARE_BEYOND = 0.10
 _DIVISORS = {SPOT_HEIGHTS: 6.0, CONTOURS: 3.0}
@@ -70,6 +71,8 @@ class Assessment:
         Conditions of the standard that are not met.
     cautions : tuple of str
         What the standard, or good practice, asks to look at: bias, blunders, an unstated datum.
+    kind : {"vertical", "horizontal", "3d"}
+        Direction of the errors.
     """
 
     standard: str
@@ -84,6 +87,12 @@ class Assessment:
     spread: Spread
     missing: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
+    kind: Kind = "vertical"
+
+    @property
+    def is_vegetated(self) -> bool:
+        """Whether it is on vegetated ground, of which Edition 2 reports the accuracy without a limit."""
+        return self.measure.startswith("vegetated") or self.measure.endswith("on vegetated ground")
 
     @property
     def sentence(self) -> str:
@@ -117,17 +126,15 @@ def assessed(
 
 
 def _asprs_1990(standard: Standard, errors: CheckpointErrors, interval_m: float, k: int) -> Assessment:
-    rmse, limit = _rmse(errors), k * interval_m / _DIVISORS[standard.name]
+    rmse, limit = rmse_of(errors), k * interval_m / _DIVISORS[standard.name]
     missing = missing_in_general(standard, errors)
     if errors.checkpoint_rmse_m > interval_m / _CHECK_SURVEY_1990:
         missing.append(
             f"checkpoints accurate to {interval_m / _CHECK_SURVEY_1990:.3g} m (a twentieth of the interval), not {errors.checkpoint_rmse_m:.3g} m"
         )
     cautions = cautions_of(standard, errors, limit)
-    if k > 1:
-        cautions.append(f"the limit of class {k}, {k} times that of class 1, is unverified")
     label = f"Class {k}, interval {interval_m:.4g} m"
-    return _finding(standard, errors, (label, "RMSE", rmse, limit), missing, cautions)
+    return finding_of(standard, errors, (label, "RMSE", rmse, limit), missing, cautions)
 
 
 def _nmas(standard: Standard, errors: CheckpointErrors, interval_m: float) -> Assessment:
@@ -140,13 +147,13 @@ def _nmas(standard: Standard, errors: CheckpointErrors, interval_m: float) -> As
     label = f"contour interval {interval_m:.4g} m"
     measure = "share of points off by more than half the interval:"
     missing = missing_in_general(standard, errors)
-    return _finding(standard, errors, (label, measure, share, _SHARE_BEYOND), missing, cautions)
+    return finding_of(standard, errors, (label, measure, share, _SHARE_BEYOND), missing, cautions)
 
 
 def _nssda(standard: Standard, errors: CheckpointErrors) -> Assessment:
-    value = accuracy_z(_rmse(errors))
+    value = accuracy_z(rmse_of(errors))
     cautions = [*datum_cautions(errors), "the standard sets no limit: the accuracy is stated, not passed"]
-    return _finding(
+    return finding_of(
         standard,
         errors,
         ("", "tested accuracy at 95 %", value, None),
@@ -167,12 +174,12 @@ def _asprs_classes(
             "all checkpoints lie on vegetated ground; the class of a map is judged on open ground."
         )
     edition_2 = standard.name == EDITION_2
-    value = rmse_v(_rmse(open_), open_.checkpoint_rmse_m) if edition_2 else accuracy_z(_rmse(open_))
+    value = rmse_v(rmse_of(open_), open_.checkpoint_rmse_m) if edition_2 else accuracy_z(rmse_of(open_))
     limit = None if class_m is None else class_m if edition_2 else nva_limit_m(class_m)
     measure = "non-vegetated RMSE_V" if edition_2 else "non-vegetated accuracy at 95 %"
     missing = [*missing_number(standard, open_, n_open, "open"), *missing_accuracy(standard, open_, class_m)]
     cautions = cautions_of(standard, open_, class_m)
-    yield _finding(standard, open_, (label, measure, value, limit), missing, cautions)
+    yield finding_of(standard, open_, (label, measure, value, limit), missing, cautions)
     if vegetated is None:
         return
     missing = [
@@ -181,7 +188,7 @@ def _asprs_classes(
     ]
     if edition_2:
         value, limit, measure = (
-            rmse_v(_rmse(vegetated), vegetated.checkpoint_rmse_m),
+            rmse_v(rmse_of(vegetated), vegetated.checkpoint_rmse_m),
             None,
             "vegetated RMSE_V",
         )
@@ -189,15 +196,17 @@ def _asprs_classes(
         value = float(np.percentile(np.abs(vegetated.errors_m), 95.0))
         limit = None if class_m is None else vva_limit_m(class_m)
         measure = "vegetated 95th percentile"
-    yield _finding(standard, vegetated, (label, measure, value, limit), missing, datum_cautions(vegetated))
+    yield finding_of(standard, vegetated, (label, measure, value, limit), missing, datum_cautions(vegetated))
 
 
-def _finding(
+def finding_of(
     standard: Standard,
     errors: CheckpointErrors,
     asked: tuple[str, str, float, float | None],
     missing: list[str],
     cautions: list[str],
+    *,
+    kind: Kind = "vertical",
 ) -> Assessment:
     """Compare the value with the limit of what was asked (class, measure, value, limit), unless conditions are missing."""
     label, measure, value, limit = asked
@@ -218,8 +227,10 @@ def _finding(
         errors.spread,
         tuple(missing),
         (*cautions, *guidance_of(standard, errors)),
+        kind,
     )
 
 
-def _rmse(errors: CheckpointErrors) -> float:
+def rmse_of(errors: CheckpointErrors) -> float:
+    """Return the root mean square of the errors of height [m]."""
     return float(np.sqrt(np.mean(errors.errors_m**2)))

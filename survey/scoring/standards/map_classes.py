@@ -22,10 +22,9 @@ _WHOLE_SURFACE = (
 _NOTES = {
     PAPER: _WHOLE_SURFACE
     + " The intervals are those printed in the paper; under the 1990 standard the same limits belong to intervals of 1, 2 and 3 ft in every class.",
-    SPOT_HEIGHTS: _WHOLE_SURFACE
-    + " Limit: class × interval / 6; the factors of classes 2 and 3 were not checked against the standard's own text.",
+    SPOT_HEIGHTS: _WHOLE_SURFACE + " Limit: class × interval / 6.",
     CONTOURS: "The RMSE is that of the whole surface against a reference surface; the limit is made for well-defined points read from contours."
-    " Limit: class × interval / 3; the factors of classes 2 and 3 were not checked against the standard's own text.",
+    " Limit: class × interval / 3.",
 }
 
 

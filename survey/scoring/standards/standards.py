@@ -64,7 +64,7 @@ class Standard:
 
 
 _1990 = "ASPRS Accuracy Standards for Large-Scale Maps (March 1990)"
-_1990_MEMORY = frozenset({"n_least", "quadrant_share", "spacing_share", "classes 2 and 3", "blunders"})
+_1990_MEMORY = frozenset({"n_least", "quadrant_share", "spacing_share", "blunders"})
 
 STANDARDS = {
     standard.name: standard
