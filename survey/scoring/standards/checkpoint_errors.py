@@ -134,7 +134,10 @@ class CheckpointErrors:
     @cached_property
     def placed(self) -> "CheckpointErrors | None":
         """Those that were found in the map too; None where there are none."""
-        return None if self.shift_m is None else self._only(np.isfinite(self.shift_m).all(axis=1))
+        if self.shift_m is None:
+            return None
+        found: BoolArray = np.isfinite(self.shift_m).all(axis=1)
+        return self._only(found)
 
     def _only(self, mask: BoolArray) -> "CheckpointErrors | None":
         """Return some of them; None for none."""
