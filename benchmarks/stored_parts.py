@@ -2,9 +2,13 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from benchmarks.report import Row
 
 ROOT = Path(__file__).parents[1]
 
@@ -17,6 +21,16 @@ def stored(file: Path, make: Callable[[], Any]) -> Any:
         draft.write_text(json.dumps(make()), encoding="utf-8")
         draft.replace(file)
     return json.loads(file.read_text(encoding="utf-8"))
+
+
+def stored_rows(file: Path, make: Callable[[], Iterable[Row]]) -> list[Row]:
+    """Return the rows of a part, computed where they are not stored yet."""
+    return [Row(**row) for row in stored(file, lambda: [asdict(row) for row in make()])]
+
+
+def parts_folder(name: str, *sources: str) -> Path:
+    """Return the folder of a benchmark's parts, another one for other code of the localization or of the sources."""
+    return Path(tempfile.gettempdir()) / f"firnline-{name}" / code_digest(("vision_slam", *sources))
 
 
 def code_digest(sources: Sequence[str], without: Sequence[str] = ()) -> str:

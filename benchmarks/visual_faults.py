@@ -14,6 +14,7 @@ import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import parts_folder, stored_rows
 from sim.config.faults import FaultConfig
 from sim.config.mission import MissionConfig
 from sim.instruments.suite import SensorFaults
@@ -137,15 +139,27 @@ def measure(quick: bool) -> Iterator[Row]:
     seeds, names = (SEEDS[:1], QUICK) if quick else (SEEDS, tuple(CASES))
     yield from rows_of(seeds, names)
     if not quick:
-        yield from _closure_rows([_closures(seed) for seed in seeds])
+        yield from stored_rows(
+            _parts() / "places.json", lambda: _closure_rows([_closures(seed) for seed in seeds])
+        )
+
+
+def _parts() -> Path:
+    """Return the folder of the rows of each case, stored for as long as the code stays the same."""
+    return parts_folder("visual-faults", "benchmarks/visual_faults.py", "sim/simulate", "sim/instruments")
 
 
 def rows_of(seeds: Sequence[int], names: Sequence[str]) -> Iterator[Row]:
     """Yield the rows of some faults on some worlds."""
     seen: dict[int, VisualOdometry] = {}
     for name in names:
-        outcomes = [_outcome(seed, CASES[name], seen) for seed in seeds]
-        yield from _rows(name, outcomes)
+        file = _parts() / f"{'-'.join(map(str, seeds))}-{name}.json"
+        yield from stored_rows(file, partial(_case_rows, seeds, name, seen))
+
+
+def _case_rows(seeds: Sequence[int], name: str, seen: dict[int, VisualOdometry]) -> Iterator[Row]:
+    """Yield the rows of one fault."""
+    yield from _rows(name, [_outcome(seed, CASES[name], seen) for seed in seeds])
 
 
 def _rows(name: str, outcomes: list[Outcome]) -> Iterator[Row]:

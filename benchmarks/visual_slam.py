@@ -2,7 +2,7 @@
 
 Run with ``python -m benchmarks.visual_slam``. Drives are those of ``examples/glacier_drive.toml``, 280 m with four
 turns and wheels that are 1.5 % off, with other seeds than the settings were chosen on; their images are rendered
-once and stored in the system's folder for temporary files. Positions are judged without any alignment but the pose at
+once and stored in the system's folder for temporary files, as are the figures of each drive. Positions are judged without any alignment but the pose at
 the start, which is given, unless Sim(3) is said. No fix is used: the scale is that of the wheels, as the height of
 the camera above the ground corrects it.
 """
@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.image_surveys import keep
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import parts_folder, stored
 from survey.core.arrays import FloatArray
 from survey.data.camera.frames import Frames, Image
 from survey.data.dem import Dem
@@ -52,12 +53,11 @@ def measure(quick: bool) -> Iterator[Row]:
     if KITTI.is_dir():
         yield _real_camera()
     if quick:
-        yield from _drives("drive of 30 m: ", [_driven(_folder(SEEDS[0], SHORT))])
+        yield from _drives("drive of 30 m: ", [_judged(SEEDS[0], SHORT)])
         return
-    yield from _drives("", [_driven(_folder(seed)) for seed in SEEDS])
+    yield from _drives("", [_judged(seed) for seed in SEEDS])
     for clip in (4.0, 0.0):
-        config = VisualOdometryConfig(clahe_clip=clip)
-        yield from _faint(bool(clip), [_driven(_folder(seed, FAINT), config) for seed in SEEDS[:2]])
+        yield from _faint(bool(clip), [_judged(seed, FAINT, clip) for seed in SEEDS[:2]])
 
 
 def _faint(is_enhanced: bool, done: list[dict[str, float]]) -> Iterator[Row]:
@@ -122,6 +122,15 @@ def _folder(seed: int, settings: tuple[str, ...] = ()) -> Path:
         command = [*program, str(MISSION), "--runs", str(runs), *chosen]
         subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL)
     return made
+
+
+def _judged(seed: int, settings: tuple[str, ...] = (), clip: float | None = None) -> dict[str, float]:
+    """Return the figures of one drive, stored for as long as the code stays the same."""
+    config = None if clip is None else VisualOdometryConfig(clahe_clip=clip)
+    words = "-".join(re.sub(r"\W+", "_", word) for word in (str(seed), *settings, str(clip)))
+    file = parts_folder("visual-slam", "benchmarks/visual_slam.py") / f"{words}.json"
+    figures: dict[str, float] = stored(file, lambda: _driven(_folder(seed, settings), config))
+    return figures
 
 
 def _driven(folder: Path, config: VisualOdometryConfig | None = None) -> dict[str, float]:

@@ -3,28 +3,34 @@
 The drives are the folders ``seq_*`` of the shared data: a camera on a car, with reference poses.
 Every image fault is localized with the fixes of one receiver (1 Hz, bias 1 m with 120 s, white
 0.5 m), and every receiver with the clean images. A case is drawn three times with other errors of
-the receiver; the rows are means over the draws. It holds where the path is not worse than the
-fixes alone (interpolated linearly) by more than 10 % and the normalised squared error of the
-horizontal position, 2 for true covariances, is at most 6, or where the run ends with an error
-whose message names the fault. Settings were chosen with draws 100 to 104; draws 0 to 2 judge.
+the receiver; the rows are means over the draws. Rows that begin with fresh are of other recordings
+made of the same drives. A case holds where the path is not worse than the fixes alone (interpolated
+linearly) by more than 10 % and the normalised squared error of the horizontal position, 2 for true
+covariances, is at most 6, or where the run ends with an error whose message names the fault.
+Settings were chosen with draws 100 to 104; draws 0 to 2 judge.
 
 Odometry is processed once per set of images. Rows of a case are stored in the system's folder for
-temporary files for as long as the code stays the same, so that a run that was stopped goes on where it was. Errors are over the poses between the first and
-the last fix.
+temporary files for as long as the code stays the same, so that a run that was stopped goes on where
+it was. Errors are over the poses between the first and the last fix.
 """
 
-import hashlib
-import json
 import sys
-import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, replace
-from functools import cache, partial
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-import vision_slam
+from benchmarks.real_drives.cases import (
+    ALONE,
+    CASES,
+    CLEAN_CASES,
+    FRESH_CASES,
+    FRESH_DRIVES,
+    Case,
+    Change,
+)
 from benchmarks.real_drives.drives import (
     drive_folders,
     opened,
@@ -32,42 +38,23 @@ from benchmarks.real_drives.drives import (
     reference_times,
     shifted_image,
     travel_m,
-    with_drops,
-    with_focal_error,
-    with_gap,
-    with_swaps,
-    with_undeclared_distortion,
-    with_wheels,
 )
-from benchmarks.real_drives.receivers import GPS, LATE, PHONE, RTK, RTK_10_HZ, Receiver, in_world
+from benchmarks.real_drives.receivers import in_world
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import parts_folder, stored_rows
 from survey.core.arrays import FloatArray
 from survey.core.errors import FirnlineError
-from survey.core.files.writing import replacing
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.io.gps_files import GpsLog
-from vision_slam.io.sequence import ImageSequence, georeference, scale_by_reference
+from vision_slam.io.sequence import ImageSequence, georeference
 from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
 from vision_slam.pipeline import localize
 
 DRAWS = range(3)
-PARTS = Path(tempfile.gettempdir()) / "firnline-real-drives"
 UTM = "EPSG:32632"
 _SHIFT_PX, _N_SHIFTED = 0.25, 121
-
-Change = Callable[[ImageSequence], ImageSequence]
-
-
-@dataclass(frozen=True)
-class Case:
-    """A change of the images, the receiver beside them, and words of the message that may end the run."""
-
-    name: str
-    change: Change
-    receiver: Receiver = GPS
-    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,50 +68,35 @@ class Outcome:
     ended: str = ""
 
 
-def clean(sequence: ImageSequence) -> ImageSequence:
-    """Leave the images as they are."""
-    return sequence
-
-
-EXACT_WHEELS, WRONG_WHEELS = with_wheels(1.0), with_wheels(1.03)
-CASES = (
-    Case("clean", clean),
-    Case("1 s gap", with_gap),
-    Case("10 % dropped", with_drops),
-    Case("two pairs swapped", with_swaps, reasons=("order",)),
-    Case("focal length +20 %", with_focal_error(1.2), reasons=("focal length",)),
-    Case("focal length -20 %", with_focal_error(0.8), reasons=("focal length",)),
-    Case("k1 -0.3 undeclared", with_undeclared_distortion, reasons=("distortion",)),
-    Case("RTK 1 Hz", clean, RTK),
-    Case("RTK 10 Hz", clean, RTK_10_HZ),
-    Case("phone 1 Hz", clean, PHONE),
-    Case("fixes 0.5 s late", clean, LATE, ("time", "clock")),
-    Case("exact wheels and fixes", EXACT_WHEELS),
-    Case("wheels 3 % off and fixes", WRONG_WHEELS),
-)
-# Without fixes: end error in per cent of the way, and its bar.
-ALONE: tuple[tuple[str, Change, float], ...] = (
-    ("scale from 10 m", lambda sequence: scale_by_reference(sequence, 10.0), 3.0),
-    ("exact wheels", EXACT_WHEELS, 1.0),
-    ("wheels 3 % off", WRONG_WHEELS, 4.0),
-)
-
-
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows, of short drives first."""
     folders = drive_folders()
     if not folders:
         sys.exit("the recorded drives are not here; set FIRNLINE_DATA.")
-    draws = DRAWS[:1] if quick else DRAWS
+    draws, parts = DRAWS[:1] if quick else DRAWS, parts_folder("real-drives", "benchmarks/real_drives")
     drives = {name: opened(folder) for name, folder in folders.items()}
     ordered = sorted(drives, key=lambda name: len(drives[name].frames))
     for name in ordered[: 1 if quick else None]:
         drive = _Drive(name, drives[name])
         for index, alone in enumerate(ALONE):
-            yield from _stored(f"{name}-alone-{index}", partial(_alone, drive, *alone))
-        yield from _stored(f"{name}-shifted", partial(_shifted, drive))
+            yield from stored_rows(parts / f"{name}-alone-{index}.json", partial(_alone, drive, *alone))
+        yield from stored_rows(parts / f"{name}-shifted.json", partial(_shifted, drive))
         for index, case in enumerate(CASES):
-            yield from _stored(f"{name}-{index}-{len(draws)}", partial(_with_fixes, drive, case, draws))
+            part = parts / f"{name}-{index}-{len(draws)}.json"
+            yield from stored_rows(part, partial(_with_fixes, drive, case, draws))
+    if not quick:
+        for name in ordered:
+            yield from _fresh(_Drive(f"fresh, {name}", drives[name]), draws, parts)
+
+
+def _fresh(drive: "_Drive", draws: range, parts: Path) -> Iterator[Row]:
+    """Yield the rows of other recordings made of a drive."""
+    made = [_Drive(f"{drive.name} {name}", change(drive.sequence)) for name, change in FRESH_DRIVES]
+    cases = [(drive, case) for case in FRESH_CASES]
+    cases += [(other, case) for other in made for case in CLEAN_CASES]
+    for index, (other, case) in enumerate(cases):
+        part = parts / f"{drive.name}-{index}.json"
+        yield from stored_rows(part, partial(_with_fixes, other, case, draws))
 
 
 @dataclass(frozen=True)
@@ -141,25 +113,6 @@ class _Drive:
             changed = change(self.sequence)
             self.processed[change] = changed, _processed(changed)
         return self.processed[change]
-
-
-def _stored(part: str, work: Callable[[], list[Row]]) -> list[Row]:
-    """Return the rows of a part of the run, stored by an earlier run of the same code or made now."""
-    file = PARTS / _code() / f"{part}.json"
-    if file.exists():
-        return [Row(**row) for row in json.loads(file.read_text(encoding="utf-8"))]
-    rows = work()
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as draft:
-        draft.write_text(json.dumps([asdict(row) for row in rows]), encoding="utf-8")
-    return rows
-
-
-@cache
-def _code() -> str:
-    """Return a digest of the code that localizes and of this benchmark."""
-    sources = [*Path(vision_slam.__file__).parent.rglob("*.py"), *Path(__file__).parent.glob("*.py")]
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sorted(sources))).hexdigest()[:12]
 
 
 def _alone(drive: _Drive, case: str, change: Change, bar: float) -> list[Row]:
