@@ -22,18 +22,27 @@ _POINT_SIGMA_M = 0.1
 
 @dataclass(frozen=True)
 class SampleSurvey:
-    """Survey of a hilly site: terrain, area, route, measured points and the grid of a map."""
+    """Survey of a hilly site: terrain, area, route, measured points and the grid of a map.
+
+    Parameters
+    ----------
+    terrain : Dem
+        True surface, nodes of 3 m.
+    area : SurveyArea
+        Square of 260 m inside the terrain.
+    route : Route
+        Swaths over the area.
+    points : SurfacePoints
+        A point every 5 m along the route, with independent errors of 0.1 m.
+    grid : Grid
+        Nodes of 4 m over the area.
+    """
 
     terrain: Dem
-    """True surface, nodes of 3 m."""
     area: SurveyArea
-    """Square of 260 m inside the terrain."""
     route: Route
-    """Swaths over the area."""
     points: SurfacePoints
-    """A point every 5 m along the route, with independent errors of 0.1 m."""
     grid: Grid
-    """Nodes of 4 m over the area."""
 
 
 @check_types

@@ -15,11 +15,20 @@ from vision_slam.alignment import alignment
 
 @dataclass(frozen=True)
 class TrajectoryError:
-    """Absolute trajectory error, without any alignment [m].
+    """Absolute trajectory error, without any alignment.
 
-    ``horizontal_rms_m`` and ``vertical_rms_m`` over all poses, ``end_m`` at the last
-    one, ``end_per_cent`` of the distance travelled, ``worst_m`` anywhere;
-    ``normalised_squared`` is the mean of eᵀ P⁻¹ e, 3 when covariances are consistent.
+    Parameters
+    ----------
+    horizontal_rms_m, vertical_rms_m : float
+        Root mean square over all poses [m].
+    end_m : float
+        Error of the last pose [m].
+    end_per_cent : float
+        The same as a share of the distance travelled [%].
+    worst_m : float
+        Largest error of a pose [m].
+    normalised_squared : float
+        Mean of eᵀ P⁻¹ e; 3 when the covariances are consistent.
     """
 
     horizontal_rms_m: float

@@ -33,10 +33,20 @@ from survey.data.route import Route
 
 @dataclass(frozen=True)
 class AdaptiveSurvey:
-    """Driven route, None if nothing was driven, and the prediction for its map.
+    """Result of an adaptive survey.
 
-    ``holds`` is whether the requirement is met; where it is not, no survey of the swaths allowed would meet
-    it, and ``predicted`` is the prediction for the densest one.
+    Parameters
+    ----------
+    route : Route or None
+        Driven route; None if nothing was driven.
+    samples : (N, 2) ndarray
+        Places of the samples [m].
+    posterior : KernelPosterior
+        Covariances that prior and samples make likely.
+    predicted : MapPrediction
+        Prediction for the map of the route; where the requirement is not met, for the densest survey allowed.
+    holds : bool
+        Whether the requirement is met. Where it is not, no survey with the allowed swaths meets it.
     """
 
     route: Route | None

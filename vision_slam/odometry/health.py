@@ -17,11 +17,21 @@ _FEW, _MANY = 0.25, 0.5  # of the corners that are wanted
 class FrameHealth:
     """Image and tracking quality of one frame.
 
-    ``entropy_bits`` of the grey values, ``saturated`` share of white or black pixels,
-    ``sharpness`` standard deviation of the Laplacian [grey levels], ``n_followed``
-    corners, ``n_inliers`` of them that agree with one pose, and whether the pose
-    ``is_visual`` or was bridged by wheels and gyro. Where the last view before a hole was
-    recognized no corner was followed, and the inliers are features of that view.
+    Parameters
+    ----------
+    entropy_bits : float
+        Entropy of the grey values [bits].
+    saturated : float
+        Share of white or black pixels.
+    sharpness : float
+        Standard deviation of the Laplacian [grey levels].
+    n_followed : int
+        Number of tracked corners.
+    n_inliers : int
+        Number of corners that agree with one pose. Where the last view before a gap was recognized, no corner was
+        tracked, and the inliers are features of that view.
+    is_visual : bool
+        Whether the pose comes from images; else wheels and gyro bridge it.
     """
 
     entropy_bits: float

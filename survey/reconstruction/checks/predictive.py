@@ -46,7 +46,19 @@ class PredictiveScores:
 
     @classmethod
     def of(cls, error: FloatArray, sigma_m: FloatArray) -> Self:
-        """Return the scores of errors (M,) [m] of predictions with standard deviations (M,) [m].
+        """Compute the scores of predictions.
+
+        Parameters
+        ----------
+        error : (M,) ndarray
+            Measured less predicted values [m].
+        sigma_m : (M,) ndarray
+            Standard deviations of the predictions [m].
+
+        Returns
+        -------
+        PredictiveScores
+            Scores over all M points.
 
         Examples
         --------
@@ -69,8 +81,18 @@ class PredictiveScores:
 class HeldOutGroups(NamedTuple):
     """Means of neighbouring points that were left out together.
 
-    Errors, variances of prediction and of the points' own errors, distances to the nearest point that was used
-    (K,), and the covariance (K, K) of the errors by the claim of the map [m, m²].
+    Parameters
+    ----------
+    error_m : (K,) ndarray
+        Measured less predicted mean [m].
+    variance_m2 : (K,) ndarray
+        Variance of the prediction [m²].
+    noise_m2 : (K,) ndarray
+        Variance of the mean of the points' own errors [m²].
+    distance_m : (K,) ndarray
+        Distance to the nearest point that the prediction used [m].
+    covariance_m2 : (K, K) ndarray
+        Covariance of the errors by the claim of the map [m²].
     """
 
     error_m: FloatArray
@@ -153,7 +175,18 @@ class PredictiveCheck:
 
     @classmethod
     def of(cls, held_out: HeldOut) -> Self | None:
-        """Test a map by held-out points; None with too few of them to test anything."""
+        """Test a map by held-out points.
+
+        Parameters
+        ----------
+        held_out : HeldOut
+            Predicted points.
+
+        Returns
+        -------
+        PredictiveCheck or None
+            None with fewer than ten groups of points.
+        """
         groups = held_out.groups
         if len(groups.error_m) < _N_LEAST:
             return None
@@ -186,7 +219,18 @@ class PredictiveCheck:
         return min(self.p_value) < LEVEL / _N_BINS
 
     def factor_at(self, distance_m: FloatArray) -> FloatArray:
-        """Return the factor on the standard deviation at distances to the nearest point [m]."""
+        """Return the factor on the standard deviation.
+
+        Parameters
+        ----------
+        distance_m : ndarray
+            Distances to the nearest point [m].
+
+        Returns
+        -------
+        ndarray
+            Factors, of the same shape.
+        """
         return np.interp(distance_m, self.distance_m, self.factor)
 
     @property
@@ -209,12 +253,29 @@ class PredictiveCheck:
         )
 
     def facts(self) -> dict[str, Any]:
-        """Return the check for the record of a map."""
+        """Return the check for the record of a map.
+
+        Returns
+        -------
+        dict
+            Plain values for JSON.
+        """
         return asdict(self) | {"level": LEVEL, "contradicts": self.contradicts, "sentence": self.sentence}
 
     @classmethod
     def from_facts(cls, facts: Mapping[str, Any]) -> Self:
-        """Rebuild a check from the record of a map."""
+        """Rebuild a check from the record of a map.
+
+        Parameters
+        ----------
+        facts : mapping
+            Values of `facts`.
+
+        Returns
+        -------
+        PredictiveCheck
+            An equal check.
+        """
         lists = ("distance_m", "n_effective", "p_value", "factor")
         before, after = (
             PredictiveScores(**{**facts[name], "pit_tenths": tuple(facts[name]["pit_tenths"])})

@@ -35,7 +35,17 @@ class RmsePosterior:
 
     @classmethod
     def of(cls, covariance_m2: FloatArray) -> Self:
-        """Return the posterior for normal errors of mean 0 with a covariance (M, M) [m²].
+        """Compute the posterior for normal errors of mean 0.
+
+        Parameters
+        ----------
+        covariance_m2 : (M, M) ndarray
+            Covariance of the errors [m²].
+
+        Returns
+        -------
+        RmsePosterior
+            Posterior of their root mean square.
 
         Examples
         --------
@@ -76,7 +86,7 @@ class RmseClaim:
 
     @classmethod
     def of(cls, covariance_m2: FloatArray, std_m: FloatArray) -> Self:
-        """Return the claim of a map with a covariance (M, M) [m²] of its errors at some nodes, scaled to stated deviations (M,).
+        """Compute the claim of a map from the covariance of its errors, scaled to its stated standard deviations.
 
         Parameters
         ----------
@@ -84,6 +94,11 @@ class RmseClaim:
             Covariance of the heights at the nodes [m²].
         std_m : (M,) ndarray
             Standard deviations that the map states there [m].
+
+        Returns
+        -------
+        RmseClaim
+            Claim over these nodes.
         """
         scale = std_m / np.sqrt(np.diag(covariance_m2))
         stated = covariance_m2 * np.outer(scale, scale)
@@ -94,12 +109,29 @@ class RmseClaim:
         )
 
     def facts(self) -> dict[str, Any]:
-        """Return the claim for the record of a map."""
+        """Return the claim for the record of a map.
+
+        Returns
+        -------
+        dict
+            Plain values for JSON.
+        """
         return asdict(self)
 
     @classmethod
     def from_facts(cls, facts: Mapping[str, Any]) -> Self:
-        """Rebuild a claim from the record of a map."""
+        """Rebuild a claim from the record of a map.
+
+        Parameters
+        ----------
+        facts : mapping
+            Values of `facts`.
+
+        Returns
+        -------
+        RmseClaim
+            An equal claim.
+        """
         absolute, relative = (RmsePosterior(**facts[name]) for name in ("absolute", "relative"))
         return cls(absolute, relative, facts["offset_sigma_m"], facts.get("untested_share", 0.0))
 
