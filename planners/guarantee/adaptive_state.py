@@ -1,7 +1,7 @@
 """State of an adaptive survey while it is driven."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -163,12 +163,12 @@ class AdaptiveState:
             return None
 
         def is_enough(n_lines: int) -> bool:
-            self.predicted = self.predicted_with(self._filled(n_lines))
-            return self.predicted.probability >= probability
+            return self._planned_with(self._filled(n_lines)).probability >= probability
 
         # The swath just driven has made the last plan one shorter, more or less: begin there.
         found = fewest(is_enough, first=self.n_further - 1, most=most)
         if found is None:
+            self.predicted = self.predicted_with(self._filled(most))
             if self.predicted.probability < (_HOPE if len(self.offsets) >= _LEAST_SEEN else _HOPELESS):
                 return None
             found = min(max(_LEAST_SEEN - len(self.offsets), len(self.offsets)), most)
@@ -180,6 +180,15 @@ class AdaptiveState:
 
     def predicted_with(self, lines: Sequence[tuple[float, float]]) -> MapPrediction:
         """Predict the map once the lines and the ways to them are driven too."""
+        return self.predictor.of(self._samples_with(lines), self.posterior)
+
+    def _planned_with(self, lines: Sequence[tuple[float, float]]) -> MapPrediction:
+        """Predict the map as it will be judged once the lines are driven: they settle what is left open of the roughness."""
+        settled = replace(self.posterior, open_spread=0.0)
+        return self.predictor.of(self._samples_with(lines), settled)
+
+    def _samples_with(self, lines: Sequence[tuple[float, float]]) -> FloatArray:
+        """Return the places (N, 2) of the samples once the lines and the ways to them are driven too [m]."""
         here = self.here
         left, planned = list(lines), [self.samples]
         while left:
@@ -191,7 +200,7 @@ class AdaptiveState:
                 here = piece[-1]
         if here is None:
             raise InputError("no swath meets the free ground of the area; ask for another area.")
-        return self.predictor.of(np.vstack(planned), self.posterior)
+        return np.vstack(planned)
 
     def drive(self, line: tuple[float, float], measure: MeasureHeights) -> None:
         """Drive to a line and along it, and take samples all the way."""

@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import shapely
 
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import first_swaths, next_swath, survey_adaptively
-from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState
 from planners.guarantee.belief.kernel_posterior import (
     KernelPosterior,
     WeightedKernel,
@@ -96,3 +98,19 @@ def test_the_same_samples_give_the_same_answer_and_pieces_of_a_line_count_once()
     assert first.route is not None
     np.testing.assert_array_equal(first.route.legs[-1].xy, again.route.legs[-1].xy)
     assert len(SurveyLines(holed, 0.0).offsets_of(driven, 1.0)) == config.n_first
+
+
+def test_swaths_are_not_planned_denser_for_what_later_ones_will_show():
+    certain = KernelPosterior((SMOOTH._replace(weight=1.0),))
+    config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1)
+    planned = [
+        AdaptiveState(AREA, replace(certain, open_spread=spread), config).further(0.9)
+        for spread in (0.0, 0.6)
+    ]
+    assert planned[0] == planned[1]
+    # Whether the survey may stop depends on it.
+    sure, doubtful = (
+        AdaptiveState(AREA, replace(certain, open_spread=spread), config).predicted_with(planned[0])
+        for spread in (0.0, 0.6)
+    )
+    assert doubtful.probability < sure.probability
