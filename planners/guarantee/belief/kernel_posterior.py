@@ -137,8 +137,8 @@ def posterior_from_prior(
 
     so that a worse prior never makes a survey more certain, and one that is older than the ground, with a stated
     deviation of many metres, leaves the roughness as open as it is from landscape to landscape. By the same share, and
-    never below that of the cells, the mean moves to the roughness of other landscapes. The spread of the class of surface
-    is a factor of its own.
+    never below that of the cells, the mean moves to the roughness of other landscapes, on ground as steep. The spread of
+    the class of surface is a factor of its own.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def posterior_from_prior(
     weights = chosen.weights if assumed is None else {assumed: 1.0}
     unseen_m = chosen.micro_relief_m if micro_relief_m is None else micro_relief_m
     share = prior_sigma_m**2 / max(prior_sigma_m**2 + blocks.relief_m**2, 1e-12)
-    elsewhere = roughness_elsewhere(0.5 * blocks.cell_m)
+    elsewhere = roughness_elsewhere(0.5 * blocks.cell_m, blocks.slope)
     found, open_share = [], 0.0
     for family, weight in weights.items():
         one = fitted_family(blocks, family)

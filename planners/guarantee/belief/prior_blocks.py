@@ -125,6 +125,12 @@ class PriorBlocks:
         ]
         return float(np.sqrt(np.mean(np.square(np.concatenate(rest)))))
 
+    @cached_property
+    def slope(self) -> float:
+        """Root mean square slope of the planes through the blocks, rise over run."""
+        rises = [(np.linalg.pinv(_plane(block)) @ block.height_m)[1:] for block in self.blocks]
+        return float(np.sqrt(np.mean([np.square(rise).sum() for rise in rises]))) / self.cell_m
+
     def fit(self, kernel: Kernel, ratio: float) -> Fit | None:
         """Return the likeliest variance for a covariance of unit variance, with white errors of the cells.
 
@@ -155,9 +161,8 @@ class PriorBlocks:
         """Blocks with the plane (N, 3) that each varies about, or a constant (N, 1) where there are few cells."""
         found = []
         for block in self.blocks:
-            row, column = block.row - block.row.mean(), block.column - block.column.mean()
-            plane = np.column_stack([np.ones(len(row)), row, column])
-            is_plane = len(row) >= 2 * _LEAST_CELLS and np.linalg.matrix_rank(plane) == 3
+            plane = _plane(block)
+            is_plane = len(plane) >= 2 * _LEAST_CELLS and np.linalg.matrix_rank(plane) == 3
             found.append((block, plane if is_plane else plane[:, :1]))
         return found
 
@@ -195,6 +200,12 @@ class PriorBlocks:
         lags = (flat[:, None] - flat).reshape(-1, 2)
         distinct, counts = np.unique(np.round(lags, 6), axis=0, return_counts=True)
         return distinct, counts / len(lags)
+
+
+def _plane(block: Block) -> FloatArray:
+    """Return the design (N, 3) of a plane: 1, rows and columns about their means."""
+    row, column = block.row - block.row.mean(), block.column - block.column.mean()
+    return np.column_stack([np.ones(len(row)), row, column])
 
 
 def _blocks(known: BoolArray, height_m: FloatArray) -> Iterator[Block]:

@@ -78,17 +78,18 @@ def _weighed(blocks: PriorBlocks, family: SearchedFamily) -> Iterator[_Weighed]:
             for ratio in _RATIOS:
                 fit = shown.fit(cell.kernel(1.0), ratio)
                 if fit is not None:
-                    yield _with_roughness(blocks, cell, ratio, fit, lost)
+                    yield _with_roughness(shown, cell, ratio, fit, lost)
 
 
 def _with_roughness(blocks: PriorBlocks, cell: Cell, ratio: float, fit: Fit, lost: float) -> _Weighed:
-    """Weigh one fit by the typical error of cells, and by the roughness of ground elsewhere."""
+    """Weigh one fit by the typical error of cells, and by the roughness of ground elsewhere that is as steep."""
     error_m = np.sqrt(ratio * fit.variance_m2)
     log = fit.log_likelihood - 0.5 * float(np.log(error_m / blocks.typical_error_m) ** 2)
     roughness = 0.5 * float(np.log(2.0 * max(lost, 1e-12) * fit.variance_m2))
-    elsewhere = roughness_elsewhere(0.5 * blocks.cell_m)
-    # The logarithm of a standard deviation from n free values has a variance of 1 / (2 n).
-    own = 0.5 / fit.n_free
+    elsewhere = roughness_elsewhere(0.5 * blocks.cell_m, blocks.slope)
+    # The logarithm of a standard deviation from n free values has a variance of 1 / (2 n). Cells within one width of
+    # what a cell shows are one value.
+    own = 0.5 * blocks.resolution_cells**2 / fit.n_free
     total = own + elsewhere.variance
     log -= 0.5 * ((roughness - elsewhere.mean) ** 2 / total + float(np.log(total)))
     mean = (roughness * elsewhere.variance + elsewhere.mean * own) / total

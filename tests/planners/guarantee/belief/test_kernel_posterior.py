@@ -8,7 +8,7 @@ from planners.guarantee.belief.kernel_posterior import (
 )
 from planners.guarantee.belief.prior_blocks import PriorBlocks
 from planners.guarantee.belief.surfaces import roughness_elsewhere
-from survey import Dem, Grid
+from survey import Dem, Grid, SurveyArea
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, lines, smooth_terrain
 
@@ -73,7 +73,9 @@ def test_smooth_cells_of_a_prior_that_may_be_wrong_do_not_show_smooth_ground():
     half_cell = np.array([25.0, 0.0])
     for one in posterior.kernels:
         lost = one.variance_m2 - float(one.kernel.covariance_of_lag(half_cell))
-        assert np.sqrt(2.0 * lost) == pytest.approx(np.exp(roughness_elsewhere(25.0).mean), rel=0.05)
+        assert np.sqrt(2.0 * lost) == pytest.approx(
+            np.exp(roughness_elsewhere(25.0, blocks.slope).mean), rel=0.05
+        )
 
 
 def test_cells_that_show_errors_alone_leave_the_roughness_of_other_landscapes(rng):
@@ -82,3 +84,24 @@ def test_cells_that_show_errors_alone_leave_the_roughness_of_other_landscapes(rn
     posterior = posterior_from_prior(PriorBlocks.of(AREA, prior), noise_m=0.1)
     informed = posterior_from_prior(PriorBlocks.of(AREA, coarse(smooth_terrain())), noise_m=0.1)
     assert posterior.open_spread > 1.5 * informed.open_spread
+
+
+def test_few_coarse_cells_take_the_roughness_of_ground_as_steep(rng):
+    def roughness_m(slope, n):
+        cells = np.add.outer(slope * 60.0 * np.arange(float(n)), np.zeros(n)) + noise[:n, :n]
+        grid = Grid((30.0, 30.0, 60.0 * n - 30.0, 60.0 * n - 30.0), 60.0, CRS)
+        area = SurveyArea.rectangle((0.0, 0.0, 60.0 * n, 60.0 * n), CRS)
+        posterior = posterior_from_prior(PriorBlocks.of(area, Dem.on(grid, cells)), noise_m=0.1)
+        lost = [
+            one.variance_m2 - float(one.kernel.covariance_of_lag(np.array([30.0, 0.0])))
+            for one in posterior.kernels
+        ]
+        return np.sqrt(2.0 * np.mean(lost)), posterior.open_spread
+
+    noise = 2.0 * rng.standard_normal((10, 10))
+    (gentle_m, _), (steep_m, open_spread) = roughness_m(0.05, 5), roughness_m(0.8, 5)
+    assert steep_m > 1.2 * gentle_m
+    (many_gentle_m, _), (many_steep_m, many_open) = roughness_m(0.05, 10), roughness_m(0.8, 10)
+    # A hundred cells leave less to the slope, and less open, than twenty-five.
+    assert many_steep_m / many_gentle_m < steep_m / gentle_m
+    assert many_open < open_spread

@@ -59,3 +59,12 @@ def test_a_prior_of_few_cells_is_refused():
     cells = Dem.on(Grid((75.0, 75.0, 225.0, 225.0), 150.0, CRS), np.zeros((2, 2)))
     with pytest.raises(InputError, match="4 known cells"):
         PriorBlocks.of(AREA, cells)
+
+
+def test_the_slope_is_that_of_the_plane_through_the_cells():
+    flat = PriorBlocks.of(AREA, coarse(smooth_terrain()))
+    grid = Grid((25.0, 25.0, 275.0, 275.0), 50.0, CRS)
+    east, north = np.meshgrid(np.arange(6.0), np.arange(6.0))
+    inclined = PriorBlocks.of(AREA, Dem.on(grid, 50.0 * (0.3 * east - 0.4 * north)))
+    assert inclined.slope == pytest.approx(0.5)
+    assert flat.slope < 0.1
