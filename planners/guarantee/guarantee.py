@@ -18,7 +18,8 @@ from planners.ground_metres import settings_factor
 from planners.guarantee.belief.kernel_posterior import KernelPosterior
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.result import Guarantee
-from planners.guarantee.swath_search import SwathSearch, posterior_in_grid
+from planners.guarantee.site_posterior import posterior_in_grid
+from planners.guarantee.swath_search import SwathSearch
 from planners.prediction.prior_cover import require_cover
 from survey.core.arrays import Progress
 from survey.data.area import SurveyArea

@@ -7,10 +7,14 @@ import numpy as np
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.guarantee.belief.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
+from planners.guarantee.proof.grounds import RESAMPLED
 from planners.guarantee.proof.simulation import SimulatedErrors
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.stakes import StakePlan
 from survey.data.route import Route
+
+# Ratio of errors from which on they speak against a class; on ground of its class it is 0.5 to 1.9.
+_CONTRADICTED = 2.0
 
 LinePattern = LawnmowerConfig | WavyConfig
 
@@ -42,6 +46,9 @@ class Guarantee:
         depend on the limit.
     stakes : StakePlan or None
         Stakes that save swaths, where errors that samples share cost some.
+    unstated_m : float or None
+        Error that the densest survey reaches where no class of surface is stated [m], for a guarantee that does not hold
+        and a class that the relief of the prior contradicts.
     """
 
     route: Route
@@ -54,6 +61,7 @@ class Guarantee:
     simulated: SimulatedErrors = field(repr=False)
     reachable_m: float
     stakes: StakePlan | None = None
+    unstated_m: float | None = None
 
     @property
     def simulated_share(self) -> float:
@@ -64,6 +72,16 @@ class Guarantee:
     def simulated_bound(self) -> float:
         """Lower confidence limit of that share, with a confidence of 90 %."""
         return self.simulated.bounds(self.requirement.limit_m)[0]
+
+    @property
+    def resampled_ratio(self) -> float:
+        """Median error on ground that repeats the relief of the prior at a smaller scale, over the predicted error."""
+        return self.simulated.median_m(RESAMPLED) / self.predicted.rmse_m
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether a class of surface is stated and the relief of the prior gives twice its errors, or more."""
+        return self.requirement.surface != "unknown" and self.resampled_ratio >= _CONTRADICTED
 
     @property
     def holds(self) -> bool:

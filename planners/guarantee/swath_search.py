@@ -3,21 +3,20 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from planners.config import LawnmowerConfig, WavyConfig
 from planners.ground.drivable_area import Drivable
 from planners.ground.transit import FreeGround
 from planners.ground.traversability import drivable
 from planners.ground_metres import settings_factor
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel, posterior_from_prior
-from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.guarantee.error_distribution import ErrorDistribution
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
 from planners.guarantee.proof.simulation import SimulatedErrors, SimulatedSurveys
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.result import Guarantee, LinePattern
 from planners.guarantee.search import fewest as first_enough
+from planners.guarantee.search import swath_counts
+from planners.guarantee.site_posterior import posterior_in_grid
 from planners.guarantee.stakes import STAKED_M, StakePlan
 from planners.guarantee.survey_lines import SurveyLines
 from planners.planning import planned_on
@@ -28,40 +27,10 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.route import Route
 
-_MOST_SWATHS = 30
-_WIDEST_CELLS = 5.0
 # Numbers of swaths up to this are tried one by one, larger ones by bisection.
 _EACH_TRIED = 12
 # Denser surveys that are tried where simulated ones contradict the prediction.
 _MOST_TRIALS = 4
-
-
-def posterior_in_grid(area: SurveyArea, prior: Dem, requirement: MapRequirement) -> KernelPosterior:
-    """Return the covariances that a prior makes likely, for a requirement whose lengths are grid metres.
-
-    Parameters
-    ----------
-    area : SurveyArea
-        What is to be mapped.
-    prior : Dem
-        Coarse elevations over the area.
-    requirement : MapRequirement
-        Errors of the samples and of the prior, and the class of surface.
-
-    Returns
-    -------
-    KernelPosterior
-        With lengths in the metres of the CRS.
-    """
-    return posterior_from_prior(
-        PriorBlocks.of(area, prior),
-        noise_m=requirement.noise_m,
-        localization_m=requirement.localization_m,
-        prior_sigma_m=requirement.prior_sigma_m,
-        surface=requirement.surface,
-        micro_relief_m=requirement.micro_relief_m,
-        assumed=requirement.assumed,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +153,9 @@ class SwathSearch:
             progress("simulating surveys", len(shapes), len(shapes) + 1)
         is_missed, _, n, _, shape = min(tried, key=lambda one: one[:4])
         simulated = SimulatedSurveys(self.predictor.area, self.prior, self.posterior, self.requirement)
-        return self._proven(shape, n, simulated, may_grow=not is_missed)
+        found = self._proven(shape, n, simulated, may_grow=not is_missed)
+        is_blamed = found.is_contradicted and not found.holds
+        return replace(found, unstated_m=self._unstated_m()) if is_blamed else found
 
     def patterns(self) -> Iterator[LinePattern]:
         """Yield wavy swaths, and straight ones that end before the border.
@@ -228,9 +199,20 @@ class SwathSearch:
             self._predicted(likely._distribution(shape, n)),
             min(fewer, n),
             errors,
-            min(self._reachable_m(one) for one in self.patterns()),
+            self._least_reachable_m,
             stakes,
         )
+
+    def _unstated_m(self) -> float:
+        """Return the error that the densest survey reaches on ground of no stated class [m]."""
+        unstated = replace(self.requirement, surface="unknown")
+        posterior = posterior_in_grid(self.predictor.area, self.prior, unstated)
+        return replace(self, requirement=unstated, posterior=posterior)._least_reachable_m
+
+    @property
+    def _least_reachable_m(self) -> float:
+        """Least error that the densest survey of a pattern stays within with the required probability [m]."""
+        return min(self._reachable_m(one) for one in self.patterns())
 
     def _reachable_m(self, shape: LinePattern) -> float:
         """Return the error that the densest survey of a pattern stays within with the required probability [m]."""
@@ -267,36 +249,3 @@ class SwathSearch:
         if (shape.pattern, n) not in self._routes:
             self._routes[shape.pattern, n] = planned_on(self.site, self.predictor.area, config)
         return config, self._routes[shape.pattern, n]
-
-
-def swath_counts(width_m: float, cell_m: float, requirement: MapRequirement) -> tuple[int, ...]:
-    """Return the numbers of swaths that are considered, from the least coverage to the most.
-
-    Swaths are at most five cells of the prior apart, for relief that is longer is all that the prior shows well, and
-    at least two samples, or 30 of them on a narrow area. Beyond fifteen, numbers grow by a tenth.
-
-    Parameters
-    ----------
-    width_m : float
-        Width of the area across the swaths [m].
-    cell_m : float
-        Width of a cell of the prior [m].
-    requirement : MapRequirement
-        Its distance between samples and its largest number of swaths are used.
-
-    Returns
-    -------
-    tuple of int
-        In rising order, at least one.
-
-    Examples
-    --------
-    >>> swath_counts(600.0, 30.0, MapRequirement(0.4572, max_swaths=16))
-    (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16)
-    """
-    dense = max(_MOST_SWATHS, int(width_m / (2.0 * requirement.sample_step_m)))
-    most = requirement.max_swaths or dense
-    counts = [min(max(int(np.ceil(width_m / (_WIDEST_CELLS * cell_m))), 2), most)]
-    while counts[-1] < most:
-        counts.append(min(max(counts[-1] + 1, round(1.1 * counts[-1])), most))
-    return tuple(counts)

@@ -14,8 +14,8 @@ from planners.ground_metres import settings_factor
 from planners.guarantee.guarantee import posterior_of
 from planners.guarantee.prediction import LimitPredictor
 from planners.guarantee.requirement import MapRequirement
+from planners.guarantee.search import swath_counts
 from planners.guarantee.survey_lines import SurveyLines
-from planners.guarantee.swath_search import swath_counts
 from planners.planning import planned_on
 from planners.prediction.error_model import places
 from planners.season.budget import ErrorBudget, budget_of, mean_error_m

@@ -60,10 +60,13 @@ def resampled(world: ConditionalTerrain, kernel: Stationary, rng: np.random.Gene
     return world.conditioned(Dem.on(world.wide, factor * heights), rng)
 
 
+RESAMPLED = "resampled relief"
+"""Name of the ground that repeats the relief of the prior."""
+
 GROUNDS: dict[str, Ground] = {
     "heavy tails": heavy_tailed,
     "changing roughness": changing,
-    "resampled relief": resampled,
+    RESAMPLED: resampled,
 }
 """Kinds of simulated ground by name."""
 

@@ -47,6 +47,11 @@ class SimulatedErrors(NamedTuple):
         ]
         return float(np.mean(np.array(chosen) <= limit_m))
 
+    def median_m(self, ground: str) -> float:
+        """Return the median error of the surveys of one kind of ground [m]."""
+        chosen = [one for one, name in zip(self.rmse_m, self.grounds, strict=True) if name == ground]
+        return float(np.median(chosen))
+
     def bounds(self, limit_m: float) -> tuple[float, float]:
         """Return the one-sided confidence limits of 90 % of the share that meets a limit (Clopper and Pearson 1934)."""
         n = len(self.rmse_m)

@@ -83,19 +83,29 @@ def refusal_text(made: "Guarantee") -> str:
     from planners.guarantee.requirement import reachable_class
 
     requirement = made.requirement
+    blame = f" {contradiction_text(made)}; " if made.is_contradicted else " "
     if made.predicted.probability >= requirement.probability:
         return (
             f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
             f"to reach it with {made.predicted.probability:.0%}, but {len(made.simulated.rmse_m)} simulated surveys of other "
-            f"ground do in {made.simulated_share:.0%}, which shows {made.simulated_bound:.0%} at least ({_shares(made)}); "
-            "--adaptive learns how rough the ground is from its first swaths."
+            f"ground do in {made.simulated_share:.0%}, which shows {made.simulated_bound:.0%} at least ({_shares(made)});"
+            f"{blame}--adaptive learns how rough the ground is from its first swaths."
         )
     best = reachable_class(made.reachable_m)
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
-        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions}); --adaptive learns how rough the "
-        "ground is from its first swaths."
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{blame}--adaptive "
+        "learns how rough the ground is from its first swaths."
+    )
+
+
+def contradiction_text(made: "Guarantee") -> str:
+    """Return by how much the relief of the prior contradicts the stated class of surface."""
+    without = "" if made.unstated_m is None else f", where the densest survey reaches {made.unstated_m:.3g} m"
+    return (
+        f"the relief of the prior contradicts surface {made.requirement.surface}: repeated at a smaller scale it gives "
+        f"{made.resampled_ratio:.1f} times the error predicted for that class; leave --surface out{without}"
     )
 
 
@@ -163,6 +173,8 @@ def _print_guarantee(request: PlanRequest, made: "Guarantee") -> None:
         f"{made.simulated_share:.0%} of {len(made.simulated.rmse_m)} simulated surveys of other ground "
         f"({_shares(made)}), which shows {made.simulated_bound:.0%} at least",
     }
+    if made.is_contradicted:
+        facts["but"] = contradiction_text(made)
     if made.likely_swaths < (made.config.swaths or 0):
         facts["likeliest ground"] = (
             f"RMSE {made.likely.rmse_m:.2f} m, and {made.likely_swaths} swaths are enough; --adaptive finds out"

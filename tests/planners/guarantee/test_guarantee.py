@@ -6,8 +6,11 @@ import pytest
 from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.swath_search import SwathSearch
+from sim.cli.planning.guarantee import refusal_text
 from survey import Dem, Grid
 from survey.core.errors import InputError
+from survey.core.streams import stream
+from survey.terrain import random_dem
 from tests.planners.guarantee.smooth_site import AREA, CRS, SIDE_M, coarse, smooth_terrain
 
 
@@ -73,6 +76,20 @@ def test_swaths_are_never_farther_apart_than_five_cells_of_the_prior():
     )
     made = guarantee(AREA, flat, MapRequirement(50.0, n_simulations=10))
     assert made.config.swaths >= 6
+
+
+def test_relief_of_the_prior_contradicts_a_class_that_is_too_smooth():
+    rough = random_dem("diamond_square", Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS), stream(5), 40.0)
+    wanted = MapRequirement(0.05, noise_m=0.1, surface="snow", n_simulations=10, max_swaths=8)
+    blamed, fitting = (guarantee(AREA, coarse(dem), wanted) for dem in (rough, smooth_terrain()))
+    assert not blamed.holds
+    assert blamed.is_contradicted
+    assert blamed.unstated_m == pytest.approx(0.74, abs=0.2)
+    text = refusal_text(blamed)
+    assert "contradicts surface snow" in text
+    assert "leave --surface out" in text
+    assert not fitting.is_contradicted
+    assert fitting.unstated_m is None
 
 
 def _fewest(prior, requirement):
