@@ -15,6 +15,10 @@ five older landscapes had been surveyed with earlier settings by then.
 
 A landslide slope (10 m cells, no CRS stated) was added by the same rule when the judgement windows of all others had been
 surveyed with earlier settings: it is fresh ground, in rows of its own.
+
+The shifted windows were added before their first survey, when all of the above had been surveyed: squares of the same
+landscapes that begin half a side farther east and south, at most three of each, in rows of their own. A quarter of each
+lies in a window above.
 """
 
 import os
@@ -40,7 +44,6 @@ WHITE_M, CORRELATED_M, CORRELATION_M, DATUM_M, SHIFT_CELLS = 0.5, 1.0, 250.0, 0.
 """Errors of the priors made here: independent, correlated with its length, common; shift east and north."""
 SMOOTHED_CELLS = 2.0
 """Full width at half maximum of what a cell of the priors made here shows, in cells."""
-_MOST = 9
 _POINTS_M = 2.0
 _KNOWN = 0.995
 
@@ -49,21 +52,24 @@ _KNOWN = 0.995
 class Landscape:
     """Fine DEM of one landscape, the side of its windows, and the limit that is asked for there.
 
-    A file without a CRS is read in `crs`; `corner_m` is added to coordinates that count from the file's corner.
+    A file without a CRS is read in `crs`; `corner_m` is added to coordinates that count from the file's corner. The first
+    square begins `shift` sides from the north-west corner, and at most `most` of them are windows.
     """
 
     name: str
     file: str
     side_m: float
-    half: Literal["development", "judgement", "fresh"]
+    half: Literal["development", "judgement", "fresh", "shifted"]
     coarse: str = ""
     limit_m: float = 0.4572
     prior_sigma_m: float = 1.0
     crs: str | None = None
     corner_m: tuple[float, float] = (0.0, 0.0)
+    shift: float = 0.0
+    most: int = 9
 
 
-LANDSCAPES = (
+_LANDSCAPES = (
     Landscape("hills", "dem_slovenia_lidar_1m/TM1_564_146.tif", 300.0, "development"),
     Landscape("drumlins", "dem_drumlins_ny_2m/dem_2m.tif", 300.0, "development"),
     Landscape("lake shore", "dem_debrisflow_kelowna_1m/dem_1m.tif", 150.0, "development"),
@@ -107,6 +113,11 @@ LANDSCAPES = (
         corner_m=(0.0, 5_100_000.0),
     ),
 )
+LANDSCAPES = _LANDSCAPES + tuple(
+    replace(one, name=f"{one.name} shifted", half="shifted", shift=0.5, most=3)
+    for one in _LANDSCAPES
+    if one.half != "development"
+)
 
 
 @dataclass(frozen=True)
@@ -128,16 +139,20 @@ class Site:
         return Grid(inner, step_m, self.area.crs).xy
 
 
-@cache
 def fine_dem(name: str) -> Dem:
     """Return the fine DEM of a landscape."""
     landscape = landscape_of(name)
-    file = FOLDER / landscape.file
+    return _read(landscape.file, landscape.crs, landscape.corner_m)
+
+
+@cache
+def _read(name: str, crs: str | None, corner_m: tuple[float, float]) -> Dem:
+    """Read the DEM of a file, or of the ground points of a folder."""
+    file = FOLDER / name
     if file.is_dir():
-        return ground_dem(file, _POINTS_M, str(landscape.crs))
-    dem = Dem.read(file, crs=landscape.crs)
-    east, north = landscape.corner_m
-    return replace(dem, transform=Affine.translation(east, north) @ dem.transform)
+        return ground_dem(file, _POINTS_M, str(crs))
+    dem = Dem.read(file, crs=crs)
+    return replace(dem, transform=Affine.translation(*corner_m) @ dem.transform)
 
 
 def landscape_of(name: str) -> Landscape:
@@ -148,22 +163,24 @@ def landscape_of(name: str) -> Landscape:
 @cache
 def windows(name: str) -> tuple[tuple[float, float, float, float], ...]:
     """Return the bounds of a landscape's windows [m]."""
-    dem, side_m = fine_dem(name), landscape_of(name).side_m
-    west, south, east, north = dem.bounds
+    dem, landscape = fine_dem(name), landscape_of(name)
+    side_m, first_m = landscape.side_m, landscape.shift * landscape.side_m
+    west, south, east, north = np.array(dem.bounds) + [first_m, 0.0, 0.0, -first_m]
     found = []
     for row in range(int((north - south) // side_m)):
         for column in range(int((east - west) // side_m)):
             left, top = west + column * side_m, north - row * side_m
-            if _known_share(dem, row, column, side_m) >= _KNOWN:
+            if _known_share(dem, row + landscape.shift, column + landscape.shift, side_m) >= _KNOWN:
                 found.append((left, top - side_m, left + side_m, top))
-    chosen = np.linspace(0, len(found) - 1, min(len(found), _MOST)).round().astype(int)
+    chosen = np.linspace(0, len(found) - 1, min(len(found), landscape.most)).round().astype(int)
     return tuple(found[index] for index in chosen)
 
 
-def _known_share(dem: Dem, row: int, column: int, side_m: float) -> float:
-    """Return the share of a square's cells with a height."""
+def _known_share(dem: Dem, row: float, column: float, side_m: float) -> float:
+    """Return the share of a square's cells with a height; it begins so many sides from the north-west corner."""
     n = int(side_m / dem.step_m)
-    cells = dem.elevation[row * n : (row + 1) * n, column * n : (column + 1) * n]
+    top, left = int(row * n), int(column * n)
+    cells = dem.elevation[top : top + n, left : left + n]
     return float(np.isfinite(cells).mean())
 
 
