@@ -54,7 +54,7 @@ def _joint_rows(quick: bool) -> Iterator[Row]:
     }
     for name, value in rms.items():
         yield Row(f"{_MAPS[name]}: RMSE over all sites", value, "m")
-    yield Row.of("two rovers over one: RMSE", rms["joint"] / rms["one"], "1", "<=", 1.05)
+    yield Row.of("three rovers over one: RMSE", rms["joint"] / rms["one"], "1", "<=", 1.05)
     yield Row.of("joint map over maps merged apart: RMSE", rms["joint"] / rms["merged"], "1", "<=", 1.0)
     worst = max(one["joint"]["rmse_m"] / one["merged"]["rmse_m"] for one in found)
     yield Row("joint map over maps merged apart: RMSE, worst site", worst, "1")
@@ -63,7 +63,7 @@ def _joint_rows(quick: bool) -> Iterator[Row]:
         yield _within(f"{words}: coverage of 95 %", coverage, is_barred=name == "joint")
 
 
-_MAPS = {"one": "one rover", "joint": "two rovers, joint map", "merged": "two rovers, maps merged apart"}
+_MAPS = {"one": "one rover", "joint": "three rovers, joint map", "merged": "three rovers, maps merged apart"}
 
 
 def _within(name: str, coverage: float, *, is_barred: bool = True) -> Row:

@@ -1,4 +1,4 @@
-"""One joint map of two rovers with half the swaths each, beside the map of one rover and the two maps merged apart."""
+"""One joint map of three rovers with a third of the swaths each, beside one rover's map and the three maps merged apart."""
 
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from survey.reconstruction.policy import map_landmarks
 from vision_slam import localize
 
 _NODES_M = 5.0
+N_ROVERS = 3
 _95 = 1.959964
 
 
@@ -32,14 +33,14 @@ class Judged(NamedTuple):
 
 
 def outcome(seed: int) -> dict[str, Any]:
-    """Survey a site with one rover and with two, and judge the maps."""
-    one, two = (mission_on(seed, FAMILIES[seed % len(FAMILIES)], n_rovers=n) for n in (1, 2))
+    """Survey a site with one rover and with three, and judge the maps."""
+    one, fleet = (mission_on(seed, FAMILIES[seed % len(FAMILIES)], n_rovers=n) for n in (1, N_ROVERS))
     world = build_world(one)
-    alone, pair = drives(world, one), drives(world, two)
-    maps = [mapped(world, one, [drive]) for drive in pair]
+    alone, several = drives(world, one), drives(world, fleet)
+    maps = [mapped(world, one, [drive]) for drive in several]
     found = {
         "one": judged(world, *fields(mapped(world, one, alone))),
-        "joint": judged(world, *fields(mapped(world, two, pair))),
+        "joint": judged(world, *fields(mapped(world, fleet, several))),
         "merged": judged(world, *merged(maps)),
     }
     return {"seed": seed, **{name: one._asdict() for name, one in found.items()}}
