@@ -8,7 +8,7 @@ import planners
 from benchmarks.fleet.sites import FAMILIES, mission_on
 from sim.config.payload import PayloadConfig
 from sim.simulate.payload import payload_log
-from sim.simulate.statistical import exact_drive
+from sim.vehicle.exact_motion import exact_drive
 from sim.world.payload_field import PayloadField
 from sim.world.site import build_world
 from survey.core.arrays import FloatArray

@@ -14,7 +14,7 @@ from sim.config.payload import PayloadConfig
 from sim.config.placed import PlacedSection
 from sim.config.rehearsal import DrawnSetting
 from sim.config.scene import AppearanceConfig, ImagingConfig, SceneryConfig
-from sim.config.sensors import InstrumentsConfig
+from sim.config.sensors import InstrumentsConfig, LidarConfig
 from sim.config.terrain import DemTerrain, SatelliteConfig, TerrainConfig
 from survey.core.config import Section
 from survey.core.streams import stream
@@ -103,6 +103,8 @@ class SensorConfig(Section):
     landmark_far_bias_m: float = 0.0
     """Height by which landmarks from beyond 15 m lie too high, since crests are seen and troughs are not [m]; it
     grows from 0 at 10 m."""
+    lidar: LidarConfig = LidarConfig()
+    """LiDAR, whose scans take the place of the landmarks in the map."""
 
 
 class AidsConfig(Section):

@@ -143,6 +143,42 @@ class StakeConfig(Section):
     """Error across the line of sight [deg]."""
 
 
+class LidarConfig(InstrumentConfig):
+    """A spinning LiDAR above the rover, 16 to 64 beams as a rule; it maps and does not steer."""
+
+    beams: NonNegativeInt = Field(default=0, le=255)
+    """Number of beams; 0 for no LiDAR."""
+    rate_hz: PositiveFloat = 0.5
+    """Turns that are recorded per second."""
+    turn_s: PositiveFloat = 0.1
+    """Duration of a turn [s]."""
+    columns: int = Field(default=512, ge=16, le=65535)
+    """Directions per turn."""
+    elevation_deg: tuple[float, float] = (-18.0, 4.0)
+    """Angles of the lowest and the highest beam above the level [deg]."""
+    height_m: PositiveFloat = 1.5
+    """Height of the scanner above the ground [m]."""
+    range_m: PositiveFloat = 100.0
+    """Farthest return [m]."""
+    reach_m: PositiveFloat = 250.0
+    """Range at which ground that faces the scanner still returns a pulse [m]; tilted ground returns it up to √cos of the
+    angle of incidence times that range."""
+    range_sigma_m: PositiveFloat = 0.03
+    """Noise of a range [m]."""
+    divergence_deg: NonNegativeFloat = 0.05
+    """Standard deviation of the direction in which a pulse is returned, within its beam [deg]."""
+    mounting_sigma_deg: NonNegativeFloat = 0.03
+    """Error of the mounting about each axis, constant over the drive [deg]."""
+    dropped_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.02
+    """Share of the returns that never arrive."""
+    ghost_share: Share = 0.002
+    """Share of the returns with a wrong range, from anywhere along the beam."""
+    spray_share: Share = 0.005
+    """Share of the returns from blown snow near the scanner."""
+    spray_m: PositiveFloat = 3.0
+    """Mean distance of such snow [m]."""
+
+
 class InstrumentsConfig(Section):
     """Instruments of the vision fidelity."""
 

@@ -9,6 +9,7 @@ from sim.instruments.compass import MagneticCompass
 from sim.instruments.gps import BaseReceiver, GpsReceiver, draw_base_fixes, draw_fixes
 from sim.instruments.gps_faults import GpsFaults
 from sim.instruments.inertial import InertialUnit, draw_inertial
+from sim.instruments.lidar.drawn_scans import draw_lidar
 from sim.instruments.sensor import Sensor
 from sim.instruments.stakes import StakeSpotter, draw_stake_sightings, draw_stakes
 from sim.instruments.visual_odometry import draw_loop_closures, draw_odometry, draw_sightings
@@ -64,5 +65,6 @@ SENSORS = (
     Sensor("odometry", draw=draw_odometry),
     Sensor("sightings", draw=draw_sightings),
     Sensor("loop_closures", draw=draw_loop_closures),
+    Sensor("lidar", draw=draw_lidar),
 )
 """All sensors; each draws from random streams of its own, so their order changes no reading."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.config.mission import MissionConfig
-from sim.simulate.statistical import exact_drive
+from sim.vehicle.exact_motion import exact_drive
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from survey.data.route import Route

@@ -66,6 +66,8 @@ class Recording(SensorTables):
         Benchmarks of surveyed position, and when they were seen.
     loop_closures : optional
         Places of the drive that were recognized again.
+    lidar : optional
+        Scans of a LiDAR.
     antenna_height_m : float
         Height of the GPS antenna above the ground [m].
     vertical_datum : str
@@ -144,7 +146,7 @@ class Recording(SensorTables):
             )
 
     def write(self, folder: str | Path) -> None:
-        """Write ``recording.json``, one CSV table per sensor, ``camera.toml`` and ``frames/``.
+        """Write ``recording.json``, one CSV table per sensor, ``lidar/``, ``camera.toml`` and ``frames/``.
 
         Frames that a `FrameWriter` has written into ``frames/`` of this folder before are not
         written again.
@@ -254,11 +256,11 @@ class OdometryRecording(Recording):
         Motion from pose to pose.
     sightings : Sightings
         Landmarks seen from these poses.
-    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures
+    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures, lidar
         As in `Recording`.
     antenna_height_m, vertical_datum, camera, frames, camera_height_m, start_is_surveyed
         As in `Recording`.
-    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures
+    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures, lidar
         As in `Recording`.
     """
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.instruments.lidar import Scanner
+from survey.data.scans.scanner import Scanner
 from sim.studies.emap.world import RasterHeights
 from survey.core.arrays import FloatArray
 from survey.core.crs.checks import projected_crs

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 from typing import Any, get_args, get_type_hints
 
 from survey.core.data_object import DataObject
+from survey.data.scans.lidar_scans import LidarScans
 from survey.data.sensors.aiding import Barometer, Compass, GpsFixes, Inertial, Weather, Wheels
 from survey.data.sensors.loop_closures import LoopClosures
 from survey.data.sensors.odometry import Odometry
@@ -16,7 +17,7 @@ class SensorTables(DataObject):
     """Optional tables of a recording; None where a sensor gave no readings.
 
     A field declared here is a table of every recording: it is written to and read from a CSV
-    file (`table_file`), and the simulator collects its readings.
+    file, or a folder (`table_file`), and the simulator collects its readings.
     """
 
     odometry: Odometry | None = None
@@ -31,6 +32,7 @@ class SensorTables(DataObject):
     stakes: Stakes | None = None
     stake_sightings: StakeSightings | None = None
     loop_closures: LoopClosures | None = None
+    lidar: LidarScans | None = None
 
 
 def table_types() -> dict[str, Any]:
@@ -47,7 +49,7 @@ def table_types() -> dict[str, Any]:
 
 
 def table_file(name: str) -> str:
-    """Return the file name of a table in a recording's folder.
+    """Return the name of the file, or folder, of a table in a recording's folder.
 
     Examples
     --------
@@ -57,4 +59,4 @@ def table_file(name: str) -> str:
     return _FILE_NAMES.get(name, f"{name}.csv")
 
 
-_FILE_NAMES = {"loop_closures": "closures.csv"}
+_FILE_NAMES = {"loop_closures": "closures.csv", "lidar": "lidar"}

@@ -8,7 +8,7 @@ from sim.config.mission import MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
 from sim.instruments.sensor import StatisticalDrive
 from sim.instruments.visual_odometry import draw_sightings
-from sim.simulate.statistical import exact_drive
+from sim.vehicle.exact_motion import exact_drive
 from survey import Dem, Grid, Route
 from survey.data.legs import Leg
 from survey.data.sensors.sightings import Sightings

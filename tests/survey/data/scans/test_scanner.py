@@ -1,20 +1,20 @@
-"""Directions of the beams of a spinning LiDAR."""
+"""Geometry of a spinning LiDAR."""
 
 import numpy as np
 import pytest
 
-from sim.instruments.lidar import Scanner
+from survey.data.scans.scanner import Scanner
 
 
 def test_rays_are_unit_vectors_at_the_elevations_of_the_beams():
-    rays = Scanner((10.0, 0.0, -20.0), 8).rays()
+    rays = Scanner(elevation_deg=(10.0, 0.0, -20.0), n_columns=8).rays()
     assert rays.shape == (8, 3, 3)
     assert np.linalg.norm(rays, axis=2) == pytest.approx(1.0)
     assert np.degrees(np.arcsin(rays[..., 2])) == pytest.approx(np.tile([10.0, 0.0, -20.0], (8, 1)))
 
 
 def test_columns_turn_counter_clockwise_from_ahead():
-    rays = Scanner((0.0,), 4).rays()[:, 0]
+    rays = Scanner(elevation_deg=(0.0,), n_columns=4).rays()[:, 0]
     assert rays == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]), abs=1e-12)
 
 

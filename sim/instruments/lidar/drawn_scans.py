@@ -1,0 +1,160 @@
+"""Simulated scans of a spinning LiDAR: real rays on the real terrain, with the errors of a real scanner.
+
+The rover moves while the scanner turns. Every pulse leaves from the real pose at its own time, in a direction that
+differs from the nominal one by the error of the mounting and by a draw within its beam, and is returned by the terrain
+where it meets it, unless the angle of incidence is too grazing for the distance. Some returns are lost, some have a
+wrong range, and some come from snow that is blown about near the scanner.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from sim.config.sensors import LidarConfig
+from sim.instruments.lidar.ray_casting import HeightRaster
+from sim.instruments.sensor import StatisticalDrive
+from sim.vehicle.exact_motion import exact_drive
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.data.dem import Dem
+from survey.data.scans.lidar_scans import LidarScans, minute_of, n_minutes
+from survey.data.scans.returns import Returns
+from survey.data.scans.scanner import Scanner
+from survey.data.trajectory import Trajectory
+
+_INTERVAL_S = 0.1
+_NEAREST_M = 0.5
+
+
+def draw_lidar(drive: StatisticalDrive) -> LidarScans | None:
+    """Draw the scans of a drive that follows its route exactly; None where the mission has no LiDAR."""
+    mission, config = drive.mission, drive.mission.sensors.lidar
+    if config.beams == 0:
+        return None
+    motion, _ = exact_drive(drive.terrain, drive.route, mission.rover.speed_m_s, _INTERVAL_S)
+    return scans_along(motion, drive.terrain, config, mission.seed)
+
+
+def scans_along(motion: Trajectory, terrain: Dem, config: LidarConfig, seed: int) -> LidarScans:
+    """Return the scans along a real path; their returns are drawn minute by minute, when they are used.
+
+    The middles of the turns are at multiples of one over the rate, as of a scanner that the odometry triggers.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        Real poses, close enough to be interpolated.
+    terrain : Dem
+        The real terrain.
+    config : LidarConfig
+        The scanner and its errors.
+    seed : int
+        Seed of the rover's errors.
+
+    Returns
+    -------
+    LidarScans
+        With times as the scanner's clock shows them.
+    """
+    begin, end = motion.time_s[[0, -1]].tolist()
+    first, last = np.ceil(begin * config.rate_hz + 0.5), np.floor(end * config.rate_hz - 0.5)
+    at_s = np.arange(first, max(last, first) + 1.0) / config.rate_hz - 0.5 * config.turn_s
+    drawn = DrawnMinutes(_Setup.of(motion, terrain, config, seed), at_s)
+    return LidarScans(scanner_of(config), at_s + config.clock_offset_s, drawn)
+
+
+def scanner_of(config: LidarConfig) -> Scanner:
+    """Return the scanner as its data sheet describes it."""
+    low, high = config.elevation_deg
+    return Scanner(
+        elevation_deg=tuple(np.linspace(low, high, config.beams).tolist()),
+        n_columns=config.columns,
+        turn_s=config.turn_s,
+        mount_m=(0.0, 0.0, config.height_m),
+        range_sigma_m=config.range_sigma_m,
+        angle_sigma_deg=config.divergence_deg,
+    )
+
+
+class _Setup(NamedTuple):
+    """Everything that scans are drawn from."""
+
+    config: LidarConfig
+    seed: int
+    raster: HeightRaster
+    motion: Trajectory
+    turning: Slerp
+    rays: FloatArray
+    """Directions (n_columns, n_beams, 3) in the body's frame, with the error of the mounting."""
+
+    @classmethod
+    def of(cls, motion: Trajectory, terrain: Dem, config: LidarConfig, seed: int) -> "_Setup":
+        rng = stream(seed, "sensors", "lidar", "mounting")
+        tilted = Rotation.from_rotvec(np.radians(config.mounting_sigma_deg) * rng.standard_normal(3))
+        turning = Slerp(motion.time_s, Rotation.from_quat(motion.quaternion))
+        rays = scanner_of(config).rays() @ tilted.as_matrix().T
+        return cls(config, seed, HeightRaster.of(terrain), motion, turning, rays)
+
+
+class DrawnMinutes:
+    """Returns of minutes, drawn from random streams of their own when they are used.
+
+    Parameters
+    ----------
+    setup : _Setup
+        Path, terrain and scanner.
+    at_s : (S,) ndarray
+        Real times at which the turns begin [s].
+    """
+
+    def __init__(self, setup: _Setup, at_s: FloatArray) -> None:
+        self._setup, self._at_s = setup, at_s
+
+    def __len__(self) -> int:
+        return n_minutes(self._at_s)
+
+    def __getitem__(self, number: int) -> Returns:
+        scans = np.flatnonzero(minute_of(self._at_s) == number)
+        rng = stream(self._setup.seed, "sensors", "lidar", number)
+        parts = [_turn(self._setup, scan, float(self._at_s[scan]), rng) for scan in scans.tolist()]
+        if not parts:
+            return Returns.of([], [], [], np.empty(0))
+        return Returns(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _turn(setup: _Setup, scan: int, begin_s: float, rng: np.random.Generator) -> Returns:
+    """Draw the returns of one turn."""
+    config, (n_columns, n_beams, _) = setup.config, setup.rays.shape
+    start, direction = _pulses(setup, begin_s, rng)
+    ground_m, cosine = setup.raster.hits(start, direction, config.range_m)
+    is_returned = (ground_m > _NEAREST_M) & (ground_m <= config.reach_m * np.sqrt(cosine))
+    range_m = np.where(is_returned, ground_m, np.inf) + config.range_sigma_m * rng.standard_normal(len(ground_m))
+    range_m = _disturbed(range_m, config, rng)
+    arrives = (rng.random(len(range_m)) >= config.dropped_share) & (range_m > _NEAREST_M) & np.isfinite(range_m)
+    number = np.flatnonzero(arrives)
+    column, beam = np.divmod(number, n_beams)
+    return Returns.of(np.full(len(number), scan), column, beam, range_m[number])
+
+
+def _pulses(setup: _Setup, begin_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return starts and unit directions (n_columns · n_beams, 3) of the pulses of a turn in the world."""
+    config, (n_columns, n_beams, _) = setup.config, setup.rays.shape
+    time_s = begin_s + config.turn_s * np.arange(n_columns) / n_columns
+    time_s = np.clip(time_s, setup.motion.time_s[0], setup.motion.time_s[-1])
+    turn: FloatArray = setup.turning(time_s).as_matrix()
+    foot = np.column_stack([np.interp(time_s, setup.motion.time_s, axis) for axis in setup.motion.position.T])
+    aimed = setup.rays + np.radians(config.divergence_deg) * rng.standard_normal(setup.rays.shape)
+    direction = np.einsum("cij,cbj->cbi", turn, aimed).reshape(-1, 3)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    start = np.repeat(foot + config.height_m * turn[:, :, 2], n_beams, axis=0)
+    return start, direction
+
+
+def _disturbed(range_m: FloatArray, config: LidarConfig, rng: np.random.Generator) -> FloatArray:
+    """Return ranges (N,) [m], infinite where nothing is met, with wrong ones and with those of blown snow."""
+    is_ghost = np.isfinite(range_m) & (rng.random(len(range_m)) < config.ghost_share)
+    range_m = np.where(is_ghost, rng.uniform(_NEAREST_M, config.range_m, len(range_m)), range_m)
+    snow_m = rng.exponential(config.spray_m, len(range_m))
+    is_snow = (rng.random(len(range_m)) < config.spray_share) & (snow_m < range_m)
+    return np.where(is_snow, snow_m, range_m)

@@ -1,0 +1,1 @@
+"""LiDAR scans of a drive: geometry of the scanner, and the returns of each turn."""

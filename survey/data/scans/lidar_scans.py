@@ -1,0 +1,220 @@
+"""LiDAR scans of a drive, stored minute by minute."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from survey.core.arrays import FloatArray, checked
+from survey.core.data_object import DataObject
+from survey.core.documents import read_json, write_json
+from survey.core.errors import InputError
+from survey.core.files.library_messages import first_line
+from survey.data.scans.returns import Returns, SensorScan
+from survey.data.scans.scanner import Scanner
+from survey.io.tables import read_table, write_table
+
+MINUTE_S = 60.0
+"""Time whose returns are stored in one file [s]."""
+_SCANNER, _TIMES = "scanner.json", "scans.csv"
+
+
+class Minutes(Protocol):
+    """Returns of consecutive minutes, read or made when they are used."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, number: int) -> Returns: ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LidarScans(DataObject):
+    """Scans of a spinning LiDAR on a drive.
+
+    Iterating gives each scan as a `SensorScan`, with the time of every return.
+
+    Parameters
+    ----------
+    scanner : Scanner
+        Geometry and stated errors.
+    time_s : (S,) array_like
+        Times at which the turns begin [s], increasing.
+    minutes : Minutes
+        Returns of each minute since the first scan, such as a list of `Returns`.
+
+    Raises
+    ------
+    InputError
+        No scan, times that do not increase, or another number of minutes than the times take.
+
+    Examples
+    --------
+    >>> scanner = Scanner(elevation_deg=(-30.0,), n_columns=4, mount_m=(0.0, 0.0, 1.0))
+    >>> one = LidarScans(scanner, [5.0], [Returns.of([0], [1], [0], np.array([2.0]))])
+    >>> next(iter(one)).xyz.round(3).tolist()
+    [[0.0, 1.732, 0.0]]
+    """
+
+    scanner: Scanner
+    time_s: FloatArray
+    minutes: Minutes
+
+    def __post_init__(self) -> None:
+        times = checked(self.time_s, (None,), "the times of the scans")
+        if len(times) == 0 or (np.diff(times) <= 0.0).any():
+            raise InputError(
+                f"there are {len(times)} scans, or their times do not increase; at least one in order of time is needed."
+            )
+        object.__setattr__(self, "time_s", times)
+        if len(self.minutes) != n_minutes(times):
+            raise InputError(
+                f"the scans take {n_minutes(times)} minutes, and returns of {len(self.minutes)} are there; make the "
+                "recording again."
+            )
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def _summary(self) -> str:
+        return f"{len(self)} scans of {len(self.scanner.elevation_deg)} beams"
+
+    def _compared(self) -> dict[str, Any]:
+        minutes = [tuple(self.minutes[k]) for k in range(len(self.minutes))]
+        return {"scanner": self.scanner, "time_s": self.time_s, "minutes": minutes}
+
+    def __iter__(self) -> Iterator[SensorScan]:
+        rays = self.scanner.rays()
+        first_minute = minute_of(self.time_s)
+        for number in range(len(self.minutes)):
+            minute = self._checked_minute(number)
+            for scan in np.flatnonzero(first_minute == number).tolist():
+                begin, end = np.searchsorted(minute.scan, [scan, scan + 1])
+                yield self._scan(scan, Returns(*(column[begin:end] for column in minute)), rays)
+
+    def _scan(self, number: int, returns: Returns, rays: FloatArray) -> SensorScan:
+        """Return one scan in the vehicle's frame."""
+        scanner, mount = self.scanner, np.array(self.scanner.mount_m)
+        time_s = self.time_s[number] + scanner.turn_s * returns.column / scanner.n_columns
+        xyz = mount + 1e-3 * returns.range_mm[:, None] * rays[returns.column, returns.beam]
+        return SensorScan(time_s, xyz, mount)
+
+    def _checked_minute(self, number: int) -> Returns:
+        """Return the returns of a minute, or refuse those of another scanner."""
+        minute, scanner = self.minutes[number], self.scanner
+        if not len(minute.scan):
+            return minute
+        if (np.diff(minute.scan.astype(np.int64)) < 0).any() or minute.scan[-1] >= len(self):
+            raise InputError(
+                f"minute {number} of the scans names scans out of order or beyond {len(self) - 1}; make the recording again."
+            )
+        if minute.column.max() >= scanner.n_columns or minute.beam.max() >= len(scanner.elevation_deg):
+            raise InputError(
+                f"minute {number} of the scans names a direction that the scanner of {scanner.n_columns} columns and "
+                f"{len(scanner.elevation_deg)} beams does not have; make the recording again."
+            )
+        return minute
+
+    def write(self, folder: str | Path) -> None:
+        """Write ``scanner.json``, ``scans.csv`` with the times, and one ``minute-NNNN.npz`` for each minute.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            Folder that is made.
+
+        Raises
+        ------
+        InputError
+            The folder exists, or cannot be written to.
+        """
+        place = Path(folder)
+        if place.exists():
+            raise InputError(f"the folder of scans {place} exists; choose another one.")
+        place.mkdir(parents=True)
+        for number, minute in enumerate(self.minutes):
+            minute.write(place / _minute_file(number))
+        write_table(place / _TIMES, {"time_s": self.time_s})
+        write_json(place / _SCANNER, self.scanner.model_dump())
+
+    @classmethod
+    def read(cls, folder: str | Path) -> Self:
+        """Read the files of `write`; returns are read minute by minute when they are used.
+
+        Parameters
+        ----------
+        folder : str or pathlib.Path
+            Folder that `write` wrote to.
+
+        Returns
+        -------
+        LidarScans
+            Equal to the one written.
+
+        Raises
+        ------
+        InputError
+            A file is missing or damaged.
+        """
+        place = Path(folder)
+        scanner = _read_scanner(place / _SCANNER)
+        times = read_table(place / _TIMES, ["time_s"], what="the times of the scans")["time_s"]
+        return cls(scanner, times, StoredMinutes(place, n_minutes(times)))
+
+
+class StoredMinutes:
+    """Returns of minutes in files, read when they are used.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Folder of the files.
+    n : int
+        Number of minutes.
+    """
+
+    def __init__(self, folder: Path, n: int) -> None:
+        self._folder, self._n = folder, n
+
+    def __len__(self) -> int:
+        return self._n
+
+    def __getitem__(self, number: int) -> Returns:
+        return Returns.read(self._folder / _minute_file(number))
+
+
+def minute_of(time_s: FloatArray) -> FloatArray:
+    """Return the number of the minute, since the first, of times (S,) [s]."""
+    return np.floor((time_s - time_s[0]) / MINUTE_S)
+
+
+def n_minutes(time_s: FloatArray) -> int:
+    """Return the number of minutes that times (S,) [s] take.
+
+    Examples
+    --------
+    >>> n_minutes(np.array([10.0, 69.9])), n_minutes(np.array([10.0, 70.0]))
+    (1, 2)
+    """
+    return int(minute_of(time_s)[-1]) + 1
+
+
+def is_lidar_folder(folder: str | Path) -> bool:
+    """Return whether a folder holds the scans of a recording."""
+    return (Path(folder) / _SCANNER).is_file()
+
+
+def _minute_file(number: int) -> str:
+    return f"minute-{number:04d}.npz"
+
+
+def _read_scanner(file: Path) -> Scanner:
+    content = read_json(file, "the description of the scanner")
+    try:
+        return Scanner.model_validate_json(json.dumps(content))
+    except ValueError as error:
+        raise InputError(
+            f"{file} is damaged ({first_line(error)}); make the recording again."
+        ) from error
