@@ -221,6 +221,15 @@ class MissionConfig(PlacedSection):
         return self
 
     @model_validator(mode="after")
+    def _scans_real_ground(self) -> "MissionConfig":
+        if self.fidelity == "ideal" and self.sensors.lidar.beams:
+            raise ValueError(
+                "the ideal fidelity has one perfect sensor and no LiDAR; set fidelity = 'statistical' or 'vision', or "
+                "leave out sensors.lidar"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _has_one_prior(self) -> "MissionConfig":
         if self.satellite.file is not None and _is_prior(self.terrain):
             raise ValueError(

@@ -16,6 +16,7 @@ from planners.driving.replanning import Loss, cut_short
 from planners.steering.waypoints import WaypointSteering
 from sim.config.faults import faults_of
 from sim.config.mission import MissionConfig
+from sim.instruments.lidar.drawn_scans import scans_along
 from sim.simulate.ideal import simulate_ideal
 from sim.simulate.payload import record_payload
 from sim.simulate.sensed_attitude import sensed_attitude
@@ -25,10 +26,14 @@ from sim.world.site import World
 from survey.core.documents import write_json
 from survey.core.streams import stream
 from survey.data.recording import Recording
+from survey.data.sensors.tables import table_file
 from survey.data.truth import Truth
+from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
 DRIVE_FILE = "drive.json"
 """How a drive ended, with its length, time and energy."""
+LANDMARKS, SCAN_POINTS = "surface_points.gpkg", "scan_points.gpkg"
+"""Points that a drive is localized with, and those of its LiDAR scans."""
 
 
 def drive(world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int = 1) -> None:
@@ -119,6 +124,10 @@ def _drive_with_images(
         )
     (route if steering is None else steering.driven()).write(folder / "driven_route.geojson")
     driven.write(folder)
+    lidar = mission.sensors.lidar
+    if lidar.beams:
+        scans = scans_along(driven.truth.trajectory, world.terrain, lidar, mission.seed)
+        scans.write(folder / "recording" / table_file("lidar"))
 
 
 def _steering_on_the_way(
@@ -166,7 +175,29 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
         result.online_trajectory.write(folder / "online_trajectory.csv")
     result.trajectory.write(folder / "trajectory.tum")
     result.trajectory.write(folder / "trajectory.csv")
-    result.points.write(folder / "surface_points.gpkg")
+    result.points.write(folder / LANDMARKS)
+    if recording.lidar is not None:
+        register_scans(recording, result.trajectory, mission).write(folder / SCAN_POINTS)
+
+
+def register_scans(
+    recording: Recording, path: survey.Trajectory, mission: MissionConfig
+) -> survey.SurfacePoints:
+    """Return the points that the scans of a recording become by the estimated path."""
+    lidar = recording.lidar
+    if lidar is None:
+        raise survey.InputError(
+            "the recording has no LiDAR scans; set sensors.lidar.beams and simulate again."
+        )
+    errors = BeamErrors(lidar.scanner.range_sigma_m, lidar.scanner.angle_sigma_deg)
+    config = mission.reconstruction.scans
+    return scan_points(lidar, path, errors, config=config, vertical_datum=recording.vertical_datum)
+
+
+def mapped_points(localized: Path) -> survey.SurfacePoints:
+    """Return the points of a drive that are mapped: those of its scans, or its landmarks where it has none."""
+    scans = localized / SCAN_POINTS
+    return survey.SurfacePoints.read(scans if scans.exists() else localized / LANDMARKS)
 
 
 def path_scores(simulated: Path, localized: Path, mapped: Path) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import survey
+from sim.mission.drives import LANDMARKS, SCAN_POINTS
 from sim.mission.fleet import drive_folders
 from survey.core.runs.store import RunFolder
 from survey.reporting.qgis import QgisGroup, QgisLayer, value_limits, write_project
@@ -45,12 +46,20 @@ def _survey_layers(run: RunFolder, area: survey.SurveyArea) -> list[QgisLayer]:
 
 
 def _point_layers(folder: Path) -> list[QgisLayer]:
-    """Return the landmarks of each rover."""
+    """Return the landmarks of each rover, and the points of its scans."""
     places = drive_folders(folder)
-    names = ["Surface points"] if len(places) == 1 else [f"Surface points, {place.name}" for place in places]
+    shown = {LANDMARKS: "Surface points", SCAN_POINTS: "Scan points"}
     return [
-        QgisLayer(name, place / "surface_points.gpkg", "points", table="surface_points", is_visible=False)
-        for name, place in zip(names, places, strict=True)
+        QgisLayer(
+            name if len(places) == 1 else f"{name}, {place.name}",
+            place / file,
+            "points",
+            table=Path(file).stem,
+            is_visible=False,
+        )
+        for place in places
+        for file, name in shown.items()
+        if (place / file).exists()
     ]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import survey
-from sim.mission.drives import DRIVE_FILE
+from sim.mission.drives import DRIVE_FILE, SCAN_POINTS, mapped_points
 from sim.mission.fleet import LOSS_FILE, drive_folders
 from sim.mission.hazards import HAZARDS
 from sim.mission.payload import PAYLOAD
@@ -40,7 +40,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
     truth = Truth.read(places[0] / "truth")
     reconstruction = survey.Reconstruction.read(run.folder("reconstruct"))
     localization = run.folder("score") / "localization.json"
-    points = [survey.SurfacePoints.read(place / "surface_points.gpkg") for place in drive_folders(localized)]
+    points = [mapped_points(place) for place in drive_folders(localized)]
     surveyed = SurveyResults(
         area=survey.SurveyArea.read(plan / "area.gpkg"),
         prior=survey.Dem.read(plan / "prior.tif"),
@@ -51,6 +51,7 @@ def write_mission_report(folder: Path, run: RunFolder) -> Path:
         payload=_payload(run),
         hazard=_hazard(run),
         points=SeveralDrives.of([(part, None) for part in points]).points,
+        points_name="Scan points" if any(localized.rglob(SCAN_POINTS)) else "Landmarks",
     )
     if len(places) > 1:
         surveyed = replace(surveyed, fleet=_fleet(run))

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from sim.config.mission import MissionConfig
-from sim.mission.drives import estimate_drive, path_scores
+from sim.mission.drives import estimate_drive, mapped_points, path_scores
 from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet
 from sim.mission.hazards import map_hazards
 from sim.mission.payload import map_payloads, score_payloads
@@ -132,7 +132,7 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     config = mission.reconstruction
     area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")
     places = drive_folders(run.folder("localize"))
-    points = [survey.SurfacePoints.read(place / "surface_points.gpkg") for place in places]
+    points = [mapped_points(place) for place in places]
     paths = [survey.Trajectory.read(place / "trajectory.csv", area.crs) for place in places]
     drives = SeveralDrives.of([(seen, path.error) for seen, path in zip(points, paths, strict=True)])
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None

@@ -151,6 +151,10 @@ class StudyConfig(PlacedSection):
                 "satellite.file names one raster, and the terrains of a study are drawn; leave it out, or name the errors to "
                 "draw by satellite.product."
             )
+        if self.sensors.lidar.beams:
+            raise ConfigError(
+                "a study maps landmarks and has no LiDAR; leave out sensors.lidar, or run missions of its own."
+            )
         if self.fidelity == "statistical" and any(not isinstance(m, ReconstructedMap) for m in self.maps):
             raise ConfigError(
                 f"landmarks of the statistical fidelity err unequally; give maps of a reconstruction method ({', '.join(METHODS)})."

@@ -21,7 +21,12 @@ from survey.figures.style import DENSITY, HALF_IN, INK, styled
 
 @styled
 def landmark_map(
-    points: SurfacePoints, terrain: Dem, *, area: SurveyArea | None = None, route: Route | None = None
+    points: SurfacePoints,
+    terrain: Dem,
+    *,
+    area: SurveyArea | None = None,
+    route: Route | None = None,
+    name: str = "Landmarks",
 ) -> Figure:
     """Draw the density of the measured points.
 
@@ -37,6 +42,8 @@ def landmark_map(
         Its outline is drawn and sets what is shown.
     route : Route, optional
         Its swaths are drawn as thin lines.
+    name : str
+        What the points are.
 
     Returns
     -------
@@ -60,5 +67,5 @@ def landmark_map(
     add_colour_bar(
         image, drawing, f"Points per {cell:g} m square", extend="max" if counts.max() > top else "neither"
     )
-    axes.set_title(f"Landmarks ({grouped(len(points))})")
+    axes.set_title(f"{name} ({grouped(len(points))})")
     return drawing.figure

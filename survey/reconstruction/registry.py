@@ -20,6 +20,7 @@ from survey.reconstruction.methods.field import FIELD
 from survey.reconstruction.methods.gaussian_process import DENSE, GP
 from survey.reconstruction.methods.joint import JOINT
 from survey.reconstruction.methods.triangulation import TIN
+from survey.reconstruction.registration.config import ScanPointsConfig
 
 METHODS: dict[str, ReconstructionMethod] = {
     method.name: method for method in (GP, JOINT, DENSE, TIN, FIELD, EMAP, CARVING)
@@ -110,6 +111,8 @@ class ReconstructionConfig(Section):
     """Settings of the spring lattice."""
     carving: SpaceCarvingConfig = SpaceCarvingConfig()
     """Settings of the space-carving kernels."""
+    scans: ScanPointsConfig = ScanPointsConfig()
+    """Settings of the points that LiDAR scans become."""
 
     @property
     def uses_sight_lines(self) -> bool:

@@ -113,7 +113,9 @@ def _map_pictures(survey: SurveyResults) -> dict[str, Picture]:
     }
     if survey.points is not None:
         pictures["landmarks"] = picture_of(
-            figures.landmark_map(survey.points, reconstruction.mean, area=area, route=route),
+            figures.landmark_map(
+                survey.points, reconstruction.mean, area=area, route=route, name=survey.points_name
+            ),
             "Map of the density of landmarks",
             "Density of the measured points.",
         )

@@ -139,6 +139,8 @@ class SurveyResults:
         Estimated and true path; drawn when both are given.
     points : SurfacePoints, optional
         Points that the map was made from.
+    points_name : str
+        What the points are.
     on_board : OnBoard, optional
         Camera records, where there was a camera.
     fleet : FleetResults, optional
@@ -158,6 +160,7 @@ class SurveyResults:
     trajectory: Trajectory | None = None
     reference_trajectory: Trajectory | None = None
     points: SurfacePoints | None = None
+    points_name: str = "Landmarks"
     on_board: OnBoard | None = None
     fleet: FleetResults | None = None
     payload: tuple[PayloadResults, ...] = ()

@@ -19,7 +19,7 @@ from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.scans.lidar_scans import LidarScans, minute_of, n_minutes
-from survey.data.scans.returns import Returns
+from survey.data.scans.returns import LidarReturns
 from survey.data.scans.scanner import Scanner
 from survey.data.trajectory import Trajectory
 
@@ -114,27 +114,31 @@ class DrawnMinutes:
     def __len__(self) -> int:
         return n_minutes(self._at_s)
 
-    def __getitem__(self, number: int) -> Returns:
+    def __getitem__(self, number: int) -> LidarReturns:
         scans = np.flatnonzero(minute_of(self._at_s) == number)
         rng = stream(self._setup.seed, "sensors", "lidar", number)
         parts = [_turn(self._setup, scan, float(self._at_s[scan]), rng) for scan in scans.tolist()]
         if not parts:
-            return Returns.of([], [], [], np.empty(0))
-        return Returns(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+            return LidarReturns.of([], [], [], np.empty(0))
+        return LidarReturns(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _turn(setup: _Setup, scan: int, begin_s: float, rng: np.random.Generator) -> Returns:
+def _turn(setup: _Setup, scan: int, begin_s: float, rng: np.random.Generator) -> LidarReturns:
     """Draw the returns of one turn."""
-    config, (n_columns, n_beams, _) = setup.config, setup.rays.shape
+    config, n_beams = setup.config, setup.rays.shape[1]
     start, direction = _pulses(setup, begin_s, rng)
     ground_m, cosine = setup.raster.hits(start, direction, config.range_m)
     is_returned = (ground_m > _NEAREST_M) & (ground_m <= config.reach_m * np.sqrt(cosine))
-    range_m = np.where(is_returned, ground_m, np.inf) + config.range_sigma_m * rng.standard_normal(len(ground_m))
+    range_m = np.where(is_returned, ground_m, np.inf) + config.range_sigma_m * rng.standard_normal(
+        len(ground_m)
+    )
     range_m = _disturbed(range_m, config, rng)
-    arrives = (rng.random(len(range_m)) >= config.dropped_share) & (range_m > _NEAREST_M) & np.isfinite(range_m)
+    arrives = (
+        (rng.random(len(range_m)) >= config.dropped_share) & (range_m > _NEAREST_M) & np.isfinite(range_m)
+    )
     number = np.flatnonzero(arrives)
     column, beam = np.divmod(number, n_beams)
-    return Returns.of(np.full(len(number), scan), column, beam, range_m[number])
+    return LidarReturns.of(np.full(len(number), scan), column, beam, range_m[number])
 
 
 def _pulses(setup: _Setup, begin_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

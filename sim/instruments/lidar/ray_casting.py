@@ -49,9 +49,7 @@ class HeightRaster(NamedTuple):
             self.highest,
             np.ascontiguousarray((start - origin) * scale),
             np.ascontiguousarray(direction * scale),
-            farthest_m,
-            self.step_m,
-            top,
+            (farthest_m, self.step_m, top),
         )
         return Hits(reached, cosine)
 
@@ -62,11 +60,10 @@ def _cast(
     highest: FloatArray,
     start: FloatArray,
     along: FloatArray,
-    farthest_m: float,
-    step_m: float,
-    top: float,
+    limits: tuple[float, float, float],
 ) -> tuple[FloatArray, FloatArray]:
     """Follow every ray from patch to patch; x and y count in nodes, distances in metres."""
+    farthest_m, step_m, top = limits
     n_north, n_east = z.shape
     reached = np.full(len(start), np.inf)
     cosine = np.zeros(len(start))
@@ -85,7 +82,7 @@ def _cast(
                 corners = z[j, i], z[j, i + 1], z[j + 1, i], z[j + 1, i + 1]
                 if not np.isfinite(highest[j, i]):
                     break
-                met = _root(corners, u - i, v - j, height, (du, dv, dz), length)
+                met = _root(corners, (u - i, v - j, height), (du, dv, dz), length)
                 if met >= 0.0:
                     reached[k] = travelled + met
                     cosine[k] = _incidence(corners, u - i + du * met, v - j + dv * met, (du, dv, dz), step_m)
@@ -107,14 +104,13 @@ def _to_edge(inside: float, along: float) -> float:
 @njit(cache=True, inline="always")
 def _root(
     corners: tuple[float, float, float, float],
-    s: float,
-    t: float,
-    height: float,
+    start: tuple[float, float, float],
     along: tuple[float, float, float],
     length: float,
 ) -> float:
     """Return the first distance at which a ray is at or below the patch, or -1; its height there is quadratic."""
     z00, z10, z01, z11 = corners
+    s, t, height = start
     du, dv, dz = along
     a, b, twist = z10 - z00, z01 - z00, z00 - z10 - z01 + z11
     c0 = height - (z00 + a * s + b * t + twist * s * t)
@@ -147,4 +143,4 @@ def _incidence(
     to_east = ((z10 - z00) * (1.0 - t) + (z11 - z01) * t) / step_m
     to_north = ((z01 - z00) * (1.0 - s) + (z11 - z10) * s) / step_m
     facing = to_east * along[0] * step_m + to_north * along[1] * step_m - along[2]
-    return abs(facing) / np.sqrt(1.0 + to_east**2 + to_north**2)
+    return float(abs(facing) / np.sqrt(1.0 + to_east**2 + to_north**2))

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from survey.data.scans.scanner import Scanner
 from sim.studies.emap.world import RasterHeights
 from survey.core.arrays import FloatArray
 from survey.core.crs.checks import projected_crs
 from survey.core.streams import stream
 from survey.data.grid import Grid
+from survey.data.scans.scanner import Scanner
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.nodes import bilinear
 from survey.terrain.random_fields import fractional_brownian, squared_exponential_field

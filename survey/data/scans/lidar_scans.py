@@ -13,7 +13,7 @@ from survey.core.data_object import DataObject
 from survey.core.documents import read_json, write_json
 from survey.core.errors import InputError
 from survey.core.files.library_messages import first_line
-from survey.data.scans.returns import Returns, SensorScan
+from survey.data.scans.returns import LidarReturns, SensorScan
 from survey.data.scans.scanner import Scanner
 from survey.io.tables import read_table, write_table
 
@@ -27,7 +27,7 @@ class Minutes(Protocol):
 
     def __len__(self) -> int: ...
 
-    def __getitem__(self, number: int) -> Returns: ...
+    def __getitem__(self, number: int) -> LidarReturns: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,7 +43,7 @@ class LidarScans(DataObject):
     time_s : (S,) array_like
         Times at which the turns begin [s], increasing.
     minutes : Minutes
-        Returns of each minute since the first scan, such as a list of `Returns`.
+        Returns of each minute since the first scan, such as a list of `LidarReturns`.
 
     Raises
     ------
@@ -53,7 +53,7 @@ class LidarScans(DataObject):
     Examples
     --------
     >>> scanner = Scanner(elevation_deg=(-30.0,), n_columns=4, mount_m=(0.0, 0.0, 1.0))
-    >>> one = LidarScans(scanner, [5.0], [Returns.of([0], [1], [0], np.array([2.0]))])
+    >>> one = LidarScans(scanner, [5.0], [LidarReturns.of([0], [1], [0], np.array([2.0]))])
     >>> next(iter(one)).xyz.round(3).tolist()
     [[0.0, 1.732, 0.0]]
     """
@@ -92,16 +92,16 @@ class LidarScans(DataObject):
             minute = self._checked_minute(number)
             for scan in np.flatnonzero(first_minute == number).tolist():
                 begin, end = np.searchsorted(minute.scan, [scan, scan + 1])
-                yield self._scan(scan, Returns(*(column[begin:end] for column in minute)), rays)
+                yield self._scan(scan, minute.part(begin, end), rays)
 
-    def _scan(self, number: int, returns: Returns, rays: FloatArray) -> SensorScan:
+    def _scan(self, number: int, returns: LidarReturns, rays: FloatArray) -> SensorScan:
         """Return one scan in the vehicle's frame."""
         scanner, mount = self.scanner, np.array(self.scanner.mount_m)
         time_s = self.time_s[number] + scanner.turn_s * returns.column / scanner.n_columns
         xyz = mount + 1e-3 * returns.range_mm[:, None] * rays[returns.column, returns.beam]
         return SensorScan(time_s, xyz, mount)
 
-    def _checked_minute(self, number: int) -> Returns:
+    def _checked_minute(self, number: int) -> LidarReturns:
         """Return the returns of a minute, or refuse those of another scanner."""
         minute, scanner = self.minutes[number], self.scanner
         if not len(minute.scan):
@@ -134,8 +134,8 @@ class LidarScans(DataObject):
         if place.exists():
             raise InputError(f"the folder of scans {place} exists; choose another one.")
         place.mkdir(parents=True)
-        for number, minute in enumerate(self.minutes):
-            minute.write(place / _minute_file(number))
+        for number in range(len(self.minutes)):
+            self.minutes[number].write(place / _minute_file(number))
         write_table(place / _TIMES, {"time_s": self.time_s})
         write_json(place / _SCANNER, self.scanner.model_dump())
 
@@ -181,13 +181,14 @@ class StoredMinutes:
     def __len__(self) -> int:
         return self._n
 
-    def __getitem__(self, number: int) -> Returns:
-        return Returns.read(self._folder / _minute_file(number))
+    def __getitem__(self, number: int) -> LidarReturns:
+        return LidarReturns.read(self._folder / _minute_file(number))
 
 
 def minute_of(time_s: FloatArray) -> FloatArray:
     """Return the number of the minute, since the first, of times (S,) [s]."""
-    return np.floor((time_s - time_s[0]) / MINUTE_S)
+    minutes: FloatArray = np.floor((time_s - time_s[0]) / MINUTE_S)
+    return minutes
 
 
 def n_minutes(time_s: FloatArray) -> int:
@@ -215,6 +216,4 @@ def _read_scanner(file: Path) -> Scanner:
     try:
         return Scanner.model_validate_json(json.dumps(content))
     except ValueError as error:
-        raise InputError(
-            f"{file} is damaged ({first_line(error)}); make the recording again."
-        ) from error
+        raise InputError(f"{file} is damaged ({first_line(error)}); make the recording again.") from error

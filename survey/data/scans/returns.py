@@ -13,7 +13,7 @@ from survey.io.arrays_file import read_npz, write_npz
 _KINDS = {"scan": np.uint32, "column": np.uint16, "beam": np.uint8, "range_mm": np.uint32}
 
 
-class Returns(NamedTuple):
+class LidarReturns(NamedTuple):
     """Returns of some scans, in the order of the scans.
 
     Parameters
@@ -46,11 +46,17 @@ class Returns(NamedTuple):
 
         Returns
         -------
-        Returns
+        LidarReturns
             In the smallest types that hold them.
         """
         columns = zip(_KINDS.values(), (scan, column, beam, np.rint(1e3 * range_m)), strict=True)
         return cls(*(np.asarray(values).astype(kind) for kind, values in columns))
+
+    def part(self, begin: int, end: int) -> Self:
+        """Return the returns from one number up to another."""
+        return type(self)(
+            self.scan[begin:end], self.column[begin:end], self.beam[begin:end], self.range_mm[begin:end]
+        )
 
     def write(self, path: str | Path) -> None:
         """Write one compressed ``.npz`` file; equal returns give equal bytes.
@@ -73,7 +79,7 @@ class Returns(NamedTuple):
 
         Returns
         -------
-        Returns
+        LidarReturns
             Equal to those written.
 
         Raises

@@ -1,0 +1,82 @@
+"""Registered returns: places in the world, compensated for the motion during each scan."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.data.scans.returns import SensorScan
+from survey.reconstruction.line_of_sight.ghost_returns import ghosts
+from survey.reconstruction.registration.config import ScanPointsConfig
+from survey.reconstruction.registration.poses import PathInterpolator
+
+
+class RegisteredReturns(NamedTuple):
+    """Returns of one or more scans in the world, with the poses that they were seen from.
+
+    Parameters
+    ----------
+    time_s : (N,) ndarray
+        Times [s].
+    xyz : (N, 3) ndarray
+        Places [m].
+    origin : (N, 3) ndarray
+        Places of the sensor [m].
+    """
+
+    time_s: FloatArray
+    xyz: FloatArray
+    origin: FloatArray
+
+    @property
+    def range_m(self) -> FloatArray:
+        """Distances from the sensor (N,) [m]."""
+        distance: FloatArray = np.linalg.norm(self.xyz - self.origin, axis=1)
+        return distance
+
+    def select(self, which: BoolArray | IntArray) -> "RegisteredReturns":
+        """Return some of the returns, by a mask or by their numbers."""
+        return RegisteredReturns(self.time_s[which], self.xyz[which], self.origin[which])
+
+    @classmethod
+    def joined(cls, parts: list["RegisteredReturns"]) -> "RegisteredReturns":
+        """Return the returns of several scans as one set."""
+        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def registered(
+    scans: Iterable[SensorScan], poses: PathInterpolator, config: ScanPointsConfig
+) -> Iterator[RegisteredReturns]:
+    """Yield each scan that the path covers in the world, without returns that are too near, too far, or alone.
+
+    Parameters
+    ----------
+    scans : iterable of SensorScan
+        In the frame of the vehicle, each return at its own time.
+    poses : PathInterpolator
+        Estimated path.
+    config : ScanPointsConfig
+        Nearest and farthest return.
+
+    Yields
+    ------
+    RegisteredReturns
+        One scan with returns.
+    """
+    for scan in scans:
+        distance = np.linalg.norm(scan.xyz - scan.sensor, axis=1)
+        usable = (distance >= config.nearest_m) & (distance <= config.farthest_m)
+        if not usable.any() or not poses.covers(scan.time_s[usable]):
+            continue
+        placed = _in_world(SensorScan(scan.time_s[usable], scan.xyz[usable], scan.sensor), poses)
+        yield placed.select(~ghosts(placed.xyz))
+
+
+def _in_world(scan: SensorScan, poses: PathInterpolator) -> RegisteredReturns:
+    """Place every return by the pose at its own time; returns of one direction share it."""
+    moments, which = np.unique(scan.time_s, return_inverse=True)
+    at = poses.at(moments)
+    rotation, foot = at.rotation[which], at.position[which]
+    xyz = foot + np.einsum("nij,nj->ni", rotation, scan.xyz)
+    return RegisteredReturns(scan.time_s, xyz, foot + rotation @ scan.sensor)

@@ -1,0 +1,76 @@
+"""Representative returns: one return for each cell of ground and visit."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.reconstruction.registration.config import ScanPointsConfig
+from survey.reconstruction.registration.registered_scans import RegisteredReturns
+
+_STRETCH_M = 5.0
+# Views of one place that are closer to each other on the way share the errors of the path.
+_VISIT_M = 40.0
+
+
+def medians_of_stretches(
+    scans: Iterable[RegisteredReturns], config: ScanPointsConfig
+) -> Iterator[RegisteredReturns]:
+    """Yield, for each stretch of 5 m of the way, the return of median height in each cell that has enough of them.
+
+    A median is a return that was measured, at its own place and from its own pose; it is right as long as fewer than
+    half of the returns of its cell are wrong.
+    """
+    stretch: list[RegisteredReturns] = []
+    travelled_m, last = 0.0, None
+    for scan in scans:
+        place = scan.origin[0]
+        travelled_m += 0.0 if last is None else float(np.linalg.norm(place - last))
+        last = place
+        if stretch and travelled_m >= _STRETCH_M:
+            yield _medians(RegisteredReturns.joined(stretch), config)
+            stretch, travelled_m = [], 0.0
+        stretch.append(scan)
+    if stretch:
+        yield _medians(RegisteredReturns.joined(stretch), config)
+
+
+def _medians(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
+    """Return the return of median height in each cell."""
+    order, first, count = _by_cell(returns.xyz[:, :2], returns.xyz[:, 2], config.cell_m)
+    enough = count >= config.least_returns
+    return returns.select(order[first[enough] + count[enough] // 2])
+
+
+def nearest_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
+    """Return the numbers of the nearest return in each cell of each visit, in the order of time.
+
+    A visit ends where a cell is not seen over 40 m of the way.
+    """
+    steps = np.r_[0.0, np.linalg.norm(np.diff(returns.origin, axis=0), axis=1)]
+    travel = np.cumsum(steps)
+    order, first, _ = _by_cell(returns.xyz[:, :2], travel, cell_m)
+    begins = np.zeros(len(order), dtype=np.bool_)
+    begins[first] = True
+    begins[1:] |= np.diff(travel[order]) > _VISIT_M
+    visit = np.cumsum(begins)
+    nearest = np.lexsort((returns.range_m[order], visit))
+    chosen = nearest[np.r_[True, np.diff(visit[nearest]) > 0]]
+    return np.sort(order[chosen])
+
+
+def thinned(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
+    """Return the nearest returns of all visits, in cells that grow until there are no more than wanted."""
+    cell_m = config.cell_m
+    while len(chosen := nearest_of_visits(returns, cell_m)) > config.most_points:
+        cell_m *= max(1.05, float(np.sqrt(len(chosen) / config.most_points)))
+    return returns.select(chosen)
+
+
+def _by_cell(xy: FloatArray, then: FloatArray, cell_m: float) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the order of points by their cell and by another value, and first place and number of each cell's."""
+    cell = np.floor((xy - xy.min(axis=0)) / cell_m).astype(np.int64)
+    key = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
+    order = np.lexsort((then, key))
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    return order, first, count
