@@ -11,6 +11,8 @@ from survey.reconstruction.line_of_sight.ghost_returns import ghosts
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import PathInterpolator
 
+_LEAST_KNOWN_RAD = np.radians(0.5)
+
 
 class RegisteredReturns(NamedTuple):
     """Returns of one or more scans in the world, with the poses that they were seen from.
@@ -23,11 +25,14 @@ class RegisteredReturns(NamedTuple):
         Places [m].
     origin : (N, 3) ndarray
         Places of the sensor [m].
+    count : (N,) ndarray of int
+        Number of returns that each stands for.
     """
 
     time_s: FloatArray
     xyz: FloatArray
     origin: FloatArray
+    count: IntArray
 
     @property
     def range_m(self) -> FloatArray:
@@ -37,7 +42,7 @@ class RegisteredReturns(NamedTuple):
 
     def select(self, which: BoolArray | IntArray) -> "RegisteredReturns":
         """Return some of the returns, by a mask or by their numbers."""
-        return RegisteredReturns(self.time_s[which], self.xyz[which], self.origin[which])
+        return RegisteredReturns(self.time_s[which], self.xyz[which], self.origin[which], self.count[which])
 
     @classmethod
     def joined(cls, parts: list["RegisteredReturns"]) -> "RegisteredReturns":
@@ -49,6 +54,8 @@ def registered(
     scans: Iterable[SensorScan], poses: PathInterpolator, config: ScanPointsConfig
 ) -> Iterator[RegisteredReturns]:
     """Yield each scan that the path covers in the world, without returns that are too near, too far, or alone.
+
+    Returns from sharp turns, in which the attitude between two poses is not known, are left out too.
 
     Parameters
     ----------
@@ -70,13 +77,16 @@ def registered(
         if not usable.any() or not poses.covers(scan.time_s[usable]):
             continue
         placed = _in_world(SensorScan(scan.time_s[usable], scan.xyz[usable], scan.sensor), poses)
-        yield placed.select(~ghosts(placed.xyz))
+        if len(placed.time_s):
+            yield placed.select(~ghosts(placed.xyz))
 
 
 def _in_world(scan: SensorScan, poses: PathInterpolator) -> RegisteredReturns:
-    """Place every return by the pose at its own time; returns of one direction share it."""
+    """Place every return by the pose at its own time, unless the attitude there is not known; a direction shares its pose."""
     moments, which = np.unique(scan.time_s, return_inverse=True)
     at = poses.at(moments)
     rotation, foot = at.rotation[which], at.position[which]
     xyz = foot + np.einsum("nij,nj->ni", rotation, scan.xyz)
-    return RegisteredReturns(scan.time_s, xyz, foot + rotation @ scan.sensor)
+    one = np.ones(len(xyz), dtype=np.int64)
+    placed = RegisteredReturns(scan.time_s, xyz, foot + rotation @ scan.sensor, one)
+    return placed.select(at.turn_sigma_rad[which] <= _LEAST_KNOWN_RAD)

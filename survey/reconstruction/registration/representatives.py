@@ -39,13 +39,15 @@ def _medians(returns: RegisteredReturns, config: ScanPointsConfig) -> Registered
     """Return the return of median height in each cell."""
     order, first, count = _by_cell(returns.xyz[:, :2], returns.xyz[:, 2], config.cell_m)
     enough = count >= config.least_returns
-    return returns.select(order[first[enough] + count[enough] // 2])
+    chosen = returns.select(order[first[enough] + count[enough] // 2])
+    return chosen._replace(count=count[enough])
 
 
-def nearest_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
-    """Return the numbers of the nearest return in each cell of each visit, in the order of time.
+def best_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
+    """Return the numbers of the return, of those in order of time, that stands for the most others in each cell and visit.
 
-    A visit ends where a cell is not seen over 40 m of the way.
+    These are near ones as a rule. Blown snow above ground that the scanner does not see gives few. A visit ends where a
+    cell is not seen over 40 m of the way.
     """
     steps = np.r_[0.0, np.linalg.norm(np.diff(returns.origin, axis=0), axis=1)]
     travel = np.cumsum(steps)
@@ -54,15 +56,16 @@ def nearest_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
     begins[first] = True
     begins[1:] |= np.diff(travel[order]) > _VISIT_M
     visit = np.cumsum(begins)
-    nearest = np.lexsort((returns.range_m[order], visit))
-    chosen = nearest[np.r_[True, np.diff(visit[nearest]) > 0]]
+    best = np.lexsort((returns.range_m[order], -returns.count[order], visit))
+    chosen = best[np.r_[True, np.diff(visit[best]) > 0]]
     return np.sort(order[chosen])
 
 
 def thinned(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
-    """Return the nearest returns of all visits, in cells that grow until there are no more than wanted."""
+    """Return the best returns of all visits, in cells that grow until there are no more than wanted."""
+    returns = returns.select(np.argsort(returns.time_s, kind="stable"))
     cell_m = config.cell_m
-    while len(chosen := nearest_of_visits(returns, cell_m)) > config.most_points:
+    while len(chosen := best_of_visits(returns, cell_m)) > config.most_points:
         cell_m *= max(1.05, float(np.sqrt(len(chosen) / config.most_points)))
     return returns.select(chosen)
 

@@ -39,7 +39,7 @@ def scan_points(
     """Register LiDAR scans by an estimated path, and represent the ground that they show by single returns.
 
     Every return is placed by the pose at its own time. Of each 5 m of the way, the return of median height represents
-    its cell of ground; of these, single ones far from all others are left out, and the nearest of each visit is taken. Points of a path whose error is known name the
+    its cell of ground; of these, single ones far from all others are left out, and of each visit that of the most returns is taken. Points of a path whose error is known name the
     keyframes that they were seen from, so that a joint map shares the error of the path between them.
 
     Parameters

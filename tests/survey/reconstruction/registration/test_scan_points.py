@@ -11,7 +11,7 @@ from survey.data.scans.returns import SensorScan
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.registered_scans import RegisteredReturns
-from survey.reconstruction.registration.representatives import nearest_of_visits
+from survey.reconstruction.registration.representatives import best_of_visits
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
 ERRORS = BeamErrors(0.03, 0.05)
@@ -79,8 +79,8 @@ def test_scans_of_another_time_are_refused() -> None:
         scan_points([ring(100.0)], path(), ERRORS)
 
 
-def test_each_visit_of_a_cell_gives_its_nearest_return() -> None:
+def test_each_visit_of_a_cell_gives_the_view_of_the_most_returns() -> None:
     origin = np.column_stack([np.r_[0.0, 5.0, 10.0, 200.0, 205.0], np.zeros(5), np.ones(5)])
     place = np.column_stack([np.full(5, 8.0), np.full(5, 0.5), np.zeros(5)])
-    chosen = nearest_of_visits(RegisteredReturns(np.arange(5.0), place, origin), 4.0)
-    assert chosen.tolist() == [2, 3]
+    views = RegisteredReturns(np.arange(5.0), place, origin, np.array([30, 90, 4, 7, 7]))
+    assert best_of_visits(views, 4.0).tolist() == [1, 3]
