@@ -12,6 +12,7 @@ from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.data.surface_points import SurfacePoints
 from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
+from survey.interchange.point_clouds import bag_clouds
 from survey.io.arrays_file import load_npz
 from survey.io.point_columns import PLACE
 from survey.io.points.formats import read_point_table
@@ -20,7 +21,6 @@ from survey.io.pose_files import read_tum
 _NPZ, _TABLES, _BAGS, _KITTI = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap"), (".bin",)
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 _TIMES = ("gps_time", "time_s", "time", "t")
-_CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
 class SensorPath(NamedTuple):
@@ -170,35 +170,9 @@ def _read_bag(
         raise InputError(
             f"the points of {path} are in the sensor's frame; give the trajectory of the sensor (TUM) with --trajectory."
         )
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise InputError(
-            "reading ROS 2 recordings needs rosbags, which is not installed; install firnline with its extra `ros`."
-        ) from error
-    try:
-        with AnyReader([path.parent], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            clouds = [connection for connection in reader.connections if connection.msgtype == _CLOUD]
-            if not clouds:
-                raise InputError(f"the recording {path} holds no {_CLOUD}; record the scanner's topic.")
-            for connection, _, raw in reader.messages(connections=clouds):
-                message = reader.deserialize(raw, connection.msgtype)
-                yield _of_message(message, path, track, crs, sigma_m)
-    except AnyReaderError as error:
-        raise InputError(
-            f"the recording {path} is damaged or no ROS 2 bag ({error}); get it again."
-        ) from error
-
-
-def _of_message(
-    message: Any, path: Path, track: SensorPath, crs: Any, sigma_m: float | None
-) -> SurfacePoints:
-    """Return the points of one PointCloud2 in the world; points that say NaN met nothing and are left out."""
-    time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-    xyz = cloud_xyz(message, path)
-    world, origins = _in_world(xyz[np.isfinite(xyz).all(axis=1)], time, path, track)
-    return _points(path, world, origins, sigma_m, crs)
+    for time_s, xyz in bag_clouds(path):
+        world, origins = _in_world(xyz, time_s, path, track)
+        yield _points(path, world, origins, sigma_m, crs)
 
 
 def _in_world(xyz: FloatArray, time_s: float, path: Path, track: SensorPath) -> tuple[FloatArray, FloatArray]:
@@ -206,34 +180,6 @@ def _in_world(xyz: FloatArray, time_s: float, path: Path, track: SensorPath) -> 
     place = track.place(np.array([time_s]), f"a scan of {path}")
     world: FloatArray = track.turned(xyz, time_s) + place
     return world, np.broadcast_to(place, world.shape)
-
-
-def cloud_xyz(message: Any, path: Path) -> FloatArray:
-    """Return x, y and z (N, 3) [m] of a PointCloud2, from its fields' offsets.
-
-    Raises
-    ------
-    InputError
-        A field is missing or no 32- or 64-bit float.
-    """
-    kinds = {7: "f4", 8: "f8"}
-    fields = {field.name: field for field in message.fields}
-    order = ">" if message.is_bigendian else "<"
-    for name in "xyz":
-        if name not in fields or fields[name].datatype not in kinds:
-            raise InputError(
-                f"a cloud of {path} has no field {name!r} of floats; record PointCloud2 with x, y and z."
-            )
-    layout = np.dtype(
-        {
-            "names": list("xyz"),
-            "formats": [order + kinds[fields[name].datatype] for name in "xyz"],
-            "offsets": [fields[name].offset for name in "xyz"],
-            "itemsize": message.point_step,
-        }
-    )
-    points = np.frombuffer(bytes(message.data), dtype=layout, count=message.width * message.height)
-    return np.column_stack([points[name].astype(np.float64) for name in "xyz"])
 
 
 def _points(path: Path, xyz: FloatArray, origins: Any, sigma_m: Any, crs: Any) -> SurfacePoints:

@@ -30,6 +30,8 @@ def reconstruct(options: ReconstructOptions) -> None:
 
       firnline reconstruct scans/ --method field --rays --max-slope 20 --crs EPSG:32608 --sigma 0.03
 
+      firnline reconstruct recording --trajectory trajectory.csv --crs EPSG:32608 --grid 2
+
       firnline reconstruct mine.toml
     """
     if options.sources[0].suffix == ".toml":

@@ -1,6 +1,5 @@
 """Inputs of ``firnline reconstruct``: options and settings, checked against what the method needs."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import survey
 from sim.cli.mapping.options import ReconstructOptions
 from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
+from survey.interchange.sensor_scans import holds_sensor_scans
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
@@ -33,8 +33,13 @@ class MapRequest:
 
     @property
     def is_of_scans(self) -> bool:
-        """Whether the sources are scans, and not one table of points."""
-        return _are_scans(self.options.sources, self.method)
+        """Whether the sources are scans that are mapped one by one, and not one table of points."""
+        return _are_scans(self.options, self.method)
+
+    @property
+    def is_registered(self) -> bool:
+        """Whether the sources are scans that become points by paths of known error."""
+        return _are_registered(self.options)
 
     @property
     def inputs(self) -> list[Path | None]:
@@ -71,7 +76,7 @@ def map_request(options: ReconstructOptions) -> MapRequest:
         require_nodes((0.0, 0.0, 0.0, 0.0), options.step_m, 0.0)
     config = _config(options)
     chosen = method_named(config.method)
-    default_m = _SCAN_STEP_M if _are_scans(options.sources, chosen) else _STEP_M
+    default_m = _SCAN_STEP_M if _are_scans(options, chosen) else _STEP_M
     is_stated = "grid_step_m" in config.model_fields_set
     request = MapRequest(options, chosen, config, config.grid_step_m if is_stated else default_m)
     if options.product is not None and options.prior is None:
@@ -92,14 +97,24 @@ def _config(options: ReconstructOptions) -> ReconstructionConfig:
     return validated(_Settings, with_overrides(values, settings), "--set").reconstruction
 
 
-def _are_scans(sources: Sequence[Path], method: ReconstructionMethod) -> bool:
-    return method.begin is not None and (len(sources) > 1 or sources[0].suffix.lower() not in _POINT_TABLES)
+def _are_scans(options: ReconstructOptions, method: ReconstructionMethod) -> bool:
+    sources = options.sources
+    if method.begin is None or _are_registered(options):
+        return False
+    return len(sources) > 1 or sources[0].suffix.lower() not in _POINT_TABLES
+
+
+def _are_registered(options: ReconstructOptions) -> bool:
+    """Return whether scans in the frame of their sensor come with tables of poses, which have covariances."""
+    has_tables = bool(options.trajectories) and all(file.suffix == ".csv" for file in options.trajectories)
+    return has_tables and all(holds_sensor_scans(source) for source in options.sources)
 
 
 def _refuse_unused(request: MapRequest) -> None:
     """Refuse options that the method does not use, and name the methods that do."""
     method = request.method
-    if len(request.options.sources) > 1 and method.begin is None and not method.needs_path:
+    is_single = method.begin is None and not (method.needs_path or request.is_registered)
+    if len(request.options.sources) > 1 and is_single:
         raise InputError(
             f"{len(request.options.sources)} files were named, and the method {method.name!r} maps one; name one, or take "
             f"{names_where(m for m in METHODS.values() if m.begin or m.needs_path)}."
@@ -119,7 +134,7 @@ def _refuse_unused(request: MapRequest) -> None:
 def _refuse_paths(request: MapRequest) -> None:
     """Refuse paths that the method does not use, and another number of them than it needs."""
     method, n = request.method, len(request.options.trajectories)
-    if n and not (method.needs_path or request.is_of_scans):
+    if n and not (method.needs_path or request.is_of_scans or request.is_registered):
         raise InputError(
             f"the method {method.name} does not use a trajectory; take --method joint, or leave --trajectory out."
         )
@@ -130,8 +145,8 @@ def _refuse_paths(request: MapRequest) -> None:
             "the method joint needs the path that the points were seen from; add --trajectory trajectory.csv, with "
             "trajectory.error.npz beside it."
         )
-    if method.needs_path and n != len(request.options.sources):
+    if (method.needs_path or request.is_registered) and n != len(request.options.sources):
         raise InputError(
-            f"{len(request.options.sources)} files of points and {n} trajectories were named; name one --trajectory for "
-            "each file, in their order."
+            f"{len(request.options.sources)} sources of points and {n} trajectories were named; name one --trajectory for "
+            "each of them, in their order."
         )

@@ -16,8 +16,9 @@ class ReconstructOptions(RunOptions):
     sources: Annotated[
         list[Path],
         typer.Argument(
-            help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), or LiDAR scans and folders of them "
-            "(npz, LAS/LAZ, PLY, ROS 2) for carving, emap and field."
+            help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
+            "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
+            "KITTI, ROS 2) with --trajectory for all methods."
         ),
     ]
     prior: Annotated[
@@ -59,7 +60,7 @@ class ReconstructOptions(RunOptions):
         typer.Option(
             "--trajectory",
             help="Path that the points were seen from: trajectory.csv with its trajectory.error.npz for the method joint "
-            "(one for each file of points, in their order), TUM for scans that do not state where the scanner was.",
+            "and for scans in the sensor's frame (one for each source, in their order), TUM for scans that do not state where the scanner was.",
         ),
     ] = field(default_factory=list)
     rays: Annotated[

@@ -1,7 +1,9 @@
-"""``firnline reconstruct POINTS``: a map from a table of points, or a joint map from the tables of several drives."""
+"""``firnline reconstruct POINTS``: a map from a table of points, from several drives, or from scans and their paths."""
 
 from pathlib import Path
 from typing import NamedTuple
+
+from pyproj import CRS
 
 import survey
 from sim.cli.mapping.inputs import MapRequest
@@ -9,10 +11,12 @@ from sim.cli.mapping.outputs import MadeMap
 from sim.cli.progress import counted
 from sim.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
+from survey.interchange.sensor_scans import read_sensor_scans
 from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.joint.several_drives import SeveralDrives
 from survey.reconstruction.mapping import within
 from survey.reconstruction.policy import map_landmarks
+from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
 
 class PointInputs(NamedTuple):
@@ -37,10 +41,15 @@ class PointInputs(NamedTuple):
 def read_inputs(request: MapRequest) -> PointInputs:
     """Read the points, and with them area, paths and prior, onto the nodes of the map."""
     options = request.options
-    parts = [
-        survey.SurfacePoints.read(file, crs=options.crs, sigma_m=options.sigma_m) for file in options.sources
-    ]
-    paths = [_path(file, part) for file, part in zip(options.trajectories, parts, strict=False)]
+    if request.is_registered:
+        paths = [_path(file, options.crs) for file in options.trajectories]
+        parts = [_registered(request, *each) for each in zip(options.sources, paths, strict=True)]
+    else:
+        parts = [
+            survey.SurfacePoints.read(file, crs=options.crs, sigma_m=options.sigma_m)
+            for file in options.sources
+        ]
+        paths = [_path(file, part.crs) for file, part in zip(options.trajectories, parts, strict=False)]
     errors = [path.error for path in paths] or [None]
     drives = SeveralDrives.of(list(zip(parts, errors, strict=True)))
     points = drives.points
@@ -79,9 +88,18 @@ def _prior(file: Path, grid: survey.Grid) -> survey.Dem:
     return survey.Dem.read(file)
 
 
-def _path(file: Path, points: survey.SurfacePoints) -> survey.Trajectory:
+def _registered(request: MapRequest, source: Path, path: survey.Trajectory) -> survey.SurfacePoints:
+    """Return the points that scans become by the path of their drive."""
+    found = read_sensor_scans(source, path.time_s, request.options.sigma_m)
+    errors = BeamErrors(found.range_sigma_m, found.angle_sigma_deg)
+    return scan_points(found.scans, path, errors, config=request.config.scans)
+
+
+def _path(file: Path, crs: CRS | str | None) -> survey.Trajectory:
     """Read the path, and refuse one without its error."""
-    path = survey.Trajectory.read(file, points.crs)
+    if crs is None:
+        raise InputError(f"the trajectory {file} names no CRS; give it with --crs.")
+    path = survey.Trajectory.read(file, crs)
     if path.error is None:
         expected = file.with_suffix(".error.npz")
         raise InputError(

@@ -59,7 +59,8 @@ def _bends(quaternion: FloatArray) -> FloatArray:
     turns = Rotation.from_quat(quaternion)
     steps = (turns[:-1].inv() * turns[1:]).as_rotvec()
     changes = np.r_[0.0, np.linalg.norm(np.diff(steps, axis=0), axis=1), 0.0]
-    return np.maximum(changes[:-1], changes[1:])
+    larger: FloatArray = np.maximum(changes[:-1], changes[1:])
+    return larger
 
 
 def covariance_by_pose(arm: FloatArray, rotation: FloatArray, pose_covariance: FloatArray) -> FloatArray:

@@ -25,14 +25,14 @@ class RegisteredReturns(NamedTuple):
         Places [m].
     origin : (N, 3) ndarray
         Places of the sensor [m].
-    count : (N,) ndarray of int
+    n_returns : (N,) ndarray of int
         Number of returns that each stands for.
     """
 
     time_s: FloatArray
     xyz: FloatArray
     origin: FloatArray
-    count: IntArray
+    n_returns: IntArray
 
     @property
     def range_m(self) -> FloatArray:
@@ -42,7 +42,7 @@ class RegisteredReturns(NamedTuple):
 
     def select(self, which: BoolArray | IntArray) -> "RegisteredReturns":
         """Return some of the returns, by a mask or by their numbers."""
-        return RegisteredReturns(self.time_s[which], self.xyz[which], self.origin[which], self.count[which])
+        return RegisteredReturns(self.time_s[which], self.xyz[which], self.origin[which], self.n_returns[which])
 
     @classmethod
     def joined(cls, parts: list["RegisteredReturns"]) -> "RegisteredReturns":

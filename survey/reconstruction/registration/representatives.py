@@ -40,7 +40,7 @@ def _medians(returns: RegisteredReturns, config: ScanPointsConfig) -> Registered
     order, first, count = _by_cell(returns.xyz[:, :2], returns.xyz[:, 2], config.cell_m)
     enough = count >= config.least_returns
     chosen = returns.select(order[first[enough] + count[enough] // 2])
-    return chosen._replace(count=count[enough])
+    return chosen._replace(n_returns=count[enough])
 
 
 def best_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
@@ -56,7 +56,7 @@ def best_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:
     begins[first] = True
     begins[1:] |= np.diff(travel[order]) > _VISIT_M
     visit = np.cumsum(begins)
-    best = np.lexsort((returns.range_m[order], -returns.count[order], visit))
+    best = np.lexsort((returns.range_m[order], -returns.n_returns[order], visit))
     chosen = best[np.r_[True, np.diff(visit[best]) > 0]]
     return np.sort(order[chosen])
 

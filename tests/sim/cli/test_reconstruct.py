@@ -106,7 +106,7 @@ def test_the_drives_of_two_rovers_are_mapped_together(folder: Path) -> None:
     for k in (1, 2):
         assert Trajectory.read(f"reconstruction/corrected_trajectory_{k}.csv", CRS).error is None
     code, said = run(*drives, "--grid", 4, *GP, "--force")
-    assert (code, "2 files of points and 1 trajectories" in said) == (3, True)
+    assert (code, "2 sources of points and 1 trajectories" in said) == (3, True)
 
 
 def test_the_joint_map_names_what_is_missing(folder: Path) -> None:

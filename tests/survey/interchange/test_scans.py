@@ -8,7 +8,8 @@ import pytest
 
 from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
-from survey.interchange.scans import SensorPath, cloud_xyz, read_scans, scan_files
+from survey.interchange.point_clouds import cloud_xyz
+from survey.interchange.scans import SensorPath, read_scans, scan_files
 
 CRS = "EPSG:32608"
 XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.5]])
