@@ -42,7 +42,9 @@ class RegisteredReturns(NamedTuple):
 
     def select(self, which: BoolArray | IntArray) -> "RegisteredReturns":
         """Return some of the returns, by a mask or by their numbers."""
-        return RegisteredReturns(self.time_s[which], self.xyz[which], self.origin[which], self.n_returns[which])
+        return RegisteredReturns(
+            self.time_s[which], self.xyz[which], self.origin[which], self.n_returns[which]
+        )
 
     @classmethod
     def joined(cls, parts: list["RegisteredReturns"]) -> "RegisteredReturns":
