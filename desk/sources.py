@@ -75,15 +75,18 @@ def _of_run(source: Path, folder: Path) -> Workspace:
     run = RunFolder.find(source)
     stage = run.verified("plan")
     mission = read_mission(run.path / "config.toml")
-    return _workspace(mission, SurveyArea.read(stage / "area.gpkg"), Dem.read(stage / "prior.tif"), folder)
+    area, prior = SurveyArea.read(stage / "area.gpkg"), Dem.read(stage / "prior.tif")
+    return _workspace(mission, area, prior, folder, run.path)
 
 
-def _workspace(mission: "MissionConfig", area: "SurveyArea", prior: "Dem", folder: Path) -> Workspace:
+def _workspace(
+    mission: "MissionConfig", area: "SurveyArea", prior: "Dem", folder: Path, run: Path | None = None
+) -> Workspace:
     """Store the prior of a mission in the current folder, and open it with the mission's settings."""
     terrain = folder / f"{mission.name}_prior.tif"
     if not terrain.exists():
         prior.write(terrain)
-    return Workspace(terrain, folder / f"{mission.name}{SUFFIX}", _document(mission, area))
+    return Workspace(terrain, folder / f"{mission.name}{SUFFIX}", _document(mission, area), run)
 
 
 def _document(mission: "MissionConfig", area: "SurveyArea") -> PlanDocument:

@@ -4,7 +4,7 @@ import tempfile
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pyproj import CRS
 
@@ -32,6 +32,8 @@ class Workspace:
         File of the plan's history; its folder is the working folder.
     first : PlanDocument
         Document to begin with where there is no such file.
+    opened_run : pathlib.Path, optional
+        Run that the desk was opened with.
 
     Raises
     ------
@@ -39,8 +41,11 @@ class Workspace:
         The raster or the file of the plan cannot be used.
     """
 
-    def __init__(self, terrain: Path, plan_file: Path, first: PlanDocument) -> None:
+    def __init__(
+        self, terrain: Path, plan_file: Path, first: PlanDocument, opened_run: Path | None = None
+    ) -> None:
         self.terrain = terrain
+        self.opened_run = opened_run
         self.folder = plan_file.resolve().parent
         self._files = ExitStack()
         projected = terrain if own_crs(terrain) is not None else self._projected(terrain)
@@ -69,6 +74,27 @@ class Workspace:
     def name(self) -> str:
         """Name of the plan: that of its file without endings."""
         return self.store.path.name.removesuffix(SUFFIX)
+
+    @property
+    def measurements(self) -> Path:
+        """Folder of the plan's real measurements."""
+        return self.folder / f"{self.name}_measured"
+
+    def measured_file(self, role: Literal["points", "checkpoints", "driven"]) -> Path | None:
+        """Return a file of real measurements; None where none was taken.
+
+        Parameters
+        ----------
+        role : {"points", "checkpoints", "driven"}
+            What it holds.
+
+        Returns
+        -------
+        pathlib.Path or None
+            In the folder of the measurements.
+        """
+        name = self.store.document.measured.get(role)
+        return None if name is None else self.measurements / name
 
     def _projected(self, terrain: Path) -> Path:
         """Write a raster in degrees as a projected one, for the map."""

@@ -1,11 +1,13 @@
 """Run of the mission of a plan, with its stages reported."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from desk.jobs.job import Job
+from desk.jobs.job import CancelledError, Job
+from desk.runs.camera import watched_frames
+from desk.runs.growth import growing_maps
 from sim.cli.mission_file import best_class, summary
 from sim.cli.progress import logged_to
 from sim.mission.fleet import drive_folders
@@ -14,19 +16,23 @@ from sim.mission.stages import run_mission
 from survey.core.runs.store import STAGES, RunFolder
 from survey.data.area import SurveyArea
 from survey.data.trajectory import Trajectory
+from survey.data.truth import Truth
+from survey.reconstruction.gp.covariance.kernels import Kernel
 
 _MOST_PLACES = 1500
 
 
-def mission_run(mission_file: Path, job: Job) -> dict[str, Any]:
-    """Run a mission and report its stages.
+def mission_run(mission_file: Path, kernel: Kernel | None, job: Job) -> dict[str, Any]:
+    """Run a mission and report its stages, images, paths, and the map as it grows.
 
     Parameters
     ----------
     mission_file : pathlib.Path
         As `write_mission` writes it; the runs are put beside it.
+    kernel : Kernel or None
+        Covariance for the growing map; without one it is not reported.
     job : Job
-        Stages are reported to it; its files hold the folder of the report.
+        Stages are reported to it; its files hold the folder of the report and the latest image.
 
     Returns
     -------
@@ -44,9 +50,11 @@ def mission_run(mission_file: Path, job: Job) -> dict[str, Any]:
     @contextmanager
     def watch(stage: str) -> Iterator[None]:
         job.report("stage", stage=stage, done=STAGES.index(stage), total=len(STAGES))
-        yield
+        is_seen = stage == "simulate" and mission.fidelity == "vision"
+        with watched_frames(run.path, lambda frame: _show(frame, job)) if is_seen else nullcontext():
+            yield
         if stage == "localize":
-            job.report("driven", paths=_paths(run))
+            _report_drive(run, kernel, job)
 
     with logged_to(run.log_file, 0):
         run_mission(mission, run, watch=watch, workers=1)
@@ -58,13 +66,30 @@ def mission_run(mission_file: Path, job: Job) -> dict[str, Any]:
         "rmse_m": score["elevation"]["rmse_m"],
         "verdict": best_class(score),
         "report": f"/api/jobs/{job.name}/report/index.html",
+        "project": str(run.folder("report") / "run.qgz"),
         "claims": content.get("own_claim", []),
     }
 
 
-def _paths(run: RunFolder) -> list[list[list[float]]]:
-    """Return each rover's estimated path, thinned for the map."""
+def _show(frame: Path, job: Job) -> None:
+    """Report an image; a job that was given up takes none."""
+    with suppress(CancelledError, OSError):
+        job.files["frame"] = frame.read_bytes()
+        job.report("frame", number=int(frame.stem))
+
+
+def _report_drive(run: RunFolder, kernel: Kernel | None, job: Job) -> None:
+    """Report true and estimated paths, and the map after some of the swaths."""
     area = SurveyArea.read(run.folder("plan") / "area.gpkg")
+    true = [Truth.read(place / "truth").trajectory for place in drive_folders(run.folder("simulate"))]
     files = [place / "trajectory.csv" for place in drive_folders(run.folder("localize"))]
-    places = [Trajectory.read(file, area.crs).position[:, :2] for file in files]
+    estimated = [Trajectory.read(file, area.crs) for file in files]
+    job.report("driven", estimated=_places(estimated), true=_places(true))
+    for grown in growing_maps(run, kernel) if kernel is not None else ():
+        job.report("grown", **grown)
+
+
+def _places(paths: Sequence[Trajectory]) -> list[list[list[float]]]:
+    """Return the places of paths, thinned for the map."""
+    places = [path.position[:, :2] for path in paths]
     return [path[:: max(1, len(path) // _MOST_PLACES)].round(2).tolist() for path in places]

@@ -18,6 +18,7 @@ MOST_POINTS = 2_000
 Place = tuple[float, float]
 Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
 Rings = Annotated[tuple[Ring, ...], Field(min_length=1)]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_. -]{0,99}$")]
 Setting = bool | int | float | str | tuple[float, float] | None
 
 _FIRST_SETTINGS: dict[str, Setting] = {"pattern": "lawnmower", "swaths": 8}
@@ -58,6 +59,8 @@ class PlanDocument(Section):
     """Settings of a required class or error; empty when the pattern is chosen by hand."""
     simulation: dict[str, Setting] = Field(default_factory=dict)
     """Depth and seed of a simulated run."""
+    measured: dict[Literal["points", "checkpoints", "driven"], FileName] = Field(default_factory=dict)
+    """Files of real measurements in the folder of the plan's measurements."""
 
     @model_validator(mode="after")
     def _of_bearable_size(self) -> Self:

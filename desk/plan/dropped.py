@@ -1,6 +1,5 @@
 """Files that are dropped onto the page: outlines, rasters, points."""
 
-import base64
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,8 @@ import numpy as np
 from pyproj import CRS
 
 from desk.plan.document import PlanDocument
-from desk.terrain.palette import ELEVATION, colour_of, legend_colours
-from desk.terrain.tiles import png_bytes
+from desk.terrain.palette import ELEVATION
+from desk.terrain.pictures import picture
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
@@ -20,7 +19,6 @@ from survey.data.surface_points import SurfacePoints
 _OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".kmz", ".fgb")
 _RASTERS = (".tif", ".tiff", ".asc", ".hgt", ".nc")
 _POINTS = (".csv", ".las", ".laz", ".ply")
-_MOST_PIXELS = 1024
 _MOST_POINTS = 5000
 
 
@@ -78,40 +76,30 @@ def _raster(file: Path, crs: CRS) -> dict[str, Any]:
     if stated is not None:
         same_crs(crs, stated, "the terrain and the raster")
     raster = Dem.read(file, crs=crs if stated is None else None)
-    step = max(1, -(-max(raster.shape) // _MOST_PIXELS))
-    values = raster.elevation[::step, ::step]
-    low, high = (float(limit) for limit in np.nanpercentile(values, [1.0, 99.0]))
-    png = base64.b64encode(png_bytes(_pixels(values, low, high))).decode("ascii")
-    rows, columns = values.shape
-    t, cell = raster.transform, step * raster.step_m
-    return {
-        "kind": "raster",
-        "bounds": [t.c, t.f - rows * cell, t.c + columns * cell, t.f],
-        "image": f"data:image/png;base64,{png}",
-        "limits": [low, high],
-        "colours": legend_colours(ELEVATION),
-    }
+    low, high = (float(limit) for limit in np.nanpercentile(raster.elevation, [1.0, 99.0]))
+    return {"kind": "raster", **picture(raster, ELEVATION, low, high)}
 
 
 def _points(file: Path, crs: CRS) -> dict[str, Any]:
     points = SurfacePoints.read(file, crs=crs)
-    step = max(1, -(-len(points.xyz) // _MOST_POINTS))
-    xyz = points.xyz[::step].round(3)
-    return {
-        "kind": "points",
-        "n_points": len(points.xyz),
-        "places": xyz[:, :2].tolist(),
-        "heights_m": xyz[:, 2].tolist(),
-    }
+    return {"kind": "points", **thinned_points(points.xyz)}
 
 
-def _pixels(values: FloatArray, low: float, high: float) -> Any:
-    known = np.isfinite(values)
-    share = np.where(known, (values - low) / max(high - low, 1e-9), 0.0)
-    pixels = np.zeros((*values.shape, 4), dtype=np.uint8)
-    pixels[..., :3] = colour_of(ELEVATION, share)
-    pixels[..., 3] = np.where(known, 255, 0)
-    return pixels
+def thinned_points(xyz: FloatArray) -> dict[str, Any]:
+    """Return the number of points, and some of them for the map.
+
+    Parameters
+    ----------
+    xyz : (N, 3) ndarray
+        Easting, northing and height [m].
+
+    Returns
+    -------
+    dict
+        ``n_points``, ``places`` and ``heights_m``.
+    """
+    some = xyz[:: max(1, -(-len(xyz) // _MOST_POINTS))].round(3)
+    return {"n_points": len(xyz), "places": some[:, :2].tolist(), "heights_m": some[:, 2].tolist()}
 
 
 _READERS = ((_OUTLINES, _outline), (_RASTERS, _raster), (_POINTS, _points))

@@ -1,17 +1,14 @@
 """Draw the predicted standard deviation of the map as an image with transparency."""
 
-import base64
 import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from desk.terrain.palette import DEVIATION, colour_of, legend_colours
-from desk.terrain.tiles import png_bytes
+from desk.terrain.palette import DEVIATION
+from desk.terrain.pictures import picture
 from planners.prediction.predict import predict_error
 from sim.cli.planning.area import AreaPlan
-from survey.core.arrays import FloatArray
 from survey.core.quantity_text import round_number
 from survey.data.dem import Dem
 
@@ -42,12 +39,9 @@ def error_map(plan: AreaPlan, detail: str) -> dict[str, Any]:
         return {"bounds": list(plan.area.bounds), "image": None}
     known = std.elevation[np.isfinite(std.elevation)]
     top_m = round_number(float(np.percentile(known, 98.0)) * 1.1)
-    png = base64.b64encode(png_bytes(_pixels(std.elevation, top_m))).decode("ascii")
     return {
-        "bounds": list(std.bounds),
-        "image": f"data:image/png;base64,{png}",
+        **picture(std, DEVIATION, 0.0, top_m),
         "top_m": top_m,
-        "colours": legend_colours(DEVIATION),
         "rmse_m": float(np.sqrt(np.mean(known**2))),
         "p95_m": float(np.percentile(known, 95.0)),
         "worst_m": float(known.max()),
@@ -69,12 +63,3 @@ def _coarse_std(plan: AreaPlan) -> Dem | None:
         sample_step_m=step_m,
         cell_m=max(xmax - xmin, ymax - ymin) / _COARSE_NODES_ALONG,
     ).std
-
-
-def _pixels(std: FloatArray, top_m: float) -> npt.NDArray[np.uint8]:
-    known = np.isfinite(std)
-    share = np.where(known, std / top_m, 0.0)
-    pixels = np.zeros((*std.shape, 4), dtype=np.uint8)
-    pixels[..., :3] = colour_of(DEVIATION, share)
-    pixels[..., 3] = np.where(known, 255, 0)
-    return pixels

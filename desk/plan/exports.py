@@ -12,6 +12,7 @@ import numpy as np
 from desk.plan.document import PlanDocument
 from desk.plan.live import LivePlan
 from desk.plan.mission_files import write_mission
+from desk.plan.point_files import write_points
 from desk.plan.request import request_of
 from sim.cli.planning.outputs import write_plan as write_outputs
 from sim.cli.rasters import read_about
@@ -23,10 +24,20 @@ from survey.interchange.surroundings import Surroundings
 
 _ROUTES = (".geojson", ".gpkg")
 _AREAS = ("area.gpkg", "area.geojson", "area.kml")
+_POINTS = ("points.csv", "points.gpx", "points.gpkg")
 _SHEETS = (".pdf", ".qgz")
 _MISSIONS = (".plan", ".waypoints")
 _OTHERS = (".gpx", ".kml", ".kmz", ".csv", ".wkt")
-KINDS: Sequence[str] = (*_ROUTES, *_OTHERS, *_MISSIONS, *_SHEETS, *_AREAS, "sigma.tif", "mission.zip")
+KINDS: Sequence[str] = (
+    *_ROUTES,
+    *_OTHERS,
+    *_MISSIONS,
+    *_SHEETS,
+    *_AREAS,
+    *_POINTS,
+    "sigma.tif",
+    "mission.zip",
+)
 """Kinds of files, by ending."""
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -95,6 +106,8 @@ class PlanExport(NamedTuple):
             plan.route.write(place)
         elif kind in _AREAS:
             plan.area.write(place)
+        elif kind in _POINTS:
+            write_points(self.document, plan.area, plan.prior, place.with_stem(f"{self.name}_points"))
         elif kind in _SHEETS:
             request = request_of(self.document, folder.parent / f"{self.name}.gpkg", self.terrain, place)
             write_outputs(request, plan.route, plan.drawing)

@@ -9,7 +9,10 @@ from planners.driving.rover import Fleet, Rover
 from planners.guarantee.belief.surfaces import SURFACE_NAMES
 from planners.registry import PLANNERS
 from sim.cli.planning.options import PlanOptions
+from sim.config.mission import MissionConfig
 from survey.core.config import Section
+
+_SIMULATION = ("fidelity", "seed")
 
 
 @cache
@@ -33,6 +36,7 @@ def settings_fields() -> dict[str, Any]:
         "rover": _fields(Rover),
         "fleet": _fields(Fleet),
         "requirement": _requirement_fields(),
+        "simulation": [field for field in _fields(MissionConfig) if field["name"] in _SIMULATION],
     }
 
 

@@ -77,6 +77,7 @@ def _mission(live: LivePlan, document: PlanDocument, stem: str) -> dict[str, Any
         "schema_version": 1,
         "name": stem,
         "fidelity": "statistical",
+        **_stated(given["simulation"]),
         "terrain": terrain,
         "area": {"file": f"{stem}.gpkg"},
         **{name: values for name, values in sections.items() if values},

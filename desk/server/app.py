@@ -3,7 +3,7 @@
 from starlette.applications import Starlette
 from starlette.routing import Route
 
-from desk.server import assets, editing, files, jobs, maps, planning, variants
+from desk.server import assets, editing, files, jobs, maps, measured, planning, runs, variants
 from desk.server.replies import refused
 from desk.workspace import Workspace
 from survey.core.errors import FirnlineError
@@ -33,6 +33,14 @@ _ROUTES = (
     Route("/api/jobs/{job}", jobs.cancel, methods=["DELETE"]),
     Route("/api/jobs/{job}/events", jobs.events),
     Route("/api/jobs/{job}/report/{name}", jobs.report),
+    Route("/api/jobs/{job}/frame", jobs.frame),
+    Route("/api/runs", runs.table),
+    Route("/api/runs/{run}/minus/{other}", runs.difference),
+    Route("/api/runs/{run}/layers/{layer}", runs.layer),
+    Route("/api/runs/{run}/report/{name}", runs.report),
+    Route("/api/measured", measured.show),
+    Route("/api/measured/{role}", measured.take, methods=["POST"]),
+    Route("/api/checkpoints", measured.checkpoints, methods=["POST"]),
 )
 
 

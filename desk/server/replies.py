@@ -2,15 +2,18 @@
 
 import json
 import logging
+from pathlib import Path
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from desk.plan.history import OutdatedError
 from survey.core.errors import CapacityError, ConfigError, FirnlineError
 from survey.core.text import printable
 
+_REPORT_POLICY = "default-src 'none'; img-src 'self' data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'; sandbox"
+_REPORT_TYPES = {".html": "text/html; charset=utf-8", ".png": "image/png", ".svg": "image/svg+xml"}
 _STATUS = ((OutdatedError, 409), (CapacityError, 413), (FirnlineError, 422))
 _MOST_DEPTH_ERROR = "the request is no JSON object; it was not made by this page."
 
@@ -41,3 +44,26 @@ async def body_of(request: Request) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ConfigError(_MOST_DEPTH_ERROR)
     return content
+
+
+def report_file(folder: Path | None, name: str) -> Response:
+    """Answer with a file of the report of a run; its scripts do not run here.
+
+    Parameters
+    ----------
+    folder : pathlib.Path or None
+        Folder of the report, where there is one.
+    name : str
+        Name of the file; only those directly in the folder are looked for.
+
+    Returns
+    -------
+    starlette.responses.Response
+        The file, or that there is none.
+    """
+    known = {} if folder is None else {file.name: file for file in folder.iterdir() if file.is_file()}
+    file = known.get(name)
+    if file is None or file.suffix not in _REPORT_TYPES:
+        return PlainTextResponse("The report has no such file.", 404)
+    headers = {"content-security-policy": _REPORT_POLICY}
+    return Response(file.read_bytes(), media_type=_REPORT_TYPES[file.suffix], headers=headers)

@@ -29,6 +29,12 @@ SLOPE = _table(
     "fffecb fcef9f f7d971 f1c159 ecac54 e99a52 e58751 e1744f d85f4d c44e4a a44544 833d38 653329 4b2b1b 362411 261e08 191900"
 )
 """From level to steep ground."""
+ERROR = _table(
+    "001261 022b71 034481 0c5e92 307da6 619ebd 94bed2 c6dbe6 ece5e0 e9cab8 dbaa8d cf8c66 c27041 b2511d 912d06 731406 590008"
+)
+"""From too low to too high, about zero."""
+SUPPORT = _table("5b2a86 d8b365 9ecae1 2b8cbe")
+"""Unseen, interpolated, bounded by a line of sight, measured."""
 
 
 def colour_of(table: Table, share: npt.NDArray[np.float64]) -> Table:

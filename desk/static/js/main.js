@@ -12,8 +12,10 @@ import { Layers } from "./map/layers.js";
 import { Live } from "./server/live.js";
 import { createMap, zoomButtons } from "./map/view.js";
 import { Plan } from "./server/plan.js";
+import { Measured } from "./panel/measured.js";
 import { Requirement } from "./panel/requirement.js";
 import { RouteLayer } from "./map/route.js";
+import { Runs } from "./panel/runs.js";
 import { Settings } from "./panel/settings.js";
 import { Swipe } from "./map/swipe.js";
 import { createTabs } from "./panel/tabs.js";
@@ -130,9 +132,10 @@ async function begin() {
   ], swipe);
   terrain.events.addEventListener("change", () => layers.legends());
   const corners = new Corners(plan, tools, squareInView(map));
-  const settings = element("div"), requirement = element("div");
+  const settings = element("div"), requirement = element("div"), runs = element("div");
   const compare = new Compare(plan);
-  const files = new Files(refuse, (paths) => route.showDriven(paths));
+  const files = new Files(refuse);
+  const measured = new Measured(plan, map, layers, refuse);
   const drive = new Drive();
   map.addLayer(drive.layer);
   createTabs([
@@ -140,6 +143,8 @@ async function begin() {
     { name: "shapes", title: "Shapes", page: corners.page },
     { name: "require", title: "Require", page: requirement },
     { name: "compare", title: "Compare", page: compare.page },
+    { name: "runs", title: "Run", page: runs },
+    { name: "measured", title: "Measured", page: measured.page },
     { name: "files", title: "Files", page: files.page },
   ]);
   showHistory(plan, site);
@@ -156,7 +161,10 @@ async function begin() {
   const fields = await get("/api/fields");
   settings.append(new Settings(plan, fields).page);
   requirement.append(new Requirement(plan, fields).page);
+  const run = new Runs(plan, fields, map, layers, route, refuse);
+  runs.append(run.page);
   document.documentElement.dataset.forms = "yes";
+  run.show();
   compare.show();
 }
 

@@ -15,6 +15,7 @@
  * @property {Record<string, any>} fleet
  * @property {Record<string, any>} requirement
  * @property {Record<string, any>} simulation
+ * @property {Record<string, string>} measured
  */
 /** @typedef {{name: string, help: string, default: any, kind: string, choices: string[]}} Field */
 /**
@@ -58,6 +59,7 @@
  * @property {number} p95_m
  * @property {number} worst_m
  */
+/** @typedef {{name: string, title: string, facts: Record<string, string>, folder: string, has_report: boolean, error?: string}} RunRow */
 /**
  * @typedef {object} RoverDrive
  * @property {number} rover

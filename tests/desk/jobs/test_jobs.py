@@ -2,6 +2,7 @@
 
 import json
 import time
+from pathlib import Path
 
 import pytest
 
@@ -74,7 +75,12 @@ def test_a_mission_runs_with_its_stages_to_a_report(page, workspace):
         "score",
         "report",
     ]
-    assert any(event["kind"] == "driven" and len(event["paths"][0]) > 50 for event in found)
+    (driven,) = [event for event in found if event["kind"] == "driven"]
+    assert len(driven["estimated"][0]) > 50
+    assert len(driven["true"][0]) > 50
+    grown = [event for event in found if event["kind"] == "grown"]
+    assert [event["swaths"] for event in grown] == [1, 2]
+    assert grown[0]["sigma"]["image"].startswith("data:image/png;base64,")
     done = found[-1]
     assert done["kind"] == "done", done
     assert done["rmse_m"] > 0.0
@@ -83,6 +89,17 @@ def test_a_mission_runs_with_its_stages_to_a_report(page, workspace):
     assert "sandbox" in report.headers["content-security-policy"]
     assert (workspace.folder / "hills_mission" / "hills.toml").exists()
     assert page.get(done["report"].replace("index.html", "..%2fmanifest.json")).status_code == 404
+    assert Path(done["project"]).suffix == ".qgz"
+    (row,) = page.get("/api/runs").json()["runs"]
+    assert row["facts"]["RMSE"].startswith(f"{done['rmse_m']:.3f}"[:5])
+    for layer in ("error", "sigma", "elevation", "support"):
+        picture = page.get(f"/api/runs/{row['name']}/layers/{layer}").json()
+        assert picture["image"].startswith("data:image/png;base64,")
+        assert len(picture["ends"]) == 2
+    assert page.get(f"/api/runs/{row['name']}/minus/{row['name']}").json()["rms_m"] == 0.0
+    assert page.get(f"/api/runs/{row['name']}/report/index.html").status_code == 200
+    assert page.get(f"/api/runs/{row['name']}/layers/other").status_code == 422
+    assert page.get("/api/runs/none/layers/error").status_code == 422
 
 
 @pytest.mark.parametrize("body", [{"kind": "shell"}, {}, {"kind": "curve", "path": "/etc"}])

@@ -84,8 +84,29 @@ def test_the_mission_runs_to_the_same_route(place):
     assert [leg.xy.tolist() for leg in made.legs] == [leg.xy.tolist() for leg in expected.legs]
 
 
+def test_stakes_and_checkpoints_are_written_with_names_and_heights(place):
+    document = PlanDocument(areas=((SQUARE,),), stakes=STARTS[:1], checkpoints=STARTS)
+    export = export_of(document)
+    rows = export.file("points.csv").content.decode().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["name", "S01", "C01", "C02"]
+    assert float(rows[1].split(",")[-1]) > 700.0
+    assert b"<wpt" in export.file("points.gpx").content
+    with pytest.raises(InputError, match="no stake"):
+        export_of(PlanDocument(areas=((SQUARE,),))).file("points.csv")
+
+
+def test_the_simulation_of_the_mission_is_that_of_the_document(place):
+    document = PlanDocument(areas=((SQUARE,),), simulation={"seed": 7, "fidelity": "ideal"})
+    packed = export_of(document).file("mission.zip")
+    with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
+        text = archive.read("site.toml").decode()
+    assert "seed = 7" in text
+    assert 'fidelity = "ideal"' in text
+
+
 def test_every_kind_is_written(place):
-    export = export_of(PlanDocument(areas=((SQUARE,),), planner={"pattern": "lawnmower", "swaths": 2}))
+    planner = {"pattern": "lawnmower", "swaths": 2}
+    export = export_of(PlanDocument(areas=((SQUARE,),), checkpoints=STARTS, planner=planner))
     for kind in KINDS:
         file = export.file(kind)
         assert len(file.content) > 100, kind

@@ -1,10 +1,10 @@
 // Files dropped onto the page: outlines become shapes of the plan, rasters and points become layers.
 import { post } from "../server/api.js";
+import { pictureLayer, pointLayer } from "./overlays.js";
 import { byId, element } from "../dom.js";
 
 /** @typedef {import("../server/plan.js").Plan} Plan */
 /** @typedef {import("./layers.js").Layers} Layers */
-const ol = /** @type {any} */ (globalThis).ol;
 
 /** @param {any} map @param {Plan} plan @param {Layers} layers @param {(sentence: string) => void} refuse */
 export function acceptFiles(map, plan, layers, refuse) {
@@ -50,23 +50,9 @@ function takeOutline(plan, found, name) {
 
 /** @param {any} map @param {Layers} layers @param {any} found @param {string} name @param {number} n */
 function addLayer(map, layers, found, name, n) {
-  const layer = found.kind === "raster" ? rasterLayer(map, found) : pointLayer(found);
-  layer.setZIndex(5);
+  const layer = found.kind === "raster" ? pictureLayer(map, found) : pointLayer(found.places);
   map.addLayer(layer);
   const limits = found.limits?.map((/** @type {number} */ value) => value.toPrecision(4));
   const legend = () => (found.kind === "raster" ? { title: name, colours: found.colours, low: limits[0], high: limits[1] } : null);
   layers.add({ name: `dropped-${n}`, title: name, layer, legend, isPicture: found.kind === "raster" });
-}
-
-/** @param {any} map @param {any} found */
-function rasterLayer(map, found) {
-  const projection = map.getView().getProjection();
-  return new ol.layer.Image({ opacity: 0.8, source: new ol.source.ImageStatic({ url: found.image, imageExtent: found.bounds, projection, interpolate: false }) });
-}
-
-/** @param {any} found */
-function pointLayer(found) {
-  const source = new ol.source.Vector({ features: found.places.map((/** @type {number[]} */ place) => new ol.Feature(new ol.geom.Point(place))) });
-  const image = new ol.style.Circle({ radius: 2.5, fill: new ol.style.Fill({ color: "#332288" }) });
-  return new ol.layer.Vector({ source, style: new ol.style.Style({ image }) });
 }

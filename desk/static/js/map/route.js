@@ -10,15 +10,17 @@ export class RouteLayer {
   constructor() {
     this.source = new ol.source.Vector();
     this.driven = new ol.source.Vector();
-    const style = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#1d2a35", width: 1.6 }) });
+    const stroke = (/** @type {boolean} */ isTrue) => new ol.style.Stroke({ color: isTrue ? "#ffffff" : "#1d2a35", width: isTrue ? 2.2 : 1.6, lineDash: isTrue ? [7, 5] : undefined });
+    const style = (/** @type {any} */ feature) => new ol.style.Style({ stroke: stroke(feature.get("isTrue")) });
     this.drivenLayer = new ol.layer.Vector({ source: this.driven, style, zIndex: 14 });
     this.layer = new ol.layer.Vector({ source: this.source, style: styles, zIndex: 12 });
   }
 
-  /** @param {number[][][]} paths That the rovers of a simulated mission believe they drove. */
-  showDriven(paths) {
+  /** @param {number[][][]} estimated Paths of the rovers of a simulated mission. @param {number[][][]} real Where they were. */
+  showDriven(estimated, real) {
     this.driven.clear(true);
-    this.driven.addFeatures(paths.map((places) => new ol.Feature({ geometry: new ol.geom.LineString(places) })));
+    const feature = (/** @type {number[][]} */ places, /** @type {boolean} */ isTrue) => new ol.Feature({ geometry: new ol.geom.LineString(places), isTrue });
+    this.driven.addFeatures([...estimated.map((places) => feature(places, false)), ...real.map((places) => feature(places, true))]);
   }
 
   /** @param {PlanSummary|null} plan */

@@ -1,6 +1,7 @@
 // The table of corners: every polygon and start as typed coordinates.
 import { element } from "../dom.js";
 import { MARKS } from "../map/shapes.js";
+import { post } from "../server/api.js";
 
 /** @typedef {import("../server/plan.js").Plan} Plan */
 /** @typedef {import("../map/tools.js").Tools} Tools */
@@ -42,7 +43,8 @@ export class Corners {
   #adding() {
     const add = (/** @type {string} */ title, /** @type {string} */ role, /** @type {string} */ name) =>
       element("button", { type: "button", text: title, onclick: () => this.#add(role, name) });
-    return element("div", { class: "row" }, add("Add an area", "areas", "Draw an area"), add("Add a no-go zone", "no_go", "Draw a no-go zone"), add("Add a start", "starts", "Mark a start"), add("Add a stake", "stakes", "Set a stake"), add("Add a checkpoint", "checkpoints", "Mark a checkpoint"));
+    return element("div", { class: "row" }, add("Add an area", "areas", "Draw an area"), add("Add a no-go zone", "no_go", "Draw a no-go zone"), add("Add a start", "starts", "Mark a start"), add("Add a stake", "stakes", "Set a stake"), add("Add a checkpoint", "checkpoints", "Mark a checkpoint"),
+      element("button", { type: "button", id: "propose-checkpoints", text: "Propose 30 checkpoints", onclick: () => this.#propose() }));
   }
 
   /** @param {string} role @param {string} title */
@@ -53,6 +55,16 @@ export class Corners {
     const quarter = square.map(([x, y]) => [(x + middle[0]) / 2, (y + middle[1]) / 2]);
     const made = role in MARKS ? middle : [role === "areas" ? square : quarter];
     this.plan.edit(title, (document) => void (/** @type {any} */ (document)[role].push(made))).then(() => this.tools.select(`${role}-${index}`));
+  }
+
+  /** Replace the checkpoints by well spread ones. */
+  async #propose() {
+    try {
+      const { places } = await post("/api/checkpoints", { n: 30 });
+      await this.plan.edit("Propose checkpoints", (document) => void (document.checkpoints = places));
+    } catch (error) {
+      this.plan.dispatchEvent(new CustomEvent("refused", { detail: error instanceof Error ? error.message : String(error) }));
+    }
   }
 
   /** @param {string[]} shapes @param {string} chosen */

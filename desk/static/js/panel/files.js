@@ -1,28 +1,23 @@
 // Files of the plan to take along, and the command that makes the same plan.
 import { element } from "../dom.js";
-import { Working } from "./working.js";
 
 /** @type {[string, [string, string][]][]} */
 const GROUPS = [
   ["For autopilots", [[".plan", "QGroundControl mission"], [".waypoints", "Mission Planner waypoints"]]],
   ["For GPS and maps", [[".gpx", "GPX"], [".kml", "KML"], [".kmz", "KMZ"], [".geojson", "GeoJSON"], [".gpkg", "GeoPackage"], [".csv", "CSV"], [".wkt", "WKT"]]],
   ["For print and GIS", [[".pdf", "Plan sheets, PDF"], [".qgz", "QGIS project"], ["sigma.tif", "Predicted error, GeoTIFF"], ["area.gpkg", "Area, GeoPackage"], ["area.kml", "Area, KML"]]],
+  ["Stakes and checkpoints", [["points.csv", "Points, CSV"], ["points.gpx", "Points, GPX"], ["points.gpkg", "Points, GeoPackage"]]],
   ["For firnline", [["mission.zip", "Mission file with its data"]]],
 ];
 
 export class Files {
-  /** @param {(sentence: string) => void} refuse @param {(paths: number[][][]) => void} showDriven */
-  constructor(refuse, showDriven) {
+  /** @param {(sentence: string) => void} refuse */
+  constructor(refuse) {
     this.refuse = refuse;
     this.command = element("pre", { class: "command", id: "command", tabindex: "0", "aria-label": "The same command" });
-    this.run = new Working("mission", "Run the mission", (event) => this.#follow(event, showDriven));
-    this.result = element("div", { class: "stack", id: "mission-result", "aria-live": "polite" });
     const groups = GROUPS.flatMap(([title, kinds]) => [element("h2", { text: title }), element("div", { class: "row" }, ...kinds.map(([kind, name]) => this.#button(kind, name)))]);
     this.page = element("div", {}, ...groups,
-      element("h2", { text: "The same command" }), this.command,
-      element("h2", { text: "Simulate the survey" }),
-      element("p", { class: "note", text: "Drives the plan over terrain that is drawn about the prior, with sensors of the default rover, and scores the map." }),
-      this.run.part, this.result);
+      element("h2", { text: "The same command" }), this.command);
   }
 
   /** @param {string} kind @param {string} name */
@@ -40,13 +35,5 @@ export class Files {
     element("a", { href: place, download: name }).click();
     setTimeout(() => URL.revokeObjectURL(place), 10_000);
     return this.refuse("");
-  }
-
-  /** @param {any} event @param {(paths: number[][][]) => void} showDriven */
-  #follow(event, showDriven) {
-    if (event.kind === "driven") showDriven(event.paths);
-    if (event.kind !== "done") return;
-    const report = element("a", { href: event.report, target: "_blank", rel: "noopener", text: "Open the report" });
-    this.result.replaceChildren(element("p", { text: `RMSE ${event.rmse_m.toFixed(2)} m. ${event.verdict}` }), ...event.claims.map((/** @type {string} */ text) => element("p", { class: "note", text })), element("p", {}, report), element("p", { class: "small", text: event.run }));
   }
 }

@@ -1,11 +1,11 @@
 // Long computations on the server, followed by server-sent events.
 import { post } from "./api.js";
 
-/** @typedef {{cancel: () => void}} Running */
+/** @typedef {{job: string, cancel: () => void}} Running */
 
 /**
  * Start a job and follow it.
- * @param {"guarantee"|"curve"|"mission"} kind
+ * @param {"guarantee"|"curve"|"mission"|"map"|"next"} kind
  * @param {(event: any) => void} follow Called with each event; the last one is done, refused or cancelled.
  * @returns {Promise<Running>}
  */
@@ -21,5 +21,5 @@ export async function runJob(kind, follow) {
     source.close();
     follow({ kind: "refused", error: "The server of the desk does not answer; start firnline desk again." });
   };
-  return { cancel: () => void fetch(`/api/jobs/${job}`, { method: "DELETE" }) };
+  return { job, cancel: () => void fetch(`/api/jobs/${job}`, { method: "DELETE" }) };
 }
