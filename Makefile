@@ -33,7 +33,7 @@ lint: $(VENV)/.ready
 	$(BIN)/ruff check .
 	$(BIN)/vulture
 	$(BIN)/codespell firnline survey planners vision_slam sim desk tests benchmarks docs README.md
-	.ci/page_types.sh
+	.ci/page.sh
 
 types: $(VENV)/.ready
 	$(BIN)/mypy

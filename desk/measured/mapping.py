@@ -65,16 +65,16 @@ def measured_map(
     made = map_points(map_request(options))
     write_map(made, options.out, rays=False, max_slope_deg=None)
     progress("drawing the map", steps - 1, steps)
-    result = {
-        "sentences": own_claim(made.reconstruction),
-        "commands": [_command(options)],
+    sentences, commands = own_claim(made.reconstruction), [_command(options)]
+    if checkpoints is not None:
+        sentences += _judged(made.reconstruction, checkpoints, area)
+        commands.append(_score_command(checkpoints))
+    return {
+        "sentences": sentences,
+        "commands": commands,
         "folder": str(options.out),
         **map_layers(made.reconstruction),
     }
-    if checkpoints is not None:
-        result["sentences"] += _judged(made.reconstruction, checkpoints, area)
-        result["commands"].append(_score_command(options, checkpoints))
-    return result
 
 
 def _options(area: SurveyArea, points: Path, prior: Path, folder: Path) -> ReconstructOptions:
@@ -107,7 +107,6 @@ def _command(options: ReconstructOptions) -> str:
     return shlex.join([*words, "--sigma", f"{options.sigma_m:g}", "-o", "map"])
 
 
-def _score_command(options: ReconstructOptions, checkpoints: Path) -> str:
-    del options
+def _score_command(checkpoints: Path) -> str:
     words = ["firnline", "score", "map/dem.tif", "--checkpoints", checkpoints.name, "--area", "area.gpkg"]
     return shlex.join([*words, "--sigma", f"{SIGMA_M:g}"])

@@ -129,7 +129,9 @@ class LivePlanner:
 
 
 def plan_once() -> None:
-    """Plan a small area with a corner cut out, so that compiled code is loaded before the first plan."""
-    corners = ((0.0, 0.0), (90.0, 0.0), (90.0, 60.0), (50.0, 60.0), (50.0, 90.0), (0.0, 90.0))
-    area = PlanDocument(areas=((corners,),), starts=((5.0, 5.0),)).survey_area(CRS("EPSG:32608"))
-    planners.plan(area, None, planners.LawnmowerConfig(swaths=3))
+    """Plan two small areas, one with a corner cut out, so that compiled code is loaded before the first plan."""
+    cut_out = ((0.0, 0.0), (90.0, 0.0), (90.0, 60.0), (50.0, 60.0), (50.0, 90.0), (0.0, 90.0))
+    oblique = ((0.0, 0.0), (93.0, -3.0), (90.0, 90.0), (0.0, 90.0))
+    for corners, n_swaths in ((cut_out, 3), (oblique, 8)):
+        area = PlanDocument(areas=((corners,),), starts=((5.0, 5.0),)).survey_area(CRS("EPSG:32608"))
+        planners.plan(area, None, planners.LawnmowerConfig(swaths=n_swaths))

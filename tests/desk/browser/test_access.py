@@ -10,7 +10,7 @@ from tests.desk.browser.conftest import DeskPage
 
 pytestmark = pytest.mark.walkthrough
 
-VIEWS = ("settings", "shapes", "require", "compare", "files")
+VIEWS = ("settings", "shapes", "require", "compare", "runs", "measured", "files")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -1,4 +1,4 @@
-"""Planning in a browser: settings, refusals, requirement, fleet, curve, variants, files, runs."""
+"""Planning in a browser: settings, refusals, requirement, fleet, curve, variants, files."""
 
 import zipfile
 from pathlib import Path
@@ -218,18 +218,6 @@ def test_the_command_beside_the_plan_is_that_of_its_settings(opened):
     assert opened.page.inner_text("#command").startswith(
         "firnline plan hills.gpkg --prior hills.tif --pattern lawnmower --swaths 4"
     )
-
-
-def test_a_mission_runs_in_the_page_to_a_report(opened):
-    set_field(opened, "planner-swaths", "2")
-    opened.tab("files")
-    opened.page.click("#start-mission")
-    opened.page.wait_for_selector("#mission-result a")
-    assert "RMSE" in opened.page.inner_text("#mission-result")
-    with opened.page.context.expect_page() as report:
-        opened.page.click("#mission-result a")
-    report.value.wait_for_load_state()
-    assert "hills" in report.value.content()
 
 
 def test_an_outline_that_is_opened_becomes_an_area(opened, tmp_path):

@@ -42,15 +42,15 @@ export function featuresOf(document) {
   const polygon = (/** @type {any} */ rings) =>
     new ol.geom.Polygon(rings.map((/** @type {any} */ ring) => [...ring, ring[0]]));
   return [
-    ...document.areas.map((rings, index) => feature(polygon(rings), "areas", index)),
-    ...document.no_go.map((rings, index) => feature(polygon(rings), "no_go", index)),
+    ...document.areas.map((rings, index) => named(polygon(rings), "areas", index)),
+    ...document.no_go.map((rings, index) => named(polygon(rings), "no_go", index)),
     ...Object.keys(MARKS).flatMap((role) =>
-      /** @type {any} */ (document)[role].map((/** @type {number[]} */ place, /** @type {number} */ index) => feature(new ol.geom.Point(place), role, index))),
+      /** @type {any} */ (document)[role].map((/** @type {number[]} */ place, /** @type {number} */ index) => named(new ol.geom.Point(place), role, index))),
   ];
 }
 
 /** @param {any} geometry @param {string} role @param {number} index */
-function feature(geometry, role, index) {
+function named(geometry, role, index) {
   const made = new ol.Feature({ geometry, role, index });
   made.setId(`${role}-${index}`);
   return made;

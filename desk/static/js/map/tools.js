@@ -106,8 +106,8 @@ export class Tools {
 
   /** @param {any[]} features */
   #storeMoved(features) {
-    const role = features[0].get("role");
-    const title = role in MARKS ? `Move ${NAMES[role]}` : "Move a corner";
+    const first = features[0].get("role");
+    const title = first in MARKS ? `Move ${NAMES[first]}` : "Move a corner";
     const places = features.map((f) => [f.get("role"), f.get("index"), placesOf(f.getGeometry())]);
     this.plan.edit(title, (document) => {
       for (const [role, index, place] of places) /** @type {any} */ (document)[role][index] = place;
