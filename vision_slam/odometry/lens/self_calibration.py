@@ -30,6 +30,7 @@ _SIGNIFICANT = 7.81  # squared Mahalanobis distance from the given lens (χ² wi
 _LEAST_GAIN = 50.0  # decrease of the cost by another focal length; by chance it is 1
 _N_NEAR = 25  # steps, after which the lens hardly changes
 _LEAST_BORDER_PX = 1.0  # below, the given lens is good enough
+_LEAST_UNSTATED_PX = 0.3  # the same where nothing states the distortion: the estimate is then the better one
 _WELL_ABOVE = 0.5  # of the prior's error, below which that of the estimate must be
 _N_PROBED = 5  # steps after which a focal length that is off shows
 _LEAST_FOCAL = 0.05  # a smaller change of the focal length is less certain than a calibration
@@ -171,7 +172,7 @@ def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: floa
     if border_px > _LEAST_BORDER_PX and not (is_other or camera.distortion_is_assumed):
         reason = f"the images contradict it by {border_px:.1f} px at the border, which is not significant"
         return unknown_lens(camera, poses, reason)
-    is_accepted = border_px > _LEAST_BORDER_PX
+    is_accepted = border_px > (_LEAST_UNSTATED_PX if camera.distortion_is_assumed else _LEAST_BORDER_PX)
     note = f"the images agree with the lens within {border_px:.1f} px at the border"
     if is_accepted:
         note = (
