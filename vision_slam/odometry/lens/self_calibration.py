@@ -30,7 +30,7 @@ _SIGNIFICANT = 7.81  # squared Mahalanobis distance from the given lens (χ² wi
 _LEAST_GAIN = 50.0  # decrease of the cost by another focal length; by chance it is 1
 _N_NEAR = 25  # steps, after which the lens hardly changes
 _LEAST_BORDER_PX = 1.0  # below, the given lens is good enough
-_LEAST_UNSTATED_PX = 0.3  # the same where nothing states the distortion: the estimate is then the better one
+_LEAST_UNSTATED_PX = 0.5  # the same where nothing states the distortion: the estimate is then the better one
 _WELL_ABOVE = 0.5  # of the prior's error, below which that of the estimate must be
 _N_PROBED = 5  # steps after which a focal length that is off shows
 _LEAST_FOCAL = 0.05  # a smaller change of the focal length is less certain than a calibration
@@ -38,8 +38,9 @@ _UNCHANGED = LensChange()
 _MOST_KEYFRAMES, _MOST_OBSERVATIONS = 240, 150  # of the part of the drive that is used; of one keyframe
 _LEAST_SIGHTS, _LEAST_TRACKS = 3, 50
 _FIRST_GATE_PX, _FIRST_DEPTH_SIGMA = 8.0, 0.3
-# Drift of the logarithm of scale per radian of turn, measured under lenses with 10 pixels of unmodelled distortion.
-_SCALE_PER_RAD = 0.16
+# Drift of the logarithm of scale per radian of turn, measured under lenses with so much of unmodelled distortion at the
+# border: 10 pixels of a focal length of 720.
+_SCALE_PER_RAD, _UNMODELLED_RAD = 0.16, 10.0 / 720.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,9 +188,20 @@ def _judged(camera: Camera, poses: FloatArray, found: Adjusted, turned_deg: floa
         sigma,
         border_px,
         turned_deg,
-        0.0,
+        _remaining_sigma(camera, poses, lens, covariance),
         note,
     )
+
+
+def _remaining_sigma(camera: Camera, poses: FloatArray, lens: LensChange, covariance: FloatArray) -> float:
+    """Return the relative drift of scale that the error of an estimated distortion may cause over a drive."""
+    estimated, sides = lens.applied(camera), np.linalg.cholesky(covariance[1:, 1:]).T
+    off_px = [
+        _border_px(estimated, lens._replace(k1=lens.k1 + k1, k2=lens.k2 + k2).applied(camera))
+        for k1, k2 in sides.tolist()
+    ]
+    focal_px = 0.5 * float(camera.matrix[0, 0] + camera.matrix[1, 1])
+    return _scale_sigma(camera, poses) * float(np.linalg.norm(off_px)) / (_UNMODELLED_RAD * focal_px)
 
 
 def _scale_sigma(camera: Camera, poses: FloatArray) -> float:

@@ -103,7 +103,7 @@ def test_a_lens_that_is_right_is_confirmed() -> None:
     poses = _path(60.0)
     found = estimate_lens(_GIVEN, poses, _tracks(_GIVEN, poses), _unknown(poses), _CONFIG)
     assert not found.is_accepted
-    assert found.scale_sigma == 0.0
+    assert found.scale_sigma < 0.2 * 0.16 * np.radians(60.0)  # of that of a lens that is not known
     assert "agree with the lens" in found.note
 
 
@@ -127,3 +127,12 @@ def test_an_uncertain_estimate_is_better_than_a_distortion_that_nothing_states()
     assert not stated.is_accepted
     assert assumed.is_accepted
     assert abs(assumed.lens[1] - 0.012) < 0.012
+
+
+def test_an_estimated_lens_leaves_a_part_of_the_drift_of_scale() -> None:
+    """The errors of the estimate are those of a lens that is less unknown, and cause less drift."""
+    poses = _path(60.0)
+    found = estimate_lens(_GIVEN, poses, _tracks(_REAL, poses), _unknown(poses), _CONFIG)
+    short = estimate_lens(_GIVEN, poses[:6], [], _unknown(poses[:6]), _CONFIG)
+    unknown = short.scale_sigma / np.radians(short.turned_deg) * np.radians(found.turned_deg)
+    assert 0.0 < found.scale_sigma < 0.3 * unknown
