@@ -2,7 +2,7 @@
 
 from dataclasses import fields as dataclass_fields
 from functools import cache
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from desk.plan.request import REQUIREMENTS
 from planners.driving.rover import Fleet, Rover
@@ -36,7 +36,7 @@ def settings_fields() -> dict[str, Any]:
         "rover": _fields(Rover),
         "fleet": _fields(Fleet),
         "requirement": _requirement_fields(),
-        "simulation": [field for field in _fields(MissionConfig) if field["name"] in _SIMULATION],
+        "simulation": [_simulation_field(name) for name in _SIMULATION],
     }
 
 
@@ -60,6 +60,19 @@ def _requirement_fields() -> list[dict[str, Any]]:
         }
         for name in REQUIREMENTS
     ]
+
+
+def _simulation_field(name: str) -> dict[str, Any]:
+    """Return a field of a mission that is no section; one of several values, or a whole number."""
+    stated = MissionConfig.model_fields[name]
+    choices = list(get_args(stated.annotation)) if get_origin(stated.annotation) is Literal else []
+    return {
+        "name": name,
+        "help": stated.description or "",
+        "default": stated.default,
+        "kind": "choice" if choices else "integer",
+        "choices": choices,
+    }
 
 
 def _fields(section: type[Section]) -> list[dict[str, Any]]:

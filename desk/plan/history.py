@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from threading import Lock
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
@@ -20,15 +20,6 @@ class OutdatedError(FirnlineError):
     """An edit of a document that has changed meanwhile, for example in another tab."""
 
 
-class EditStep(Section):
-    """Document after an edit, and what the edit did."""
-
-    title: str = Field(max_length=200)
-    """What was done, such as ``Move a corner``."""
-    document: PlanDocument
-    """Result of the edit."""
-
-
 class Variant(Section):
     """Document that was set aside under a name, to be compared."""
 
@@ -36,6 +27,20 @@ class Variant(Section):
     """Its name."""
     document: PlanDocument
     """The plan."""
+
+
+Variants = Annotated[tuple[Variant, ...], Field(max_length=30)]
+
+
+class EditStep(Section):
+    """Document after an edit, and what the edit did."""
+
+    title: str = Field(max_length=200)
+    """What was done, such as ``Move a corner``."""
+    document: PlanDocument
+    """Result of the edit."""
+    variants: Variants | None = None
+    """Plans that are set aside from this step on; None where the edit left them as they were."""
 
 
 class History(Section):
@@ -57,8 +62,8 @@ class History(Section):
     """Index of the step that is shown."""
     steps: tuple[EditStep, ...] = Field(min_length=1)
     """Edits in their order."""
-    variants: tuple[Variant, ...] = Field(default=(), max_length=30)
-    """Plans that were set aside."""
+    variants: Variants = ()
+    """Plans that were set aside before the first step."""
 
     @classmethod
     def of(cls, document: PlanDocument, terrain: str = "") -> Self:
@@ -80,10 +85,24 @@ class History(Section):
         """What the next step does; None at the last one."""
         return self.steps[self.at + 1].title if self.at + 1 < len(self.steps) else None
 
-    def edited(self, title: str, document: PlanDocument) -> Self:
+    @property
+    def set_aside(self) -> tuple[Variant, ...]:
+        """The plans that are set aside at the step that is shown."""
+        return self._set_aside_at(self.at)
+
+    def edited(self, title: str, document: PlanDocument, variants: Variants | None = None) -> Self:
         """Return the history with one more step; what was undone is dropped, and the oldest step beyond `MOST_STEPS`."""
-        steps = (*self.steps[: self.at + 1], EditStep(title=title, document=document))[-MOST_STEPS:]
-        return self.model_copy(update={"steps": steps, "at": len(steps) - 1})
+        step = EditStep(title=title, document=document, variants=variants)
+        steps = (*self.steps[: self.at + 1], step)
+        n_dropped = max(0, len(steps) - MOST_STEPS)
+        first = self._set_aside_at(n_dropped)
+        return self.model_copy(
+            update={"steps": steps[n_dropped:], "at": len(steps) - n_dropped - 1, "variants": first}
+        )
+
+    def _set_aside_at(self, at: int) -> tuple[Variant, ...]:
+        stated = (step.variants for step in reversed(self.steps[: at + 1]) if step.variants is not None)
+        return next(stated, self.variants)
 
     def moved(self, by: int) -> Self:
         """Return the history some steps back (negative) or forth; it stays where there are none."""
@@ -155,7 +174,7 @@ class StoredHistory:
             self._store(self._history.moved(by))
 
     def set_aside(self, name: str) -> None:
-        """Store the document as a variant; one of the same name is replaced.
+        """Set the document aside as a variant, which can be undone; one of the same name is replaced.
 
         Raises
         ------
@@ -163,16 +182,20 @@ class StoredHistory:
             A name that is empty or too long, or too many variants.
         """
         with self._lock:
-            others = [variant for variant in self._history.variants if variant.name != name]
-            variants = [*others, Variant.model_construct(name=name, document=self.document)]
-            values = {**_plain(self._history), "variants": [_plain(variant) for variant in variants]}
-            self._store(validated(History, values, "the variant"))
+            others = [_plain(variant) for variant in self._history.set_aside if variant.name != name]
+            values = {"title": f"Set aside {name}"[:200], "document": _plain(self.document)}
+            variants = [*others, {"name": name, "document": values["document"]}]
+            step = validated(EditStep, {**values, "variants": variants}, "the variant")
+            self._store(self._history.edited(step.title, step.document, step.variants))
 
     def drop_variant(self, index: int) -> None:
-        """Remove a variant by its index; one that does not exist is left alone."""
+        """Remove a variant by its index, which can be undone; one that does not exist is left alone."""
         with self._lock:
-            others = tuple(v for k, v in enumerate(self._history.variants) if k != index)
-            self._store(self._history.model_copy(update={"variants": others}))
+            variants = self._history.set_aside
+            if index < len(variants):
+                others = (*variants[:index], *variants[index + 1 :])
+                title = f"Remove {variants[index].name}"
+                self._store(self._history.edited(title, self.document, others))
 
     def write(self) -> None:
         """Write the file as it stands."""

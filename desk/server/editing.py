@@ -67,5 +67,6 @@ def _state(store: StoredHistory) -> Response:
         "document": history.document.model_dump(mode="json"),
         "undo": history.undo_title,
         "redo": history.redo_title,
+        "variants": [variant.name for variant in history.set_aside],
     }
     return JSONResponse(content)

@@ -26,7 +26,7 @@ def table(request: Request) -> Response:
     """Answer with the variants and their numbers."""
     workspace: Workspace = request.app.state.workspace
     return JSONResponse(
-        {"variants": [_row(workspace, variant) for variant in workspace.store.history.variants]}
+        {"variants": [_row(workspace, variant) for variant in workspace.store.history.set_aside]}
     )
 
 

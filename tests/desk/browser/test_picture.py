@@ -1,29 +1,168 @@
-"""The picture of the documentation: ``FIRNLINE_PICTURES=docs/images`` writes it again."""
+"""The pictures of the documentation: ``FIRNLINE_PICTURES=docs/images`` writes them again."""
 
+import io
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from PIL import Image, ImageDraw
 
 from desk.demo import write_demo
 from desk.sources import open_workspace
 from tests.desk.browser.conftest import DeskPage, DeskServer
 
-pytestmark = pytest.mark.walkthrough
+pytestmark = [pytest.mark.walkthrough, pytest.mark.timeout(1500)]
+
+ARROW = ((0, 0), (0, 17), (4, 13), (7, 20), (10, 19), (7, 12), (12, 12))
+LARGEST_BYTES = 1_500_000
 
 
-def test_the_demo_is_pictured(browser, tmp_path):
+@pytest.fixture
+def demo(browser, tmp_path) -> Iterator[DeskPage]:
+    """The page, open on the sample site."""
     with open_workspace(write_demo(tmp_path / "demo"), tmp_path) as workspace:
         server = DeskServer(workspace)
         context = browser.new_context(viewport={"width": 1280, "height": 760})
-        demo = DeskPage(context, server).open()
-        demo.wait_for_error()
-        demo.page.evaluate("document.querySelector('#saved').textContent = 'Stored in /home/ada/survey'")
-        demo.page.wait_for_timeout(300)
-        picture = demo.page.screenshot()
-        assert demo.page.inner_text("#rmse").endswith(" m")
-        assert len(picture) > 50_000
-        if "FIRNLINE_PICTURES" in os.environ:
-            Path(os.environ["FIRNLINE_PICTURES"], "desk.png").write_bytes(picture)
+        opened = DeskPage(context, server).open()
+        opened.wait_for_error()
+        opened.page.evaluate("document.querySelector('#saved').textContent = 'Stored in /home/ada/survey'")
+        opened.page.wait_for_timeout(600)
+        yield opened
         context.close()
         server.stop()
+
+
+class Recorder:
+    """Screenshots with the time for which each is shown, and the place of the pointer."""
+
+    def __init__(self, demo: DeskPage) -> None:
+        self.demo = demo
+        self.frames: list[Image.Image] = []
+        self.shown_ms: list[int] = []
+        self.pointer = (640.0, 700.0)
+
+    def shoot(self, seconds: float) -> None:
+        """Take a screenshot that is shown for some seconds."""
+        picture = Image.open(io.BytesIO(self.demo.page.screenshot())).convert("RGB")
+        x, y = self.pointer
+        outline = [(x + u, y + v) for u, v in ARROW]
+        ImageDraw.Draw(picture).polygon(outline, fill="black", outline="white")
+        self.frames.append(picture.resize((960, 570), Image.Resampling.LANCZOS))
+        self.shown_ms.append(int(1000 * seconds))
+
+    def click(self, selector: str, seconds: float = 0.6) -> None:
+        """Click a control and show what happens."""
+        box = self.demo.page.locator(selector).first.bounding_box()
+        self.pointer = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        self.demo.page.locator(selector).first.click()
+        self.demo.page.wait_for_timeout(150)
+        self.shoot(seconds)
+
+    def click_map(self, x: float, y: float) -> None:
+        """Click a place of the map."""
+        self.pointer = self.demo.pixel(x, y)
+        self.demo.click(x, y)
+        self.shoot(0.4)
+
+    def slide(self, selector: str, values: list[float], seconds: float) -> None:
+        """Move a slider through values."""
+        for value in values:
+            self.demo.page.locator(selector).evaluate(
+                "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')); }",
+                str(value),
+            )
+            self.demo.page.wait_for_timeout(60)
+            self.shoot(seconds)
+
+    def webp(self) -> bytes:
+        """Return the animation."""
+        buffer = io.BytesIO()
+        first, *others = self.frames
+        settings = {"duration": self.shown_ms, "loop": 0, "quality": 55, "method": 4, "minimize_size": False}
+        first.save(buffer, "WEBP", save_all=True, append_images=others, **settings)
+        return buffer.getvalue()
+
+
+def save_picture(name: str, content: bytes) -> None:
+    """Write a picture where the variable of the environment says."""
+    if "FIRNLINE_PICTURES" in os.environ:
+        Path(os.environ["FIRNLINE_PICTURES"], name).write_bytes(content)
+
+
+def test_the_demo_is_pictured(demo):
+    picture = demo.page.screenshot()
+    assert demo.page.inner_text("#rmse").endswith(" m")
+    assert len(picture) > 50_000
+    save_picture("desk.png", picture)
+
+
+def test_the_demo_is_recorded(demo):
+    film = Recorder(demo)
+    film.shoot(1.6)
+    draw_a_zone(demo, film)
+    change_the_swaths(demo, film)
+    drive_and_compare(film)
+    run_the_mission(demo, film)
+    content = film.webp()
+    assert 18_000 <= sum(film.shown_ms) <= 26_000
+    assert 100_000 < len(content) < LARGEST_BYTES
+    save_picture("desk.webp", content)
+
+
+def draw_a_zone(demo: DeskPage, film: Recorder) -> None:
+    """Draw ground that no route may touch."""
+    corners = demo.document["areas"][0][0]
+    west, south = min(x for x, _ in corners), min(y for _, y in corners)
+    film.click("[data-tool=no_go]")
+    zone = [
+        (west + 560, south + 330),
+        (west + 790, south + 380),
+        (west + 740, south + 570),
+        (west + 540, south + 520),
+    ]
+    for place in (*zone, zone[0]):
+        film.click_map(*place)
+    demo.wait_for_revision(1)
+    demo.wait_for_error()
+    demo.page.wait_for_timeout(300)
+    film.shoot(1.6)
+
+
+def change_the_swaths(demo: DeskPage, film: Recorder) -> None:
+    """Ask for more swaths."""
+    film.click("#planner-swaths", 0.3)
+    demo.fill("planner-swaths", "12")
+    demo.wait_for_revision(2)
+    demo.wait_for_error()
+    demo.page.wait_for_timeout(300)
+    film.shoot(1.6)
+
+
+def drive_and_compare(film: Recorder) -> None:
+    """Drive the plan in time, then compare the predicted error with the slope."""
+    film.click("[aria-label^='The drive in time']")
+    film.slide("#time", [50.0 + 75.0 * k for k in range(11)], 0.2)
+    film.click("[aria-label^='The drive in time']", 0.3)
+    film.click("#show-contours", 0.3)
+    film.click("#swipe-on", 0.4)
+    film.demo.page.select_option("#swipe-right", "slope")
+    film.slide("#swipe", [0.55, 0.45, 0.35, 0.25, 0.35, 0.45], 0.25)
+    film.click("#swipe-on", 0.2)
+    film.demo.page.uncheck("#show-slope")
+
+
+def run_the_mission(demo: DeskPage, film: Recorder) -> None:
+    """Simulate the survey, and go through the map as it grew."""
+    film.click("#tab-runs", 0.6)
+    film.click("#start-mission", 0.8)
+    demo.page.wait_for_selector("#mission-result a")
+    film.slide("#growth", list(range(12)), 0.2)
+    film.shoot(0.8)
+    demo.page.uncheck("#show-grown-elevation")
+    demo.page.uncheck("#show-grown-sigma")
+    film.click(".run button:has-text('Error')", 0.4)
+    demo.page.wait_for_selector("#legend >> text=Error of the map")
+    demo.page.wait_for_timeout(300)
+    film.shoot(1.6)
+    film.click("#tab-files", 1.2)

@@ -152,7 +152,7 @@ def test_variants_stand_side_by_side(opened):
     opened.page.wait_for_selector("#variants >> text=seven")
     assert opened.page.locator("#variants tbody tr").count() == 2
     opened.page.click("[aria-label='Show four']")
-    opened.wait_for_revision(2)
+    opened.wait_for(lambda: opened.document["planner"]["swaths"] == 4, "the variant")
     assert opened.document["planner"]["swaths"] == 4
     opened.page.click("[aria-label='Remove four']")
     opened.page.wait_for_selector("#variants >> text=four", state="detached")

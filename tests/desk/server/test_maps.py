@@ -18,9 +18,13 @@ def test_the_site_states_crs_and_grid(page):
 
 def test_every_field_has_help(page):
     fields = page.get("/api/fields").json()
-    sections = [*fields["planner"].values(), fields["rover"], fields["fleet"], fields["requirement"]]
+    sections = [*fields["planner"].values(), fields["rover"], fields["fleet"]]
+    sections += [fields["requirement"], fields["simulation"]]
     described = {field["name"]: field["help"] for section in sections for field in section}
     assert "Largest slope" in described["max_pitch_deg"]
+    simulated = {field["name"]: field for field in fields["simulation"]}
+    assert simulated["fidelity"]["choices"] == ["ideal", "statistical", "vision"]
+    assert simulated["seed"]["kind"] == "integer"
     assert all(described.values())
 
 

@@ -7,7 +7,7 @@ def test_a_variant_is_set_aside_compared_and_removed(page, workspace):
     found = page.post("/api/variants", {"name": "dense"}).json()["variants"]
     assert [variant["name"] for variant in found] == ["dense"]
     assert found[0]["facts"]["rmse_m"].endswith(" m")
-    assert workspace.store.revision == 0
+    assert workspace.store.revision == 1
     assert page.post("/api/variants", {"name": "dense"}).json()["variants"][0]["name"] == "dense"
     assert page.delete("/api/variants/0").json()["variants"] == []
 
@@ -22,3 +22,21 @@ def test_a_variant_that_is_refused_says_why(page):
     page.post("/api/edit", {"revision": 0, "title": "Empty", "document": {**state["document"], "areas": []}})
     (row,) = page.post("/api/variants", {"name": "empty"}).json()["variants"]
     assert "no area is drawn" in row["error"]
+
+
+def test_setting_aside_and_removing_are_undone(page, workspace):
+    page.post("/api/variants", {"name": "dense"})
+    page.delete("/api/variants/0")
+    assert workspace.store.history.undo_title == "Remove dense"
+    assert page.post("/api/undo", {"revision": 2}).json()["variants"] == ["dense"]
+    assert page.post("/api/undo", {"revision": 3}).json()["variants"] == []
+    assert page.post("/api/redo", {"revision": 4}).json()["variants"] == ["dense"]
+
+
+def test_variants_outlast_the_oldest_steps(workspace):
+    store = workspace.store
+    store.set_aside("first")
+    for _ in range(205):
+        store.edit(store.revision, "Edit", store.document)
+    assert [variant.name for variant in store.history.set_aside] == ["first"]
+    assert len(store.history.steps) == 200

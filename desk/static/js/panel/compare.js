@@ -22,16 +22,22 @@ export class Compare {
       element("h2", { text: "Variants" }),
       element("div", { class: "row" }, element("label", { for: "variant-name", class: "hidden", text: "Name of the variant" }), name, add),
       this.table);
+    this.shown = "";
     plan.addEventListener("change", () => this.#clear());
   }
 
+  /** Show the plans that are set aside, where they have changed. */
   async show() {
+    const names = JSON.stringify(this.plan.variants);
+    if (names === this.shown) return;
+    this.shown = names;
     this.#rows((await get("/api/variants")).variants);
   }
 
   #clear() {
     this.points = [];
     this.curve.replaceChildren();
+    this.show();
   }
 
   /** @param {any} event */
@@ -70,7 +76,9 @@ export class Compare {
   /** @param {string} name */
   async #add(name) {
     try {
-      this.#rows((await post("/api/variants", { name })).variants);
+      await post("/api/variants", { name });
+      this.shown = "";
+      await this.plan.load();
     } catch (error) {
       this.plan.dispatchEvent(new CustomEvent("refused", { detail: error instanceof Refusal ? error.message : String(error) }));
     }
@@ -84,7 +92,7 @@ export class Compare {
       : ["length_m", "time_s", "rmse_m"].map((name) => element("td", { class: "number", text: variant.facts[name] ?? "–" }));
     const rows = variants.map((variant, index) => {
       const show = () => this.plan.edit(`Show ${variant.name}`, (document) => void Object.assign(document, variant.document));
-      const remove = async () => this.#rows((await (await fetch(`/api/variants/${index}`, { method: "DELETE" })).json()).variants);
+      const remove = () => fetch(`/api/variants/${index}`, { method: "DELETE" }).then(() => this.plan.load());
       return element("tr", {}, element("th", { scope: "row", text: variant.name }), ...cells(variant), element("td", { class: "row" },
         element("button", { type: "button", class: "quiet", text: "Show", "aria-label": `Show ${variant.name}`, onclick: show }),
         element("button", { type: "button", class: "quiet", text: "−", "aria-label": `Remove ${variant.name}`, onclick: remove })));

@@ -13,6 +13,8 @@ export class Plan extends EventTarget {
     this.undoTitle = null;
     /** @type {string|null} */
     this.redoTitle = null;
+    /** @type {string[]} Names of the plans that are set aside. */
+    this.variants = [];
     /** @type {Promise<void>} */
     this.last = Promise.resolve();
   }
@@ -55,6 +57,7 @@ export class Plan extends EventTarget {
     this.revision = state.revision;
     this.undoTitle = state.undo;
     this.redoTitle = state.redo;
+    this.variants = state.variants;
     this.dispatchEvent(new Event("change"));
   }
 
