@@ -39,15 +39,18 @@ def pose_constraints(
 
     A stake at p, seen at the offset o from the pose: p̃ + R̃ o − p = e + ∂(R o) · (ψ, θ, φ).
     A closure that finds pose j at o from pose i: p̃_j − p̃_i − R̃_i o = e_j − e_i − ∂(R o) · (ψ, θ, φ)_i.
+    All sightings of a stake share the error of its survey.
     """
     place = _Place(recording, dead_reckoned, node_time_s, n_unknowns)
     rows, value, noise = [sparse.csr_array((0, n_unknowns))], [np.zeros(0)], [np.zeros((0, 3, 3))]
+    surveyed = np.zeros(0, dtype=np.int64), np.zeros(0)
     seen, stakes, closures = recording.stake_sightings, recording.stakes, recording.loop_closures
     if seen is not None and stakes is not None:
         arm, spread = place.arm(seen.time_s, seen.offset, seen.covariance)
         rows.append(place.rows(seen.time_s, arm, 1.0))
         value.append((place.position(seen.time_s) + arm - stakes.position[seen.index]).ravel())
-        noise.append(spread + (stakes.sigma_m[seen.index] ** 2)[:, None, None] * np.eye(3))
+        noise.append(spread)
+        surveyed = seen.index, stakes.sigma_m
     if closures is not None:
         arm, spread = place.arm(closures.earlier_s, closures.offset, closures.covariance)
         still = np.zeros_like(arm)
@@ -55,12 +58,19 @@ def pose_constraints(
         moved = place.position(closures.time_s) - place.position(closures.earlier_s)
         value.append((moved - arm).ravel())
         noise.append(spread)
-    blocks = np.concatenate(noise)
     return PoseConstraints(
-        sparse.csr_array(sparse.vstack(rows)),
-        np.concatenate(value),
-        np.asarray(sparse.block_diag(list(blocks)).toarray()) if len(blocks) else np.zeros((0, 0)),
+        sparse.csr_array(sparse.vstack(rows)), np.concatenate(value), _noise(np.concatenate(noise), *surveyed)
     )
+
+
+def _noise(own: FloatArray, stake: IntArray, survey_sigma_m: FloatArray) -> FloatArray:
+    """Return the covariance (3 M, 3 M) of constraints: their own (M, 3, 3), and the survey's error of the stakes (N,) of the first N."""
+    if not len(own):
+        return np.zeros((0, 0))
+    noise = np.asarray(sparse.block_diag(list(own)).toarray())
+    variance_m2 = (stake[:, None] == stake) * survey_sigma_m[stake] ** 2
+    noise[: 3 * len(stake), : 3 * len(stake)] += np.kron(variance_m2, np.eye(3))
+    return noise
 
 
 def gate_constraints(

@@ -97,6 +97,19 @@ def test_stakes_pin_the_path():
     assert np.sqrt(smoothed(recording).covariance[where, 2, 2]).max() > 0.3
 
 
+def test_many_sightings_of_a_stake_share_the_error_of_its_survey():
+    recording, position, attitude = drifting()
+    where = np.repeat(np.arange(580, 600), 2)
+    foot = position[590] + [1.5, 0.0, 0.2]
+    offset = np.einsum("nji,nj->ni", rotations(attitude[where]), foot - position[where])
+    spread = np.tile(9e-4 * np.eye(3), (len(where), 1, 1))
+    seen = StakeSightings(where.astype(float), np.zeros(len(where)), offset, spread)
+    path = smoothed(replace(recording, stakes=Stakes(foot[None], np.full(1, 0.05)), stake_sightings=seen))
+    assert path.n_constraints == len(where)
+    # However often it is seen, a stake that is known to 5 cm leaves 5 cm; independent errors would leave 2.
+    assert 0.049 < np.sqrt(path.covariance[590, 2, 2]) < 0.06
+
+
 def closures_at(position, attitude, shifts: dict[int, np.ndarray]) -> LoopClosures:
     """Recognize the first quarter's places from the last quarter, each from where it is, but for shifts [m]."""
     earlier, later = np.arange(20, 140, 15), np.arange(460, 580, 15)
