@@ -50,6 +50,8 @@ between swaths would be mapped with too small a standard deviation."""
 _ROUGH_MB = 12.0
 # Waves that contribute less than this share of the smallest standard deviation are left out.
 _COARSEST_SHARE = 0.05
+# Standard deviation of the slopes of the plane in a fit of kernels [m/m]: no ground is steeper on the whole.
+_LOOSE_SLOPE = 1.0
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,8 @@ class JointTerrain:
         own, landmarks = _own_variance(points, slope), self._landmarks(points)
 
         def shared(part: IntArray) -> FloatArray:
-            return self.path.covariance(rows[part]) + landmarks.covariance(part)
+            common = self.path.covariance(rows[part]) + landmarks.covariance(part)
+            return common + _of_unknown_slopes(points.xy[part])
 
         return with_landforms(points.xy, residual, own, config, shared, candidates=CANDIDATES)
 
@@ -241,6 +244,16 @@ def _own_variance(points: SurfacePoints, slope: FloatArray) -> FloatArray:
 
 def _columns(xy: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(xy)), xy])
+
+
+def _of_unknown_slopes(xy: FloatArray) -> FloatArray:
+    """Return the covariance (M, M) of the heights of a plane whose slopes are unknown [m²].
+
+    The plane that is subtracted before a fit of kernels takes long relief with it; with its slopes unknown, that relief
+    does not count as absent.
+    """
+    from_middle = _LOOSE_SLOPE * (xy - xy.mean(axis=0))
+    return from_middle @ from_middle.T
 
 
 def _plane(xy: FloatArray, z: FloatArray) -> FloatArray:
