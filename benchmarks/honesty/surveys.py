@@ -90,23 +90,20 @@ def survey_of(kind: str, seed: int) -> list[dict[str, Any]]:
         outcomes.append(_mapped(ordinary, fitted, real, name, cells=cells, errors=what.assumed(seed)))
     turn = seed + KINDS.index(kind)
     if turn % _MISMATCHED_EVERY == 1:
-        outcomes.append(_mismatched(mission, fitted.candidates, real, kind, seed))
+        outcomes.append(_mismatched(mission, real, kind, seed))
     if turn % _ORACLE_EVERY == 0:
         oracle = _Localized.of(recording, mission, tau_s)
         outcomes += _of_oracle(oracle, oracle.fitted(fitted.candidates), real, kind, seed)
     return [asdict(one) | {"terrain": kind, "seed": seed, "tau_s": tau_s} for one in outcomes]
 
 
-def _mismatched(
-    mission: MissionConfig, candidates: list[Hyperparameters], real: Dem, kind: str, seed: int
-) -> Outcome:
+def _mismatched(mission: MissionConfig, real: Dem, kind: str, seed: int) -> Outcome:
     """Survey with the same errors, of which other sizes are assumed and claimed, and map with a bad prior."""
     other = mismatched(mission, seed)
     recording, _ = simulate_statistical(real, planners.plan(AREA, None, other.planner), other)
     localized = _Localized.of(recording, other, ASSUMED_TAU_S)
     cells, errors = prior(PRIOR_MISMATCHED, real, kind, seed), PRIORS[PRIOR_MISMATCHED].assumed(seed)
-    fitted = localized.fitted(candidates)
-    return _mapped(localized, fitted, real, NAME_MISMATCHED, cells=cells, errors=errors)
+    return _mapped(localized, localized.fitted(), real, NAME_MISMATCHED, cells=cells, errors=errors)
 
 
 def _of_oracle(oracle: "_Localized", fitted: PointsOnly, real: Dem, kind: str, seed: int) -> list[Outcome]:

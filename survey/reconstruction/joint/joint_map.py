@@ -1,11 +1,11 @@
 """Joint estimate of map and path: set-up of the linear system from points, path and satellite cells."""
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
-from survey.core.arrays import Bounds, FloatArray, IntArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.core.crs.agreement import same_crs
 from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.data.area import SurveyArea
@@ -14,7 +14,6 @@ from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
-from survey.reconstruction.gp.covariance.families import KernelFamily
 from survey.reconstruction.gp.engines.fourier.resolution import (
     affordable_basis,
     amplitudes,
@@ -25,14 +24,14 @@ from survey.reconstruction.gp.engines.fourier.resolution import (
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
-from survey.reconstruction.gp.errors_in_variables import variance_through_slope
-from survey.reconstruction.gp.selection.families import with_landforms
-from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters, stated_family
+from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.design_rows import cell_rows, point_rows
 from survey.reconstruction.joint.joint_solve import JointPosterior
-from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen
+from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen, probable
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
+from survey.reconstruction.joint.map_average import MapAverage
+from survey.reconstruction.joint.plane_residuals import PlaneResiduals, own_variance
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
 from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.joint.shared_relief import with_shared_relief
@@ -40,18 +39,10 @@ from survey.reconstruction.joint.solution import JointMap, JointSolution
 from survey.reconstruction.prior.products import PriorErrors
 from survey.reconstruction.terrain_model import local_datum_m
 
-CANDIDATES: tuple[KernelFamily, ...] = ("two-scale-matern", "two-scale-mixed", "three-scale")
-"""What ``family = "auto"`` chooses from: landforms are smooth, the relief underfoot is not.
-
-The third scale is for what lies between the two, which landmarks constrain so well that two scales go to these, and gaps
-between swaths would be mapped with too small a standard deviation."""
-
 # A slope needs fewer waves than a map.
 _ROUGH_MB = 12.0
 # Waves that contribute less than this share of the smallest standard deviation are left out.
 _COARSEST_SHARE = 0.05
-# Standard deviation of the slopes of the plane in a fit of kernels [m/m]: no ground is steeper on the whole.
-_LOOSE_SLOPE = 1.0
 
 
 @dataclass(frozen=True)
@@ -118,10 +109,10 @@ class JointTerrain:
         self, points: SurfacePoints, bounds: Bounds, candidates: list[Hyperparameters] | None = None
     ) -> PointsOnly:
         """Fit kernels to the points, without the prior, or take those that are given."""
-        plane = _plane(points.xy, points.z)
-        slope = np.tile(plane[1:], (len(points), 1))
-        fitted = self._candidates(points, slope, plane) if candidates is None else candidates
-        return PointsOnly(points, bounds, slope, fitted, partial(self._solution, cells=None))
+        residuals = PlaneResiduals(points, self.path, self._landmarks(points), self.config)
+        fitted = residuals.candidates() if candidates is None else candidates
+        solve = partial(self._solution, cells=None)
+        return PointsOnly(points, bounds, residuals.slope, fitted, solve, cache(residuals.lengths))
 
     def completed(self, alone: PointsOnly) -> JointSolution:
         """Choose a kernel with the prior's cells, and solve with them."""
@@ -137,7 +128,22 @@ class JointTerrain:
             slope = rough.gradient(points.xy)
             cells = None if cells is None else cells.with_slope(rough.gradient(cells.centre))
         solution = self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
-        return replace(solution, conflicts=conflicts)
+        return replace(solution, conflicts=conflicts, average=self._average(alone, found, slope, cells))
+
+    def _average(
+        self, alone: PointsOnly, found: Hyperparameters, slope: FloatArray, cells: SatelliteCells | None
+    ) -> MapAverage | None:
+        """Return maps with all kernels that points and cells leave probable; None where the kernel is stated."""
+        if not self.config.fit:
+            return None
+        rivals, weights = probable(alone, found, cells)
+        longest = max((found, *rivals), key=lambda one: one.kernel.length_scales_m[1])
+        given, memory_mb = (alone.points, alone.bounds), 0.5 * self.joint.memory_mb
+        solved = {longest: self._solution(*given, longest, slope, cells, memory_mb=memory_mb)}
+        for one in (found, *rivals):
+            if one not in solved:
+                solved[one] = self._solution(*given, one, slope, cells, basis=solved[longest].basis)
+        return MapAverage(solved[found], tuple(solved[one] for one in rivals), weights)
 
     @cached_property
     def _modes(self) -> FloatArray:
@@ -153,24 +159,6 @@ class JointTerrain:
         drive = None if points.keyframe is None else self.path.drive_of(points.keyframe)
         return LandmarkErrors.of(points, self.joint, drive)
 
-    def _candidates(
-        self, points: SurfacePoints, slope: FloatArray, plane: FloatArray
-    ) -> list[Hyperparameters]:
-        """Return the stated hyperparameters, or fits of several kernels, the likeliest first."""
-        config = self.config
-        if not config.fit:
-            family = stated_family(config)
-            return [Hyperparameters(family, config.stated_kernel(), config.nugget_m or 0.0, 0.0)]
-        rows = SharedError.full(points, self.path, slope).rows
-        residual = points.z - _columns(points.xy) @ plane
-        own, landmarks = _own_variance(points, slope), self._landmarks(points)
-
-        def shared(part: IntArray) -> FloatArray:
-            common = self.path.covariance(rows[part]) + landmarks.covariance(part)
-            return common + _of_unknown_slopes(points.xy[part])
-
-        return with_landforms(points.xy, residual, own, config, shared, candidates=CANDIDATES)
-
     def _solution(
         self,
         points: SurfacePoints,
@@ -180,12 +168,14 @@ class JointTerrain:
         cells: SatelliteCells | None,
         *,
         memory_mb: float = _ROUGH_MB,
+        basis: FourierBasis | None = None,
     ) -> JointSolution:
         shared, landmarks = self._shared(points, slope), self._landmarks(points)
-        noise = _own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
+        noise = own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
         datum = local_datum_m(points.z)
         site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
-        basis, tail = self._waves(found, site, points.xy, noise, memory_mb)
+        basis = basis or self._waves(found, site, points.xy, noise, memory_mb)
+        tail = tail_variance(found.kernel, basis)
         total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
         trend = PolynomialTrend("plane", basis.box)
@@ -218,12 +208,11 @@ class JointTerrain:
 
     def _waves(
         self, found: Hyperparameters, site: Bounds, xy: FloatArray, noise: FloatArray, memory_mb: float
-    ) -> tuple[FourierBasis, float]:
-        """Return the waves that the tolerance asks for, within the memory, and the variance of the others."""
+    ) -> FourierBasis:
+        """Return the waves that the tolerance asks for, within the memory."""
         sharpest = sharpest_std_m(found.kernel, xy, noise)
         tolerance = max(self.config.tolerance_m, _COARSEST_SHARE * sharpest)
-        basis = affordable_basis(found.kernel, site, sharpest, tolerance, modes_within(memory_mb))
-        return basis, tail_variance(found.kernel, basis)
+        return affordable_basis(found.kernel, site, sharpest, tolerance, modes_within(memory_mb))
 
     def _cells(self, points: SurfacePoints, bounds: Bounds) -> tuple[SatelliteCells | None, PriorErrors]:
         """Return the prior's cells, in blocks where there are thousands of them, with their error model."""
@@ -235,29 +224,3 @@ class JointTerrain:
         )
         dem, errors = in_blocks(self.satellite, bounds, errors)
         return SatelliteCells.of(dem, points.crs, bounds, errors), errors
-
-
-def _own_variance(points: SurfacePoints, slope: FloatArray) -> FloatArray:
-    assert points.own_covariance is not None
-    return variance_through_slope(points.own_covariance, slope)
-
-
-def _columns(xy: FloatArray) -> FloatArray:
-    return np.column_stack([np.ones(len(xy)), xy])
-
-
-def _of_unknown_slopes(xy: FloatArray) -> FloatArray:
-    """Return the covariance (M, M) of the heights of a plane whose slopes are unknown [m²].
-
-    The plane that is subtracted before a fit of kernels takes long relief with it; with its slopes unknown, that relief
-    does not count as absent.
-    """
-    from_middle = _LOOSE_SLOPE * (xy - xy.mean(axis=0))
-    return from_middle @ from_middle.T
-
-
-def _plane(xy: FloatArray, z: FloatArray) -> FloatArray:
-    """Return the plane (3,) of least squares: height at the origin, slope to the east and to the north."""
-    middle = xy.mean(axis=0)
-    level, *slope = np.linalg.lstsq(_columns(xy - middle), z, rcond=None)[0]
-    return np.array([level - np.dot(slope, middle), *slope])

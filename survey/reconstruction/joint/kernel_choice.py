@@ -8,17 +8,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+from scipy.special import softmax
+
 from survey.core.arrays import Bounds, FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.solution import JointSolution
-from survey.reconstruction.prior.conflict import conflicts, level
+from survey.reconstruction.prior.conflict import conflicts, level, misfit_log_likelihood
 from survey.reconstruction.prior.error_sizes import likeliest_sizes
 from survey.reconstruction.prior.products import PriorErrors
 
 # Kernels that points make less likely than the best by more than this are not compared.
 _WITHIN_NATS = 40.0
+# Kernels that points make less likely than the best by more than this are no part of an average, nor are those of a
+# probability below the share.
+_PROBABLE_NATS, _LEAST_WEIGHT = 3.0, 0.02
 # The level of a prior that contradicts the points has this standard deviation, in offsets.
 _FREE_LEVEL = 10.0
 
@@ -39,6 +45,8 @@ class PointsOnly:
         Fits to the points, the best first.
     solve : callable
         Solves for terrain and path from points, bounds, hyperparameters and slope.
+    lengths : callable
+        Returns kernels of equally probable lengths of landforms for one of the fits.
     """
 
     points: SurfacePoints
@@ -46,14 +54,43 @@ class PointsOnly:
     slope: FloatArray
     candidates: list[Hyperparameters]
     solve: Callable[[SurfacePoints, Bounds, Hyperparameters, FloatArray], JointSolution]
-    solutions: dict[int, JointSolution] = field(default_factory=dict)
+    lengths: Callable[[Hyperparameters], list[Hyperparameters]]
+    solutions: dict[Hyperparameters, JointSolution] = field(default_factory=dict)
 
     def solution(self, found: Hyperparameters) -> JointSolution:
-        """Return the map of a candidate from the points alone."""
-        place = self.candidates.index(found)
-        if place not in self.solutions:
-            self.solutions[place] = self.solve(self.points, self.bounds, found, self.slope)
-        return self.solutions[place]
+        """Return the map with a kernel from the points alone."""
+        if found not in self.solutions:
+            self.solutions[found] = self.solve(self.points, self.bounds, found, self.slope)
+        return self.solutions[found]
+
+
+def probable(
+    alone: PointsOnly, found: Hyperparameters, cells: SatelliteCells | None
+) -> tuple[list[Hyperparameters], FloatArray]:
+    """Return the kernels that points and cells leave probable, and their probabilities (K,).
+
+    Each of the likeliest fits stands for kernels of several lengths of landforms.
+
+    Parameters
+    ----------
+    alone : PointsOnly
+        Fits to the points.
+    found : Hyperparameters
+        The fit that the map is made with.
+    cells : SatelliteCells, optional
+        Cells of the prior, with the sizes of their errors.
+    """
+    least = alone.candidates[0].score - _PROBABLE_NATS
+    fits = [one for one in alone.candidates if one is found or one.score >= least]
+    kernels = [one for fit in fits for one in alone.lengths(fit)]
+    logs = np.array([one.score for one in kernels])
+    if cells is not None:
+        logs += [
+            misfit_log_likelihood(cells.misfits(*alone.solution(one).cell_means(cells))) for one in kernels
+        ]
+    weights = softmax(logs)
+    kept = np.flatnonzero(weights >= _LEAST_WEIGHT)
+    return [kernels[k] for k in kept], weights[kept] / weights[kept].sum()
 
 
 class ChosenKernel(NamedTuple):

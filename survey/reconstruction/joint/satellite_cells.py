@@ -156,6 +156,17 @@ class SatelliteCells:
         level_m = float(np.linalg.norm([one.sigma for one in self.common if one.is_offset]))
         return Innovations(self.centre, self.height - expected, covariance + common @ common.T, level_m)
 
+    def misfits(self, expected: FloatArray, covariance: FloatArray) -> Innovations:
+        """Return the innovations with the covariance of all errors but the offset, the cells' own included.
+
+        Parameters
+        ----------
+        expected, covariance : (C,) and (C, C) ndarray
+            Means that points alone state [m] and their covariance [m²].
+        """
+        innovations = self.innovations(expected, covariance)
+        return innovations._replace(covariance=innovations.covariance + self.covariance)
+
     def __len__(self) -> int:
         return len(self.height)
 

@@ -19,6 +19,7 @@ from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.correction import PathCorrection
 from survey.reconstruction.joint.joint_solve import JointPosterior, waves_at
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
+from survey.reconstruction.joint.map_average import MapAverage
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, side_by_side
 from survey.reconstruction.support import support_codes
@@ -54,6 +55,7 @@ class JointSolution:
     total_m2: FloatArray
     landmarks: LandmarkErrors
     conflicts: tuple[str, ...] = ()
+    average: MapAverage | None = None
 
     @property
     def residual_m(self) -> FloatArray:
@@ -135,7 +137,9 @@ class JointSolution:
 
     def on(self, grid: Grid) -> JointMap:
         """Return the map on a grid, and the path's correction."""
-        mean, std = self._fields(grid)
+        mean, std = self.fields(grid)
+        if self.average is not None:
+            mean, std = self.average.applied(grid, mean, std)
         nearest = np.asarray(cKDTree(self.points.xy).query(grid.xy)[0]).reshape(grid.shape)
         prior = self.found.kernel.variance_m2 + self.found.nugget_m**2
         codes = support_codes(
@@ -156,7 +160,7 @@ class JointSolution:
         )
         return JointMap(result, self.correction(), self)
 
-    def _fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
+    def fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
         """Return height and standard deviation (H, W) [m], relief finer than the map included."""
         box, posterior = self.basis.box, self.posterior
         columns = self.trend.columns(np.stack(np.meshgrid(grid.x, grid.y), axis=-1))

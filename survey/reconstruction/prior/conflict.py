@@ -123,3 +123,20 @@ def misfit_chance(innovations: Innovations) -> float:
     value: FloatArray = innovations.value_m
     squared = float(value @ cho_solve(cho_factor(innovations.covariance, lower=True), value))
     return float(chi2.sf(squared, len(value)))
+
+
+def misfit_log_likelihood(innovations: Innovations) -> float:
+    """Return the log likelihood of cells with an offset, up to a constant.
+
+    Parameters
+    ----------
+    innovations : Innovations
+        Cells less what points alone state, with the covariance of all errors but the offset.
+
+    Returns
+    -------
+    float
+        Log density of the innovations [nats].
+    """
+    factor, value = cho_factor(innovations.with_level, lower=True), innovations.value_m
+    return float(-0.5 * value @ cho_solve(factor, value) - np.log(np.diag(factor[0])).sum())

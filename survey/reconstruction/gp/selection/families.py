@@ -82,12 +82,8 @@ def with_landforms(
     candidates : tuple of str
         The families of several scales that ``auto`` compares.
     """
-    few, more = (
-        KernelFit.of_few(
-            xy, values, noise_m2, config.nugget_m, shared, n_most=n, landform_share=_LANDFORM_SHARE
-        )
-        for n in (_N_FIRST, N_SEARCHED)
-    )
+    few = comparison(xy, values, noise_m2, config, shared)
+    more = comparison(xy, values, noise_m2, config, shared, n_most=N_SEARCHED)
     fitted = [few.fit(family, config) for family in _families(config, candidates)]
     if config.family == "auto" and config.kernel is None and _are_wide(xy):
         fitted += [few.turned(found) for found in fitted if found.family in _TURNED]
@@ -95,6 +91,29 @@ def with_landforms(
     if len(more.values) > len(few.values):
         first = [more.counted(more.refined(found)) for found in first]
     return sorted(first, key=_score, reverse=True)
+
+
+def comparison(
+    xy: FloatArray,
+    values: FloatArray,
+    noise_m2: FloatArray,
+    config: GaussianProcessConfig,
+    shared: SharedCovariance | None,
+    *,
+    n_most: int = _N_FIRST,
+) -> KernelFit:
+    """Return the likelihood of kernels with a landform scale, on 320 points by default.
+
+    Parameters
+    ----------
+    xy, values, noise_m2, config, shared
+        As in `likeliest`.
+    n_most : int
+        Largest number of points.
+    """
+    return KernelFit.of_few(
+        xy, values, noise_m2, config.nugget_m, shared, n_most=n_most, landform_share=_LANDFORM_SHARE
+    )
 
 
 def _are_wide(xy: FloatArray) -> bool:

@@ -21,6 +21,8 @@ from survey.reconstruction.gp.selection.kernel_terms import parts_of, term_of
 
 N_SEARCHED = 640
 """Most points that a covariance is fitted to."""
+LONGEST_SHARE = 1.5
+"""Longest landforms over the extent of the points: longer ones are planes, and would take waves that the others need."""
 _N_CLUSTERS = 16
 # Stretch and directions [deg] of the start of an anisotropic kernel, and the strongest stretch.
 _STRETCH, _MOST_STRETCHED = 3.0, 40.0
@@ -190,7 +192,8 @@ class KernelFit:
     def _limits(self, name: str, value: float) -> tuple[float, float]:
         if "length_scale_m" in name:
             if self.landform_share > 0.0 and name[-1] not in "23":
-                return float(np.log(self.landform_share * self.extent_m)), float(np.log(3.0 * self.extent_m))
+                low, high = self.landform_share * self.extent_m, LONGEST_SHARE * self.extent_m
+                return float(np.log(low)), float(np.log(high))
             # A further part that is longer than half the site is a plane, and would take waves that the others need.
             longest = 0.5 if name[-1] in "23" else 3.0
             return float(np.log(2e-3 * self.extent_m)), float(np.log(longest * self.extent_m))
@@ -207,7 +210,9 @@ class KernelFit:
         n = len(self.values)
         terms = [term_of(part, self.lags_m) for part in parts_of(candidate)]
         diagonal = candidate.variance_m2 + self.noise_m2 + nugget_m2
-        inverted = _inverted(self._matrix(np.sum([term.covariance for term in terms], axis=0), diagonal))
+        inverted = _inverted(
+            self.covariance_matrix(np.sum([term.covariance for term in terms], axis=0), diagonal)
+        )
         if inverted is None:
             # Not positive definite in double precision: worse than anything that is.
             return 1e25, np.zeros_like(theta)
@@ -230,7 +235,7 @@ class KernelFit:
         of_nugget = 0.0 if self.nugget_m is not None else half_trace * nugget_m2
         return float(negative), np.array([*gradient, of_nugget])
 
-    def _matrix(self, covariance: FloatArray, diagonal: FloatArray) -> FloatArray:
+    def covariance_matrix(self, covariance: FloatArray, diagonal: FloatArray) -> FloatArray:
         """Return the covariance (n, n) of the values, from that of all pairs and the diagonal."""
         if self.shared is not None:
             covariance, diagonal = covariance + self.shared[0], diagonal + self.shared[1]

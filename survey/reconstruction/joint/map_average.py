@@ -1,0 +1,53 @@
+"""Average of maps that were made with several kernels."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.data.grid import Grid
+
+
+class MapFields(Protocol):
+    """Map that gives heights and standard deviations on grids."""
+
+    def fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
+        """Return height and standard deviation (H, W) [m]."""
+
+
+@dataclass(frozen=True)
+class MapAverage:
+    """Maps with several kernels, to correct the map with one of them for what is not known of the kernel.
+
+    Parameters
+    ----------
+    reference : MapFields
+        Coarse map with the kernel of the map that is corrected.
+    others : tuple of MapFields
+        Coarse maps with all kernels.
+    weights : (K,) ndarray
+        Their probabilities.
+    """
+
+    reference: MapFields
+    others: tuple[MapFields, ...]
+    weights: FloatArray
+
+    def applied(self, grid: Grid, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return height and standard deviation (H, W) [m] of a map, averaged over the kernels.
+
+        The variance is the mean of the variances and the variance of the means.
+
+        Parameters
+        ----------
+        grid : Grid
+            Nodes of the map.
+        mean, std : (H, W) ndarray
+            Height and standard deviation with the kernel of the reference [m].
+        """
+        before, claimed = self.reference.fields(grid)
+        heights, deviations = np.moveaxis([one.fields(grid) for one in self.others], 1, 0)
+        average = np.tensordot(self.weights, heights, axes=1)
+        variance = np.tensordot(self.weights, deviations**2 + (heights - average) ** 2, axes=1)
+        return mean + average - before, std * np.sqrt(variance) / claimed
