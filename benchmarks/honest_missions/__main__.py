@@ -1,11 +1,11 @@
 """Honesty of maps of missions in images: coverage and error on sites that nothing was chosen on.
 
-Run with ``python -m benchmarks.honest_missions``. Five sites of 60 × 60 m are surveyed by two lawnmower swaths and by
-one piecewise-continuous one: ``examples/mendenhall_like.toml`` at a tenth of its size, with half as many swaths, so that
-their distance is the same share of the correlation length; cells of the prior are 7.5 m wide. Each mission is driven and
-its images are processed once; recordings and outcomes are stored (``FIRNLINE_HONEST_MISSIONS`` names the folder), and a
-run that was broken off continues. Seeds 181 to 185 were used for nothing else (``FIRNLINE_HONEST_MISSIONS_SEEDS`` names
-others); sizes of the sites were chosen by the time that drives take.
+Run with ``python -m benchmarks.honest_missions``. Five sites of 120 × 120 m are surveyed by three lawnmower swaths and by
+two piecewise-continuous ones, and the last of them by a single swath of either pattern: ``examples/mendenhall_like.toml``
+at a fifth of its size, with swaths as far apart as there for the length of its landforms; the prior has 8 × 8 cells. Each
+mission is driven and its images are processed once; recordings and outcomes are stored (``FIRNLINE_HONEST_MISSIONS`` names
+the folder), and a run that was broken off continues. Seeds 391 to 395 were used for nothing else
+(``FIRNLINE_HONEST_MISSIONS_SEEDS`` names others); methods were developed on sites of 60 × 60 m with the seeds 181 to 185.
 
 Maps are made as a mission makes them: kernel chosen, tested by swaths left out, with a prior that is unbiased and stated
 so, with a prior that has the errors of a product and is stated as such, and without a prior; with four stakes and

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.honest_missions.maps import NONE, PRIORS, REAL, UNBIASED
-from benchmarks.honest_missions.missions import PATTERNS
+from benchmarks.honest_missions.missions import PATTERNS, SINGLE
 from benchmarks.report import Row
 
 Earlier = Mapping[tuple[str, int], Mapping[str, float]]
@@ -52,6 +52,9 @@ def _coverage(prior: str, n_stakes: int, mine: Outcomes) -> Iterator[Row]:
         yield Row.of(shown, worst, "1", ">=", _WORST[prior])
     else:
         yield Row(shown, worst, "1")
+    single = [one["coverage"] for one in mine if one["seed"] == SINGLE]
+    if single:
+        yield Row(f"{name}: coverage of 95 %, single swaths", float(np.mean(single)), "1")
     contradicted = float(np.mean([one["contradicts"] for one in mine]))
     yield Row(f"{name}: share of maps that swaths left out contradict", contradicted, "1")
 

@@ -28,10 +28,10 @@ from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.design_rows import cell_rows, point_rows
 from survey.reconstruction.joint.joint_solve import JointPosterior
-from survey.reconstruction.joint.kernel_choice import PointsOnly, chosen, probable
+from survey.reconstruction.joint.kernels.kernel_choice import PointsOnly, chosen, probable
+from survey.reconstruction.joint.kernels.plane_residuals import PlaneResiduals, own_variance
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.map_average import MapAverage
-from survey.reconstruction.joint.plane_residuals import PlaneResiduals, own_variance
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
 from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.joint.shared_relief import with_shared_relief

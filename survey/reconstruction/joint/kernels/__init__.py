@@ -1,0 +1,1 @@
+"""Kernels of the joint map: residuals that they are fitted to, and their choice."""
