@@ -47,7 +47,8 @@ class MapAverage:
             Height and standard deviation with the kernel of the reference [m].
         """
         before, claimed = self.reference.fields(grid)
-        heights, deviations = np.moveaxis([one.fields(grid) for one in self.others], 1, 0)
+        every = [one.fields(grid) for one in self.others]
+        heights, deviations = (np.array([fields[k] for fields in every]) for k in (0, 1))
         average = np.tensordot(self.weights, heights, axes=1)
         variance = np.tensordot(self.weights, deviations**2 + (heights - average) ** 2, axes=1)
         return mean + average - before, std * np.sqrt(variance) / claimed

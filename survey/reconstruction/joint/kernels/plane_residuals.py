@@ -80,7 +80,7 @@ class PlaneResiduals:
         return SharedError.full(self.points, self.path, self.slope).rows
 
     def _shared(self, part: IntArray) -> FloatArray:
-        common = self.path.covariance(self._rows[part]) + self.landmarks.covariance(part)
+        common: FloatArray = self.path.covariance(self._rows[part]) + self.landmarks.covariance(part)
         return common + _of_unknown_slopes(self.points.xy[part])
 
     @cached_property
@@ -105,7 +105,8 @@ def _of_unknown_slopes(xy: FloatArray) -> FloatArray:
     does not count as absent.
     """
     from_middle = _LOOSE_SLOPE * (xy - xy.mean(axis=0))
-    return from_middle @ from_middle.T
+    covariance: FloatArray = from_middle @ from_middle.T
+    return covariance
 
 
 def _columns(xy: FloatArray) -> FloatArray:
