@@ -133,10 +133,12 @@ class JointTerrain:
     def _average(
         self, alone: PointsOnly, found: Hyperparameters, slope: FloatArray, cells: SatelliteCells | None
     ) -> MapAverage | None:
-        """Return maps with all kernels that points and cells leave probable; None where the kernel is stated."""
+        """Return maps with all kernels that points and cells leave probable; None where only one is."""
         if not self.config.fit:
             return None
         rivals, weights = probable(alone, found, cells)
+        if rivals == [found]:
+            return None
         longest = max((found, *rivals), key=lambda one: one.kernel.length_scales_m[1])
         given, memory_mb = (alone.points, alone.bounds), 0.5 * self.joint.memory_mb
         solved = {longest: self._solution(*given, longest, slope, cells, memory_mb=memory_mb)}

@@ -30,6 +30,8 @@ _LENGTHS, _VARIANCES = np.geomspace(0.08, LONGEST_SHARE, 8), np.geomspace(1e-3, 
 _SHORTEST, _CHANCE = 0.08, 0.05
 # Probabilities of lengths below those that are returned: the middles of three equal parts.
 _QUANTILES = np.array([1.0, 3.0, 5.0]) / 6.0
+# Lengths that differ by a smaller ratio count as one.
+_DETERMINED = 1.25
 
 
 def lengths_of(search: KernelFit, found: Hyperparameters) -> list[Hyperparameters]:
@@ -43,7 +45,8 @@ def lengths_of(search: KernelFit, found: Hyperparameters) -> list[Hyperparameter
     search : KernelFit
         Likelihood of the points.
     found : Hyperparameters
-        Its maximum, with the longest scale as its first part; a kernel of another form is returned alone.
+        Its maximum, with the longest scale as its first part; returned alone where its length is determined within a
+        quarter, and where its kernel has another form.
     """
     longest, *others = parts_of(found.kernel)
     if not isinstance(longest, Stationary):
@@ -56,6 +59,8 @@ def lengths_of(search: KernelFit, found: Hyperparameters) -> list[Hyperparameter
         logsumexp(logs, axis=1, b=_VARIANCES) - logsumexp(logs, axis=1)
     )
     log_length = _quantiles(np.log(lengths), density)
+    if log_length[-1] - log_length[0] < np.log(_DETERMINED):
+        return [found]
     log_variance = np.interp(log_length, np.log(lengths), np.log(mean_variance))
     return [
         _with_longest(found, longest, others, float(np.exp(length)), float(np.exp(variance)))

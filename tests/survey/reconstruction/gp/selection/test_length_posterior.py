@@ -41,8 +41,13 @@ def test_lengths_about_the_true_one_are_returned_where_points_surround_the_site(
     found = lengths_m(fit)
     assert np.all(np.diff(found) > 0.0)
     assert found[0] < 1.25 * 40.0
-    assert found[2] > 40.0 / 1.25
-    assert found[2] / found[0] < 1.6
+    assert found[-1] > 40.0 / 1.25
+    assert found[-1] / found[0] < 1.6
+
+
+def test_a_length_that_is_determined_is_returned_alone() -> None:
+    fit = fit_to(np.random.default_rng(2).uniform(0.0, 900.0, (320, 2)))
+    assert lengths_of(fit, FOUND) == [FOUND]
 
 
 def test_a_single_swath_leaves_length_and_variance_open() -> None:
