@@ -9,6 +9,7 @@ from scipy import sparse
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
+from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
 from vision_slam.fusion.normal_equations import PER_NODE
 from vision_slam.rotation import rotations, turned
@@ -33,24 +34,29 @@ class PoseConstraints:
 
 
 def pose_constraints(
-    recording: OdometryRecording, dead_reckoned: FloatArray, node_time_s: FloatArray, n_unknowns: int
+    recording: OdometryRecording,
+    dead_reckoned: FloatArray,
+    node_time_s: FloatArray,
+    n_unknowns: int,
+    config: LocalizationConfig,
 ) -> PoseConstraints:
     r"""Return the equations of stakes and loop closures for the errors of the path.
 
     A stake at p, seen at the offset o from the pose: p̃ + R̃ o − p = e + ∂(R o) · (ψ, θ, φ).
     A closure that finds pose j at o from pose i: p̃_j − p̃_i − R̃_i o = e_j − e_i − ∂(R o) · (ψ, θ, φ)_i.
-    All sightings of a stake share the error of its survey.
+    All sightings of a stake share the error of its survey, and all sightings between two nodes what the path errs
+    beyond its interpolation between them.
     """
     place = _Place(recording, dead_reckoned, node_time_s, n_unknowns)
     rows, value, noise = [sparse.csr_array((0, n_unknowns))], [np.zeros(0)], [np.zeros((0, 3, 3))]
-    surveyed = np.zeros(0, dtype=np.int64), np.zeros(0)
+    shared = np.zeros((0, 0))
     seen, stakes, closures = recording.stake_sightings, recording.stakes, recording.loop_closures
     if seen is not None and stakes is not None:
         arm, spread = place.arm(seen.time_s, seen.offset, seen.covariance)
         rows.append(place.rows(seen.time_s, arm, 1.0))
         value.append((place.position(seen.time_s) + arm - stakes.position[seen.index]).ravel())
         noise.append(spread)
-        surveyed = seen.index, stakes.sigma_m
+        shared = _of_survey(seen.index, stakes.sigma_m) + place.between_nodes(seen.time_s, config)
     if closures is not None:
         arm, spread = place.arm(closures.earlier_s, closures.offset, closures.covariance)
         still = np.zeros_like(arm)
@@ -59,18 +65,23 @@ def pose_constraints(
         value.append((moved - arm).ravel())
         noise.append(spread)
     return PoseConstraints(
-        sparse.csr_array(sparse.vstack(rows)), np.concatenate(value), _noise(np.concatenate(noise), *surveyed)
+        sparse.csr_array(sparse.vstack(rows)), np.concatenate(value), _noise(np.concatenate(noise), shared)
     )
 
 
-def _noise(own: FloatArray, stake: IntArray, survey_sigma_m: FloatArray) -> FloatArray:
-    """Return the covariance (3 M, 3 M) of constraints: their own (M, 3, 3), and the survey's error of the stakes (N,) of the first N."""
+def _noise(own: FloatArray, shared: FloatArray) -> FloatArray:
+    """Return the covariance (3 M, 3 M) of constraints: their own (M, 3, 3), and that which the first of them share."""
     if not len(own):
         return np.zeros((0, 0))
     noise = np.asarray(sparse.block_diag(list(own)).toarray())
-    variance_m2 = (stake[:, None] == stake) * survey_sigma_m[stake] ** 2
-    noise[: 3 * len(stake), : 3 * len(stake)] += np.kron(variance_m2, np.eye(3))
+    noise[: len(shared), : len(shared)] += shared
     return noise
+
+
+def _of_survey(stake: IntArray, sigma_m: FloatArray) -> FloatArray:
+    """Return the covariance (3 N, 3 N) of sightings of stakes by the errors of their survey."""
+    covariance: FloatArray = np.kron((stake[:, None] == stake) * sigma_m[stake] ** 2, np.eye(3))
+    return covariance
 
 
 def gate_constraints(
@@ -124,6 +135,26 @@ class _Place:
         # The information is not needed to lay out rows.
         layout = PathError(self.node_time_s, sparse.csr_array((self.n_unknowns,) * 2), PER_NODE)
         return layout.rows(np.repeat(keyframe, 3), by_pose.reshape(-1, POSE))
+
+    def between_nodes(self, time_s: FloatArray, config: LocalizationConfig) -> FloatArray:
+        """Return the covariance (3 N, 3 N) of the path's error at some times beyond its interpolation between nodes.
+
+        The random error of the steps is a Brownian bridge in all directions, that of their scale one along the way.
+        """
+        nodes, travel = (
+            self.node_time_s,
+            np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.dead_reckoned, axis=0), axis=1))],
+        )
+        at, ends = np.interp(time_s, self._times, travel), np.interp(nodes, self._times, travel)
+        index = np.clip(np.searchsorted(nodes, time_s, side="right") - 1, 0, len(nodes) - 2)
+        since, length = at - ends[index], np.maximum(np.diff(ends)[index], 1e-9)
+        bridge = np.minimum.outer(since, since) - np.outer(since, since) / length
+        bridge *= index[:, None] == index
+        ahead = rotations(self._attitude(time_s))[:, :, 0]
+        wander = 2.0 * config.scale_wander_m * config.scale_wander_sigma**2
+        along = np.einsum("ij,ia,jb->iajb", wander * bridge, ahead, ahead).reshape(3 * len(at), 3 * len(at))
+        covariance: FloatArray = np.kron(config.step_sigma_m**2 * bridge, np.eye(3)) + along
+        return covariance
 
     def _attitude(self, time_s: FloatArray) -> FloatArray:
         odometry = self.recording.odometry

@@ -95,7 +95,7 @@ def smooth(
         if mean_s == 0.0:
             posterior = _Posterior.of(recording, dead_reckoned, nodes, config, is_delay_linear=True)
         posterior = posterior.with_delay(mean_s, sigma_s)
-    constraints = pose_constraints(recording, dead_reckoned, time_s, posterior.chain.n_unknowns)
+    constraints = pose_constraints(recording, dead_reckoned, time_s, posterior.chain.n_unknowns, config)
     accepted = gate_constraints(constraints, posterior.chain, posterior.estimate, config.tie_gate)
     posterior = posterior.with_constraints(accepted)
     if len(constraints) > len(accepted):

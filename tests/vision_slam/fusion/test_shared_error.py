@@ -110,6 +110,25 @@ def test_many_sightings_of_a_stake_share_the_error_of_its_survey():
     assert 0.049 < np.sqrt(path.covariance[590, 2, 2]) < 0.06
 
 
+def test_a_sighting_between_nodes_pins_them_no_better_than_the_steps_between_allow():
+    recording, position, attitude = drifting()
+    rough = LASTING.model_copy(update={"step_sigma_m": 0.2})
+    sigma_m = []
+    for middle in (300, 305):  # nodes stand every ten metres
+        arm = np.array([[0.0, 1.5, 0.2]])
+        foot = position[middle] + np.einsum("ij,nj->ni", rotations(attitude[middle : middle + 1])[0], arm)
+        seen = StakeSightings(
+            np.full(1, float(middle)), np.zeros(1), arm, np.tile(1e-4 * np.eye(3), (1, 1, 1))
+        )
+        path = smoothed(
+            replace(recording, stakes=Stakes(foot, np.full(1, 0.01)), stake_sightings=seen), rough
+        )
+        sigma_m.append(np.sqrt(path.covariance[middle, 2, 2]))
+    # Ten steps of 0.2 m: a bridge of 0.2 √(10 / 4) m in the middle.
+    assert sigma_m[0] < 0.1
+    assert sigma_m[1] > 0.25
+
+
 def closures_at(position, attitude, shifts: dict[int, np.ndarray]) -> LoopClosures:
     """Recognize the first quarter's places from the last quarter, each from where it is, but for shifts [m]."""
     earlier, later = np.arange(20, 140, 15), np.arange(460, 580, 15)
