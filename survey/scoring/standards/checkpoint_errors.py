@@ -136,8 +136,7 @@ class CheckpointErrors:
         """Those that were found in the map too; None where there are none."""
         if self.shift_m is None:
             return None
-        found: BoolArray = np.isfinite(self.shift_m).all(axis=1)
-        return self._only(found)
+        return self._only(np.asarray(np.isfinite(self.shift_m).all(axis=1), dtype=np.bool_))
 
     def _only(self, mask: BoolArray) -> "CheckpointErrors | None":
         """Return some of them; None for none."""
