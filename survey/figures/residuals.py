@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtri
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -22,6 +22,8 @@ from survey.scoring import CheckpointErrors, ErrorStatistics
 
 _HALF_HEIGHT_IN = 3.3
 _MOST_NAMES = 40
+# Points in less than half of the map's length are shown with a margin of a tenth.
+_SMALL_PART, _MARGIN = 0.5, 0.1
 _MOST_QUANTILES = 2000
 
 
@@ -50,7 +52,7 @@ def residual_map(errors: CheckpointErrors, dem: Dem, area: SurveyArea | None = N
     """
     if errors.xyz is None:
         raise InputError("the checkpoint errors have no places; compute them with compare.")
-    drawing = map_figure(FULL_IN, view(dem, area))
+    drawing = map_figure(FULL_IN, _view(errors.xyz, dem, area))
     axes = drawing.maps[0]
     draw_relief(axes, dem, exaggeration=relief_exaggeration(dem))
     if area is not None:
@@ -73,6 +75,16 @@ def residual_map(errors: CheckpointErrors, dem: Dem, area: SurveyArea | None = N
     draw_scale_and_north(drawing, crs=dem.crs)
     axes.set_title("Residuals at the checkpoints")
     return drawing.figure
+
+
+def _view(xyz: FloatArray, dem: Dem, area: SurveyArea | None) -> Bounds:
+    """Return what the map shows: the area, else the map, or the points where they lie in a small part of it."""
+    (west, south), (east, north) = xyz[:, :2].min(axis=0).tolist(), xyz[:, :2].max(axis=0).tolist()
+    margin = max(_MARGIN * max(east - west, north - south), 10.0 * dem.step_m)
+    about = (west - margin, south - margin, east + margin, north + margin)
+    reach = max(dem.bounds[2] - dem.bounds[0], dem.bounds[3] - dem.bounds[1])
+    is_small = max(about[2] - about[0], about[3] - about[1]) < _SMALL_PART * reach
+    return view(dem, SurveyArea.rectangle(about, dem.crs) if area is None and is_small else area)
 
 
 @styled

@@ -57,6 +57,20 @@ def number(value: float | None, unit: str = "", decimals: int = 3) -> str:
     )
 
 
+def rounded(value: float) -> str:
+    """Write a large number with four significant digits and thin spaces between thousands.
+
+    Examples
+    --------
+    >>> rounded(2886754.3).split("\u202f"), rounded(-0.01234)
+    (['2', '887', '000'], '-0.01234')
+    """
+    digits = float(f"{value:.4g}")
+    return (
+        f"{digits:,.0f}".replace(",", "\u202f").replace("-", MINUS) if abs(digits) >= 1000 else f"{digits:g}"
+    )
+
+
 def percent(share: float | None) -> str:
     """Write a share as a percentage.
 

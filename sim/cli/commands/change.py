@@ -219,10 +219,18 @@ def _print_change(facts: dict[str, Any], out: Path) -> None:
         )
     for row in facts["volumes"]:
         typer.echo(
-            f"{printable(row['name'])}: {row['volume_change_m3']:+.4g} m³, 95 % between {row['volume_low_95_m3']:+.4g} and "
-            f"{row['volume_high_95_m3']:+.4g}; {row['mean_change_m']:+.3f} m on the mean, "
+            f"{printable(row['name'])}: {_signed(row['volume_change_m3'])} m³, 95 % between "
+            f"{_signed(row['volume_low_95_m3'])} and {_signed(row['volume_high_95_m3'])}; {row['mean_change_m']:+.3f} m on the mean, "
             f"{row['specific_mass_balance_m_we']:+.3f} ± {row['specific_std_m_we']:.3f} m w.e."
         )
     for note in facts["notes"]:
         typer.echo(f"note: {note}")
     typer.echo(f"written to {out}")
+
+
+def _signed(value: float) -> str:
+    """Write a number with its sign and four significant digits, with spaces between thousands."""
+    from survey.reporting.quantities import MINUS, rounded
+
+    plain = rounded(value).replace("\u202f", " ").replace(MINUS, "-")
+    return plain if plain.startswith("-") else f"+{plain}"

@@ -74,7 +74,7 @@ def _formats() -> str:
         "routes, written": ", ".join(sorted(WRITERS)),
         "plans, written": ".geojson, .gpkg (route), .pdf (sheets), .qgz (QGIS project)",
         "points": ".csv, .gpkg, .geojson, .las, .laz, .ply",
-        "checkpoints": ".csv, .txt, .tsv (also GNSS exports with , ; or tab, and decimal commas), .gpkg, .geojson, .gpx, .las",
+        "checkpoints": ".csv, .txt, .tsv (also GNSS exports with , ; tab or blanks, and decimal commas), .gpkg, .geojson, .gpx, .las",
         "land cover (score --by)": "rasters of whole numbers; polygons with a column of classes",
         "reports (score, change)": "a folder, .html or .pdf",
         "tracks": ".csv, .tum, .gpx, .gpkg; .txt (KITTI) is written",

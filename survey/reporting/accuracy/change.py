@@ -9,7 +9,7 @@ from survey.figures.change import change_map
 from survey.reporting.accuracy.methods import HUSS, NUTH, ROLSTAD
 from survey.reporting.accuracy.parts import ReportSetting, facts_table, methods_section
 from survey.reporting.document import Chapter, Document, DrawnFigure, Table
-from survey.reporting.quantities import MINUS, number, percent
+from survey.reporting.quantities import number, percent, rounded
 from survey.scoring.change.results import Change
 
 
@@ -48,7 +48,7 @@ def change_report(
         Chapter("Result", paragraphs=_sentences(facts), tables=(_volumes(facts), _masses(facts))),
         Chapter("Map", figures=(figure,)),
         Chapter("What was compared", tables=(_inputs(setting, change, facts),)),
-        Chapter("Assumptions", paragraphs=(*change.notes, _assumption(facts))),
+        Chapter("Assumptions", paragraphs=(*map(_as_sentence, change.notes), _assumption(facts))),
         methods_section(cited),
     )
     return Document("Change report", setting.title, setting.subtitle, sections, setting.signature)
@@ -56,8 +56,8 @@ def change_report(
 
 def _sentences(facts: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(
-        f"{row['name']}: volume change {_round(row['volume_change_m3'])} m³, with a probability of 95 % between "
-        f"{_round(row['volume_low_95_m3'])} and {_round(row['volume_high_95_m3'])} m³; specific mass balance "
+        f"{row['name']}: volume change {rounded(row['volume_change_m3'])} m³, with a probability of 95 % between "
+        f"{rounded(row['volume_low_95_m3'])} and {rounded(row['volume_high_95_m3'])} m³; specific mass balance "
         f"{number(row['specific_mass_balance_m_we'])} ± {number(row['specific_std_m_we'])} m water equivalent (1 σ)."
         for row in facts["volumes"]
     )
@@ -77,10 +77,10 @@ def _volumes(facts: Mapping[str, Any]) -> Table:
     rows = tuple(
         (
             row["name"],
-            _round(row["area_m2"]),
+            rounded(row["area_m2"]),
             percent(row["known_share"]),
             number(row["mean_change_m"]),
-            *(_round(row[f"volume_{key}_m3"]) for key in ("change", "std", "low_95", "high_95")),
+            *(rounded(row[f"volume_{key}_m3"]) for key in ("change", "std", "low_95", "high_95")),
         )
         for row in facts["volumes"]
     )
@@ -92,7 +92,7 @@ def _masses(facts: Mapping[str, Any]) -> Table:
     rows = tuple(
         (
             row["name"],
-            *(_round(row[f"mass_{key}_kg"] / 1000.0) for key in ("change", "std")),
+            *(rounded(row[f"mass_{key}_kg"] / 1000.0) for key in ("change", "std")),
             number(row["specific_mass_balance_m_we"]),
             number(row["specific_std_m_we"]),
         )
@@ -141,9 +141,5 @@ def _assumption(facts: Mapping[str, Any]) -> str:
     )
 
 
-def _round(value: float) -> str:
-    """Write a number with four significant digits and thin spaces."""
-    digits = float(f"{value:.4g}")
-    return (
-        f"{digits:,.0f}".replace(",", "\u202f").replace("-", MINUS) if abs(digits) >= 1000 else f"{digits:g}"
-    )
+def _as_sentence(note: str) -> str:
+    return f"{note[0].upper()}{note[1:].rstrip('.')}."

@@ -19,6 +19,8 @@ from survey.scoring.change.unchanged_ground import BLUNDER, ComparedGround, Outl
 from survey.scoring.change.variogram import LARGEST_CELLS, Variogram
 
 ElevationSurface = Dem | Reconstruction
+# Independent surveys agree to the last digit on few cells only.
+_MOST_EQUAL = 0.5
 
 
 @check_types
@@ -122,6 +124,7 @@ def _change(
         variogram,
         (
             *datum_notes(levelled.vertical_datum),
+            *_copy_notes(heights[known & ground.stable]),
             *_error_notes(n_blunders, is_levelled=is_levelled),
             *scale_notes(levelled),
         ),
@@ -155,6 +158,18 @@ def _relative_std(later: ElevationSurface, earlier: ElevationSurface, grid: Grid
         raise InputError("a survey states standard deviations of 0; every survey errs, correct them.")
     relative: FloatArray = std / np.nanmean(std)
     return relative
+
+
+def _copy_notes(stable_m: FloatArray) -> tuple[str, ...]:
+    """Return a note where the difference is exactly 0 on most of the unchanged ground: no error can be seen there."""
+    share = float(np.mean(stable_m == 0.0)) if stable_m.size else 0.0
+    if share <= _MOST_EQUAL:
+        return ()
+    return (
+        f"{share:.0%} of the unchanged ground has the same height in both surveys to the last digit, as where one was filled "
+        "from the other: their errors cannot be seen there, and the interval is too narrow; name ground that both "
+        "surveyed (--stable)",
+    )
 
 
 def _mean(values: FloatArray, weights: FloatArray, mask: BoolArray) -> float:

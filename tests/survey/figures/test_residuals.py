@@ -45,3 +45,10 @@ def test_the_histogram_counts_every_residual():
 def test_errors_without_places_are_refused():
     with pytest.raises(InputError, match="no places"):
         residual_map(replace(compared(5), xyz=None), TERRAIN)
+
+
+def test_points_in_a_small_part_of_the_map_are_shown_large():
+    errors = compared(12)
+    corner = replace(errors, xyz=errors.xyz * [0.2, 0.2, 1.0])
+    assert residual_map(errors, TERRAIN).axes[0].get_xlim()[1] >= 300.0
+    assert residual_map(corner, TERRAIN).axes[0].get_xlim()[1] < 200.0

@@ -1,6 +1,7 @@
 """EXIF of image files: size, orientation, time, focal length, position."""
 
 import math
+import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +15,7 @@ _ORIENTATION, _FOCAL_MM, _FOCAL_35_MM = 274, 37386, 41989
 _PLANE_X, _PLANE_UNIT, _WIDTH = 41486, 41488, 40962
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 _GPS_SIGMA = 31
+_OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
 
 
 class Photo(NamedTuple):
@@ -97,21 +99,28 @@ def _time(tags: dict[int, Any]) -> tuple[float | None, bool, bool]:
         text = str(tags.get(date_tag, "")).strip("\0 ")
         if not text or not text.strip(": 0"):
             continue
-        date = datetime.strptime(text[:19], "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+        date = datetime.strptime(re.sub("[-/T]", _mark, text[:19]), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
         digits = str(tags.get(sub_tag, "")).strip("\0 ")
         part = float(f"0.{digits}") if digits.isdigit() else 0.0
-        offset = str(tags.get(offset_tag, "")).strip("\0 ")
-        return date.timestamp() + part - _offset_s(offset), bool(offset), digits.isdigit()
+        ahead_s = _offset_s(str(tags.get(offset_tag, "")).strip("\0 "))
+        return date.timestamp() + part - (ahead_s or 0.0), ahead_s is not None, digits.isdigit()
     return None, False, False
 
 
-def _offset_s(text: str) -> float:
-    """Return seconds of an offset from UTC such as ``+02:00``; 0 for none."""
-    if not text or text == "Z":
+def _mark(found: re.Match[str]) -> str:
+    """Return the mark of EXIF for one that some cameras write instead: 2024-06-12T10:15:02."""
+    return " " if found[0] == "T" else ":"
+
+
+def _offset_s(text: str) -> float | None:
+    """Return seconds of an offset from UTC such as ``+02:00``; None for none, and for the blanks of an unknown one."""
+    if text == "Z":
         return 0.0
-    hours, minutes = text[1:].split(":")
-    ahead = timedelta(hours=int(hours), minutes=int(minutes)).total_seconds()
-    return -ahead if text[0] == "-" else ahead
+    found = _OFFSET.fullmatch(text)
+    if found is None:
+        return None
+    ahead = timedelta(hours=int(found[2]), minutes=int(found[3])).total_seconds()
+    return -ahead if found[1] == "-" else ahead
 
 
 def _focal_px(tags: dict[int, Any], width: int) -> float | None:
@@ -142,8 +151,10 @@ def _degrees(parts: Any) -> float:
 
 def _gps_time(gps: dict[int, Any]) -> float | None:
     """Return the Unix time of the position; None where date or time is missing."""
-    if not {7, 29} <= gps.keys():
+    text = str(gps.get(29, "")).strip("\0 :0")
+    if not text or 7 not in gps:
         return None
-    day = datetime.strptime(str(gps[29]).strip("\0 "), "%Y:%m:%d").replace(tzinfo=UTC).timestamp()
+    day = datetime.strptime(re.sub("[-/]", ":", str(gps[29]).strip("\0 ")), "%Y:%m:%d").replace(tzinfo=UTC)
     hours, minutes, seconds = (float(part) for part in gps[7])
-    return day + 3600.0 * hours + 60.0 * minutes + seconds
+    time_s = day.timestamp() + 3600.0 * hours + 60.0 * minutes + seconds
+    return time_s if math.isfinite(time_s) else None

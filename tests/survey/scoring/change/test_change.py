@@ -156,6 +156,17 @@ def test_mass_knows_the_doubt_of_the_density() -> None:
         lost.mass(-1.0)
 
 
+def test_an_interval_is_doubted_where_one_survey_was_filled_from_the_other() -> None:
+    rng = np.random.default_rng(6)
+    grid = Grid((0.0, 0.0, 390.0, 390.0), 10.0, "EPSG:32608")
+    before = Dem.on(grid, rng.normal(0.0, 0.2, grid.shape))
+    after = Dem.on(grid, before.elevation + 2.0 * (np.hypot(grid.x - 200, grid.y[:, None] - 200) < 100.0))
+    ice = {"ice": shapely.Point(200.0, 200.0).buffer(100.0)}
+    assert any("the interval is too narrow" in note for note in change(after, before, ice).notes)
+    noisy = Dem.on(grid, after.elevation + rng.normal(0.0, 0.1, grid.shape))
+    assert not any("the interval is too narrow" in note for note in change(noisy, before, ice).notes)
+
+
 def test_refusals() -> None:
     later, earlier = pair()
     far = {"far": shapely.Point(9e5, 9e5).buffer(10.0)}
