@@ -80,7 +80,7 @@ def residual_map(errors: CheckpointErrors, dem: Dem, area: SurveyArea | None = N
 def _view(xyz: FloatArray, dem: Dem, area: SurveyArea | None) -> Bounds:
     """Return what the map shows: the area, else the map, or the points where they lie in a small part of it."""
     (west, south), (east, north) = xyz[:, :2].min(axis=0).tolist(), xyz[:, :2].max(axis=0).tolist()
-    margin = max(_MARGIN * max(east - west, north - south), 10.0 * dem.step_m)
+    margin = max(_MARGIN * max(east - west, north - south), 3.0 * dem.step_m)
     about = (west - margin, south - margin, east + margin, north + margin)
     reach = max(dem.bounds[2] - dem.bounds[0], dem.bounds[3] - dem.bounds[1])
     is_small = max(about[2] - about[0], about[3] - about[1]) < _SMALL_PART * reach
