@@ -69,7 +69,7 @@ def earlier_map(pattern: str, seed: int) -> dict[str, float] | None:
     file = FOLDER / "earlier" / f"{pattern}-{seed}.json"
     if CHECKOUT is None and not file.exists():
         return None
-    facts: dict[str, float] = stored(file, lambda: _mapped(Path(str(CHECKOUT)), driven(pattern, seed).path))
+    facts: dict[str, float] = stored(file, lambda: _mapped(Path(str(CHECKOUT)), driven(pattern, seed)))
     return facts
 
 

@@ -14,7 +14,6 @@ from sim.studies.glacier.surveys import SURVEY
 from sim.world.site import build_world
 from survey.core.config import validated
 from survey.core.documents import read_json
-from survey.core.runs.store import RunFolder
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from vision_slam.odometry.onboard import read_visual_odometry
@@ -50,24 +49,30 @@ def mission_of(pattern: str, seed: int) -> MissionConfig:
     return validated(MissionConfig, settings, "the mission")
 
 
-def driven(pattern: str, seed: int) -> RunFolder:
-    """Return the folder of a mission; it is driven where that was not done before."""
-    mission = mission_of(pattern, seed)
-    run = open_run(mission, FOLDER)
-    run_mission(mission, run, until="simulate", workers=1)
-    return run
+def driven(pattern: str, seed: int) -> Path:
+    """Return the folder of a mission; it is driven where that was not done before.
+
+    A recording that is there is taken whatever settings missions have gained since.
+    """
+    place = FOLDER / f"{pattern}-{seed}"
+    if not place.exists():
+        mission = mission_of(pattern, seed)
+        run = open_run(mission, FOLDER / "runs")
+        run_mission(mission, run, until="simulate", workers=1)
+        place.symlink_to(run.path.resolve(), target_is_directory=True)
+    return place
 
 
 def survey_of(pattern: str, seed: int) -> Survey:
     """Return the recording of a mission with its truth, and its cells without common errors."""
-    folder = driven(pattern, seed).path
+    folder = driven(pattern, seed)
     recording = Recording.read(folder / "2-simulate" / "recording")
     return survey_at(folder, recording, read_visual_odometry(folder / "2-simulate" / "recording" / "onboard"))
 
 
 def ending_of(pattern: str, seed: int) -> str:
     """Return how the drive of a mission ended; ``arrived`` is the one wanted."""
-    return str(read_json(driven(pattern, seed).path / "2-simulate" / "drive.json", "the drive")["ending"])
+    return str(read_json(driven(pattern, seed) / "2-simulate" / "drive.json", "the drive")["ending"])
 
 
 def real_prior(pattern: str, seed: int) -> Dem:
