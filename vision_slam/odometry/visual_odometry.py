@@ -246,12 +246,18 @@ class VisualOdometer:
         time_s : float
             Its time [s].
         """
-        if self._lever_arm_m is not None and self._newest is not None and np.array_equal(image, self._newest):
+        if self._lever_arm_m is not None and self._is_repeated(image):
             self._repeated.append(time_s)
             return
         self._n_repeated += len(self._repeated)
         self._repeated, self._newest = [], image
         self._follow(image, time_s)
+
+    def _is_repeated(self, image: Image) -> bool:
+        """Whether an image is the same as the one before; blank images are all the same and show nothing."""
+        if self._newest is None or not np.array_equal(image, self._newest):
+            return False
+        return self.slam.frames[-1].health.entropy_bits >= self.slam.config.least_entropy_bits
 
     def _follow(self, image: Image, time_s: float) -> None:
         """Process an image that is not left out."""
