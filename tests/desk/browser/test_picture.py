@@ -156,7 +156,7 @@ def run_the_mission(demo: DeskPage, film: Recorder) -> None:
     """Simulate the survey, and go through the map as it grew."""
     film.click("#tab-runs", 0.6)
     film.click("#start-mission", 0.8)
-    demo.page.wait_for_selector("#mission-result a")
+    demo.page.wait_for_selector("#mission-result a", timeout=900_000)
     film.slide("#growth", list(range(12)), 0.2)
     film.shoot(0.8)
     demo.page.uncheck("#show-grown-elevation")

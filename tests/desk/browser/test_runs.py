@@ -6,13 +6,14 @@ from tests.desk.browser.test_access import violations
 from tests.desk.browser.test_planning import set_field
 from tests.desk.measured.test_measured import measured_table
 
-pytestmark = pytest.mark.walkthrough
+pytestmark = [pytest.mark.walkthrough, pytest.mark.timeout(1500)]
+LONG_MS = 600_000  # a mission on a loaded machine
 
 
 def run_mission(opened) -> None:
     """Run the mission of the plan and wait for its score."""
     opened.page.click("#start-mission")
-    opened.page.wait_for_selector("#mission-result a")
+    opened.page.wait_for_selector("#mission-result a", timeout=LONG_MS)
 
 
 def test_runs_are_watched_listed_and_compared(opened):
@@ -32,7 +33,7 @@ def test_runs_are_watched_listed_and_compared(opened):
     assert "hills" in report.value.content()
     set_field(opened, "simulation-seed", "5")
     run_mission(opened)
-    opened.wait_for(lambda: page.locator(".run").count() == 2, "second run")
+    page.wait_for_selector(".run >> nth=1", timeout=LONG_MS)
     for box in page.locator(".run input").all():
         box.check()
     page.click("#show-difference")
@@ -53,7 +54,7 @@ def test_measured_points_become_a_map_with_its_score(opened, tmp_path):
     page.set_input_files("#measured-checkpoints", tmp_path / "checks.csv")
     opened.wait_for(lambda: "points" in page.inner_text("#taken-checkpoints"), "checkpoints")
     page.click("#start-map")
-    page.wait_for_selector("#measured-result .command")
+    page.wait_for_selector("#measured-result .command", timeout=LONG_MS)
     assert "checkpoints the map has an RMSE" in page.inner_text("#measured-result")
     assert page.is_checked("#show-measured-elevation")
     assert violations(page) == []
@@ -74,7 +75,7 @@ def test_the_next_swath_is_proposed_in_the_page(opened, tmp_path):
     opened.page.set_input_files("#measured-points", tmp_path / "points.csv")
     opened.wait_for_revision(2)
     opened.page.click("#start-next")
-    opened.page.wait_for_selector("#next-sentence")
+    opened.page.wait_for_selector("#next-sentence", timeout=LONG_MS)
 
 
 def test_a_wrong_file_of_measurements_is_refused(opened, tmp_path):

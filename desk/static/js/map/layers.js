@@ -21,7 +21,10 @@ export class Layers {
   add(entry) {
     this.remove(entry.name);
     this.entries.unshift(entry);
-    this.list.prepend(this.#row(entry));
+    const remove = element("button", { type: "button", class: "quiet remove", text: "×", title: `Remove ${entry.title}`, "aria-label": `Remove ${entry.title}`, onclick: () => this.remove(entry.name) });
+    const row = this.#row(entry);
+    row.append(remove);
+    this.list.prepend(row);
     this.#changed();
   }
 

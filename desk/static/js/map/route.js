@@ -30,13 +30,31 @@ export class RouteLayer {
     if (!plan) return;
     const lines = plan.legs.map((leg) => new ol.Feature({ geometry: new ol.geom.LineString(leg.places), kind: leg.kind, rover: leg.rover }));
     const pieces = plan.left_out.map((piece) => new ol.Feature({ geometry: new ol.geom.Polygon(piece.rings.map((ring) => [...ring, ring[0]])), kind: "left-out" }));
-    this.source.addFeatures([...pieces, ...lines]);
+    this.source.addFeatures([...pieces, ...lines, ...ends(plan.legs)]);
   }
+}
+
+/** @param {import("../types.js").Leg[]} legs Return where each rover begins and ends. */
+function ends(legs) {
+  const rovers = [...new Set(legs.map((leg) => leg.rover))];
+  return rovers.flatMap((rover) => {
+    const own = legs.filter((leg) => leg.rover === rover);
+    const places = /** @type {[string, import("../types.js").Place|undefined][]} */ ([["begin", own[0].places[0]], ["end", own.at(-1)?.places.at(-1)]]);
+    return places.map(([kind, place]) => new ol.Feature({ geometry: new ol.geom.Point(place), kind, rover }));
+  });
+}
+
+/** @param {string} kind @param {string} color */
+function endStyle(kind, color) {
+  const fill = new ol.style.Fill({ color: kind === "begin" ? color : "#ffffff" });
+  const stroke = new ol.style.Stroke({ color: kind === "begin" ? "#ffffff" : color, width: 2.5 });
+  return new ol.style.Style({ zIndex: 2, image: new ol.style.Circle({ radius: kind === "begin" ? 7 : 6, fill, stroke }) });
 }
 
 /** @param {any} feature @param {number} resolution */
 function styles(feature, resolution) {
   const kind = feature.get("kind");
+  if (kind === "begin" || kind === "end") return endStyle(kind, ROVERS[feature.get("rover") % ROVERS.length]);
   if (kind === "left-out")
     return new ol.style.Style({
       fill: new ol.style.Fill({ color: "rgba(60,60,60,.35)" }),
