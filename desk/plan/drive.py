@@ -27,7 +27,7 @@ class RoverSamples(NamedTuple):
     leg: IntArray
 
 
-class Driven(NamedTuple):
+class DriveSums(NamedTuple):
     """Sums along the path of one rover at its samples: distance [m], time [s], energy since the last depot [J]."""
 
     distance_m: FloatArray
@@ -85,7 +85,7 @@ def _samples(route: Route, rover: int) -> tuple[FloatArray, IntArray]:
     return np.vstack(places), np.concatenate(numbers)
 
 
-def _driven(route: Route, samples: RoverSamples, mobility: Rover) -> Driven:
+def _driven(route: Route, samples: RoverSamples, mobility: Rover) -> DriveSums:
     """Sum distance, time and energy along the samples of a rover."""
     run_m = ground_lengths_m(route.crs, samples.xy)
     rise_m = np.nan_to_num(np.diff(samples.heights))
@@ -97,7 +97,7 @@ def _driven(route: Route, samples: RoverSamples, mobility: Rover) -> Driven:
     waited_s = route.prediction.get(f"wait_s_rover_{samples.rover}", 0.0) + charges * mobility.recharge_s
     total_j = np.r_[0.0, np.cumsum(energy_j)]
     since_j = total_j - np.maximum.accumulate(np.where(np.diff(charges, prepend=0) > 0, total_j, 0.0))
-    return Driven(np.r_[0.0, np.cumsum(run_m)], seconds + waited_s, since_j)
+    return DriveSums(np.r_[0.0, np.cumsum(run_m)], seconds + waited_s, since_j)
 
 
 def _turns(xy: FloatArray) -> BoolArray:
