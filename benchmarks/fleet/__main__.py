@@ -3,8 +3,9 @@
 Run with ``python -m benchmarks.fleet``. Seeds 7101 to 7110 were used for nothing else; sizes were chosen on seeds 41
 to 43. Sites of 300 × 300 m are surveyed by six swaths with gravity and barometer, in the statistical fidelity; the
 terrain is of five kinds in turn. Parts are stored as they finish (``FIRNLINE_FLEET`` names the folder, which belongs to
-one state of the code), and a run that was broken off continues; ``FIRNLINE_FLEET_PART`` (joint, payload, hazard or lost)
-computes one part alone and shows its rows.
+one state of the code), and a run that was broken off continues; ``FIRNLINE_FLEET_PART`` (joint, payload, hazard, lost,
+rehearsal or images) computes one part alone and shows its rows. The part of images takes more than an hour of CPU time and
+is left out by ``--quick``.
 """
 
 import os
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.fleet import hazard_maps, joint_maps, lost_rovers, payload_maps
+from benchmarks.fleet import hazard_maps, image_missions, joint_maps, lost_rovers, payload_maps, rehearsals
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import code_digest, stored
 
@@ -30,6 +31,8 @@ def measure(quick: bool) -> Iterator[Row]:
         "payload": _payload_rows,
         "hazard": _hazard_rows,
         "lost": _lost_rows,
+        "rehearsal": _rehearsal_rows,
+        "images": _image_rows,
     }
     wanted = os.environ.get("FIRNLINE_FLEET_PART")
     for name, rows in parts.items():
@@ -111,8 +114,37 @@ def _lost_rows(quick: bool) -> Iterator[Row]:
         yield Row(f"rover lost at 40 %, {on_loss}: coverage of 95 %", coverage, "1")
         left = max(one["swaths_not_driven_m"] for one in maps)
         yield Row(f"rover lost at 40 %, {on_loss}: swaths not driven, most", left, "m")
+    stated, missed = (sum(one[on][key] for one in found for on in ("replan", "continue")) for key in _CLASSES)
+    yield Row("rover lost at 40 %: classes that the maps state of themselves", float(stated), "1")
+    yield Row.of("rover lost at 40 %: classes of these that are not met", float(missed), "1", "<=", 0.0)
     extra_s = float(np.mean([one["replan"]["extra_time_s"] for one in found]))
     yield Row("rover lost at 40 %, replan: extra time until the last rover is back, mean", extra_s, "s")
+
+
+_CLASSES = ("n_stated", "n_missed")
+
+
+def _rehearsal_rows(quick: bool) -> Iterator[Row]:
+    found = _outcomes("rehearsal", rehearsals.outcome, 1 if quick else N_SITES)
+    n_runs = rehearsals.N_RUNS * len(found)
+    minutes = 50.0 / n_runs * sum(one["cpu_s"] for one in found) / 60.0
+    yield Row.of("rehearsal of 50 runs: CPU time", minutes, "min", "<=", 15.0)
+    n_other = sum(one["n_other"] for one in found)
+    yield Row.of("rehearsal with two workers: outcomes that differ", float(n_other), "1", "<=", 0.0)
+    met = sum(cause == "met" for one in found for cause in one["causes"])
+    yield Row("rehearsal: share of runs that meet the class", met / n_runs, "1")
+
+
+def _image_rows(quick: bool) -> Iterator[Row]:
+    if quick:
+        return
+    (found,) = _outcomes("images", image_missions.outcome, 1)
+    yield Row.of("three rovers in images: rovers that arrive", found["arrived"], "1", ">=", 1.0)
+    yield Row.of(
+        "three rovers in images: drives over wall time", found["drive_s"] / found["wall_s"], "1", ">=", 3.5
+    )
+    yield Row.of("three rovers in images: memory of the largest process", found["peak_gb"], "GB", "<=", 2.0)
+    yield Row("three rovers in images: RMSE", found["rmse_m"], "m")
 
 
 if __name__ == "__main__":

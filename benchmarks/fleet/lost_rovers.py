@@ -15,6 +15,7 @@ from sim.mission.stages import run_mission
 from sim.world.site import build_world
 from survey import Reconstruction, Route
 from survey.core.documents import read_json
+from survey.scoring import certificate
 
 _SHARE = 0.4
 
@@ -41,5 +42,12 @@ def _mapped(mission: MissionConfig, fault: FaultConfig, on_loss: str, runs: Path
     run_mission(lost, run, until="reconstruct", workers=1)
     mapped, world = Reconstruction.read(run.folder("reconstruct")), build_world(lost)
     scores = judged(world, mapped.mean.elevation, mapped.std.elevation, mapped.mean.grid())
+    stated = certificate(mapped)
+    limits = [] if stated is None else [verdict.limit_m for verdict in stated.absolute if verdict.met]
+    classes = {"n_stated": len(limits), "n_missed": sum(scores.rmse_m > limit for limit in limits)}
     losses = read_json(run.folder("simulate") / LOSS_FILE, "the losses")
-    return {**scores._asdict(), **{key: losses[key] for key in ("swaths_not_driven_m", "extra_time_s")}}
+    return {
+        **scores._asdict(),
+        **classes,
+        **{key: losses[key] for key in ("swaths_not_driven_m", "extra_time_s")},
+    }

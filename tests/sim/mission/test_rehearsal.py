@@ -62,6 +62,14 @@ def test_outcomes_are_stored_and_not_computed_again(tmp_path: Path):
     assert summarized(found).n_runs == 3
 
 
+def test_outcomes_do_not_depend_on_the_number_of_workers(tmp_path: Path):
+    drawn = mission(fidelity="statistical")
+    tables = [
+        outcomes(rehearse(drawn, tmp_path / str(workers), 3, workers=workers), 3) for workers in (1, 2, 3)
+    ]
+    assert tables[0] == tables[1] == tables[2]
+
+
 def test_a_run_that_is_refused_is_an_outcome(tmp_path: Path):
     stopped = mission(faults=(LATE | {"from_s": 1.0, "probability": 1.0},))
     found = outcomes(rehearse(stopped, tmp_path, 1, workers=1), 1)

@@ -1,0 +1,1 @@
+"""Benchmark of missions with a LiDAR."""
