@@ -64,10 +64,8 @@ def test_outcomes_are_stored_and_not_computed_again(tmp_path: Path):
 
 def test_outcomes_do_not_depend_on_the_number_of_workers(tmp_path: Path):
     drawn = mission(fidelity="statistical")
-    tables = [
-        outcomes(rehearse(drawn, tmp_path / str(workers), 3, workers=workers), 3) for workers in (1, 2, 3)
-    ]
-    assert tables[0] == tables[1] == tables[2]
+    tables = [outcomes(rehearse(drawn, tmp_path / str(workers), 2, workers=workers), 2) for workers in (1, 2)]
+    assert tables[0] == tables[1]
 
 
 def test_a_run_that_is_refused_is_an_outcome(tmp_path: Path):
