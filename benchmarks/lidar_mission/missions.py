@@ -44,6 +44,7 @@ def mission_on(seed: int) -> MissionConfig:
         "planner": {"pattern": "lawnmower", "swaths": N_SWATHS},
         "aids": {"accelerometer": True},
         "sensors": {"lidar": {"beams": 32}},
+        "reconstruction": {"joint": {"memory_mb": 300.0}},
     }
     return validated(MissionConfig, content, "the benchmark")
 
