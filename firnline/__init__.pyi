@@ -31,6 +31,7 @@ from sim.config.sensors import CompassConfig as CompassConfig
 from sim.config.sensors import GpsConfig as GpsConfig
 from sim.config.sensors import InertialConfig as InertialConfig
 from sim.config.sensors import InstrumentsConfig as InstrumentsConfig
+from sim.config.sensors import LidarConfig as LidarConfig
 from sim.config.sensors import StakeConfig as StakeConfig
 from sim.config.sensors import WeatherConfig as WeatherConfig
 from sim.config.sensors import WheelConfig as WheelConfig
@@ -66,6 +67,8 @@ from survey.data.path_error import PathError as PathError
 from survey.data.recording import OdometryRecording as OdometryRecording
 from survey.data.recording import Recording as Recording
 from survey.data.route import Route as Route
+from survey.data.scans.lidar_scans import LidarScans as LidarScans
+from survey.data.scans.scanner import Scanner as Scanner
 from survey.data.sensors.aiding import Barometer as Barometer
 from survey.data.sensors.aiding import Compass as Compass
 from survey.data.sensors.aiding import GpsFixes as GpsFixes
@@ -108,6 +111,9 @@ from survey.reconstruction.method import ScanSettings as ScanSettings
 from survey.reconstruction.prior.config import SatelliteErrors as SatelliteErrors
 from survey.reconstruction.prior.products import ErrorScale as ErrorScale
 from survey.reconstruction.prior.products import PriorErrors as PriorErrors
+from survey.reconstruction.registration.config import ScanPointsConfig as ScanPointsConfig
+from survey.reconstruction.registration.scan_points import BeamErrors as BeamErrors
+from survey.reconstruction.registration.scan_points import scan_points as scan_points
 from survey.reconstruction.registry import ReconstructionConfig as ReconstructionConfig
 from survey.scoring.accuracy import Calibration as Calibration
 from survey.scoring.accuracy import ErrorStatistics as ErrorStatistics

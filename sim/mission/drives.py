@@ -189,7 +189,7 @@ def register_scans(
         raise survey.InputError(
             "the recording has no LiDAR scans; set sensors.lidar.beams and simulate again."
         )
-    errors = BeamErrors(lidar.scanner.range_sigma_m, lidar.scanner.angle_sigma_deg)
+    errors = BeamErrors.of(lidar.scanner)
     config = mission.reconstruction.scans
     return scan_points(lidar, path, errors, config=config, vertical_datum=recording.vertical_datum)
 

@@ -8,6 +8,7 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.scans.returns import SensorScan
+from survey.data.scans.scanner import Scanner
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.line_of_sight.ghost_returns import ghosts
@@ -22,10 +23,34 @@ from survey.reconstruction.registration.representatives import medians_of_stretc
 
 
 class BeamErrors(NamedTuple):
-    """Standard deviations of a range [m] and of a beam's direction [deg], as a data sheet states them."""
+    """Stated errors of a LiDAR's beams.
+
+    Parameters
+    ----------
+    range_sigma_m : float
+        Standard deviation of a range [m].
+    angle_sigma_deg : float
+        Standard deviation of a beam's direction, with the divergence of the pulse [deg].
+    """
 
     range_sigma_m: float
     angle_sigma_deg: float = 0.05
+
+    @classmethod
+    def of(cls, scanner: Scanner) -> "BeamErrors":
+        """Return the errors that a scanner states.
+
+        Parameters
+        ----------
+        scanner : Scanner
+            Scanner of a recording.
+
+        Returns
+        -------
+        BeamErrors
+            Of range and direction.
+        """
+        return cls(scanner.range_sigma_m, scanner.angle_sigma_deg)
 
 
 def scan_points(
