@@ -53,7 +53,18 @@ class LidarReturns(NamedTuple):
         return cls(*(np.asarray(values).astype(kind) for kind, values in columns))
 
     def part(self, begin: int, end: int) -> Self:
-        """Return the returns from one number up to another."""
+        """Return the returns from one number up to another.
+
+        Parameters
+        ----------
+        begin, end : int
+            First number, and the one after the last.
+
+        Returns
+        -------
+        LidarReturns
+            Views of the same arrays.
+        """
         return type(self)(
             self.scan[begin:end], self.column[begin:end], self.beam[begin:end], self.range_mm[begin:end]
         )
