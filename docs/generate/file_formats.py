@@ -32,6 +32,14 @@ _RECORDS = (
     stakes.StakeSightings, loop_closures.LoopClosures,
 )  # fmt: skip
 
+_LIDAR = """\
+### LiDAR scans
+
+A folder `lidar` with `scanner.json` (beams, columns per turn, duration of a turn, mounting, stated errors), `scans.csv`
+(`time_s`, when each turn begins) and `minute-NNNN.npz` for each minute: number of the scan, column, number of the beam and
+range [mm] of each return.
+"""
+
 
 def pages() -> dict[str, str]:
     """Return the page of file formats."""
@@ -101,7 +109,7 @@ def sensors() -> str:
         rows = [(code(name), unit_by_name(name)) for name in names]
         summary = " ".join((kind.__doc__ or "").split("\n\n")[0].split()).replace("``", "`")
         parts.append(f"### {title(kind)}\n\n{summary}\n\n" + table(("column", "unit"), rows))
-    return "\n".join(parts)
+    return "\n".join([*parts, _LIDAR])
 
 
 def title(kind: type[SensorRecords]) -> str:
