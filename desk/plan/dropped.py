@@ -15,6 +15,7 @@ from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.surface_points import SurfacePoints
+from survey.io.vector import geometry_types
 
 _OUTLINES = (".geojson", ".json", ".gpkg", ".kml", ".kmz", ".fgb")
 _RASTERS = (".tif", ".tiff", ".asc", ".hgt", ".nc")
@@ -60,7 +61,10 @@ def dropped(name: str, content: bytes, crs: CRS) -> dict[str, Any]:
             raise InputError(str(error).replace(str(file), Path(name).name[:80])) from error
 
 
-def _outline(file: Path, crs: CRS) -> dict[str, Any]:
+def _shapes(file: Path, crs: CRS) -> dict[str, Any]:
+    """Return the outline in a vector file, or its points where it has no other geometry, as landmarks have."""
+    if geometry_types(file, what="the file") == {"Point"}:
+        return _points(file, crs)
     document = PlanDocument.of_area(SurveyArea.read(file, crs=crs))
     return {
         "kind": "outline",
@@ -102,4 +106,4 @@ def thinned_points(xyz: FloatArray) -> dict[str, Any]:
     return {"n_points": len(xyz), "places": some[:, :2].tolist(), "heights_m": some[:, 2].tolist()}
 
 
-_READERS = ((_OUTLINES, _outline), (_RASTERS, _raster), (_POINTS, _points))
+_READERS = ((_OUTLINES, _shapes), (_RASTERS, _raster), (_POINTS, _points))

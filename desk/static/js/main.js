@@ -153,7 +153,7 @@ async function begin() {
     files.command.textContent = /** @type {CustomEvent} */ (event).detail.command;
     drive.refresh();
   });
-  const openFile = acceptFiles(map, plan, layers, refuse);
+  const openFile = acceptFiles(map, plan, layers, (file) => measured.take("points", file), refuse);
   addMapButtons(openFile, drive);
   await plan.load();
   fit();

@@ -42,6 +42,16 @@ def test_points_are_thinned_and_counted():
     assert len(found["places"]) == 3000
 
 
+def test_landmarks_in_a_geopackage_are_points(tmp_path):
+    from survey.data.surface_points import SurfacePoints
+
+    xyz = [[WEST + 10.0 * k, SOUTH, 800.0] for k in range(5)]
+    SurfacePoints(xyz, sigma_m=0.1, crs="EPSG:32608").write(tmp_path / "landmarks.gpkg")
+    found = dropped("landmarks.gpkg", (tmp_path / "landmarks.gpkg").read_bytes(), area().crs)
+    assert found["kind"] == "points"
+    assert found["n_points"] == 5
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [

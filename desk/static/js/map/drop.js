@@ -1,13 +1,16 @@
-// Files dropped onto the page: outlines become shapes of the plan, rasters and points become layers.
+// Files dropped onto the page: outlines become shapes of the plan, rasters become layers, points become the measured points.
 import { post } from "../server/api.js";
-import { pictureLayer, pointLayer } from "./overlays.js";
+import { showPicture } from "./overlays.js";
 import { byId, element } from "../dom.js";
 
 /** @typedef {import("../server/plan.js").Plan} Plan */
 /** @typedef {import("./layers.js").Layers} Layers */
 
-/** @param {any} map @param {Plan} plan @param {Layers} layers @param {(sentence: string) => void} refuse */
-export function acceptFiles(map, plan, layers, refuse) {
+/**
+ * @param {any} map @param {Plan} plan @param {Layers} layers @param {(file: File) => Promise<void>} takePoints
+ * @param {(sentence: string) => void} refuse
+ */
+export function acceptFiles(map, plan, layers, takePoints, refuse) {
   let n = 0;
   const take = async (/** @type {File[]} */ files) => {
     for (const file of files) {
@@ -15,6 +18,7 @@ export function acceptFiles(map, plan, layers, refuse) {
         const found = await post(`/api/dropped?name=${encodeURIComponent(file.name)}`, file);
         refuse("");
         if (found.kind === "outline") await takeOutline(plan, found.document, file.name);
+        else if (found.kind === "points") await takePoints(file);
         else addLayer(map, layers, found, file.name, ++n);
       } catch (error) {
         refuse(error instanceof Error ? error.message : String(error));
@@ -50,9 +54,6 @@ function takeOutline(plan, found, name) {
 
 /** @param {any} map @param {Layers} layers @param {any} found @param {string} name @param {number} n */
 function addLayer(map, layers, found, name, n) {
-  const layer = found.kind === "raster" ? pictureLayer(map, found) : pointLayer(found.places);
-  map.addLayer(layer);
-  const limits = found.limits?.map((/** @type {number} */ value) => value.toPrecision(4));
-  const legend = () => (found.kind === "raster" ? { title: name, colours: found.colours, low: limits[0], high: limits[1] } : null);
-  layers.add({ name: `dropped-${n}`, title: name, layer, legend, isPicture: found.kind === "raster" });
+  const ends = found.limits.map((/** @type {number} */ value) => value.toPrecision(4));
+  showPicture(map, layers, `dropped-${n}`, name, { ...found, ends });
 }

@@ -11,10 +11,10 @@ const ol = /** @type {any} */ (globalThis).ol;
  * @property {string[]} ends
  */
 
-/** @param {any} map @param {{image: string, bounds: number[]}} picture @param {boolean} [interpolate] */
-export function pictureLayer(map, picture, interpolate = false) {
+/** @param {any} map @param {{image: string, bounds: number[]}} picture */
+function pictureLayer(map, picture) {
   const projection = map.getView().getProjection();
-  const source = new ol.source.ImageStatic({ url: picture.image, imageExtent: picture.bounds, projection, interpolate });
+  const source = new ol.source.ImageStatic({ url: picture.image, imageExtent: picture.bounds, projection, interpolate: true });
   return new ol.layer.Image({ opacity: 0.82, zIndex: 5, source });
 }
 
@@ -39,7 +39,7 @@ export function lineLayer(lines, color, lineDash) {
  * @param {any} map @param {import("./layers.js").Layers} layers @param {string} name @param {string} title @param {Picture} picture
  */
 export function showPicture(map, layers, name, title, picture) {
-  const layer = pictureLayer(map, picture, true);
+  const layer = pictureLayer(map, picture);
   const legend = () => ({ title, colours: picture.colours, low: picture.ends[0], high: picture.ends[1] });
   layers.add({ name, title, layer, legend, isPicture: true });
   map.addLayer(layer);

@@ -37,12 +37,12 @@ export class Measured {
 
   /** @param {[string, string, string, string]} about */
   #chooser([role, title, help]) {
-    const input = element("input", { type: "file", id: `measured-${role}`, "aria-describedby": `measured-${role}-help`, onchange: (/** @type {any} */ event) => this.#take(role, event.target.files[0]).then(() => (event.target.value = "")) });
+    const input = element("input", { type: "file", id: `measured-${role}`, "aria-describedby": `measured-${role}-help`, onchange: (/** @type {any} */ event) => this.take(role, event.target.files[0]).then(() => (event.target.value = "")) });
     return element("div", { class: "taken" }, element("label", { for: `measured-${role}`, text: title }), input, element("span", { class: "small", id: `measured-${role}-help`, text: help }), this.names.get(role) ?? "");
   }
 
   /** @param {string} role @param {File|undefined} file */
-  async #take(role, file) {
+  async take(role, file) {
     if (!file) return;
     try {
       const found = await post(`/api/measured/${role}?name=${encodeURIComponent(file.name)}`, file);
