@@ -37,6 +37,29 @@ def frozen(values: Any, dtype: Any = np.float64) -> Any:
     return array
 
 
+def lattice_places(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return every pair of an easting and a northing, row by row.
+
+    Parameters
+    ----------
+    x : (W,) ndarray
+        Eastings of the columns.
+    y : (H,) ndarray
+        Northings of the rows.
+
+    Returns
+    -------
+    (H * W, 2) ndarray
+        Easting and northing.
+
+    Examples
+    --------
+    >>> lattice_places(np.array([0.0, 1.0]), np.array([5.0])).tolist()
+    [[0.0, 5.0], [1.0, 5.0]]
+    """
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
 def checked(values: Any, shape: Sequence[int | None], what: str) -> FloatArray:
     """Return a read-only float array; refuse another shape, NaN and infinity.
 

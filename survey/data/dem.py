@@ -9,7 +9,7 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core.arrays import Bounds, FloatArray, frozen
+from survey.core.arrays import Bounds, FloatArray, frozen, lattice_places
 from survey.core.crs.checks import projected_crs, refuse_far
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.data_object import DataObject
@@ -204,8 +204,7 @@ class Dem(DataObject):
     @property
     def xy(self) -> FloatArray:
         """Easting and northing of every cell centre [m], (H * W, 2), row by row."""
-        east, north = np.meshgrid(self.x, self.y)
-        return np.column_stack([east.ravel(), north.ravel()])
+        return lattice_places(self.x, self.y)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from affine import Affine
 from pyproj import CRS
 
-from survey.core.arrays import FloatArray, checked, frozen
+from survey.core.arrays import FloatArray, checked, frozen, lattice_places
 from survey.core.crs.checks import projected_crs, refuse_far
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
@@ -119,8 +119,7 @@ class Grid(DataObject):
     @property
     def xy(self) -> FloatArray:
         """Easting and northing of every node [m], (H * W, 2), row by row."""
-        east, north = np.meshgrid(self.x, self.y)
-        return np.column_stack([east.ravel(), north.ravel()])
+        return lattice_places(self.x, self.y)
 
     @property
     def transform(self) -> Affine:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from survey.core.arrays import Bounds, FloatArray
+from survey.core.arrays import Bounds, FloatArray, lattice_places
 from survey.core.crs.checks import projected_crs
 from survey.core.map_scale.derivatives import ground_jacobian
 
@@ -185,7 +185,7 @@ class MapScale:
         """
         xmin, ymin, xmax, ymax = bounds
         x, y = np.linspace(xmin, xmax, _N_SUMMARY), np.linspace(ymin, ymax, _N_SUMMARY)
-        return cls.at(crs, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+        return cls.at(crs, lattice_places(x, y))
 
     @property
     def notable_factor(self) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import FloatArray, lattice_places
 from survey.core.map_scale.derivatives import ground_jacobian
 from survey.core.map_scale.factors import scale_factors
 
@@ -105,7 +105,7 @@ def areal_factors(crs: Any, x: FloatArray, y: FloatArray) -> FloatArray:
     array([[3.99, 3.99]])
     """
     nodes_x, nodes_y = _nodes(x), _nodes(y)
-    places = np.stack(np.meshgrid(nodes_x, nodes_y), axis=-1).reshape(-1, 2)
+    places = lattice_places(nodes_x, nodes_y)
     coarse = scale_factors(crs, places).areal.reshape(len(nodes_y), len(nodes_x))
     rows = np.stack([np.interp(x, nodes_x, row) for row in coarse])
     return np.stack([np.interp(y, nodes_y, column) for column in rows.T], axis=1)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from survey.core.arrays import BoolArray, FloatArray, frozen
+from survey.core.arrays import BoolArray, FloatArray, frozen, lattice_places
 from survey.core.errors import InputError
 from survey.core.map_scale import MapScale
 from survey.data.area import SurveyArea
@@ -109,7 +109,7 @@ def _candidates(
         low + (np.arange(_N_CANDIDATES_A_SIDE) + 0.5) * (high - low) / _N_CANDIDATES_A_SIDE
         for low, high in ((xmin, xmax), (ymin, ymax))
     )
-    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    places = lattice_places(x, y)
     fit = area.contains(places)
     factor = MapScale.over(area.crs, area.bounds).notable_factor
     if terrain is not None:
