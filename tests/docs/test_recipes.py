@@ -8,9 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.recipes import RECIPES, Recipe
+from tests.docs.recipes.kernel import KERNEL
+from tests.docs.recipes.method import METHOD
+from tests.docs.recipes.planner import PLANNER
+from tests.docs.recipes.recipe import Recipe
+from tests.docs.recipes.route_format import ROUTE_FORMAT
+from tests.docs.recipes.sensor import SENSOR
 
 ROOT = Path(__file__).parents[2]
+RECIPES = (PLANNER, METHOD, SENSOR, ROUTE_FORMAT, KERNEL)
 PACKAGES = ("firnline", "survey", "planners", "vision_slam", "sim", "desk")
 PRELUDE = """
 import sys
