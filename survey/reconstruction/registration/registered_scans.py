@@ -79,8 +79,9 @@ def registered(
         if not usable.any() or not poses.covers(scan.time_s[usable]):
             continue
         placed = _in_world(SensorScan(scan.time_s[usable], scan.xyz[usable], scan.sensor), poses)
-        if len(placed.time_s):
-            yield placed.select(~ghosts(placed.xyz))
+        accepted = placed.select(~ghosts(placed.xyz)) if len(placed.time_s) else placed
+        if len(accepted.time_s):
+            yield accepted
 
 
 def _in_world(scan: SensorScan, poses: PathInterpolator) -> RegisteredReturns:

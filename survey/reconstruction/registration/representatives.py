@@ -11,12 +11,14 @@ from survey.reconstruction.registration.registered_scans import RegisteredReturn
 _STRETCH_M = 5.0
 # Views of one place that are closer to each other on the way share the errors of the path.
 _VISIT_M = 40.0
+# A vehicle that stands still scans the same ground; the memory of a stretch is bounded by this number of scans.
+_MOST_SCANS = 50
 
 
 def medians_of_stretches(
     scans: Iterable[RegisteredReturns], config: ScanPointsConfig
 ) -> Iterator[RegisteredReturns]:
-    """Yield, for each stretch of 5 m of the way, the return of median height in each cell that has enough of them.
+    """Yield, for each stretch of 5 m of the way or 50 scans, the return of median height in each cell that has enough of them.
 
     A median is a return that was measured, at its own place and from its own pose; it is right as long as fewer than
     half of the returns of its cell are wrong.
@@ -27,7 +29,7 @@ def medians_of_stretches(
         place = scan.origin[0]
         travelled_m += 0.0 if last is None else float(np.linalg.norm(place - last))
         last = place
-        if stretch and travelled_m >= _STRETCH_M:
+        if stretch and (travelled_m >= _STRETCH_M or len(stretch) == _MOST_SCANS):
             yield _medians(RegisteredReturns.joined(stretch), config)
             stretch, travelled_m = [], 0.0
         stretch.append(scan)

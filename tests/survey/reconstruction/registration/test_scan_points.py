@@ -10,8 +10,9 @@ from survey.data.path_error import PathError
 from survey.data.scans.returns import SensorScan
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.registration.config import ScanPointsConfig
-from survey.reconstruction.registration.registered_scans import RegisteredReturns
-from survey.reconstruction.registration.representatives import best_of_visits
+from survey.reconstruction.registration.poses import PathInterpolator
+from survey.reconstruction.registration.registered_scans import RegisteredReturns, registered
+from survey.reconstruction.registration.representatives import best_of_visits, medians_of_stretches
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
 ERRORS = BeamErrors(0.03, 0.05)
@@ -68,6 +69,23 @@ def test_one_in_ten_wrong_returns_does_not_move_the_points() -> None:
     ]
     points = scan_points(both, path(), ERRORS, config=ScanPointsConfig(least_returns=9))
     assert np.mean(np.abs(points.z - 100.0) < 1e-9) > 0.98
+
+
+def test_a_vehicle_that_stands_still_gives_stretches_of_fifty_scans() -> None:
+    n = 200
+    level, place = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)), np.tile([5.0, 50.0, 100.0], (n, 1))
+    parked = Trajectory(np.arange(n), place, level, np.zeros((n, 3, 3)), "EPSG:32608")
+    poses, config = PathInterpolator(parked), ScanPointsConfig()
+    placed = registered((ring(float(t), n=30) for t in range(120)), poses, config)
+    sizes = [int(part.n_returns.sum()) for part in medians_of_stretches(placed, config)]
+    assert len(sizes) == 3
+
+
+def test_scans_without_a_usable_return_are_passed_over() -> None:
+    none, near = ring(3.0, n=0), SensorScan(np.array([4.0]), np.array([[0.5, 0.0, 1.0]]), SENSOR)
+    assert len(scan_points([*scans(), none, near], path(), ERRORS)) == len(
+        scan_points(scans(), path(), ERRORS)
+    )
 
 
 def test_points_are_no_more_than_wanted() -> None:
