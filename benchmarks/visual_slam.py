@@ -39,6 +39,8 @@ from vision_slam.odometry.window import half_turned
 
 # The settings were chosen on seeds 11 to 13 and 21 to 25. With seed 28 the rover is stuck on a hummock for good after
 # 13.5 m: no drive to take shares of the way of; its odometry ends 0.64 m off.
+# With seed 29 it drives over a dirt cone that turns the camera by 25 degrees from one image to the next. The map is
+# too small for some metres after that, so that 285 of 13,175 landmarks have four fifths of the squared errors.
 SEEDS = (26, 27, 29, 30, 31)
 DRIVES = Path(tempfile.gettempdir()) / "firnline-drives"
 MISSION = Path(__file__).parents[1] / "examples" / "glacier_drive.toml"
