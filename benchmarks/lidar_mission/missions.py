@@ -8,7 +8,7 @@ import numpy as np
 
 import planners
 from benchmarks.fleet.joint_maps import judged, mapped
-from benchmarks.fleet.sites import FAMILIES
+from benchmarks.fleet.sites import FAMILIES, on_site
 from benchmarks.report import cpu_seconds
 from sim.config.mission import MissionConfig
 from sim.mission.drives import register_scans
@@ -22,7 +22,6 @@ from survey.data.trajectory import Trajectory
 from vision_slam import localize
 
 SIDE_M, N_SWATHS = 600.0, 4
-_EAST_M, _NORTH_M = 526_000.0, 6_478_000.0
 
 
 def mission_on(seed: int) -> MissionConfig:
@@ -31,16 +30,7 @@ def mission_on(seed: int) -> MissionConfig:
         "schema_version": 1,
         "name": "lidar-benchmark",
         "seed": seed,
-        "terrain": {
-            "source": "random",
-            "family": FAMILIES[seed % len(FAMILIES)],
-            "size_m": SIDE_M,
-            "step_m": 2.0,
-            "length_scale_m": 90.0,
-            "micro_relief_sd_m": 0.15,
-            "origin_m": (_EAST_M, _NORTH_M),
-        },
-        "area": {"starts_m": ((_EAST_M + 10.0, _NORTH_M + 10.0),)},
+        **on_site(FAMILIES[seed % len(FAMILIES)], SIDE_M),
         "planner": {"pattern": "lawnmower", "swaths": N_SWATHS},
         "aids": {"accelerometer": True},
         "sensors": {"lidar": {"beams": 32}},
