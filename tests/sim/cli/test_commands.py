@@ -31,6 +31,10 @@ pattern = "lawnmower"
 swaths = 3
 [reconstruction]
 grid_step_m = 5.0
+[reconstruction.gp]
+fit = false
+variance_m2 = 4.0
+length_scale_m = 60.0
 """
 
 

@@ -29,6 +29,10 @@ MISSION = {
     "planner": {"pattern": "lawnmower", "swaths": 4},
     "fleet": {"rovers": 2},
     "payload": (WARM,),
+    "reconstruction": {
+        "grid_step_m": 8.0,
+        "gp": {"fit": False, "variance_m2": 25.0, "length_scale_m": 60.0, "calibrate": False},
+    },
 }
 GRID = Grid((0.0, 0.0, 400.0, 400.0), 5.0, "EPSG:32608")
 
