@@ -144,7 +144,7 @@ async function begin() {
     { name: "require", title: "Require", page: requirement },
     { name: "compare", title: "Compare", page: compare.page },
     { name: "runs", title: "Run", page: runs },
-    { name: "measured", title: "Measured", page: measured.page },
+    { name: "measured", title: "Measure", page: measured.page },
     { name: "files", title: "Files", page: files.page },
   ]);
   showHistory(plan, site);

@@ -15,7 +15,7 @@ const ol = /** @type {any} */ (globalThis).ol;
 function pictureLayer(map, picture) {
   const projection = map.getView().getProjection();
   const source = new ol.source.ImageStatic({ url: picture.image, imageExtent: picture.bounds, projection, interpolate: true });
-  return new ol.layer.Image({ opacity: 0.82, zIndex: 5, source });
+  return new ol.layer.Image({ opacity: 0.82, zIndex: 7, source });
 }
 
 /** @param {number[][]} places @param {string} [color] */
