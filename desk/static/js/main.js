@@ -84,6 +84,7 @@ function addMapButtons(openFile, drive) {
     drive.open(!drive.isOpen);
     show.setAttribute("aria-pressed", String(drive.isOpen));
   });
+  show.id = "show-drive";
   show.setAttribute("aria-pressed", "false");
   byId("tools").append(element("hr"), open, show);
 }
@@ -136,7 +137,7 @@ async function begin() {
   const compare = new Compare(plan);
   const files = new Files(refuse);
   const measured = new Measured(plan, map, layers, refuse);
-  const drive = new Drive();
+  const drive = new Drive(() => byId("show-drive").click());
   map.addLayer(drive.layer);
   createTabs([
     { name: "settings", title: "Survey", page: settings },

@@ -78,6 +78,16 @@ def test_the_profile_of_a_swath_is_dragged(opened):
     assert 0.5 < km < 1.3
 
 
+def test_every_tool_can_be_reached_beside_the_drive(opened):
+    open_drive(opened)
+    opened.page.click("[data-tool=measure]")
+    opened.page.click("[aria-label^='The drive in time']")
+    assert opened.page.is_hidden("#drive")
+    open_drive(opened)
+    opened.page.click("[aria-label='Close the drive']")
+    assert opened.page.is_hidden("#drive")
+
+
 def test_playing_moves_the_rover_and_pauses(opened):
     open_drive(opened)
     opened.page.click("#play")

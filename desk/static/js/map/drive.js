@@ -10,7 +10,8 @@ const ol = /** @type {any} */ (globalThis).ol;
 const HEIGHT = 138, PLAY_S = 24, STEPS = 1000;
 
 export class Drive {
-  constructor() {
+  /** @param {() => void} close What the button in the corner does. */
+  constructor(close) {
     this.source = new ol.source.Vector();
     this.layer = new ol.layer.Vector({ source: this.source, style: markerStyle, zIndex: 30 });
     this.isOpen = false;
@@ -24,7 +25,7 @@ export class Drive {
     this.text = element("p", { id: "drive-text", role: "status" });
     this.slider = /** @type {HTMLInputElement} */ (element("input", { type: "range", min: "0", max: String(STEPS), step: "1", value: "0", id: "time", "aria-label": "Time of the drive", oninput: () => this.#at(this.#timeOf(Number(this.slider.value) / STEPS)) }));
     this.picture = element("div");
-    byId("drive").append(element("div", { class: "row" }, this.play, this.choice, this.text), this.picture, this.slider);
+    byId("drive").append(element("div", { class: "row" }, this.play, this.choice, this.text, element("button", { type: "button", class: "quiet close", text: "×", title: "Close the drive", "aria-label": "Close the drive", onclick: close })), this.picture, this.slider);
   }
 
   /** @param {boolean} isOpen */
