@@ -13,7 +13,7 @@ from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.stakes import StakePlan
 from survey.data.route import Route
 
-# Ratio of errors from which on they speak against a class; on ground of its class it is 0.5 to 1.9.
+# Ratio of errors from which on they speak against a class; on rough sites without a stated class it was 1.0 to 1.9.
 _CONTRADICTED = 2.0
 
 LinePattern = LawnmowerConfig | WavyConfig
