@@ -107,7 +107,7 @@ class AdaptiveState:
             MOST_SWATHS, int(self.lines.width_m / (2.0 * config.sample_step_m))
         )
         self.offsets: list[float] = []
-        self.n_further = 0
+        self.n_further, self.is_fitted = 0, False
         self.legs: list[Leg] = []
         self.samples, self.heights = np.empty((0, 2)), np.empty(0)
         self.predicted = MapPrediction(0.0, float(np.sqrt(posterior.likeliest.variance_m2)))
@@ -183,8 +183,8 @@ class AdaptiveState:
         return self.predictor.of(self._samples_with(lines), self.posterior)
 
     def _planned_with(self, lines: Sequence[tuple[float, float]]) -> MapPrediction:
-        """Predict the map as it will be judged once the lines are driven: they settle what is left open of the roughness."""
-        settled = replace(self.posterior, open_spread=0.0)
+        """Predict the map as it will be judged once the lines are driven: they settle what samples leave open."""
+        settled = replace(self.posterior, open_spread=0.0) if self.is_fitted else self.posterior
         return self.predictor.of(self._samples_with(lines), settled)
 
     def _samples_with(self, lines: Sequence[tuple[float, float]]) -> FloatArray:
@@ -231,6 +231,7 @@ class AdaptiveState:
         """Check covariances on lines left out, and predict the map of what was driven."""
         line = self.lines.nearest(self.samples, self.offsets)
         self.posterior = checked_by_lines(posterior, self.samples, self.heights, line)
+        self.is_fitted = True
         self.predicted = self.predictor.of(self.samples, self.posterior)
 
 

@@ -102,15 +102,14 @@ def test_the_same_samples_give_the_same_answer_and_pieces_of_a_line_count_once()
 
 def test_swaths_are_not_planned_denser_for_what_later_ones_will_show():
     certain = KernelPosterior((SMOOTH._replace(weight=1.0),))
-    config = AdaptiveConfig(limit_m=0.3048, noise_m=0.1)
-    planned = [
-        AdaptiveState(AREA, replace(certain, open_spread=spread), config).further(0.9)
+    states = [
+        AdaptiveState(AREA, replace(certain, open_spread=spread), AdaptiveConfig(limit_m=0.3048, noise_m=0.1))
         for spread in (0.0, 0.6)
     ]
+    for state in states:
+        state.is_fitted = True
+    planned = [state.further(0.9) for state in states]
     assert planned[0] == planned[1]
     # Whether the survey may stop depends on it.
-    sure, doubtful = (
-        AdaptiveState(AREA, replace(certain, open_spread=spread), config).predicted_with(planned[0])
-        for spread in (0.0, 0.6)
-    )
+    sure, doubtful = (state.predicted_with(planned[0]) for state in states)
     assert doubtful.probability < sure.probability
