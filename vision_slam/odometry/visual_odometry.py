@@ -17,7 +17,6 @@ from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
-from vision_slam.odometry.idle_wheels import IDLE_WHEELS, WithoutWheels, wheels_are_idle
 from vision_slam.odometry.lens.bundle_adjustment import LensChange
 from vision_slam.odometry.lens.self_calibration import (
     LensEstimate,
@@ -29,6 +28,7 @@ from vision_slam.odometry.scale.speed import smoothed_steps
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import LandmarkTriangulator
 from vision_slam.odometry.visual_slam import VisualSlam
+from vision_slam.odometry.wheels.idle_wheels import IDLE_WHEELS, WithoutWheels, wheels_are_idle
 from vision_slam.rotation import rotations
 
 _MOVES = 0.1  # share of the images that have to move for wheels that count nothing to be wrong

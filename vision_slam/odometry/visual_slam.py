@@ -23,7 +23,7 @@ from vision_slam.odometry.tracks import (
     rotation_between,
     track_corners,
 )
-from vision_slam.odometry.wheel_slip import WheelSlipDetector
+from vision_slam.odometry.wheels.wheel_slip import WheelSlipDetector
 from vision_slam.odometry.window import Window, half_turned
 
 _STILL_PX = 0.3
