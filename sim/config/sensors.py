@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
 
 from survey.core.config import Section, Share
 
@@ -177,6 +177,15 @@ class LidarConfig(InstrumentConfig):
     """Share of the returns from blown snow near the scanner."""
     spray_m: PositiveFloat = 3.0
     """Mean distance of such snow [m]."""
+
+    @model_validator(mode="after")
+    def _looks_down_to_up(self) -> "LidarConfig":
+        low, high = self.elevation_deg
+        if not -90.0 <= low <= high <= 90.0:
+            raise ValueError(
+                f"elevation_deg is {low:g} to {high:g}; give the lowest and the highest beam, between -90 and 90"
+            )
+        return self
 
 
 class InstrumentsConfig(Section):

@@ -7,6 +7,7 @@ from sim.config.sensors import LidarConfig
 from sim.instruments.lidar.drawn_scans import scans_along
 from sim.vehicle.exact_motion import exact_drive
 from survey.core.arrays import FloatArray
+from survey.core.errors import ConfigError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.route import Leg, Route
@@ -86,3 +87,8 @@ def test_a_minute_is_the_same_whenever_it_is_drawn() -> None:
 def test_the_clock_of_the_scanner_may_be_off() -> None:
     late = scans(PERFECT.model_copy(update={"clock_offset_s": 0.25}))
     assert late.time_s == pytest.approx(scans(PERFECT).time_s + 0.25)
+
+
+def test_beams_are_given_from_the_lowest_to_the_highest() -> None:
+    with pytest.raises(ConfigError, match="4 to -18"):
+        LidarConfig(elevation_deg=(4.0, -18.0))
