@@ -10,7 +10,8 @@ from survey.core.errors import InputError
 from survey.io.point_columns import PLACE
 from survey.io.points.ply import read_ply, write_ply
 from survey.io.points.table import PointTable
-from survey.io.points.vector import read_csv, read_vector, write_csv, write_vector
+from survey.io.points.text import read_csv, write_csv
+from survey.io.points.vector import read_vector, write_vector
 from survey.io.raster.values import MARKS, MARKS_IN_METRES
 
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.

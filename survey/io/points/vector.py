@@ -8,20 +8,9 @@ import shapely
 
 from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
 from survey.core.errors import InputError
-from survey.io.point_columns import PLACE, in_own_columns
+from survey.io.point_columns import PLACE
 from survey.io.points.table import DATUM, PointTable, add_column
-from survey.io.tables import read_table, write_table
 from survey.io.vector import read_features, write_features
-
-
-def read_csv(path: Path) -> PointTable:
-    """Read a CSV table of points."""
-    return PointTable(*in_own_columns(read_table(path, (), what="the point file"), f"the point file {path}"))
-
-
-def write_csv(path: Path, table: PointTable) -> None:
-    """Write a CSV table of points."""
-    write_table(path, table.columns)
 
 
 def read_vector(path: Path) -> PointTable:

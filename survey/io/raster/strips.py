@@ -60,8 +60,8 @@ def _window_over(bounds: Bounds, t: Affine, width: int, height: int, file: Path)
     rows = _span((north - t.f) / t.e, (south - t.f) / t.e, height)
     if min(columns[1], rows[1]) < 2:
         raise InputError(
-            f"{file} lies elsewhere than the bounds {tuple(round(b, 1) for b in bounds)}: it reaches from "
-            f"{t.c:.1f}, {t.f + height * t.e:.1f} to {t.c + width * t.a:.1f}, {t.f:.1f}; check both and their CRS."
+            f"{file} lies elsewhere than the bounds ({', '.join(f'{b:.7g}' for b in bounds)}): it reaches from "
+            f"{t.c:.7g}, {t.f + height * t.e:.7g} to {t.c + width * t.a:.7g}, {t.f:.7g}; check both and their CRS."
         )
     return columns[0], rows[0], columns[1], rows[1]
 

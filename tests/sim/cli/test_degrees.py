@@ -1,7 +1,9 @@
 """Areas and rasters in degrees on the command line: `plan`, `reconstruct --prior` and `init --dem` accept them."""
 
 import json
+import re
 import tomllib
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +72,30 @@ def test_an_area_in_kml_and_a_prior_in_degrees_are_planned_in_their_zone(site, c
         m.startswith("the area file area.kml is in degrees (WGS 84); it is projected") for m in messages
     )
     assert any("dem.tif is in degrees" in m and "EGM2008 height unchanged" in m for m in messages)
+
+
+@pytest.mark.parametrize(
+    ("longitude", "latitude", "name", "turn"),
+    [
+        (-72.0, 81.7, "WGS 84 / UTM zone 19N", 0.0),
+        (20.0, -83.0, "WGS 84 / Antarctic Polar Stereographic", 0.0),
+        (-73.1, -49.2, "WGS 84 / UTM zone 18S", 360.0),  # rasters of 0° to 360°
+        (179.99, 71.2, "WGS 84 / UTM zone 60N", 0.0),  # the raster reaches beyond 180°
+        (-179.99, 71.2, "WGS 84 / UTM zone 1N", 360.0),
+    ],
+)
+def test_a_prior_with_an_empty_border_is_warped_wherever_the_area_is(longitude, latitude, name, turn):
+    dem_in_degrees(longitude + turn, latitude)
+    with rasterio.open("dem.tif", "r+") as target:
+        heights = target.read(1)
+        heights[:4], heights[-4:], heights[:, :4], heights[:, -4:] = (target.nodata,) * 4
+        target.write(heights, 1)
+    area_kml(longitude, latitude)
+    with zipfile.ZipFile("area.kmz", "w") as archive:
+        archive.write("area.kml", "doc.kml")
+    said = run("plan", "area.kmz", "--prior", "dem.tif", "--dry-run")
+    # 400 m on a side; scales differ from 1 by less than 3 %.
+    assert re.search(rf"area +area.kmz, 1[5-6]\.\d ha, {re.escape(name)}", said), said
 
 
 def test_a_map_is_built_around_a_prior_in_degrees():

@@ -1,0 +1,58 @@
+"""Points in text tables: firnline's own CSV of numbers, and exports of receivers and other programs."""
+
+from pathlib import Path
+
+from survey.core.files.reading import existing_file
+from survey.io.point_columns import PLACE, in_own_columns
+from survey.io.points.table import PointTable
+from survey.io.tables import read_table, write_table
+from survey.io.text_tables.delimited import read_text_table
+from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_column, refuse_feet, say_columns
+
+_WHAT = "the point file"
+_SIGMA = "sigma_z_m"
+
+
+def read_csv(path: Path) -> PointTable:
+    """Read a table of points: commas between numbers, or the export of another program with its usual names."""
+    file = existing_file(path, _WHAT)
+    if _is_plain(file):
+        return PointTable(*in_own_columns(read_table(file, (), what=_WHAT), f"{_WHAT} {path}"))
+    return _read_export(file)
+
+
+def write_csv(path: Path, table: PointTable) -> None:
+    """Write a CSV table of points."""
+    write_table(path, table.columns)
+
+
+def _is_plain(file: Path) -> bool:
+    """Return whether a table has firnline's own columns, or commas and nothing but numbers in its first row."""
+    with file.open(encoding="utf-8-sig", errors="replace") as stream:
+        header, first = stream.readline(), stream.readline()
+    names = {name.strip() for name in header.split(",")}
+    return (
+        set(PLACE) <= names or not first.strip() or ("," in header and all(map(_is_number, first.split(","))))
+    )
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_export(file: Path) -> PointTable:
+    """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
+    text = read_text_table(file, _WHAT)
+    refuse_feet(text.header, text.where)
+    sigma = one_column("sigma_z", text.header, text.where)
+    names = {name: name for name in text.header if text.is_number(name, 0)}
+    if sigma is not None:
+        names[sigma] = _SIGMA
+    numbers = {own: metres_factor(name) * text.numbers(name) for name, own in names.items()}
+    unused = tuple(name for name in text.header if name not in names)
+    say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
+    return PointTable(*in_own_columns(numbers, text.where))

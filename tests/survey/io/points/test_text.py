@@ -1,0 +1,52 @@
+"""Points in text tables: own tables are strict, exports of other programs are read by their usual names."""
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from survey import SurfacePoints
+from survey.core.errors import InputError
+from survey.io.points.formats import read_point_table
+
+EXPORTS = {
+    "degrees, semicolons, decimal commas": "Name;Breite;Länge;Höhe;SDV\nP1;46,4412;7,9061;912,5;0,02\n",
+    "names and codes": "Point,Longitude,Latitude,Elevation,SDV,Code\nP1,7.9061,46.4412,912.5,0.02,ICE\n",
+    "tabs": "Latitude\tLongitude\tHeight (m)\tVRMS (mm)\n46.4412\t7.9061\t912.5\t20\n",
+}
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "points.csv").write_text(text, encoding="utf-8")
+    return folder / "points.csv"
+
+
+@pytest.mark.parametrize("kind", EXPORTS)
+def test_exports_are_points_with_their_standard_deviations(tmp_path: Path, kind: str) -> None:
+    table = read_point_table(written(tmp_path, EXPORTS[kind]))
+    assert [table.columns[name].tolist() for name in ("x_m", "y_m", "z_m")] == [[7.9061], [46.4412], [912.5]]
+    assert table.columns["sigma_z_m"].tolist() == [0.02]
+    assert table.crs.to_epsg() == 4326
+
+
+def test_an_export_becomes_surface_points_and_the_log_names_its_columns(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        points = SurfacePoints.read(written(tmp_path, EXPORTS["names and codes"]))
+    assert points.crs.to_epsg() == 32632
+    assert "sigma_z_m = SDV; not used: Point, Code" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x_m,y_m,z_m,sigma_z_m\n1.0,2.0,3.0,bad\n", "'bad' in the column sigma_z_m is no number"),
+        ("Easting;Northing;Elevation\n1,0;2,0;3,0\n1,0;2,0;bad\n", "line 3: 'bad' in the column Elevation"),
+        ("Easting,Northing,Elevation,SDV\n1.0,2.0,3.0,bad\n", "'bad' in the column SDV is no number"),
+        ("Easting,Northing,Elevation\n1.0,2.0,bad\n", "no column of heights"),
+    ],
+)
+def test_what_is_no_number_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_point_table(written(tmp_path, text))
