@@ -7,7 +7,14 @@ from survey.io.point_columns import PLACE, in_own_columns
 from survey.io.points.table import PointTable
 from survey.io.tables import read_table, write_table
 from survey.io.text_tables.delimited import read_text_table
-from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_column, refuse_feet, say_columns
+from survey.io.text_tables.spellings import (
+    ColumnNames,
+    metres_factor,
+    one_column,
+    refuse_feet,
+    say_columns,
+    spelled,
+)
 
 _WHAT = "the point file"
 _SIGMA = "sigma_z_m"
@@ -27,13 +34,14 @@ def write_csv(path: Path, table: PointTable) -> None:
 
 
 def _is_plain(file: Path) -> bool:
-    """Return whether a table has firnline's own columns, or commas and nothing but numbers in its first row."""
+    """Return whether a table has firnline's own columns, or commas, numbers alone and no standard deviation."""
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
         header, first = stream.readline(), stream.readline()
     names = {name.strip() for name in header.split(",")}
-    return (
-        set(PLACE) <= names or not first.strip() or ("," in header and all(map(_is_number, first.split(","))))
-    )
+    if set(PLACE) <= names or not first.strip():
+        return True
+    has_sigma = any(spelled(name, "sigma_z") for name in names)
+    return "," in header and not has_sigma and all(map(_is_number, first.split(",")))
 
 
 def _is_number(cell: str) -> bool:

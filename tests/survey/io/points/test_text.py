@@ -12,6 +12,7 @@ from survey.io.points.formats import read_point_table
 EXPORTS = {
     "degrees, semicolons, decimal commas": "Name;Breite;Länge;Höhe;SDV\nP1;46,4412;7,9061;912,5;0,02\n",
     "names and codes": "Point,Longitude,Latitude,Elevation,SDV,Code\nP1,7.9061,46.4412,912.5,0.02,ICE\n",
+    "numbers alone": "Longitude,Latitude,Elevation,SDV [mm]\n7.9061,46.4412,912.5,20\n",
     "tabs": "Latitude\tLongitude\tHeight (m)\tVRMS (mm)\n46.4412\t7.9061\t912.5\t20\n",
 }
 
