@@ -14,6 +14,7 @@ class PixelNoise:
     The residuals of corners about the best pose have the length of two Gaussian errors, whose median
     is :math:`σ \sqrt{2 \ln 2}`. They hold what blur, noise and compression add to the error of tracking;
     the difference between tracking forward and backward does not: on a street it is a seventh of the residuals.
+    Of a lens that nothing states they would hold its distortion, so that they are not measured then.
     The assumed error is the least, since residuals leave out what neighbouring corners have in common.
 
     Parameters

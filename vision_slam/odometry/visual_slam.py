@@ -269,7 +269,8 @@ class VisualSlam:
             shift_sigma=0.1 if has_gyro else 1.0,
         )  # fmt: skip
         agree[index] = errors < self.config.gate_px / self._focal_px
-        self._noise.update(self._focal_px * errors[agree[index]])
+        if not self.camera.distortion_is_assumed:  # else the residuals are those of the lens
+            self._noise.update(self._focal_px * errors[agree[index]])
         return camera @ np.linalg.inv(self.camera.T_body_camera), agree
 
     def _turned(self, pixels: Pixels, came: BoolArray) -> tuple[FloatArray, BoolArray] | None:

@@ -1,5 +1,7 @@
 """The error of followed corners is that of the images."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from survey.data.camera.calibration import Camera
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.inertial.motion import RelativeMotion
+from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.pixel_noise import PixelNoise
 from vision_slam.odometry.visual_slam import VisualSlam
 
@@ -25,17 +28,27 @@ def test_the_measured_error_is_that_of_gaussian_residuals() -> None:
     assert noise.sigma_px == pytest.approx(1.2, rel=0.02)
 
 
-def test_trembling_images_have_a_larger_error_than_steady_ones(plane_world: object, camera: Camera) -> None:
-    rng, found = np.random.default_rng(3), []
+def _sigma_px(world: object, camera: Camera, trembling_px: float) -> float:
+    """Error of the corners of a drive whose images tremble, patch by patch."""
+    rng, slam = np.random.default_rng(3), VisualSlam(camera)
     columns, rows = np.meshgrid(np.arange(320, dtype=np.float32), np.arange(240, dtype=np.float32))
-    for trembling_px in (0.0, 1.0):
-        slam = VisualSlam(camera)
-        for k in range(16):
-            image = plane_world.image(pose_at(0.2 * k))  # type: ignore[attr-defined]
-            shift = trembling_px * rng.normal(size=(2, 12, 16)).astype(np.float32)
-            x, y = (cv2.resize(part, (320, 240), interpolation=cv2.INTER_NEAREST) for part in shift)
-            moved = np.asarray(cv2.remap(image, columns + x, rows + y, cv2.INTER_LINEAR), np.uint8)
-            slam.step(moved, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
-        found.append(slam.window.pixel_sigma)
-    assert found[0] < 1.1 * slam.config.pixel_sigma
-    assert found[1] > 1.2 * found[0]
+    for k in range(16):
+        image = world.image(pose_at(0.2 * k))  # type: ignore[attr-defined]
+        shift = trembling_px * rng.normal(size=(2, 12, 16)).astype(np.float32)
+        x, y = (cv2.resize(part, (320, 240), interpolation=cv2.INTER_NEAREST) for part in shift)
+        moved = np.asarray(cv2.remap(image, columns + x, rows + y, cv2.INTER_LINEAR), np.uint8)
+        slam.step(moved, 0.25 * k, RelativeMotion(0.25, np.eye(3), 0.2) if k else None)
+    return slam.window.pixel_sigma
+
+
+def test_trembling_images_have_a_larger_error_than_steady_ones(plane_world: object, camera: Camera) -> None:
+    steady_px, trembling_px = (_sigma_px(plane_world, camera, trembling) for trembling in (0.0, 0.8))
+    assert steady_px < 1.1 * VisualOdometryConfig().pixel_sigma
+    assert trembling_px > 1.1 * steady_px
+
+
+def test_residuals_of_a_lens_that_nothing_states_are_not_those_of_pixels(
+    plane_world: object, camera: Camera
+) -> None:
+    unstated = replace(camera, distortion_is_assumed=True)
+    assert _sigma_px(plane_world, unstated, 1.0) == VisualOdometryConfig().pixel_sigma
