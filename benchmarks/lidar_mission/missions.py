@@ -34,7 +34,6 @@ def mission_on(seed: int) -> MissionConfig:
         "planner": {"pattern": "lawnmower", "swaths": N_SWATHS},
         "aids": {"accelerometer": True},
         "sensors": {"lidar": {"beams": 32}},
-        "reconstruction": {"joint": {"memory_mb": 300.0}},
     }
     return validated(MissionConfig, content, "the benchmark")
 
