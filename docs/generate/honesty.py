@@ -34,6 +34,7 @@ FIGURES = {
     "honest_missions": (
         "unbiased prior, stated so, no stakes: coverage of 95 %, mean",
         "unbiased prior, stated so, no stakes: coverage of 95 %, worst mission",
+        "unbiased prior, stated so, no stakes: coverage of 95 %, single swaths",
         "unbiased prior, stated so: RMSE over that of the code of e7dc4dd",
         "prior with the errors of copernicus-30, 4 stakes: coverage of 95 %, mean",
         "prior with the errors of copernicus-30, no stakes: coverage of 95 %, mean",
