@@ -1,8 +1,10 @@
 """Missions with a LiDAR beside the same missions with landmarks alone, on random sites that nothing was chosen on.
 
 Run with ``python -m benchmarks.lidar_mission``. Sites of 600 × 600 m are surveyed by four swaths with gravity and
-barometer, in the statistical fidelity with errors of the path; the terrain is of another kind on each. Seeds 7201 to 7205 were used for nothing else; sizes and settings were chosen on seeds 41 to 43. The time is the CPU time of one core
-from the records to the map, with all scans, over the time of the drive; the simulation of the rays is shown beside it.
+barometer, in the statistical fidelity with errors of the path; the terrain is of another kind on each.
+Seeds 7201 to 7205 were used for nothing else; sizes and settings were chosen on seeds 41 to 43. The time is the CPU time
+of one core from the records to the map, with all scans, over the time of the drive; the simulation of the rays is shown
+beside it.
 Sites are stored as they finish (``FIRNLINE_LIDAR`` names the folder), and a run that was broken off continues;
 ``FIRNLINE_LIDAR_SEEDS=7201`` computes some of them alone.
 """
