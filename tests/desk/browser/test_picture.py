@@ -103,7 +103,7 @@ def test_the_demo_is_recorded(demo):
     draw_a_zone(demo, film)
     change_the_swaths(demo, film)
     drive_and_compare(film)
-    run_the_mission(demo, film)
+    draw_the_curve(demo, film)
     content = film.webp()
     assert 18_000 <= sum(film.shown_ms) <= 26_000
     assert 100_000 < len(content) < LARGEST_BYTES
@@ -152,17 +152,14 @@ def drive_and_compare(film: Recorder) -> None:
     film.demo.page.uncheck("#show-slope")
 
 
-def run_the_mission(demo: DeskPage, film: Recorder) -> None:
-    """Simulate the survey, and go through the map as it grew."""
-    film.click("#tab-runs", 0.6)
-    film.click("#start-mission", 0.8)
-    demo.page.wait_for_selector("#mission-result a", timeout=900_000)
-    film.slide("#growth", list(range(12)), 0.2)
-    film.shoot(0.8)
-    demo.page.uncheck("#show-grown-elevation")
-    demo.page.uncheck("#show-grown-sigma")
-    film.click(".run button:has-text('Error')", 0.4)
-    demo.page.wait_for_selector("#legend >> text=Error of the map")
-    demo.page.wait_for_timeout(300)
-    film.shoot(1.6)
-    film.click("#tab-files", 1.2)
+def draw_the_curve(demo: DeskPage, film: Recorder) -> None:
+    """Compute the error against swaths, then show what else the panel holds."""
+    film.click("#tab-compare", 0.6)
+    film.click("#start-curve", 0.6)
+    for n_points in (3, 6):
+        demo.page.wait_for_selector(f"#page-compare tbody tr >> nth={n_points}")
+        film.shoot(0.7)
+    demo.page.wait_for_selector("#start-curve:not([disabled])")
+    film.shoot(1.8)
+    for tab in ("require", "runs", "measured", "files"):
+        film.click(f"#tab-{tab}", 1.2)
