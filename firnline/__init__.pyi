@@ -68,6 +68,7 @@ from survey.data.recording import OdometryRecording as OdometryRecording
 from survey.data.recording import Recording as Recording
 from survey.data.route import Route as Route
 from survey.data.scans.lidar_scans import LidarScans as LidarScans
+from survey.data.scans.lidar_scans import Minutes as Minutes
 from survey.data.scans.returns import LidarReturns as LidarReturns
 from survey.data.scans.returns import SensorScan as SensorScan
 from survey.data.scans.scanner import Scanner as Scanner

@@ -25,7 +25,7 @@ from vision_slam.odometry.health import FrameHealth
 
 CRS = "EPSG:32608"
 TIMES = [0.0, 1.0]
-INTERFACES = {"ImageSource", "ScanModel", "Section", "PatternConfig"}
+INTERFACES = {"ImageSource", "Minutes", "ScanModel", "Section", "PatternConfig"}
 """Types that only describe others."""
 TYPES = [
     name for name in firnline.__all__ if inspect.isclass(getattr(firnline, name)) and name not in INTERFACES
@@ -69,7 +69,7 @@ def configurations() -> Iterator[Any]:
         "RandomWanderConfig": {"swaths": 3}, "VarianceDrivenConfig": {"budget_m": 900.0}, "BestConfig": {"rmse_m": 0.5},
         "RandomTerrain": {"source": "random"}, "SampleTerrain": {"source": "srtm-sample"},
         "DemTerrain": {"source": "dem", "file": "dem.tif"}, "FaultConfig": {"component": "gps", "failure": "jump"},
-        "PayloadConfig": {"name": "albedo", "unit": "1"}, "DrawnSetting": {"setting": "rover.pitch_deg", "between": (0.0, 1.0)},
+        "Scanner": {"elevation_deg": (0.0,), "n_columns": 4}, "PayloadConfig": {"name": "albedo", "unit": "1"}, "DrawnSetting": {"setting": "rover.pitch_deg", "between": (0.0, 1.0)},
     }  # fmt: skip
     for name in TYPES:
         kind = getattr(firnline, name)
@@ -142,6 +142,12 @@ def others() -> Iterator[Any]:
     yield firnline.Certificate(firnline.RmseClaim.of(np.eye(3), np.ones(3)), (), (), is_tested=True)
     yield firnline.Surroundings(speed_m_s=1.0)
     camera = firnline.Camera("pinhole", 6, 4, [[4, 0, 3], [0, 4, 2], [0, 0, 1]], np.zeros(5), np.eye(4))
+    returns = firnline.LidarReturns(
+        *(np.zeros(1, kind) for kind in (np.uint32, np.uint16, np.uint8, np.uint32))
+    )
+    scanner = firnline.Scanner(elevation_deg=(0.0,), n_columns=4)
+    yield from (returns, firnline.BeamErrors(0.03), firnline.LidarScans(scanner, TIMES, (returns,)))
+    yield firnline.SensorScan(np.zeros(1), np.zeros((1, 3)), np.zeros(3))
     yield firnline.LensEstimate(camera, False, np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, "no turn")
 
 
