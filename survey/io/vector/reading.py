@@ -1,6 +1,8 @@
 """Reading of features: layers, geometries with their attributes, and the types of geometry."""
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -58,18 +60,11 @@ def read_features(
     """
     file = existing_file(path, what)
     check_vector_file(file, what)
-    try:
-        with gdal_bindings() as gdal, warnings_logged():
-            if layer is None:
-                _refuse_several_layers(gdal, file, what)
-            _refuse_too_many(gdal, file, layer, what)
-            meta, _, geometry, columns = gdal.raw.read(_source(file, what), layer=layer)
-    except InputError:
-        raise
-    except gdal_faults() as error:
-        raise InputError(
-            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
-        ) from error
+    with _gdal_of(file, what) as gdal:
+        if layer is None:
+            _refuse_several_layers(gdal, file, what)
+        _refuse_too_many(gdal, file, layer, what)
+        meta, _, geometry, columns = gdal.raw.read(_source(file, what), layer=layer)
     if geometry is None or len(geometry) == 0:
         raise InputError(f"{what} {file} holds no features; draw at least one and save it again.")
     try:
@@ -106,13 +101,8 @@ def layer_names(path: str | Path, *, what: str = "the vector file") -> list[str]
     """
     file = existing_file(path, what)
     check_vector_file(file, what)
-    try:
-        with gdal_bindings() as gdal, warnings_logged():
-            return [str(name) for name, _ in gdal.list_layers(_source(file, what))]
-    except gdal_faults() as error:
-        raise InputError(
-            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
-        ) from error
+    with _gdal_of(file, what) as gdal:
+        return [str(name) for name, _ in gdal.list_layers(_source(file, what))]
 
 
 def geometry_types(path: str | Path, *, what: str = "the vector file") -> set[str]:
@@ -176,7 +166,7 @@ def polygon_layer(path: str | Path, *, what: str = "the vector file") -> str | N
 
 def _types_in(path: str | Path, layer: str, what: str) -> set[str]:
     """Return the types of geometry in a layer; empty for a table without geometries."""
-    with gdal_bindings() as gdal, warnings_logged():
+    with _gdal_of(Path(path), what) as gdal:
         declared = gdal.read_info(_source(Path(path), what), layer=layer)["geometry_type"]
     if declared is None:
         return set()
@@ -185,6 +175,20 @@ def _types_in(path: str | Path, layer: str, what: str) -> set[str]:
         shapes = read_features(path, layer=layer, what=what).geometry
         found = {shape.geom_type for shape in shapes if shape is not None}
     return {name.split()[0].removeprefix("2.5D").removeprefix("Multi") for name in found}
+
+
+@contextmanager
+def _gdal_of(file: Path, what: str) -> Iterator[Any]:
+    """Give GDAL's bindings; what they raise about the file becomes an `InputError`."""
+    try:
+        with gdal_bindings() as gdal, warnings_logged():
+            yield gdal
+    except InputError:
+        raise
+    except gdal_faults() as error:
+        raise InputError(
+            f"{what} {file} is damaged or no vector format that GDAL knows ({first_line(error)}); get it again."
+        ) from error
 
 
 def _source(file: Path, what: str) -> Path | bytes:
