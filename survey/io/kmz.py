@@ -8,6 +8,7 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import first_line
 from survey.io.document_checks import LARGEST_TEXT_BYTES
 
+# zipfile raises RuntimeError for an encrypted member and NotImplementedError for an unknown compression.
 _DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError)
 
 

@@ -135,6 +135,7 @@ def _refuse_paths(request: MapRequest) -> None:
     """Refuse paths that the method does not use, and another number of them than it needs."""
     method, n = request.method, len(request.options.trajectories)
     if n and not (method.needs_path or request.is_of_scans or request.is_registered):
+        _refuse_sources_without_scans(request.options.sources)
         raise InputError(
             f"the method {method.name} does not use a trajectory; take --method joint, or leave --trajectory out."
         )
@@ -150,3 +151,14 @@ def _refuse_paths(request: MapRequest) -> None:
             f"{len(request.options.sources)} sources of points and {n} trajectories were named; name one --trajectory for "
             "each of them, in their order."
         )
+
+
+def _refuse_sources_without_scans(sources: tuple[Path, ...]) -> None:
+    """Refuse a source that is missing, or a folder that was named for its scans and holds none."""
+    for source in sources:
+        if not source.exists():
+            raise InputError(f"the points or scans {source} do not exist; check the path.")
+        if source.is_dir():
+            raise InputError(
+                f"the folder {source} holds no scans; name a recording with a LiDAR, a KITTI drive or a ROS 2 bag."
+            )

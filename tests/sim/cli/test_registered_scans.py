@@ -93,3 +93,12 @@ def test_two_paths_for_one_drive_are_refused(folder: Path) -> None:
     paths = ("--trajectory", "trajectory.csv") * 2
     code, said = run("lidar", *paths)
     assert (code, "1 sources of points and 2 trajectories" in said) == (3, True)
+
+
+@pytest.mark.parametrize(("source", "problem"), [("nowhere", "do not exist"), ("empty", "holds no scans")])
+def test_a_source_without_scans_is_named(folder: Path, source: str, problem: str) -> None:
+    (folder / "empty").mkdir()
+    code, output = run(source, "--trajectory", "trajectory.csv", "--method", "gp")
+    assert code == 3
+    assert source in output
+    assert problem in " ".join(output.split())
