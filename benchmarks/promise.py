@@ -38,9 +38,9 @@ from planners.guarantee.guarantee import guarantee
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import places
 from planners.swaths.heading import across_marked_grain
-from sim.executors import run_all
 from survey import Dem, Grid, Route, SurveyArea
 from survey.core.arrays import FloatArray
+from survey.core.executors import run_all
 from survey.core.streams import stream
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.common_maps import mapped

@@ -20,7 +20,6 @@ from planners.driving.replanning import Loss, cut_short, remaining_swaths, repla
 from planners.ground.transit import FreeGround
 from sim.config.faults import FaultConfig
 from sim.config.mission import MissionConfig
-from sim.executors import run_all
 from sim.mission.drives import (
     DRIVE_FILE,
     drivable_area,
@@ -32,6 +31,7 @@ from sim.mission.drives import (
 from sim.simulate.simulated_drive import Ending
 from sim.world.site import World, build_world
 from survey.core.documents import read_json, write_json
+from survey.core.executors import run_all
 from survey.core.streams import stream
 from survey.data.legs import Leg
 

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 from scipy.stats import beta
 
 from sim.config.mission import MissionConfig
-from sim.executors import run_all
 from sim.mission.fleet import n_lost
 from sim.mission.runs import open_run, planned_place, resolved_text
 from sim.mission.stages import run_mission
@@ -22,6 +21,7 @@ from sim.mission.versions import current_versions, refuse_other_versions
 from survey.core.config import validated, with_overrides
 from survey.core.documents import read_json, write_json
 from survey.core.errors import FirnlineError
+from survey.core.executors import run_all
 from survey.core.runs.store import RunFolder
 from survey.core.streams import stream
 

@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
-from sim.executors import Engine, run_all
 from sim.mission.runs import input_checksums
 from sim.mission.versions import current_versions, refuse_other_versions
 from sim.montecarlo.blocks import TrialBlock, blocks_of
@@ -25,6 +24,7 @@ from sim.montecarlo.tables import block_file, write_block, write_tables
 from sim.montecarlo.trials import survey_block
 from survey.core.documents import read_json, write_json
 from survey.core.errors import ConfigError, InputError
+from survey.core.executors import Engine, run_all
 from survey.core.files.replacing import refuse_unwritable, replacing_files
 from survey.core.runs.manifest import (
     RECORD,
@@ -67,7 +67,7 @@ def run_study(
     folder : Path
         Its folder; one that holds a part of the same study is continued.
     engine, workers, scheduler
-        See `sim.executors.run_all`; the tables are the same bytes whatever they are.
+        See `survey.core.executors.run_all`; the tables are the same bytes whatever they are.
     fresh : bool
         Do every trial again; the old tables stay until the new ones replace them.
     watch : callable

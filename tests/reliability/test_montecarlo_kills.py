@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
 from sim.cli.main import app
-from sim.executors import run_on_dask
 from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import run_study
 from sim.montecarlo.trials import survey_block
+from survey.core.executors import run_on_dask
 from survey.core.streams import stream
 
 STUDY = (

@@ -12,11 +12,11 @@ import cv2
 from threadpoolctl import threadpool_limits
 
 from sim.config.mission import MissionConfig
-from sim.executors import settled
 from sim.instruments.suite import Readings
 from sim.simulate.navigation import Start
 from sim.simulate.onboard.navigator import LATE_FRAMES, Navigate, OnboardComputer, TimedPose, VisualNavigator
 from survey.core.errors import InputError
+from survey.core.executors import settled
 from vision_slam.odometry.visual_odometry import VisualOdometry
 
 _MOST_WAITING = LATE_FRAMES + 1

@@ -11,7 +11,6 @@ import pytest
 
 from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
-from sim.executors import run_all
 from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
 from sim.montecarlo.study import RESULTS, run_study
@@ -21,6 +20,7 @@ from sim.montecarlo.terrains import TrialTerrains
 from sim.montecarlo.trials import _localized, routes, survey_block
 from survey import Dem, Grid, reconstruct
 from survey.core.errors import CapacityError, ConfigError, InputError
+from survey.core.executors import run_all
 from survey.core.runs.manifest import read_record
 
 STUDY = "seed = 5\n" + SMALL_STUDY.replace("swaths = [2]", "swaths = [2, 3]") + SECOND_PATTERN
@@ -244,7 +244,7 @@ def greet(listener, words):
 
 def test_a_listener_that_is_no_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("sim.executors._REACH_S", 0.5)
+    monkeypatch.setattr("survey.core.executors._REACH_S", 0.5)
     # One that waits to be spoken to, as a web server does, and one that speaks another tongue.
     for words, reason in ((b"", "no dask scheduler answers"), (b"220 mail.example", "is no dask scheduler")):
         with socket.create_server(("127.0.0.1", 0)) as listener:
