@@ -190,7 +190,7 @@ def run_on_dask(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Ite
 def _lost_scheduler(address: str) -> InputError:
     return InputError(
         f"the dask scheduler at {address} stopped answering; start it again and run the same command, "
-        "which continues behind the trials that are stored."
+        "which continues from what is stored."
     )
 
 
