@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from survey.core.data_object import DataObject
+from survey.data.ice_motion import IceMotion
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.odometry.visual_odometry import VisualOdometry
@@ -30,6 +31,9 @@ class Localization(DataObject):
         Number of fixes within the time of the path.
     n_fixes_refused : int
         Number of these that failed the innovation gate and were not used.
+    ice_motion : IceMotion, optional
+        Motion of the ice after all sensors, where the recording was reduced to an epoch; path and landmarks are then those
+        of the epoch.
     notes : tuple of str
         One sentence for each correction of the input or assumption about it.
     """
@@ -41,3 +45,4 @@ class Localization(DataObject):
     n_fixes: int = 0
     n_fixes_refused: int = 0
     notes: tuple[str, ...] = ()
+    ice_motion: IceMotion | None = None

@@ -114,6 +114,7 @@ def localize(
         n_fixes=drive.online.n_fixes,
         n_fixes_refused=drive.online.n_fixes - int(drive.used_fixes.sum()),
         notes=accepted.notes,
+        ice_motion=path.ice_motion,
     )
 
 

@@ -15,6 +15,7 @@ from survey.core.files.writing import replacing
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frame_writer import FrameWriter
 from survey.data.camera.frames import Frames
+from survey.data.ice_motion import IceMotion
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
@@ -64,6 +65,8 @@ class Recording(SensorTables):
         A second receiver and a second barometer that stand at `start`.
     stakes, stake_sightings : optional
         Benchmarks of surveyed position, and when they were seen.
+    stake_surveys : optional
+        Repeated surveys of stakes that move with the ice.
     loop_closures : optional
         Places of the drive that were recognized again.
     lidar : optional
@@ -77,6 +80,9 @@ class Recording(SensorTables):
     start_is_surveyed : bool
         Whether `start` was surveyed. Else it is the position of the first fix, and localization
         takes it for unknown.
+    ice_motion : IceMotion, optional
+        Motion by which fixes, start, barometer and stakes were reduced to an epoch
+        (`survey.reconstruction.motion.ice_frame.in_ice_frame`); it is not written to files.
     """
 
     crs: CRS
@@ -88,6 +94,7 @@ class Recording(SensorTables):
     frames: Frames | None = None
     camera_height_m: float = 0.0
     start_is_surveyed: bool = True
+    ice_motion: IceMotion | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "crs", projected_crs(self.crs, "the recording"))
@@ -98,7 +105,8 @@ class Recording(SensorTables):
             lacking = "camera" if self.camera is None else "frames"
             raise InputError(f"the recording lacks {lacking}; images and calibration are needed together.")
         if self.stake_sightings is not None:
-            n_stakes = 0 if self.stakes is None else len(self.stakes)
+            surveyed = 0 if self.stake_surveys is None else int(self.stake_surveys.index.max()) + 1
+            n_stakes = surveyed if self.stakes is None else len(self.stakes)
             seen = self.stake_sightings.index
             if seen.min() < 0 or seen.max() >= n_stakes:
                 raise InputError(

@@ -51,6 +51,7 @@ def add_terms(
     system: NormalEquations, recording: OdometryRecording, along: Nodes, config: LocalizationConfig
 ) -> None:
     """Add the terms of all sensors except stakes and loop closures, which are gated afterwards."""
+    _add_motion(system, recording)
     _add_start(system, recording, config)
     _add_heading(system, recording, along, config)
     contradiction_m = _add_wheels(system, recording, along, config)
@@ -60,12 +61,23 @@ def add_terms(
     _add_gravity(system, recording, along, config)
 
 
+def _add_motion(system: NormalEquations, recording: OdometryRecording) -> None:
+    """Add the prior of the unknowns of the ice's motion."""
+    motion = recording.ice_motion
+    if motion is None or not system.n_motion:
+        return
+    whitened = np.linalg.inv(np.linalg.cholesky(motion.spread))
+    system.add(system.motion_terms(whitened), whitened @ motion.expected, np.ones(system.n_motion))
+
+
 def _add_start(system: NormalEquations, recording: OdometryRecording, config: LocalizationConfig) -> None:
     back_rad, settings = compass_offset(recording, config)
     start_m, heading_rad = settings.start_errors
-    for axis in range(3):
-        system.add_prior(E + axis, start_m)
     one = np.ones(1)
+    moved = moved_by_unknowns(recording, recording.start[None, :2], recording.odometry.time_s[:1])
+    for axis in range(3):
+        terms: list[Term] = [(np.atleast_1d(np.asarray(E + axis)), one)]
+        system.add(terms + system.motion_terms(-moved[:, axis]), 0.0 * one, start_m * one)
     system.add(
         [(unknown(np.zeros(1, dtype=np.int64), HEADING), one)],
         -back_rad * one,
@@ -196,7 +208,9 @@ def _add_gps(
         off += _beyond_ends(along, time_s, velocity) + along.delay_s * velocity
         system.add_prior(DELAY, config.clock_sigma_s)
     # Fixes at one node are averaged by their weights; bias and white error are as much larger as stated.
-    parts = np.column_stack([weight * off, weight * ratio[:, None], weight, weight * velocity])
+    moved = moved_by_unknowns(recording, position[:, :2], recording.gps.time_s)
+    by_motion = weight * moved.reshape(len(moved), -1)
+    parts = np.column_stack([weight * off, weight * ratio[:, None], weight, weight * velocity, by_motion])
     node, mean, count = along.averaged(time_s, parts)
     shared = mean[:, 4]
     mean = mean / shared[:, None]
@@ -208,8 +222,16 @@ def _add_gps(
         terms: list[Term] = [(unknown(node, E + axis), one), (unknown(node, BIAS + axis), -larger)]
         if system.has_delay:
             terms.append((np.array(DELAY), mean[:, 5 + axis]))
+        terms += system.motion_terms(-mean[:, 8:].reshape(len(node), *moved.shape[1:])[:, axis])
         system.add(terms, mean[:, axis], factor * white)
         system.add_gauss_markov(BIAS + axis, memory, factor * left.gps_bias_sigma_m)
+
+
+def moved_by_unknowns(recording: OdometryRecording, xy: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return how far places (N, 2) of the epoch have moved by some times for unknowns of 1 of the ice's motion (N, 3, R) [m]."""
+    if recording.ice_motion is None:
+        return np.zeros((len(xy), 3, 0))
+    return recording.ice_motion.derivatives(xy, time_s)
 
 
 def _beyond_ends(along: Nodes, time_s: FloatArray, velocity: FloatArray) -> FloatArray:

@@ -12,7 +12,8 @@ PER_NODE = 13
 """Unknowns of a node: position (3), yaw, pitch, roll, GPS bias (3), barometer's drift, scale, slow part of yaw, gyro's bias."""
 E, YAW, PITCH, ROLL, BIAS, DRIFT, SCALE, HEADING, GYRO = 0, 3, 4, 5, 6, 9, 10, 11, 12
 DELAY, MEAN_SCALE, WHEEL_SCALE, SKID, DATUM, PITCH_BIAS, ROLL_BIAS, FORCE_PITCH, FORCE_ROLL = range(-9, 0)
-"""Unknowns that all nodes share, counted from the end; the delay of the fixes is left out where it is known."""
+"""Unknowns that all nodes share, counted from the end; the delay of the fixes is left out where it is known. Those of
+the ice's motion come before them."""
 N_GLOBALS = 8
 """Number of shared unknowns without the delay of the fixes."""
 
@@ -25,6 +26,7 @@ class NormalEquations:
 
     n_nodes: int
     has_delay: bool = False
+    n_motion: int = 0
     rows: list[IntArray] = field(default_factory=list)
     columns: list[IntArray] = field(default_factory=list)
     entries: list[FloatArray] = field(default_factory=list)
@@ -35,7 +37,12 @@ class NormalEquations:
     @property
     def n_unknowns(self) -> int:
         """Number of unknowns, globals included."""
-        return self.n_nodes * PER_NODE + N_GLOBALS + self.has_delay
+        return self.n_nodes * PER_NODE + self.n_motion + N_GLOBALS + self.has_delay
+
+    def motion_terms(self, by: FloatArray) -> list[Term]:
+        """Return the terms of the unknowns of the ice's motion, from coefficients (N, R); they stand behind the nodes."""
+        first = self.n_nodes * PER_NODE
+        return [(np.array(first + k), column) for k, column in enumerate(by.T)]
 
     def add(self, terms: list[Term], value: FloatArray, sigma: FloatArray) -> None:
         """Add rows; a term's columns and coefficients have one entry a row, or one for all."""

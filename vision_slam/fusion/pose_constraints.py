@@ -9,6 +9,7 @@ from scipy import sparse
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
+from survey.data.sensors.stakes import Stakes
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.block_tridiagonal import BlockTridiagonal
 from vision_slam.fusion.normal_equations import PER_NODE
@@ -53,7 +54,7 @@ def pose_constraints(
     seen, stakes, closures = recording.stake_sightings, recording.stakes, recording.loop_closures
     if seen is not None and stakes is not None:
         arm, spread = place.arm(seen.time_s, seen.offset, seen.covariance)
-        rows.append(place.rows(seen.time_s, arm, 1.0))
+        rows.append(place.rows(seen.time_s, arm, 1.0) - place.motion_rows(stakes, seen.index))
         value.append((place.position(seen.time_s) + arm - stakes.position[seen.index]).ravel())
         noise.append(spread)
         shared = _of_survey(seen.index, stakes.sigma_m) + place.between_nodes(seen.time_s, config)
@@ -135,6 +136,17 @@ class _Place:
         # The information is not needed to lay out rows.
         layout = PathError(self.node_time_s, sparse.csr_array((self.n_unknowns,) * 2), PER_NODE)
         return layout.rows(np.repeat(keyframe, 3), by_pose.reshape(-1, POSE))
+
+    def motion_rows(self, stakes: Stakes, index: IntArray) -> Any:
+        """Return the rows (3 N, unknowns) of how far stakes had moved, when they were surveyed, by the ice's motion."""
+        motion, shape = self.recording.ice_motion, (3 * len(index), self.n_unknowns)
+        if motion is None or stakes.time_s is None:
+            return sparse.csr_array(shape)
+        moved = motion.derivatives(stakes.position[:, :2], stakes.time_s)[index].reshape(shape[0], -1)
+        before = sparse.csr_array((shape[0], PER_NODE * len(self.node_time_s)))
+        behind = sparse.csr_array((shape[0], shape[1] - before.shape[1] - moved.shape[1]))
+        blocks: Any = [before, sparse.csr_array(moved), behind]
+        return sparse.csr_array(sparse.hstack(blocks))
 
     def between_nodes(self, time_s: FloatArray, config: LocalizationConfig) -> FloatArray:
         """Return the covariance (3 N, 3 N) of the path's error at some times beyond its interpolation between nodes.

@@ -35,6 +35,7 @@ from scipy import sparse
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
+from survey.data.ice_motion import IceMotion, motion_rows
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry
@@ -68,7 +69,8 @@ class SmoothedPath:
     the keyframes, ``n_constraints`` and ``n_refused`` the numbers of stakes and loop closures
     used and refused, ``gps_evidence`` the gain in log likelihood of a GPS correlation time
     four times as long as assumed, ``delay_s`` and ``delay_sigma_s`` the delay of the fixes and its
-    standard deviation [s], 0 where one clock stamps fixes and odometry.
+    standard deviation [s], 0 where one clock stamps fixes and odometry, ``ice_motion`` the motion of the ice after
+    all sensors, where the recording was reduced by one.
     """
 
     position: FloatArray
@@ -80,6 +82,7 @@ class SmoothedPath:
     gps_evidence: float = 0.0
     delay_s: float = 0.0
     delay_sigma_s: float = 0.0
+    ice_motion: IceMotion | None = None
 
 
 def smooth(
@@ -160,7 +163,9 @@ class _Posterior:
 
     @classmethod
     def _about(cls, recording: OdometryRecording, along: Nodes, config: LocalizationConfig) -> "_Posterior":
-        system = NormalEquations(len(along.index), has_delay=config.clock_sigma_s > 0.0)
+        motion = recording.ice_motion
+        n_motion = 0 if motion is None else motion.n_unknowns
+        system = NormalEquations(len(along.index), has_delay=config.clock_sigma_s > 0.0, n_motion=n_motion)
         add_terms(system, recording, along, config)
         design, values = system.design, system.values
         information = sparse.csr_array(design.T @ design)
@@ -281,9 +286,19 @@ def _corrected(
     between = np.column_stack(
         [np.interp(time_s, time_s[nodes], entry) for entry in posterior.covariance.reshape(-1, POSE**2).T]
     )
+    path_error = PathError(time_s[nodes], posterior.information, PER_NODE)
     return SmoothedPath(
         dead_reckoned - spread[:, E : E + 3],
         attitude,
         between.reshape(-1, POSE, POSE),
-        PathError(time_s[nodes], posterior.information, PER_NODE),
+        path_error,
+        ice_motion=_moved(recording.ice_motion, posterior.estimate, path_error),
     )
+
+
+def _moved(motion: IceMotion | None, estimate: FloatArray, error: PathError) -> IceMotion | None:
+    """Return the motion of the ice after all sensors."""
+    if motion is None:
+        return None
+    behind = motion_rows(error, motion.n_unknowns)
+    return motion.updated(behind @ estimate, error.covariance(behind))

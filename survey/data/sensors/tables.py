@@ -9,7 +9,7 @@ from survey.data.sensors.aiding import Barometer, Compass, GpsFixes, Inertial, W
 from survey.data.sensors.loop_closures import LoopClosures
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
-from survey.data.sensors.stakes import Stakes, StakeSightings
+from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -30,6 +30,7 @@ class SensorTables(DataObject):
     base: GpsFixes | None = None
     base_barometer: Barometer | None = None
     stakes: Stakes | None = None
+    stake_surveys: StakeSurveys | None = None
     stake_sightings: StakeSightings | None = None
     loop_closures: LoopClosures | None = None
     lidar: LidarScans | None = None
