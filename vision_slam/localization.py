@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from survey.core.data_object import DataObject
-from survey.data.ice_motion import IceMotion
+from survey.data.ice.motion import IceMotion
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.odometry.visual_odometry import VisualOdometry

@@ -15,7 +15,7 @@ from survey.core.files.writing import replacing
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frame_writer import FrameWriter
 from survey.data.camera.frames import Frames
-from survey.data.ice_motion import IceMotion
+from survey.data.ice.motion import IceMotion
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings

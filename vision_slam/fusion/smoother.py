@@ -35,7 +35,8 @@ from scipy import sparse
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
-from survey.data.ice_motion import IceMotion, motion_rows
+from survey.data.ice.motion import IceMotion
+from survey.data.ice.motion_rows import motion_rows
 from survey.data.path_error import POSE, PathError
 from survey.data.recording import OdometryRecording
 from survey.data.sensors.odometry import Odometry

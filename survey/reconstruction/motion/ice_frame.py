@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.data.ice_motion import IceMotion
+from survey.data.ice.motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import Barometer, GpsFixes
 from survey.data.sensors.stakes import Stakes
@@ -18,7 +18,7 @@ def in_ice_frame(recording: Recording, motion: IceMotion) -> Recording:
     Odometry, images, sightings and loop closures measure relative to the ice and stay as they are. Fixes, the start, the
     heights of the barometer and stakes are moved to the epoch. The unknowns of the motion become unknowns of
     localization: `vision_slam.localize` of the result estimates path, landmarks and motion together, and a map of these
-    landmarks is that of the epoch. `vision_slam.moving_ice.localize_on_ice` does both.
+    landmarks is that of the epoch. `vision_slam.localize_on_ice` does both.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """Motion of the ice after a joint estimate of map and path."""
 
 from survey.core.errors import InputError
-from survey.data.ice_motion import IceMotion, motion_rows
+from survey.data.ice.motion import IceMotion
+from survey.data.ice.motion_rows import motion_rows
 from survey.reconstruction.joint.solution import JointSolution
 
 

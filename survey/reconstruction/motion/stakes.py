@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.data.ice_motion import IceMotion
+from survey.data.ice.motion import IceMotion
 from survey.data.sensors.stakes import Stakes, StakeSurveys
 
 # Scatter that is less probable than this is taken for that of the ice.

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from survey import InputError
-from survey.data.ice_motion import IceMotion
+from survey.data.ice.motion import IceMotion
 from survey.data.sensors.stakes import StakeSurveys
+from survey.reconstruction.motion.priors import uniform_motion
 from survey.reconstruction.motion.stakes import mean_stakes, motion_with_stakes
 
 DAY_S, SIGMA_M = 86400.0, 0.03
@@ -11,7 +12,7 @@ XY = np.array([[0.0, 0.0], [600.0, 0.0], [0.0, 600.0], [600.0, 600.0]])
 
 
 def prior(change_sigma: float = 0.0) -> IceMotion:
-    return IceMotion.uniform(
+    return uniform_motion(
         (0.0, 0.0),
         0.0,
         velocity_sigma=5.0,
@@ -32,7 +33,7 @@ def surveys(rng: np.random.Generator, real: IceMotion, scatter_m: float = 0.0) -
 
 
 def test_velocity_and_lowering_lie_within_their_errors():
-    real = IceMotion.uniform((1.5, -0.4), 0.05, velocity_sigma=0.0, lowering_sigma=0.0, epoch_s=0.0)
+    real = uniform_motion((1.5, -0.4), 0.05, velocity_sigma=0.0, lowering_sigma=0.0, epoch_s=0.0)
     scores = []
     for seed in range(300):
         found = motion_with_stakes(prior(), surveys(np.random.default_rng(seed), real))
@@ -50,7 +51,7 @@ def test_a_change_of_velocity_across_the_site_is_found():
 
 
 def test_stakes_that_scatter_by_more_than_they_err_widen_the_errors():
-    real = IceMotion.uniform((1.0, 0.0), 0.0, velocity_sigma=0.0, lowering_sigma=0.0, epoch_s=0.0)
+    real = uniform_motion((1.0, 0.0), 0.0, velocity_sigma=0.0, lowering_sigma=0.0, epoch_s=0.0)
     calm, torn = (motion_with_stakes(prior(), surveys(np.random.default_rng(2), real, s)) for s in (0.0, 0.3))
     assert torn.rates_sigma(XY[:1])[0, 0] > 4.0 * calm.rates_sigma(XY[:1])[0, 0]
 
@@ -61,7 +62,7 @@ def test_stakes_that_were_surveyed_once_leave_the_motion_as_it_was():
 
 
 def test_mean_stakes_have_the_mean_time():
-    real = IceMotion.uniform((1.0, 0.0), 0.0, velocity_sigma=0.0, lowering_sigma=0.0, epoch_s=0.0)
+    real = uniform_motion((1.0, 0.0), 0.0, velocity_sigma=0.0, lowering_sigma=0.0, epoch_s=0.0)
     stakes = mean_stakes(surveys(np.random.default_rng(5), real))
     np.testing.assert_allclose(stakes.time_s, 0.5 * DAY_S)
     np.testing.assert_allclose(stakes.sigma_m, SIGMA_M / np.sqrt(3.0))

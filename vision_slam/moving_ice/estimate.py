@@ -3,8 +3,8 @@
 import numpy as np
 
 from survey.core.arguments import check_types
-from survey.core.arrays import Progress
-from survey.data.ice_motion import IceMotion
+from survey.core.arrays import FloatArray, Progress
+from survey.data.ice.motion import IceMotion
 from survey.data.recording import Recording
 from survey.reconstruction.motion.ice_frame import in_ice_frame
 from survey.reconstruction.motion.stakes import motion_with_stakes
@@ -67,8 +67,14 @@ def localize_on_ice(
             about, found.ice_motion, recording
         ) < _CLOSE * _claimed_m(settings):
             break
-        about = about.about(about.unknowns_of(found.ice_motion))
+        about = about.about(_unknowns(about, found.ice_motion))
     return found
+
+
+def _unknowns(about: IceMotion, found: IceMotion) -> FloatArray:
+    """Return the unknowns (R,) that lead from one estimate to another with the same modes."""
+    apart = (found.coefficients - about.coefficients).ravel()
+    return np.asarray(np.linalg.lstsq(about.modes, apart)[0], dtype=np.float64)
 
 
 def _most_moved_m(about: IceMotion, found: IceMotion, recording: Recording) -> float:

@@ -2,16 +2,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from survey.data.ice_motion import IceMotion
+from survey.data.ice.motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.loop_closures import LoopClosures
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from survey.data.sensors.stakes import StakeSightings, StakeSurveys
+from survey.reconstruction.motion.priors import uniform_motion
 from vision_slam import LocalizationConfig, localize
 from vision_slam.localization import Localization
-from vision_slam.moving_ice import localize_on_ice
+from vision_slam.moving_ice.estimate import localize_on_ice
 from vision_slam.rotation import rotations
 
 DAY_S = 86400.0
@@ -35,7 +36,7 @@ def drive_on_ice(rate: np.ndarray, n: int = 200, step_s: float = 240.0) -> tuple
 
 
 def prior(sigma: float, epoch_s: float = 0.0) -> IceMotion:
-    return IceMotion.uniform((0.0, 0.0), 0.0, velocity_sigma=sigma, lowering_sigma=sigma, epoch_s=epoch_s)
+    return uniform_motion((0.0, 0.0), 0.0, velocity_sigma=sigma, lowering_sigma=sigma, epoch_s=epoch_s)
 
 
 def rates(found: Localization) -> tuple[np.ndarray, np.ndarray]:

@@ -1,24 +1,19 @@
 """Motion of a glacier's surface during a survey: velocity and lowering as smooth fields, with their covariance."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from scipy import sparse
 
 from survey.core.arrays import FloatArray, checked
 from survey.core.data_object import DataObject
-from survey.core.documents import read_json, write_json
 from survey.core.errors import InputError
-from survey.data.path_error import PathError
 
 DAY_S = 86400.0
 """Seconds of a day."""
 _KM = 1000.0
 # Passes of the fixed point x₀ = x − v(x₀) (t − t₀): each reduces the error by the strain, some 1 %.
 _PASSES = 4
-_FORMAT = "firnline-ice-motion-1"
 # Directions with a smaller share of the largest variance count as exact.
 _LEAST_SHARE = 1e-14
 
@@ -56,7 +51,7 @@ class IceMotion(DataObject):
 
     Examples
     --------
-    >>> motion = IceMotion.uniform((2.0, 0.0), 0.1, velocity_sigma=0.5, lowering_sigma=0.02, epoch_s=0.0)
+    >>> motion = IceMotion(np.array([[2.0], [0.0], [0.1]]), 0.0, np.zeros(2), np.eye(3))
     >>> motion.displacement(np.zeros((1, 2)), np.array([43200.0])).tolist()
     [[1.0, 0.0, -0.05]]
     """
@@ -112,48 +107,6 @@ class IceMotion(DataObject):
         free = value > _LEAST_SHARE * max(float(value.max(initial=0.0)), 1e-300)
         return cls(coefficients, epoch_s, origin_m, vector[:, free] * np.sqrt(value[free]))
 
-    @classmethod
-    def uniform(
-        cls,
-        velocity: tuple[float, float],
-        lowering: float,
-        *,
-        velocity_sigma: float,
-        lowering_sigma: float,
-        epoch_s: float,
-        origin_m: tuple[float, float] = (0.0, 0.0),
-        velocity_change_sigma: float = 0.0,
-    ) -> Self:
-        """Build a motion that is the same everywhere, with independent errors.
-
-        Parameters
-        ----------
-        velocity : (float, float)
-            To the east and to the north [m/day].
-        lowering : float
-            Rate of lowering [m/day].
-        velocity_sigma, lowering_sigma : float
-            Standard deviations [m/day]; 0 for what is exact.
-        epoch_s : float
-            Epoch [s].
-        origin_m : (float, float)
-            Origin of the planes [m].
-        velocity_change_sigma : float
-            Standard deviation of the change of velocity over a kilometre [m/day/km]; 0 leaves the planes out.
-
-        Returns
-        -------
-        IceMotion
-            Planes of lowering are left out.
-        """
-        m = 3 if velocity_change_sigma > 0.0 else 1
-        coefficients, sigma = np.zeros((3, m)), np.zeros((3, m))
-        coefficients[:, 0] = (*velocity, lowering)
-        sigma[:2, 1:] = velocity_change_sigma
-        sigma[:, 0] = (velocity_sigma, velocity_sigma, lowering_sigma)
-        covariance = np.diag(sigma.ravel() ** 2)
-        return cls.of(coefficients, covariance, epoch_s=epoch_s, origin_m=np.asarray(origin_m))
-
     @property
     def n_unknowns(self) -> int:
         """Number of unknowns R."""
@@ -195,7 +148,8 @@ class IceMotion(DataObject):
             Of velocity east and north, and of lowering.
         """
         by = self._rates_by_unknowns(xy)
-        return np.sqrt(np.einsum("nar,rs,nas->na", by, self.spread, by))
+        sigma: FloatArray = np.sqrt(np.einsum("nar,rs,nas->na", by, self.spread, by))
+        return sigma
 
     def displacement(self, xy: FloatArray, time_s: FloatArray) -> FloatArray:
         """Return how far the surface at places of the epoch has moved by some times (N, 3) [m].
@@ -290,73 +244,6 @@ class IceMotion(DataObject):
         coefficients = self.coefficients + (self.modes @ shift).reshape(self.coefficients.shape)
         return replace(self, coefficients=coefficients, expected=self.expected - shift)
 
-    def unknowns_of(self, other: Self) -> FloatArray:
-        """Return the unknowns (R,) that lead from these coefficients to those of an estimate with the same modes.
-
-        Parameters
-        ----------
-        other : IceMotion
-            Estimate made from this one by `updated` or `about`.
-
-        Returns
-        -------
-        (R,) ndarray
-            By least squares.
-        """
-        apart = (other.coefficients - self.coefficients).ravel()
-        shift: FloatArray = np.linalg.lstsq(self.modes, apart)[0]
-        return shift
-
-    def write(self, path: str | Path) -> None:
-        """Write a JSON document.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-        """
-        at_origin = self.origin_m[None]
-        content = {
-            "format": _FORMAT,
-            "epoch_s": self.epoch_s,
-            "origin_m": self.origin_m.tolist(),
-            "rates_m_per_day": self.rates(at_origin)[0].tolist(),
-            "rates_sigma_m_per_day": self.rates_sigma(at_origin)[0].tolist(),
-            "coefficients": self.coefficients.tolist(),
-            "modes": self.modes.tolist(),
-            "spread": self.spread.tolist(),
-        }
-        write_json(path, content)
-
-    @classmethod
-    def read(cls, path: str | Path) -> Self:
-        """Read the document of `write`.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The file.
-
-        Returns
-        -------
-        IceMotion
-            Equal to the one written.
-
-        Raises
-        ------
-        InputError
-            The file is missing or damaged.
-        """
-        content = read_json(path, "the motion of the ice")
-        try:
-            coefficients = np.array(content["coefficients"], dtype=np.float64)
-            modes = np.array(content["modes"], dtype=np.float64).reshape(coefficients.size, -1)
-            spread = np.array(content["spread"], dtype=np.float64).reshape(modes.shape[1], modes.shape[1])
-            epoch_s, origin_m = float(content["epoch_s"]), np.array(content["origin_m"], dtype=np.float64)
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path} is no motion of the ice ({error}); localize again.") from error
-        return cls(coefficients, epoch_s, origin_m, modes, spread)
-
     def _basis(self, xy: FloatArray) -> FloatArray:
         """Return the values (N, M) of the constant and of the planes."""
         ones = np.ones((len(xy), 1))
@@ -374,29 +261,6 @@ class IceMotion(DataObject):
         """Return times since the epoch (N, 1) [days]."""
         days: FloatArray = (np.asarray(time_s)[:, None] - self.epoch_s) / DAY_S
         return days
-
-
-def motion_rows(path: PathError, n_unknowns: int, n_columns: int | None = None) -> Any:
-    """Return the sparse rows (R, columns) that pick the unknowns of the ice's motion among those of a path.
-
-    Parameters
-    ----------
-    path : PathError
-        Error of a path that was estimated in coordinates of the ice.
-    n_unknowns : int
-        R; they stand behind the keyframes.
-    n_columns : int, optional
-        Number of columns; that of the path's unknowns by default.
-
-    Returns
-    -------
-    scipy.sparse.csr_array
-        Rows with a single 1.
-    """
-    every = np.arange(n_unknowns)
-    place = (every, len(path) * path.n_states + every)
-    shape = (n_unknowns, path.n_unknowns if n_columns is None else n_columns)
-    return sparse.csr_array((np.ones(n_unknowns), place), shape=shape)
 
 
 # Lowering is counted down, displacement up.

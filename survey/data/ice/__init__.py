@@ -1,0 +1,1 @@
+"""Motion of a glacier as data of a survey, and its file."""
