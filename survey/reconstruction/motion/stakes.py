@@ -62,9 +62,9 @@ def motion_with_stakes(motion: IceMotion, surveys: StakeSurveys) -> IceMotion:
     design, value = _relative(motion, surveys)
     scale = _widening(design, value, 3 * len(mean_stakes(surveys)))
     information = np.linalg.inv(motion.spread) + design.T @ design / scale
-    spread = np.linalg.inv(information)
+    spread: FloatArray = np.asarray(np.linalg.inv(information), dtype=np.float64)
     right = np.linalg.solve(motion.spread, motion.expected) + design.T @ value / scale
-    posterior = motion.updated(spread @ right, spread)
+    posterior = motion.updated(np.asarray(spread @ right, dtype=np.float64), spread)
     return IceMotion.of(
         posterior.coefficients, posterior.covariance, epoch_s=motion.epoch_s, origin_m=motion.origin_m
     )
