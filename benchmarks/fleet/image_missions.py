@@ -1,58 +1,112 @@
-"""Three rovers that drive eight swaths of 600 m in images, from the plan to the report."""
+"""Three rovers that drive in images, from the plan to the report, in parts that are stored as they finish."""
 
-import resource
-import tempfile
+import os
 import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from benchmarks.mission_settings import stated_mission
+from benchmarks.report import Row, cpu_seconds, peak_memory_mb
+from benchmarks.stored_parts import stored
 from sim.config.mission import MissionConfig
-from sim.mission.fleet import accounts
+from sim.mission.fleet import accounts, drive_rover, rover_folder
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
-from survey.core.config import validated
+from survey import Route
 from survey.core.documents import read_json
+from survey.core.runs.store import RunFolder
 
-N_ROVERS, N_SWATHS, SIDE_M = 3, 8, 600.0
-_WORKERS = 2
+N_ROVERS, N_CORES = 3, 2
+_EDGE_M = 20.0
 _EAST_M, _NORTH_M = 526_000.0, 6_478_000.0
 
 
-def mission_of(seed: int) -> MissionConfig:
+class Stretch(NamedTuple):
+    """Number of swaths of a mission, and the side of its square area [m]."""
+
+    n_swaths: int
+    side_m: float
+
+
+WHOLE, SHORT = Stretch(8, 600.0), Stretch(3, 60.0)
+
+
+def mission_of(seed: int, stretch: Stretch) -> MissionConfig:
     """Return the mission, on ground without crevasses."""
-    content = {
-        "schema_version": 1,
-        "name": "fleet-in-images",
-        "seed": seed,
+    west, south = _EAST_M + _EDGE_M, _NORTH_M + _EDGE_M
+    terrain = {"source": "random", "size_m": stretch.side_m + 2.0 * _EDGE_M, "relief_m": 15.0}
+    sections = {
         "fidelity": "vision",
-        "terrain": {"source": "random", "size_m": SIDE_M + 40.0, "relief_m": 15.0, "length_scale_m": 120.0,
-                    "origin_m": (_EAST_M, _NORTH_M)},
-        "area": {"bounds_m": (_EAST_M + 20.0, _NORTH_M + 20.0, _EAST_M + 20.0 + SIDE_M, _NORTH_M + 20.0 + SIDE_M)},
-        "planner": {"pattern": "lawnmower", "swaths": N_SWATHS},
+        "terrain": terrain | {"length_scale_m": 120.0, "origin_m": (_EAST_M, _NORTH_M)},
+        "area": {"bounds_m": (west, south, west + stretch.side_m, south + stretch.side_m)},
+        "planner": {"pattern": "lawnmower", "swaths": stretch.n_swaths},
         "fleet": {"rovers": N_ROVERS},
         "scenery": {"crevasses_per_ha": 0.0},
-    }  # fmt: skip
-    return validated(MissionConfig, content, "the benchmark")
+    }
+    return stated_mission("fleet-in-images", seed, sections)
 
 
-def outcome(seed: int) -> dict[str, Any]:
-    """Run the mission with two processes; return times [s], memory [GB] and the share of rovers that arrived."""
-    mission = mission_of(seed)
-    with tempfile.TemporaryDirectory() as folder:
-        run = open_run(mission, Path(folder))
-        start = time.perf_counter()
-        run_mission(mission, run, workers=_WORKERS)
-        wall_s = time.perf_counter() - start
-        drives = accounts(run.folder("simulate"))
-        score = read_json(run.folder("score") / "score.json", "the score")
-    peak_kb = max(
-        resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
+def rows(seed: int, stretch: Stretch, folder: Path) -> Iterator[Row]:
+    """Yield the rows of the mission; its drives and its facts are stored in a folder."""
+    n, side_m = stretch
+    name = f"three rovers in images, {n} swaths of {side_m:g} m"
+    found = stored(folder / f"{n}-{seed}.json", lambda: outcome(seed, stretch, folder / f"{n}-{seed}"))
+    yield Row.of(f"{name}: rovers that arrive", found["arrived"], "1", ">=", 1.0)
+    yield Row(f"{name}: duration of all drives", found["drive_s"], "s")
+    yield Row(f"{name}: CPU time of all stages", found["cpu_s"], "s")
+    pace = found["drive_s"] / (found["cpu_s"] / N_CORES)
+    yield Row.of(f"{name}: drives over the CPU time of each of two cores", pace, "1", ">=", 3.5)
+    yield Row(f"{name}: drives over wall time, one process", found["drive_s"] / found["wall_s"], "1")
+    yield Row(f"{name}: load of the machine meanwhile", found["load"], "1")
+    yield Row.of(f"{name}: memory of the process", found["peak_gb"], "GB", "<=", 2.0)
+    yield Row(f"{name}: RMSE", found["rmse_m"], "m")
+
+
+def outcome(seed: int, stretch: Stretch, place: Path) -> dict[str, Any]:
+    """Run the mission, rover by rover; return times [s], memory [GB] and the share of rovers that arrived."""
+    mission = mission_of(seed, stretch)
+    run = open_run(mission, place)
+    parts = {"plan": partial(run_mission, mission, run, until="plan", workers=1)}
+    for k in range(N_ROVERS):
+        parts[f"rover-{k + 1}"] = partial(_drive, mission, run, place, k)
+    parts["map"] = partial(_map, mission, run, place)
+    costs = [stored(place / f"{name}.json", partial(_cost, work)) for name, work in parts.items()]
+    drives = accounts(run.folder("simulate"))
+    score = read_json(run.folder("score") / "score.json", "the score")
     return {
         "seed": seed,
-        "wall_s": wall_s,
+        "cpu_s": sum(cost["cpu_s"] for cost in costs),
+        "wall_s": sum(cost["wall_s"] for cost in costs),
+        "load": max(cost["load"] for cost in costs),
+        "peak_gb": max(cost["peak_gb"] for cost in costs),
         "drive_s": float(sum(one["duration_s"] for one in drives)),
-        "peak_gb": peak_kb * 1024 / 1e9,
         "arrived": sum(one["ending"] == "arrived" for one in drives) / len(drives),
         "rmse_m": score["elevation"]["rmse_m"],
     }
+
+
+def _cost(work: partial[None]) -> dict[str, float]:
+    """Return CPU time and wall time of a part [s], the load of the machine, and the memory of this process [GB]."""
+    start = time.perf_counter()
+    _, cpu_s = cpu_seconds(work)
+    wall_s = time.perf_counter() - start
+    return {"cpu_s": cpu_s, "wall_s": wall_s, "load": os.getloadavg()[2], "peak_gb": peak_memory_mb() / 1e3}
+
+
+def _drive(mission: MissionConfig, run: RunFolder, place: Path, rover: int) -> None:
+    """Drive one rover's route, as the stage does."""
+    route = Route.read(run.folder("plan") / "route.geojson")
+    drive_rover(mission, route, place / "drives", rover)
+
+
+def _map(mission: MissionConfig, run: RunFolder, place: Path) -> None:
+    """Put the drives into their stage, and run all stages that follow."""
+    if not run.has("simulate"):
+        with run.stage("simulate") as folder:
+            for rover in range(N_ROVERS):
+                drive = rover_folder(place / "drives", rover)
+                drive.rename(rover_folder(folder, rover))
+            Route.read(run.folder("plan") / "route.geojson").write(folder / "driven_route.geojson")
+    run_mission(mission, run, workers=1)

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from benchmarks.mission_settings import stated_mission
 from sim.config.mission import MissionConfig
-from survey.core.config import validated
 
 FAMILIES = ("matern-5/2", "squared-exponential", "gaussian_hills", "slope_and_waves", "fractional_brownian")
 SIDE_M = 300.0
@@ -26,13 +26,9 @@ def on_site(family: str, side_m: float) -> dict[str, Any]:
 
 def mission_on(seed: int, family: str, *, n_rovers: int = 1, swaths: int = 6) -> MissionConfig:
     """Return a mission with gravity and barometer on a random site of 300 × 300 m; all rovers begin in a corner."""
-    content = {
-        "schema_version": 1,
-        "name": "fleet-benchmark",
-        "seed": seed,
-        **on_site(family, SIDE_M),
+    sections = {
         "planner": {"pattern": "lawnmower", "swaths": swaths},
         "fleet": {"rovers": n_rovers, "return_to_start": n_rovers == 1},
         "aids": {"accelerometer": True},
     }
-    return validated(MissionConfig, content, "the benchmark")
+    return stated_mission("fleet-benchmark", seed, on_site(family, SIDE_M) | sections)

@@ -9,12 +9,12 @@ import numpy as np
 import planners
 from benchmarks.fleet.joint_maps import judged, mapped
 from benchmarks.fleet.sites import FAMILIES, on_site
+from benchmarks.mission_settings import stated_mission
 from benchmarks.report import cpu_seconds
 from sim.config.mission import MissionConfig
 from sim.mission.drives import register_scans
 from sim.simulate.statistical import simulate_statistical
 from sim.world.site import World, build_world
-from survey.core.config import validated
 from survey.data.recording import Recording
 from survey.data.scans.lidar_scans import LidarScans
 from survey.data.surface_points import SurfacePoints
@@ -26,16 +26,13 @@ SIDE_M, N_SWATHS = 600.0, 4
 
 def mission_on(seed: int) -> MissionConfig:
     """Return the mission on a random site, with the default LiDAR of 32 beams."""
-    content = {
-        "schema_version": 1,
-        "name": "lidar-benchmark",
-        "seed": seed,
-        **on_site(FAMILIES[seed % len(FAMILIES)], SIDE_M),
+    sections = {
         "planner": {"pattern": "lawnmower", "swaths": N_SWATHS},
         "aids": {"accelerometer": True},
         "sensors": {"lidar": {"beams": 32}},
     }
-    return validated(MissionConfig, content, "the benchmark")
+    site = on_site(FAMILIES[seed % len(FAMILIES)], SIDE_M)
+    return stated_mission("lidar-benchmark", seed, site | sections)
 
 
 def outcome(seed: int) -> dict[str, Any]:

@@ -129,7 +129,7 @@ def estimate_fleet(mission: MissionConfig, simulated: Path, folder: Path, worker
 def _drive_each(
     rovers: Sequence[int], route: survey.Route, mission: MissionConfig, folder: Path, workers: int
 ) -> None:
-    _side_by_side(partial(_drive_one, mission, route, folder), rovers, workers)
+    _side_by_side(partial(drive_rover, mission, route, folder), rovers, workers)
 
 
 def _side_by_side(work: Callable[[int], None], rovers: Sequence[int], workers: int) -> None:
@@ -139,8 +139,20 @@ def _side_by_side(work: Callable[[int], None], rovers: Sequence[int], workers: i
         pass
 
 
-def _drive_one(mission: MissionConfig, route: survey.Route, folder: Path, rover: int) -> None:
-    """Drive one rover's route into a new folder, which replaces that of an earlier drive."""
+def drive_rover(mission: MissionConfig, route: survey.Route, folder: Path, rover: int) -> None:
+    """Drive one rover's part of a route into its folder, which replaces that of an earlier drive.
+
+    Parameters
+    ----------
+    mission : MissionConfig
+        Settings of the fleet.
+    route : Route
+        Route of all rovers.
+    folder : pathlib.Path
+        Folder of all drives.
+    rover : int
+        Counted from 0.
+    """
     place, alone, own = rover_folder(folder, rover), mission.of_rover(rover), route_of(route, rover)
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
