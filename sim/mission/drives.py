@@ -126,7 +126,7 @@ def _drive_with_images(
     driven.write(folder)
     lidar = mission.sensors.lidar
     if lidar.beams:
-        scans = scans_along(driven.truth.trajectory, world.terrain, lidar, mission.seed)
+        scans = scans_along(driven.truth.trajectory, driven.truth.dem, lidar, mission.seed)
         scans.write(folder / "recording" / table_file("lidar"))
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.mission import MissionConfig
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
@@ -14,6 +15,8 @@ from survey.core.errors import ConfigError
 from survey.core.runs.store import RunFolder
 from survey.data.recording import Recording
 from survey.data.truth import Truth
+from survey.reconstruction.registration.config import ScanPointsConfig
+from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
 SMALL = {
     "schema_version": 1,
@@ -76,3 +79,31 @@ def test_scan_points_are_mapped_by_the_methods_of_scans(run: RunFolder, method: 
     again = open_run(other, tmp_path)
     run_mission(other, again, until="reconstruct", workers=1)
     assert Reconstruction.read(again.folder("reconstruct")).method == method
+
+
+@pytest.mark.slow
+def test_a_rover_in_images_scans_the_ground_that_it_drives_on(tmp_path: Path) -> None:
+    settings = {
+        "name": "scanned-in-images",
+        "fidelity": "vision",
+        "terrain": SMALL["terrain"] | {"size_m": 30.0, "step_m": 0.5, "relief_m": 1.0},
+        "area": {"bounds_m": (500008.0, 6700008.0, 500022.0, 6700022.0)},
+        "satellite": {"cell_m": 10.0},
+        "rover": {"mass_kg": 18.0, "idle_w": 20.0},
+        "scenery": BARE_SCENERY | {"dune_sd_m": 0.3},
+        "imaging": {"width": 320, "height": 240},
+        "physics": {"engine": "kinematic"},
+        "sensors": {"lidar": {"beams": 16, "columns": 60, "ghost_share": 0.0, "spray_share": 0.0}},
+    }
+    mission = validated(MissionConfig, SMALL | settings, "the test")
+    run = open_run(mission, tmp_path)
+    run_mission(mission, run, until="reconstruct", workers=1)
+    lidar = Recording.read(run.folder("simulate") / "recording").lidar
+    assert lidar is not None
+    truth = Truth.read(run.folder("simulate") / "truth")
+    points = scan_points(
+        lidar, truth.trajectory, BeamErrors.of(lidar.scanner), config=ScanPointsConfig(cell_m=1.0)
+    )
+    error = points.z - truth.dem.at(points.xy)
+    assert np.nanstd(error[points.range_m < 12.0]) < 0.05  # the dunes have 0.3 m
+    assert Reconstruction.read(run.folder("reconstruct")).hyperparameters["landmark_errors"] == "joint"
