@@ -1,11 +1,12 @@
 """Fleets, payloads and hazard maps on random sites that nothing was chosen on.
 
 Run with ``python -m benchmarks.fleet``. Seeds 7101 to 7110 were used for nothing else; sizes were chosen on seeds 41
-to 43. Sites of 300 × 300 m are surveyed by six swaths with gravity and barometer, in the statistical fidelity; the
-terrain is of five kinds in turn. Parts are stored as they finish (``FIRNLINE_FLEET`` names the folder, which belongs to
-one state of the code), and a run that was broken off continues; ``FIRNLINE_FLEET_PART`` (joint, payload, hazard, lost,
-rehearsal or images) computes one part alone and shows its rows. The part of images drives three swaths of 60 m;
-`benchmarks.fleet_in_images` drives eight of 600 m.
+to 43, and on 51 to 60 for probabilities of slopes. Sites of 300 × 300 m are surveyed by six swaths with gravity and
+barometer, in the statistical fidelity; the terrain is of five kinds in turn. Slopes over 2 m are judged on ground of
+0.5 m, everything else on ground of 2 m. Parts are stored as they finish (``FIRNLINE_FLEET`` names the folder, which
+belongs to one state of the code), and a run that was broken off continues; ``FIRNLINE_FLEET_PART`` (joint, payload,
+hazard, lost, rehearsal or images) computes one part alone and shows its rows. The part of images drives three swaths
+of 60 m; `benchmarks.fleet_in_images` drives eight of 600 m.
 """
 
 import os

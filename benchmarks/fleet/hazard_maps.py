@@ -13,6 +13,8 @@ from survey.reconstruction.joint.several_drives import SeveralDrives
 from survey.reconstruction.policy import map_landmarks
 
 _NODES_M = 6.0
+# Slopes over 2 m need ground that is finer: a raster of 2 m has no relief shorter than 4 m.
+_GROUND_STEP_M = 0.5
 _PERCENTILES = (50.0, 80.0, 95.0)
 N_BINS = 5
 
@@ -22,7 +24,7 @@ def outcome(seed: int) -> dict[str, Any]:
 
     The limits are percentiles of the true slopes, so that every site has ground on both sides of them.
     """
-    mission = mission_on(seed, FAMILIES[seed % len(FAMILIES)])
+    mission = mission_on(seed, FAMILIES[seed % len(FAMILIES)], step_m=_GROUND_STEP_M)
     world = build_world(mission)
     several = SeveralDrives.of(drives(world, mission))
     grid = Grid.over(world.area.bounds, _NODES_M, world.area.crs)

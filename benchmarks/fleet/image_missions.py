@@ -36,11 +36,15 @@ WHOLE, SHORT = Stretch(8, 600.0), Stretch(3, 60.0)
 def mission_of(seed: int, stretch: Stretch) -> MissionConfig:
     """Return the mission, on ground without crevasses."""
     west, south = _EAST_M + _EDGE_M, _NORTH_M + _EDGE_M
+    start = west + 5.0, south + 5.0
     terrain = {"source": "random", "size_m": stretch.side_m + 2.0 * _EDGE_M, "relief_m": 15.0}
     sections = {
         "fidelity": "vision",
         "terrain": terrain | {"length_scale_m": 120.0, "origin_m": (_EAST_M, _NORTH_M)},
-        "area": {"bounds_m": (west, south, west + stretch.side_m, south + stretch.side_m)},
+        "area": {
+            "bounds_m": (west, south, west + stretch.side_m, south + stretch.side_m),
+            "starts_m": (start,),
+        },
         "planner": {"pattern": "lawnmower", "swaths": stretch.n_swaths},
         "fleet": {"rovers": N_ROVERS},
         "scenery": {"crevasses_per_ha": 0.0},

@@ -21,17 +21,19 @@ from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam import localize
 
-SIDE_M, N_SWATHS = 600.0, 4
+SIDE_M, N_SWATHS, N_STAKES = 600.0, 4, 4
+# The LiDAR sees 80 m and more beyond the area; a site that ended there would give it nothing but blown snow.
+_MARGIN_M = 80.0
 
 
 def mission_on(seed: int) -> MissionConfig:
     """Return the mission on a random site, with the default LiDAR of 32 beams."""
     sections = {
         "planner": {"pattern": "lawnmower", "swaths": N_SWATHS},
-        "aids": {"accelerometer": True},
+        "aids": {"accelerometer": True, "stakes": N_STAKES},
         "sensors": {"lidar": {"beams": 32}},
     }
-    site = on_site(FAMILIES[seed % len(FAMILIES)], SIDE_M)
+    site = on_site(FAMILIES[seed % len(FAMILIES)], SIDE_M, margin_m=_MARGIN_M)
     return stated_mission("lidar-benchmark", seed, site | sections)
 
 
