@@ -21,6 +21,7 @@ def rows(found: Outcomes) -> Iterator[Row]:
     yield Row("landmarks, median", float(np.median([one["landmarks"] for one in found])), "1")
     yield from _coverage(found)
     yield from _tenths(found)
+    yield from _levels(found)
     yield from _checks(found)
     yield from _certificates(found)
     yield from _errors(found)
@@ -73,6 +74,16 @@ def _tenths(found: Outcomes) -> Iterator[Row]:
     yield _between(
         "tenths of the probability integral, both outer ones", float(shares[[0, -1]].mean()), 0.08, 0.12
     )
+
+
+def _levels(found: Outcomes) -> Iterator[Row]:
+    """Compare the vertical offset of maps with its stated standard deviation."""
+    for kind in (*PRIORS, NO_PRIOR, NAME_MISMATCHED):
+        mine = chosen(found, prior=kind)
+        ratio = [one["offset_m"] / one["found"][CLAIM]["offset_sigma_m"] for one in mine]
+        if mine:
+            value = float(np.sqrt(np.mean(np.square(ratio))))
+            yield Row(f"{kind}: offset of maps over its standard deviation, root mean square", value, "1")
 
 
 def _checks(found: Outcomes) -> Iterator[Row]:
@@ -137,6 +148,8 @@ def _before(found: Outcomes) -> Iterator[Row]:
         plain = _of_surveys(chosen(found, prior=NO_PRIOR), old)
         cost = _mean(plain, "kernel_cpu_s") / _mean(old, "kernel_cpu_s")
         yield Row(f"{terrain}, isotropic kernel: coverage", _mean(old, "coverage"), "1")
+        worst_m = max(one["rmse_m"] for one in old)
+        yield Row(f"{terrain}, isotropic kernel: RMSE, largest", worst_m, "m")
         yield Row.of(
             f"{terrain}: CPU time of the fit of kernels over that of isotropic ones", cost, "x", "<=", 1.5
         )

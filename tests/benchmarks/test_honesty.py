@@ -13,7 +13,7 @@ from benchmarks.honesty.terrains import terrain
 
 
 def outcome(terrain: str, seed: int, kind: str, rmse_m: float, *, is_oracle: bool = False) -> dict[str, Any]:
-    claim = {"absolute": {"upper_m": 1.3 * rmse_m}}
+    claim = {"absolute": {"upper_m": 1.3 * rmse_m}, "offset_sigma_m": 0.5 * rmse_m}
     return {
         "terrain": terrain,
         "seed": seed,
@@ -55,6 +55,11 @@ def test_maps_are_compared_with_the_isotropic_kernel_on_its_worst_seed() -> None
 def test_errors_on_srtm_windows_are_compared_without_offsets_too() -> None:
     shape = [row for row in rows(surveys()) if row.name.endswith("without the offset of each map")]
     assert [row.value for row in shape] == pytest.approx([0.3, 0.3])
+
+
+def test_offsets_of_maps_are_compared_with_their_standard_deviation() -> None:
+    found = [row.value for row in rows(surveys()) if "offset of maps over its standard deviation" in row.name]
+    assert found == pytest.approx([1.2] * (len(KINDS) + 1))
 
 
 def test_every_kind_of_prior_is_compared_with_the_oracle_of_its_own_cells() -> None:
