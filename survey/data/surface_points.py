@@ -174,8 +174,9 @@ class SurfacePoints(DataObject):
         crs: Any = None,
         sigma_m: float | None = None,
         vertical_datum: str | None = None,
+        columns: Mapping[str, str] | None = None,
     ) -> Self:
-        """Read points from CSV, GeoPackage, GeoJSON, LAS, LAZ or PLY.
+        """Read points from text tables (CSV, TXT, TSV), GeoPackage, GeoJSON, LAS, LAZ or PLY.
 
         Columns are ``x_m``, ``y_m``, ``z_m`` (the geometry, where the format has one), and
         for the uncertainty either ``sigma_z_m`` or the six ``cov_xx_m2``, ``cov_xy_m2``,
@@ -195,6 +196,9 @@ class SurfacePoints(DataObject):
             Standard deviation of the elevation [m] for files that state none.
         vertical_datum : str, optional
             For files that do not state it.
+        columns : mapping of str to str, optional
+            Column of a text table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their
+            usual names.
 
         Raises
         ------
@@ -203,7 +207,7 @@ class SurfacePoints(DataObject):
             holds NaN, is in degrees or names no CRS.
         """
         try:
-            table = projected_table(read_point_table(path), crs, str(path))
+            table = projected_table(read_point_table(path, columns), crs, str(path))
             return cls._from_table(table, crs, sigma_m, vertical_datum)
         except InputError as error:
             message = str(error)

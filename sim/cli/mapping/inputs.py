@@ -10,11 +10,12 @@ from sim.cli.mapping.options import ReconstructOptions
 from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
 from survey.interchange.sensor_scans import holds_sensor_scans
+from survey.io.text_tables.spellings import parsed_columns
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
 
-_POINT_TABLES = (".csv", ".gpkg", ".geojson", ".json")
+_POINT_TABLES = (".csv", ".txt", ".tsv", ".gpkg", ".geojson", ".json")
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
 
 
@@ -68,7 +69,7 @@ def map_request(options: ReconstructOptions) -> MapRequest:
     InputError
         An option that the method does not use, or one that it lacks.
     ConfigError
-        A setting that is unknown or wrong.
+        A setting that is unknown or wrong, or a mapping of columns that was not understood.
     """
     if options.method is not None:
         method_named(options.method)
@@ -83,6 +84,7 @@ def map_request(options: ReconstructOptions) -> MapRequest:
         raise InputError(
             "--product names the class of a prior; add --prior with its file, or leave --product out."
         )
+    parsed_columns(options.columns)
     _refuse_unused(request)
     return request
 
@@ -124,6 +126,8 @@ def _refuse_unused(request: MapRequest) -> None:
             f"the method {method.name} uses no prior; leave --prior out, or take "
             f"{names_where(m for m in METHODS.values() if m.uses_prior)}."
         )
+    if request.options.columns and (request.is_of_scans or request.is_registered):
+        raise InputError("--columns chooses columns of tables of points, and scans have none; leave it out.")
     _refuse_paths(request)
     if request.config.rays and method.sight_lines == "none":
         raise InputError(

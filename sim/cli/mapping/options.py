@@ -16,7 +16,7 @@ class ReconstructOptions(RunOptions):
     sources: Annotated[
         list[Path],
         typer.Argument(
-            help="Points (CSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
+            help="Points (CSV, TXT, TSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
             "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
             "KITTI, ROS 2) with --trajectory for all methods."
         ),
@@ -55,6 +55,14 @@ class ReconstructOptions(RunOptions):
     sigma_m: Annotated[
         float | None, typer.Option("--sigma", help="Standard deviation of points that state none [m].")
     ] = None
+    columns: Annotated[
+        list[str],
+        typer.Option(
+            "--columns",
+            metavar="KEY=COLUMN,…",
+            help="Columns of a text table of points: x, y, z, lon, lat, sigma_z; usual names are found.",
+        ),
+    ] = field(default_factory=list)
     trajectories: Annotated[
         list[Path],
         typer.Option(

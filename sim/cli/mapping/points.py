@@ -12,6 +12,7 @@ from sim.cli.progress import counted
 from sim.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
 from survey.interchange.sensor_scans import read_sensor_scans
+from survey.io.text_tables.spellings import parsed_columns
 from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.joint.several_drives import SeveralDrives
 from survey.reconstruction.mapping import within
@@ -46,7 +47,9 @@ def read_inputs(request: MapRequest) -> PointInputs:
         parts = [_registered(request, *each) for each in zip(options.sources, paths, strict=True)]
     else:
         parts = [
-            survey.SurfacePoints.read(file, crs=options.crs, sigma_m=options.sigma_m)
+            survey.SurfacePoints.read(
+                file, crs=options.crs, sigma_m=options.sigma_m, columns=parsed_columns(options.columns)
+            )
             for file in options.sources
         ]
         paths = [_path(file, part.crs) for file, part in zip(options.trajectories, parts, strict=False)]

@@ -16,15 +16,18 @@ from survey.io.raster.values import MARKS, MARKS_IN_METRES
 
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
 _LARGEST = 1e15
+_TEXT_TABLES = (".csv", ".txt", ".tsv")
 
 
-def read_point_table(path: str | Path) -> PointTable:
+def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None) -> PointTable:
     """Read the format that the file's ending names.
 
     Parameters
     ----------
     path : str or pathlib.Path
         The file.
+    columns : mapping of str to str, optional
+        Column of a text table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their names.
 
     Returns
     -------
@@ -35,9 +38,9 @@ def read_point_table(path: str | Path) -> PointTable:
     ------
     InputError
         Another ending; a file that is missing, empty or damaged; a column that is missing
-        or holds something that is no number or stands for a missing one.
+        or holds something that is no number or stands for a missing one; columns named for a file that is no text table.
     """
-    table = _format(path).read(Path(path))
+    table = _read(Path(path), columns)
     for name, column in table.columns.items():
         if (np.abs(column) > _LARGEST).any():
             raise InputError(
@@ -45,6 +48,17 @@ def read_point_table(path: str | Path) -> PointTable:
             )
     refuse_marks(table, path)
     return table
+
+
+def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
+    """Read a text table with the columns that were named, or another format with its own."""
+    if path.suffix.lower() in _TEXT_TABLES:
+        return read_csv(path, columns)
+    if columns:
+        raise InputError(
+            f"{path} is no text table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
+        )
+    return _format(path).read(path)
 
 
 def refuse_marks(table: PointTable, path: str | Path) -> None:

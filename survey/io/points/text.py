@@ -1,5 +1,6 @@
 """Points in text tables: firnline's own CSV of numbers, and exports of receivers and other programs."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from survey.core.files.reading import existing_file
@@ -12,6 +13,7 @@ from survey.io.text_tables.spellings import (
     metres_factor,
     one_column,
     refuse_feet,
+    renamed_header,
     say_columns,
     spelled,
 )
@@ -20,12 +22,15 @@ _WHAT = "the point file"
 _SIGMA = "sigma_z_m"
 
 
-def read_csv(path: Path) -> PointTable:
-    """Read a table of points: commas between numbers, or the export of another program with its usual names."""
+def read_csv(path: Path, columns: Mapping[str, str] | None = None) -> PointTable:
+    """Read a table of points: commas between numbers, or the export of another program with its usual names.
+
+    `columns` names columns of the file by own name, such as ``{"z_m": "Ellipsoidal height"}``.
+    """
     file = existing_file(path, _WHAT)
-    if _is_plain(file):
+    if not columns and _is_plain(file):
         return PointTable(*in_own_columns(read_table(file, (), what=_WHAT), f"{_WHAT} {path}"))
-    return _read_export(file)
+    return _read_export(file, columns or {})
 
 
 def write_csv(path: Path, table: PointTable) -> None:
@@ -52,14 +57,15 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _read_export(file: Path) -> PointTable:
+def _read_export(file: Path, given: Mapping[str, str]) -> PointTable:
     """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
     text = read_text_table(file, _WHAT)
     refuse_feet(text.header, text.where)
-    sigma = one_column("sigma_z", text.header, text.where)
-    names = {name: name for name in text.header if text.is_number(name, 0)}
-    if sigma is not None:
-        names[sigma] = _SIGMA
+    known = dict(zip(text.header, renamed_header(text.header, given, text.where), strict=True))
+    sigma = one_column("sigma_z", list(known.values()), text.where)
+    asked = {*given, sigma}
+    names = {name: own for name, own in known.items() if own in asked or text.is_number(name, 0)}
+    names = {name: _SIGMA if own == sigma else own for name, own in names.items()}
     numbers = {own: metres_factor(name) * text.numbers(name) for name, own in names.items()}
     unused = tuple(name for name in text.header if name not in names)
     say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))

@@ -210,3 +210,21 @@ def test_every_map_has_pictures_and_a_next_step(folder: Path) -> None:
     for name in ("mean", "sigma", "support"):
         assert (folder / "reconstruction" / f"{name}.png").read_bytes().startswith(b"\x89PNG"), name
     assert "  next               firnline score reconstruction/dem.tif --truth REFERENCE" in said
+
+
+def test_columns_of_a_table_are_chosen_by_a_mapping(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    rng = np.random.default_rng(1)
+    rows = [f"{e:.3f};{n:.3f};{700.0:.3f};{748.7:.3f}" for e, n in rng.uniform(0.0, 40.0, (60, 2))]
+    Path("rover.txt").write_text("\n".join(["E;N;Elevation;Ellipsoidal height", *rows, ""]))
+    options = ("rover.txt", "--crs", CRS, "--sigma", 0.05, "--grid", 4, *GP)
+    code, said = run(*options, "--columns", "z=Ellipsoidal height")
+    assert code == 0, said
+    assert "z_m = Ellipsoidal height" in caplog.text
+    heights = Reconstruction.read(folder / "reconstruction").mean.elevation
+    assert np.abs(heights - 748.7).max() < 0.1
+
+
+def test_a_mapping_that_was_not_understood_or_is_of_no_use_ends_at_once(folder: Path) -> None:
+    assert run("points.gpkg", "--columns", "height")[0] == 4
+    code, said = run("points.gpkg", "--columns", "z=h")
+    assert (code, "is no text table" in " ".join(said.split())) == (3, True)

@@ -51,3 +51,36 @@ def test_an_export_becomes_surface_points_and_the_log_names_its_columns(
 def test_what_is_no_number_is_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         read_point_table(written(tmp_path, text))
+
+
+TWO_HEIGHTS = (
+    "Name\tEasting\tNorthing\tElevation\tEllipsoidal height\nP1\t500001.5\t6700002.5\t912.5\t961.25\n"
+)
+CHOSEN = {"z_m": "Ellipsoidal height"}
+
+
+@pytest.mark.parametrize("ending", ["csv", "txt", "tsv"])
+def test_a_mapping_chooses_between_two_heights(tmp_path: Path, ending: str) -> None:
+    file = tmp_path / f"rover.{ending}"
+    file.write_text(TWO_HEIGHTS, encoding="utf-8")
+    table = read_point_table(file, CHOSEN)
+    assert [table.columns[name].tolist() for name in ("x_m", "y_m", "z_m")] == [
+        [500001.5],
+        [6700002.5],
+        [961.25],
+    ]
+
+
+def test_a_mapping_finds_columns_of_any_name(tmp_path: Path) -> None:
+    file = written(tmp_path, "p;q;r;s\n1.0;2.0;3.0;0.5\n")
+    named = {"x_m": "p", "y_m": "q", "z_m": "r", "sigma_z_m": "s"}
+    points = SurfacePoints.read(file, crs="EPSG:32608", columns=named)
+    assert points.xyz.tolist() == [[1.0, 2.0, 3.0]]
+    assert points.sigma_z.tolist() == [0.5]
+
+
+def test_a_mapping_of_missing_columns_or_for_other_formats_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no column 'Ellipsoidal height'"):
+        read_point_table(written(tmp_path, "x,y,z\n1,2,3\n"), CHOSEN)
+    with pytest.raises(InputError, match="is no text table"):
+        read_point_table(tmp_path / "cloud.ply", CHOSEN)
