@@ -157,7 +157,7 @@ def _refuse_paths(request: MapRequest) -> None:
         )
 
 
-def _refuse_sources_without_scans(sources: tuple[Path, ...]) -> None:
+def _refuse_sources_without_scans(sources: list[Path]) -> None:
     """Refuse a source that is missing, or a folder that was named for its scans and holds none."""
     for source in sources:
         if not source.exists():
