@@ -14,8 +14,9 @@ from matplotlib.patches import FancyBboxPatch
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {
-    "firnline": ("public interface", (0.0, 7.5, 5.5, 0.65)),
+    "firnline": ("public", (0.0, 7.5, 2.5, 0.65)),
     "desk": ("page to draw a plan", (6.5, 7.5, 5.5, 1.2)),
+    "live": ("surveys while driven", (2.8, 7.5, 3.4, 1.75)),
     "sim": ("worlds, sensors, missions, commands", (0.0, 5.0, 12.0, 1.75)),
     "planners": ("routes", (0.0, 2.5, 5.5, 1.75)),
     "vision_slam": ("localization", (6.5, 2.5, 5.5, 1.75)),
@@ -25,12 +26,13 @@ PACKAGES = {
 COLOURS = {
     "firnline": "#f3e3c3",
     "desk": "#f3e3c3",
+    "live": "#f3e3c3",
     "sim": "#d9e6f2",
     "planners": "#dcebdc",
     "vision_slam": "#dcebdc",
     "survey": "#e6e9ec",
 }
-PER_ROW = {"desk": 4, "sim": 5, "survey": 5, "planners": 4, "vision_slam": 4}
+PER_ROW = {"desk": 4, "live": 2, "sim": 5, "survey": 5, "planners": 4, "vision_slam": 4}
 INK = "#1d2a35"
 
 
@@ -98,14 +100,15 @@ def draw_arrow(axes: Axes, graph: grimp.ImportGraph, upper: str, lower: str, x: 
 def draw() -> Figure:
     """Draw the architecture picture."""
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
-    figure = Figure(figsize=(9.0, 6.6), layout="constrained")
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     axes = figure.subplots()
-    axes.set(xlim=(-0.1, 12.1), ylim=(-0.1, 8.8))
+    axes.set(xlim=(-0.1, 12.1), ylim=(-0.1, 9.35))
     axes.axis("off")
     for package in PACKAGES:
         draw_package(axes, graph, package)
     for upper, lower, x in (
-        ("firnline", "sim", 2.0),
+        ("firnline", "sim", 1.0),
+        ("live", "sim", 4.3),
         ("desk", "sim", 9.0),
         ("sim", "planners", 2.0),
         ("sim", "vision_slam", 9.0),

@@ -24,6 +24,7 @@ from sim.cli.commands import (
 from sim.cli.desk import desk
 from sim.cli.guide import doctor, example, schema, topics
 from sim.cli.guide.version import options
+from sim.cli.live import download, rover, upload
 from sim.cli.outcome import run_guarded
 from sim.cli.science import payload, rehearse
 
@@ -42,6 +43,9 @@ for command in (
     init.init,
     desk,
     plan.plan,
+    upload.upload,
+    download.download,
+    rover.rover,
     simulate.simulate,
     calibrate.calibrate,
     localize.localize,

@@ -136,7 +136,8 @@ def logged_to(path: Path, verbose: int) -> Iterator[None]:
     handlers.append(logging.StreamHandler())
     handlers[-1].setLevel(logging.DEBUG if verbose else logging.WARNING)
     loggers = [
-        logging.getLogger(name) for name in ("survey", "planners", "vision_slam", "sim", "desk", "firnline")
+        logging.getLogger(name)
+        for name in ("survey", "planners", "vision_slam", "sim", "live", "desk", "firnline")
     ]
     for logger in loggers:
         logger.setLevel(logging.DEBUG)

@@ -39,7 +39,7 @@ def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
     home = 0.0 if heights is None else float(heights[0])
     plan = {
         "fileType": "Plan",
-        "geoFence": {"circles": [], "polygons": _fences(route, around), "version": 2},
+        "geoFence": {"circles": [], "polygons": fence_polygons(route, around), "version": 2},
         "groundStation": "QGroundControl",
         "mission": {
             "cruiseSpeed": round(speed_m_s, 3),
@@ -47,7 +47,7 @@ def write_qgc_plan(route: Route, path: Path, around: Surroundings) -> None:
             "globalPlanAltitudeMode": 1,
             "hoverSpeed": round(speed_m_s, 3),
             "items": [
-                _json_item(i, item) for i, item in enumerate(_items(waypoints, heights, around), start=1)
+                _json_item(i, item) for i, item in enumerate(_commands(waypoints, heights, around), start=1)
             ],
             "plannedHomePosition": [*np.round(waypoints[0], 9).tolist(), round(home, 2) if home else 0],
             "vehicleType": _GROUND_ROVER,
@@ -66,13 +66,37 @@ def write_wpl(route: Route, path: Path, around: Surroundings) -> None:
     home = (0.0, 0.0, 0.0, 0.0, *waypoints[0], 0.0 if heights is None else float(heights[0]))
     items = [
         MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, home),
-        *_items(waypoints, heights, around),
+        *_commands(waypoints, heights, around),
     ]
     lines = [_line(index, item) for index, item in enumerate(items)]
     _write_text(path, "QGC WPL 110\n" + "".join(lines))
 
 
-def _items(waypoints: FloatArray, heights: FloatArray | None, around: Surroundings) -> list[MissionItem]:
+def mission_items(route: Route, around: Surroundings) -> list[MissionItem]:
+    """Return the commands that a mission file of a route holds.
+
+    Parameters
+    ----------
+    route : Route
+        Of one rover.
+    around : Surroundings
+        Terrain, speed and return.
+
+    Returns
+    -------
+    list of MissionItem
+        Speed, waypoints with heights relative to the start, return; without the home position.
+
+    Raises
+    ------
+    InputError
+        Several rovers, or a CRS that no transformation ties to the Earth.
+    """
+    waypoints = _waypoints(route, Path("the mission"))
+    return _commands(waypoints, around.heights(route.path()), around)
+
+
+def _commands(waypoints: FloatArray, heights: FloatArray | None, around: Surroundings) -> list[MissionItem]:
     """Return the commands: speed, waypoints with heights relative to home, return."""
     items = []
     if around.speed_m_s is not None:
@@ -133,8 +157,21 @@ def _mean_speed(route: Route) -> float:
     return route.ground_length_m / time_s if time_s > 0.0 else 1.0
 
 
-def _fences(route: Route, around: Surroundings) -> list[dict[str, Any]]:
-    """Return the outline of the area as inclusion and its no-go zones as exclusions."""
+def fence_polygons(route: Route, around: Surroundings) -> list[dict[str, Any]]:
+    """Return the outline of the area as inclusion and its no-go zones as exclusions.
+
+    Parameters
+    ----------
+    route : Route
+        Its CRS is that of the area.
+    around : Surroundings
+        Area, or none.
+
+    Returns
+    -------
+    list of dict
+        Polygons of a plan file: corners as latitude and longitude [deg].
+    """
     if around.area is None:
         return []
     outlines = [(fence_outline(around.area), True)]

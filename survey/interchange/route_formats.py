@@ -71,7 +71,7 @@ def write_plan(
         raise InputError(
             f"{target.name} ends in {target.suffix!r}; one of {', '.join(sorted(WRITERS))} was expected."
         )
-    part, taken_along = _part(route, rover), around or Surroundings()
+    part, taken_along = part_of_rover(route, rover), around or Surroundings()
     taken_along.check(part)
     writer(part, target, taken_along)
 
@@ -147,7 +147,26 @@ def _legs(file: Path, crs: CRS) -> tuple[Leg, ...]:
     return tuple(legs)
 
 
-def _part(route: Route, rover: int | None) -> Route:
+def part_of_rover(route: Route, rover: int | None) -> Route:
+    """Return the legs of one rover.
+
+    Parameters
+    ----------
+    route : Route
+        Of one or several rovers.
+    rover : int, optional
+        Counted from 0; all rovers when left out.
+
+    Returns
+    -------
+    Route
+        As that of rover 0.
+
+    Raises
+    ------
+    InputError
+        The route does not have that rover.
+    """
     if rover is None:
         return route
     legs = tuple(Leg(leg.kind, leg.xy, 0, leg.axis) for leg in route.legs if leg.rover == rover)

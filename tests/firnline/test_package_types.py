@@ -52,7 +52,7 @@ from tests.firnline.test_objects import instances, parts
 from vision_slam import LocalizationConfig, ParticleFilter
 
 PACKAGES = (
-    "survey", "planners", "vision_slam", "sim", "desk", "survey.terrain", "survey.scoring", "survey.figures",
+    "survey", "planners", "vision_slam", "sim", "live", "desk", "survey.terrain", "survey.scoring", "survey.figures",
     "survey.reporting", "survey.reconstruction",
 )  # fmt: skip
 INTERFACES = {"Steering", "TerrainModel"}

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +14,7 @@ from sim.cli.options import DryRun
 from sim.cli.outcome import with_exit_codes
 from sim.cli.outputs import companions_of_output, refuse_existing, with_companions
 from sim.cli.request import with_options_of
+from sim.cli.route_source import RouteOptions, route_with_surroundings
 
 if TYPE_CHECKING:
     import survey
@@ -23,7 +24,7 @@ _MISSIONS = (".plan", ".waypoints")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest:
+class ExportRequest(RouteOptions):
     """Options of the command; None stands for an option that was not given."""
 
     source: Annotated[Path, typer.Argument(help="File to convert, or a run folder (its route).")]
@@ -42,42 +43,11 @@ class ExportRequest:
             "one file for each: survey_rover1.plan, survey_rover2.plan …",
         ),
     ] = None
-    autopilot: Annotated[
-        str | None, typer.Option("--autopilot", help="Missions: ardupilot or px4.  [default: px4]")
-    ] = None
-    area: Annotated[
-        Path | None,
-        typer.Option(
-            "--area",
-            help="Area of the route: the fence of a .plan, 10 m outside its outline, with its no-go zones; polygons of "
-            "KML. Of a run folder, its own.",
-        ),
-    ] = None
-    dem: Annotated[
-        Path | None,
-        typer.Option(
-            "--dem",
-            help="Elevation raster: heights of waypoints (GPX, KML, GeoJSON, missions) and of the home position. Of a run folder, its prior.",
-        ),
-    ] = None
-    speed_m_s: Annotated[
-        float | None, typer.Option("--speed", help="Missions: speed that the rover is set to [m/s].")
-    ] = None
-    returns: Annotated[
-        bool, typer.Option("--return", help="Missions: end with a return to launch, straight to the start.")
-    ] = False
     holds: Annotated[
         str | None,
         typer.Option(
             "--as",
             help="What the file holds: route, raster, points, track or area; by default found in its content.",
-        ),
-    ] = None
-    crs: Annotated[
-        str | None,
-        typer.Option(
-            "--crs",
-            help="CRS of files that carry none; of areas and of plans of other tools, the one to write in, by default their UTM zone.",
         ),
     ] = None
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False
@@ -94,21 +64,6 @@ class ExportRequest:
             raise ConfigError(
                 f"--as {self.holds} is not known; one of route, raster, points, track, area was expected."
             )
-
-    def refuse_route_options(self) -> None:
-        """Refuse options that only routes have."""
-        from survey.core.errors import ConfigError
-
-        given = {
-            "--autopilot": self.autopilot,
-            "--area": self.area,
-            "--dem": self.dem,
-            "--speed": self.speed_m_s,
-            "--return": self.returns or None,
-        }
-        stated = [name for name, value in given.items() if value is not None]
-        if stated:
-            raise ConfigError(f"{', '.join(stated)} goes with routes; leave it out.")
 
 
 @with_exit_codes
@@ -135,7 +90,7 @@ def export(request: ExportRequest) -> None:
     if kind is None or kind == "route":
         _export_route(request)
         return
-    request.refuse_route_options()
+    request.refuse_stated(f"{source.name} holds none")
     with _target(request) as target:
         convert(source, target, kind, crs=request.crs)  # type: ignore[arg-type]  # checked above
     typer.echo(f"{out} written")
@@ -154,69 +109,8 @@ def _target(request: ExportRequest) -> Iterator[Path]:
 
 def _export_route(request: ExportRequest) -> None:
     """Write a route; that of a run comes with the area and the terrain of the run."""
-    import survey
-    from survey.core.runs.store import RunFolder
-
-    if not request.source.is_dir():
-        route = _read_route(request.source, request.crs)
-        _write_route(route, request, _surroundings(route, request))
-        return
-    stage = RunFolder.find(request.source).verified("plan")
-    route = survey.Route.read(stage / "route.geojson")
-    of_run = replace(
-        request, area=request.area or stage / "area.gpkg", dem=request.dem or stage / "prior.tif"
-    )
-    around = _surroundings(route, of_run)
-    _write_route(route, request, around if request.dem is not None else _with_known_heights(route, around))
-
-
-def _read_route(source: Path, crs: str | None) -> "survey.Route":
-    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format."""
-    import survey
-    from survey.interchange.route_formats import read_plan
-    from survey.io.vector import read_features
-
-    if crs is None and source.suffix.lower() in (".geojson", ".gpkg", ".json"):
-        columns = read_features(source, what="the route").attributes
-        if "pattern" in columns:
-            return survey.Route.read(source)
-    return read_plan(source, crs)
-
-
-def _surroundings(route: "survey.Route", request: ExportRequest) -> "Surroundings":
-    """Read what the export takes along, in the CRS of the route."""
-    import numpy as np
-
-    import survey
-    from sim.cli.rasters import read_about
-    from survey.core.errors import ConfigError
-    from survey.interchange.surroundings import Surroundings
-
-    area, dem, autopilot = request.area, request.dem, request.autopilot
-    if autopilot not in (None, "ardupilot", "px4"):
-        raise ConfigError(f"--autopilot {autopilot} is not known; ardupilot or px4 was expected.")
-    places = np.vstack([leg.xy for leg in route.legs])
-    bounds = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
-    return Surroundings(
-        None if area is None else survey.SurveyArea.read(area, crs=route.crs),
-        None if dem is None else read_about(dem, bounds, route.crs, "the elevation raster"),
-        "ardupilot" if autopilot == "ardupilot" else "px4",
-        request.speed_m_s,
-        request.returns,
-    )
-
-
-def _with_known_heights(route: "survey.Route", around: "Surroundings") -> "Surroundings":
-    """Leave the prior of a run out, and print that, where it does not know the height of every waypoint."""
-    import numpy as np
-
-    places = np.vstack([leg.xy for leg in route.legs])
-    if around.terrain is None or np.isfinite(around.terrain.at(places)).all():
-        return around
-    typer.echo(
-        "firnline: the prior of the run has voids on the route; heights are left out (--dem).", err=True
-    )
-    return replace(around, terrain=None)
+    route, around = route_with_surroundings(request.source, request)
+    _write_route(route, request, around)
 
 
 def _write_route(route: "survey.Route", request: ExportRequest, around: "Surroundings") -> None:

@@ -11,8 +11,8 @@ from sim.cli.main import app
 from tests.docs.scratch import make_scratch
 from tests.sim.cli.test_pages_in_browser import STUDY
 
-# Commands that only print, and the desk, which writes what is drawn.
-WITHOUT = {"desk", "doctor", "fit", "help", "schema", "show"}
+# Commands that only print, the desk, which writes what is drawn, and those that need a rover.
+WITHOUT = {"desk", "doctor", "download", "fit", "help", "rover", "schema", "show"}
 RUNS = {
     "calibrate": "images --board 9x6 -o camera.toml",
     "change": "2026.tif 2024.tif --outline glacier.gpkg -o change --report change.pdf",
@@ -34,6 +34,7 @@ RUNS = {
     "score": "map.tif --checkpoints gnss.csv --class 0.1 --report accuracy",
     "score raster": "map.tif --truth lidar.tif",
     "simulate": "mission.toml",
+    "upload": "route.geojson udp://127.0.0.1:9",
 }
 CAMERA = """
 model = "pinhole"

@@ -10,7 +10,7 @@ import pytest
 from survey.core.lazy import attach, modules_by_name
 
 ROOT = Path(__file__).resolve().parents[3]
-PACKAGES = ("survey", "planners", "vision_slam", "sim", "desk")
+PACKAGES = ("survey", "planners", "vision_slam", "sim", "live", "desk")
 
 
 def loaded_by(statement: str) -> set[str]:

@@ -1,0 +1,1 @@
+"""MAVLink connections to vehicles."""

@@ -1,0 +1,1 @@
+"""Missions and fences of autopilots: their items on the link, upload, comparison, download."""

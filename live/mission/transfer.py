@@ -1,0 +1,312 @@
+"""Mission protocol of MAVLink from the side of the ground station: items to a vehicle, and from it.
+
+Every message may be lost. A vehicle asks for the items one by one and takes the one that it waits for. While it is
+silent, the last item and those after it are sent unasked, since its request may be what was lost. A transfer ends with
+the vehicle's acknowledgement, with its refusal, or with `LinkLostError` when nothing came for as long as the patience.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Any
+
+from live.link.vehicle import LinkLostError, Vehicle
+from live.mission.items import KIND_NAMES, LinkItem
+from survey.core.arrays import Progress
+from survey.core.errors import InputError
+
+_RESEND_S = 0.3
+_FIRST_WAIT_S, _LEAST_WAIT_S, _MOST_WAIT_S = 0.3, 0.1, 1.5
+# Items that are sent without being asked for while a vehicle is silent; its requests may have been lost.
+_MOST_AHEAD = 8
+_COPIES, _MOST_ASKED, _MOST_PASSES = 3, 3, 8
+_COUNT_WAIT_S = 0.7
+# Near the last item a vehicle that has all of them may be silent: its acknowledgement was lost.
+_LAST_S = 3.0
+_FROM_VEHICLE = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
+_ACCEPTED = 0
+_RESULTS = {
+    1: "an unspecified error",
+    2: "an unsupported frame",
+    3: "an unsupported command",
+    4: "no space for so many items",
+    13: "items out of order",
+    14: "no permission now",
+    15: "a cancelled transfer",
+}
+_CANCELLED, _OUT_OF_ORDER, _ERROR = 15, 13, 1
+# These end a transfer that lost too many messages; the next one may succeed.
+_PASSING = (_CANCELLED, _ERROR)
+
+
+class TransferBrokenError(LinkLostError):
+    """The vehicle gave a transfer up; what it held before still holds."""
+
+
+def send_items(
+    vehicle: Vehicle, items: Sequence[LinkItem], kind: int, progress: Progress | None = None
+) -> None:
+    """Send items to a vehicle until it acknowledges them, or is silent after the last one.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That takes them.
+    items : sequence of LinkItem
+        A mission or a fence; an empty one clears what the vehicle holds.
+    kind : int
+        `MISSION` or `FENCE`.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
+
+    Raises
+    ------
+    InputError
+        The vehicle refuses an item, or has no space.
+    LinkLostError
+        The vehicle was silent, or gave the transfer up.
+    """
+    if items:
+        _Sending(vehicle, items, kind, progress).run()
+    else:
+        _clear(vehicle, kind)
+
+
+@dataclass
+class _Pace:
+    """Time after which an answer counts as lost: four times the answers' mean delay, longer while nothing comes."""
+
+    wait_s: float = _FIRST_WAIT_S
+    mean_s: float | None = None
+    n_silent: int = 0
+
+    def answered(self, delay_s: float) -> None:
+        """Take the delay of an answer into account."""
+        self.mean_s = delay_s if self.mean_s is None else 0.9 * self.mean_s + 0.1 * delay_s
+        self.wait_s, self.n_silent = min(max(4.0 * self.mean_s, _LEAST_WAIT_S), _MOST_WAIT_S), 0
+
+    def silent(self) -> None:
+        """Wait longer for the next answer."""
+        self.n_silent += 1
+        self.wait_s = min(1.2 * self.wait_s, _MOST_WAIT_S)
+
+
+@dataclass
+class _Sending:
+    """One transfer to a vehicle: the highest item that it asked for, and when it was heard last."""
+
+    vehicle: Vehicle
+    items: Sequence[LinkItem]
+    kind: int
+    progress: Progress | None
+    highest: int = -1
+    heard: float = field(default_factory=monotonic)
+    pace: _Pace = field(default_factory=_Pace)
+    _announced: float = -_MOST_WAIT_S
+
+    def run(self) -> None:
+        """Send until the vehicle has all items."""
+        self._announce()
+        asked = monotonic()
+        while not self._is_silent_at_the_end():
+            message = self.vehicle.receive(_FROM_VEHICLE, self.pace.wait_s)
+            if message is None:
+                self.pace.silent()
+                self._send_ahead()
+            elif message.mission_type == self.kind:
+                self.pace.answered(monotonic() - asked)
+                if self._taken(message):
+                    return
+            asked = monotonic()
+
+    def _announce(self) -> None:
+        """Send the number of items, which begins a transfer."""
+        self._announced = monotonic()
+        self.vehicle.mav.mission_count_send(
+            self.vehicle.system, self.vehicle.component, len(self.items), self.kind
+        )
+
+    def _send_ahead(self) -> None:
+        """Send what the vehicle may be waiting for: the last item again, and those after it, which it may have asked for.
+
+        A vehicle takes the item that it waits for and ignores others. The longer it is silent, the more are sent.
+        """
+        if self.highest < 0 and monotonic() - self._announced > _MOST_WAIT_S:
+            self._announce()
+        first = max(self.highest, 0)
+        for index in range(first, min(first + 1 + min(self.pace.n_silent, _MOST_AHEAD), len(self.items))):
+            _send_item(self.vehicle, self.items, index, self.kind)
+
+    def _is_silent_at_the_end(self) -> bool:
+        """Return whether the vehicle is silent after one of the last items; refuse to wait longer than the patience."""
+        silent_s = monotonic() - self.heard
+        if self.highest >= len(self.items) - 2 - _MOST_AHEAD and silent_s > _LAST_S and self.highest >= 0:
+            return True
+        name = KIND_NAMES[self.kind]
+        _require_heard(
+            self.vehicle, self.heard, f"after item {self.highest + 1} of {len(self.items)} of the {name}"
+        )
+        return False
+
+    def _taken(self, message: Any) -> bool:
+        """Answer the vehicle; return whether it has all items."""
+        self.heard = monotonic()
+        if message.get_type() == "MISSION_ACK":
+            return _ends(message, self.vehicle, len(self.items), self.kind, is_begun=self.highest >= 0)
+        if message.seq < len(self.items):
+            _send_item(self.vehicle, self.items, message.seq, self.kind)
+            if self.progress is not None and message.seq > self.highest:
+                self.progress(f"sending the {KIND_NAMES[self.kind]}", message.seq + 1, len(self.items))
+            self.highest = max(self.highest, message.seq)
+        return False
+
+
+def fetch_items(vehicle: Vehicle, kind: int, progress: Progress | None = None) -> list[LinkItem]:
+    """Read the items that a vehicle holds.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That holds them.
+    kind : int
+        `MISSION` or `FENCE`.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
+
+    Returns
+    -------
+    list of LinkItem
+        In their order.
+
+    Raises
+    ------
+    LinkLostError
+        The vehicle was silent, or too many packets were lost.
+    """
+    reading = _Reading(vehicle, kind, progress)
+    for _ in range(_MOST_PASSES):
+        n_items = reading.count()
+        reading.walk(n_items)
+        if len(reading.found) == n_items:
+            reading.end()
+            return [reading.found[index] for index in range(n_items)]
+    raise LinkLostError(
+        f"{vehicle.address.text} lost so many packets that {len(reading.found)} of {n_items} items of the {KIND_NAMES[kind]} "
+        f"could be read in {_MOST_PASSES} transfers; come nearer and run the command again."
+    )
+
+
+@dataclass
+class _Reading:
+    """Transfers from a vehicle until every item was found.
+
+    A vehicle answers requests in order and ends a transfer when one item is asked for too often. After some requests
+    without an answer the next item is asked for: the vehicle answers if only its answer was lost, and the item that is
+    missing is found in the next transfer.
+    """
+
+    vehicle: Vehicle
+    kind: int
+    progress: Progress | None
+    found: dict[int, LinkItem] = field(default_factory=dict)
+    pace: _Pace = field(default_factory=_Pace)
+
+    def count(self) -> int:
+        """Ask how many items there are, which begins a transfer."""
+        began = monotonic()
+        while True:
+            self.vehicle.mav.mission_request_list_send(self.vehicle.system, self.vehicle.component, self.kind)
+            message = self._received(("MISSION_COUNT",), max(self.pace.wait_s, _COUNT_WAIT_S))
+            if message is not None:
+                return int(message.count)
+            _require_heard(self.vehicle, began, f"before the {KIND_NAMES[self.kind]} was read")
+
+    def walk(self, n_items: int) -> None:
+        """Ask for all items in order, until the last one or until the vehicle answers no more."""
+        index, n_silent = 0, 0
+        while index < n_items and n_silent < _MOST_ASKED:
+            asked = [index] * _MOST_ASKED + [index + 1] * (index + 1 < n_items)
+            answered = next((k for k in asked if self._item(k)), None)
+            n_silent = n_silent + 1 if answered is None else 0
+            index = index if answered is None else answered + 1
+            if self.progress is not None:
+                self.progress(f"reading the {KIND_NAMES[self.kind]} back", len(self.found), n_items)
+
+    def end(self) -> None:
+        """Acknowledge, in several copies: one that is lost would block the vehicle's next transfer."""
+        for _ in range(_COPIES):
+            self.vehicle.mav.mission_ack_send(
+                self.vehicle.system, self.vehicle.component, _ACCEPTED, self.kind
+            )
+
+    def _item(self, index: int) -> bool:
+        """Ask for one item; return whether it came."""
+        self.vehicle.mav.mission_request_int_send(
+            self.vehicle.system, self.vehicle.component, index, self.kind
+        )
+        message = self._received(("MISSION_ITEM_INT",), self.pace.wait_s)
+        if message is None:
+            return False
+        self.found[message.seq] = LinkItem.received(message)
+        return bool(message.seq == index)
+
+    def _received(self, types: tuple[str, ...], wait_s: float) -> Any | None:
+        """Return an answer about this kind of items, or None after a time."""
+        asked = monotonic()
+        message = self.vehicle.receive(types, wait_s)
+        if message is None:
+            self.pace.silent()
+            return None
+        self.pace.answered(monotonic() - asked)
+        return message if message.mission_type == self.kind else None
+
+
+def _clear(vehicle: Vehicle, kind: int) -> None:
+    """Remove what the vehicle holds."""
+    asked = monotonic()
+    while True:
+        vehicle.mav.mission_clear_all_send(vehicle.system, vehicle.component, kind)
+        message = vehicle.receive(("MISSION_ACK",), _RESEND_S)
+        if message is not None and message.mission_type == kind and message.type == _ACCEPTED:
+            return
+        _require_heard(vehicle, asked, f"while the {KIND_NAMES[kind]} was cleared")
+
+
+def _ends(message: Any, vehicle: Vehicle, n_items: int, kind: int, *, is_begun: bool) -> bool:
+    """Return whether an acknowledgement ends the transfer; raise where it refuses."""
+    if message.type == _ACCEPTED:
+        return is_begun  # otherwise it belongs to an earlier transfer
+    if message.type == _OUT_OF_ORDER or (message.type in _PASSING and not is_begun):
+        return False  # the answer to an item that was sent ahead
+    reason = _RESULTS.get(message.type, f"result {message.type} of MAV_MISSION_RESULT")
+    sentence = f"{vehicle.name} refused the {KIND_NAMES[kind]} of {n_items} items for {reason}; it holds what it held before"
+    if message.type in _PASSING:
+        raise TransferBrokenError(f"{sentence}, run the command again.")
+    raise InputError(f"{sentence}, change the route.")
+
+
+def _send_item(vehicle: Vehicle, items: Sequence[LinkItem], index: int, kind: int) -> None:
+    item = items[index]
+    vehicle.mav.mission_item_int_send(
+        vehicle.system,
+        vehicle.component,
+        index,
+        item.frame,
+        item.command,
+        0,
+        1,
+        *item.params,
+        item.x,
+        item.y,
+        item.z,
+        kind,
+    )
+
+
+def _require_heard(vehicle: Vehicle, heard: float, when: str) -> None:
+    """Refuse to wait longer than the patience."""
+    if monotonic() - heard > vehicle.patience_s:
+        raise LinkLostError(
+            f"{vehicle.address.text} was silent for {vehicle.patience_s:g} s {when}; the vehicle holds what it held "
+            "before, restore the link and run the command again."
+        )

@@ -1,0 +1,114 @@
+"""Upload of a mission and its fence, read back and compared item by item."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from live.link.address import LinkAddress
+from live.link.vehicle import LinkLostError, Vehicle
+from live.mission.autopilot_mission import AutopilotMission
+from live.mission.items import FENCE, KIND_NAMES, MISSION, LinkItem, first_difference
+from live.mission.limits import limits_of, require_storable
+from live.mission.transfer import fetch_items, send_items
+from survey.core.arrays import Progress
+from survey.core.errors import InputError
+
+_MOST_TRANSFERS = 6
+
+
+class UploadReport(NamedTuple):
+    """What a vehicle holds after an upload, read back and equal to what was sent.
+
+    Parameters
+    ----------
+    vehicle : str
+        Autopilot and system id.
+    items, fence_corners : int
+        Numbers of items; 0 corners where the fence was left as it was.
+    transfers : int
+        How often items were sent: 1 for each of mission and fence, more after losses.
+    """
+
+    vehicle: str
+    items: int
+    fence_corners: int
+    transfers: int
+
+
+def upload(
+    mission: AutopilotMission,
+    address: LinkAddress,
+    *,
+    patience_s: float = 15.0,
+    system: int | None = None,
+    most_items: int | None = None,
+    progress: Progress | None = None,
+) -> UploadReport:
+    """Upload a fence and a mission, and compare them with what the vehicle reports.
+
+    The fence goes first, so that the vehicle never has the mission without it. A vehicle exchanges its mission when
+    the last item has come; until then, and after any loss of the link, it holds the former one.
+
+    Parameters
+    ----------
+    mission : AutopilotMission
+        Of one rover.
+    address : LinkAddress
+        Where the vehicle is.
+    patience_s : float
+        How long to wait for a silent vehicle [s].
+    system : int, optional
+        System id of the vehicle; by default the first that is heard.
+    most_items : int, optional
+        How many items the board holds; by default the limit of its autopilot.
+    progress : callable, optional
+        Called with what is done, how much of it, and of how much.
+
+    Returns
+    -------
+    UploadReport
+        What the vehicle holds.
+
+    Raises
+    ------
+    InputError
+        A mission that the vehicle cannot hold or refuses, a link that stays lost, or items that come back different.
+    """
+    with Vehicle.connected(address, patience_s, system) as vehicle:
+        limits = limits_of(vehicle.autopilot)
+        items, fence = mission.link_items(vehicle.autopilot), mission.fence_items
+        require_storable(items, MISSION, most_items or limits.items)
+        require_storable(fence, FENCE, most_items or limits.fence_corners)
+        transfers = _until_equal(vehicle, fence, FENCE, progress) if fence else 0
+        transfers += _until_equal(vehicle, items, MISSION, progress)
+        return UploadReport(vehicle.name, len(items), len(fence), transfers)
+
+
+def _until_equal(vehicle: Vehicle, items: Sequence[LinkItem], kind: int, progress: Progress | None) -> int:
+    """Send items until the vehicle reports them equal; return the number of transfers."""
+    index: int | None = None
+    for transfer in range(1, _MOST_TRANSFERS + 1):
+        try:
+            send_items(vehicle, items, kind, progress)
+            found = fetch_items(vehicle, kind, progress)
+        except LinkLostError:
+            if transfer == _MOST_TRANSFERS:
+                raise
+            vehicle.wait_for_heartbeat()
+            continue
+        index = first_difference(items, found)
+        if index is None:
+            return transfer
+    assert index is not None
+    raise InputError(_difference(items, found, index, kind, vehicle))
+
+
+def _difference(
+    items: Sequence[LinkItem], found: Sequence[LinkItem], index: int, kind: int, vehicle: Vehicle
+) -> str:
+    """Return a sentence for items that came back different."""
+    sent = items[index] if index < len(items) else "nothing"
+    read = found[index] if index < len(found) else "nothing"
+    return (
+        f"{vehicle.name} reports {read} for item {index} of the {KIND_NAMES[kind]} where {sent} was sent; do not drive it, "
+        "clear the mission and upload it again."
+    )

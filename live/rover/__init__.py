@@ -1,0 +1,1 @@
+"""Simulated rover behind MAVSDK's servers, in a process of its own."""

@@ -1,0 +1,1 @@
+"""Commands of surveys while they are driven."""
