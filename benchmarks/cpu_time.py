@@ -1,6 +1,8 @@
 """CPU time of the two demos and of the test suite, from compiled loops that are not stored yet, as in a fresh clone.
 
-With ``--quick`` the demos alone, and a second time with the loops that the first run stored.
+With ``--quick`` the demos alone, and a second time with the loops that the first run stored. Processors differ: where
+``FIRNLINE_EARLIER`` names a checkout of commit e7dc4dd with an environment of its own, its demos run in turn with
+today's, for the ratio.
 """
 
 import os
@@ -10,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from benchmarks.report import Row, main
 
@@ -17,37 +20,59 @@ ROOT = Path(__file__).parents[1]
 DEMOS = ("srtm_ridge.toml", "short_drive.toml")
 SUITE = ("-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider")
 DEMOS_S, SUITE_S = 83.0, 640.0
+EARLIER = os.environ.get("FIRNLINE_EARLIER")
+
+
+class Code(NamedTuple):
+    """A checkout, and the Python that runs it."""
+
+    root: Path
+    python: Path
+
+
+TODAY = Code(ROOT, Path(sys.executable))
 
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the CPU time of demos and suite."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        first = [_demo_s(demo, folder / "first", folder / "loops") for demo in DEMOS]
+        first = [_demo_s(TODAY, demo, folder / "first", folder / "loops") for demo in DEMOS]
         yield from (Row(f"{demo}, first run", spent, "s") for demo, spent in zip(DEMOS, first, strict=True))
         yield Row.of("both demos, first run", sum(first), "s", "<=", DEMOS_S)
-        again = [_demo_s(demo, folder / "again", folder / "loops") for demo in DEMOS]
+        if EARLIER is not None:
+            yield from _ratio(
+                Code(Path(EARLIER), Path(EARLIER) / ".venv/bin/python"), sum(first), folder / "earlier"
+            )
+        again = [_demo_s(TODAY, demo, folder / "again", folder / "loops") for demo in DEMOS]
         yield Row("both demos, compiled before", sum(again), "s")
         if not quick:
-            spent, code = _measured(SUITE, ROOT, folder / "suite")
+            spent, code = _measured(TODAY, SUITE, ROOT, folder / "suite")
             yield Row.of("test suite, first run", spent, "s", "<=", SUITE_S)
             yield Row.of("test suite, exit code", code, "1", "<=", 0.0)
 
 
-def _demo_s(demo: str, runs: Path, loops: Path) -> float:
+def _ratio(earlier: Code, today_s: float, folder: Path) -> Iterator[Row]:
+    """Yield the CPU time of the demos of an earlier checkout, and that of today's over it."""
+    spent_s = sum(_demo_s(earlier, demo, folder, folder / "loops") for demo in DEMOS)
+    yield Row("both demos of e7dc4dd, first run", spent_s, "s")
+    yield Row.of("both demos, first run, over those of e7dc4dd", today_s / spent_s, "x", "<=", 1.0)
+
+
+def _demo_s(code: Code, demo: str, runs: Path, loops: Path) -> float:
     """Return the CPU time of a demo with its report [s]."""
     runs.mkdir(exist_ok=True)
-    command = ("-m", "sim.cli.main", "run", str(ROOT / "examples" / demo), "--quiet")
-    spent, code = _measured(command, runs, loops)
-    if code:
-        raise SystemExit(f"the demo {demo} ended with exit code {code}; run it alone to see why.")
+    command = ("-m", "sim.cli.main", "run", str(code.root / "examples" / demo), "--quiet")
+    spent, exit_code = _measured(code, command, runs, loops)
+    if exit_code:
+        raise SystemExit(f"the demo {demo} ended with exit code {exit_code}; run it alone to see why.")
     return spent
 
 
-def _measured(words: Sequence[str], folder: Path, loops: Path) -> tuple[float, int]:
+def _measured(code: Code, words: Sequence[str], folder: Path, loops: Path) -> tuple[float, int]:
     """Return the CPU time in user mode of a Python command and all its processes [s], and its exit code."""
     settings = {
-        "PYTHONPATH": str(ROOT),
+        "PYTHONPATH": str(code.root),
         "NUMBA_CACHE_DIR": str(loops),
         "MPLBACKEND": "Agg",
         "OPENBLAS_NUM_THREADS": "1",
@@ -56,7 +81,7 @@ def _measured(words: Sequence[str], folder: Path, loops: Path) -> tuple[float, i
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     # The output goes to stderr, where failed tests are named.
     done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env=os.environ | settings, check=False, stdout=sys.stderr
+        [str(code.python), *words], cwd=folder, env=os.environ | settings, check=False, stdout=sys.stderr
     )
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before, done.returncode
 
