@@ -9,6 +9,7 @@ from planners import PlannerConfig, Rover
 from sim.config.drive import PhysicsConfig
 from sim.config.faults import FaultConfig
 from sim.config.fleet import FleetConfig
+from sim.config.ice import IceConfig
 from sim.config.mismatch import MismatchConfig
 from sim.config.payload import PayloadConfig
 from sim.config.placed import PlacedSection
@@ -185,6 +186,8 @@ class MissionConfig(PlacedSection):
     """Errors that the statistical fidelity draws."""
     aids: AidsConfig = AidsConfig()
     """Aiding sensors beside GPS and odometry."""
+    ice: IceConfig | None = None
+    """Ice that flows and melts during the drive; at rest when left out."""
     mismatch: MismatchConfig = MismatchConfig()
     """Ratios of the errors that the estimator assumes to those that are drawn."""
     scenery: SceneryConfig = SceneryConfig()
@@ -312,4 +315,6 @@ class MissionConfig(PlacedSection):
             "area.file": self.area.file,
             "satellite.file": self.satellite.file,
         }
+        rasters = None if self.ice is None else self.ice.velocity_files
+        named |= {f"ice.velocity_files[{k}]": file for k, file in enumerate(rasters or ())}
         return {key: self.path(file) for key, file in named.items() if file is not None}

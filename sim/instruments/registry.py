@@ -11,7 +11,7 @@ from sim.instruments.gps_faults import GpsFaults
 from sim.instruments.inertial import InertialUnit, draw_inertial
 from sim.instruments.lidar.drawn_scans import draw_lidar
 from sim.instruments.sensor import Sensor
-from sim.instruments.stakes import StakeSpotter, draw_stake_sightings, draw_stakes
+from sim.instruments.stakes import StakeSpotter, draw_stake_sightings, draw_stake_surveys, draw_stakes
 from sim.instruments.visual_odometry import draw_loop_closures, draw_odometry, draw_sightings
 from sim.instruments.weather import WeatherField, WeatherStation
 from sim.instruments.wheels import WheelEncoders, WheelFaults
@@ -22,6 +22,7 @@ SENSORS = (
         instrument=lambda setup: GpsReceiver(setup.config, setup.antenna_height_m, setup.seed),
         draw=draw_fixes,
         faults=GpsFaults,
+        is_fixed=True,
     ),
     Sensor(
         "base",
@@ -30,13 +31,15 @@ SENSORS = (
         ),
         draw=draw_base_fixes,
         is_aboard=False,
+        is_fixed=True,
     ),
     Sensor(
         "barometer",
         instrument=lambda setup: PressureAltimeter(setup.config.barometer, setup.seed),
         draw=draw_barometer,
+        is_fixed=True,
     ),
-    Sensor("base_barometer", draw=draw_base_barometer, is_aboard=False),
+    Sensor("base_barometer", draw=draw_base_barometer, is_aboard=False, is_fixed=True),
     Sensor(
         "wheels",
         instrument=lambda setup: WheelEncoders(setup.config.wheels, setup.seed),
@@ -57,6 +60,7 @@ SENSORS = (
         ),
     ),
     Sensor("stakes", draw=draw_stakes, is_aboard=False),
+    Sensor("stake_surveys", draw=draw_stake_surveys, is_aboard=False),
     Sensor(
         "stake_sightings",
         instrument=lambda setup: StakeSpotter(setup.config.stakes, setup.stakes, setup.seed),

@@ -10,6 +10,7 @@ from sim.config.faults import FaultConfig
 from sim.config.mission import MissionConfig
 from sim.config.sensors import InstrumentsConfig
 from sim.vehicle.motion import RoverMotion
+from sim.world.moving_ice import MovingIce
 from survey.core.arrays import FloatArray
 from survey.data.dem import Dem
 from survey.data.route import Route
@@ -50,6 +51,8 @@ class InstrumentSetup:
         Seed of the rover's errors.
     site_seed : int
         Seed of what is the same for all rovers on the site.
+    ice : MovingIce, optional
+        Motion of the ice.
     """
 
     config: InstrumentsConfig
@@ -58,6 +61,7 @@ class InstrumentSetup:
     stakes: FloatArray
     seed: int
     site_seed: int
+    ice: MovingIce | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,9 @@ class StatisticalDrive:
         Real roll, pitch and yaw [rad].
     mission : MissionConfig
         Errors of the sensors, and the seed.
+    ice : MovingIce, optional
+        Motion of the ice; the path is then that on the ice of the start of the drive, or the fixed one for sensors that
+        measure in fixed coordinates.
     """
 
     terrain: Dem
@@ -83,6 +90,7 @@ class StatisticalDrive:
     trajectory: Trajectory
     attitude_rad: FloatArray
     mission: MissionConfig
+    ice: MovingIce | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +109,8 @@ class Sensor:
         Builds the sensor's faults from all faults of a mission and its seed.
     is_aboard : bool
         Whether it is on the rover and therefore silent while the rover is carried.
+    is_fixed : bool
+        Whether it measures in fixed coordinates; others measure relative to the ice, which may move.
     """
 
     name: str
@@ -108,6 +118,7 @@ class Sensor:
     draw: Callable[[StatisticalDrive], Any] | None = None
     faults: Callable[[Sequence[FaultConfig], int], RecordFaults] | None = None
     is_aboard: bool = True
+    is_fixed: bool = False
 
 
 def without_carried(records: Any, carried: Sequence[FaultConfig]) -> Any:

@@ -5,10 +5,11 @@ import numpy as np
 from sim.config.sensors import StakeConfig
 from sim.instruments.sensor import StatisticalDrive
 from sim.vehicle.motion import RoverMotion
+from sim.world.moving_ice import MovingIce
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.streams import stream
 from survey.data.route import Route
-from survey.data.sensors.stakes import Stakes, StakeSightings
+from survey.data.sensors.stakes import Stakes, StakeSightings, StakeSurveys
 from survey.data.trajectory import Trajectory
 from vision_slam.rotation import rotations
 
@@ -81,13 +82,41 @@ def draw_stake_sightings(drive: StatisticalDrive) -> StakeSightings | None:
     return _drawn(drive)[1] if drive.mission.aids.stakes else None
 
 
+def draw_stake_surveys(drive: StatisticalDrive) -> StakeSurveys | None:
+    """Draw repeated surveys of the stakes on moving ice; None where the mission has none."""
+    ice, aids = drive.ice, drive.mission.aids
+    if ice is None or not (aids.stakes and ice.config.stake_surveys):
+        return None
+    return surveyed_repeatedly(
+        _feet(drive)[0], ice, drive.trajectory.time_s[[0, -1]], aids.stake_sigma_m, drive.mission.seed
+    )
+
+
+def surveyed_repeatedly(
+    foot: FloatArray, ice: MovingIce, ends_s: FloatArray, sigma_m: float, seed: int
+) -> StakeSurveys:
+    """Return surveys of stakes that stand at places (K, 3) at the start, evenly between two times."""
+    n = ice.config.stake_surveys
+    time_s = np.repeat(np.linspace(*ends_s, n), len(foot))
+    stake = np.tile(np.arange(len(foot)), n)
+    real = foot[stake] + ice.displacement(foot[stake, :2], time_s)
+    error = sigma_m * stream(seed, "ice", "stake surveys").standard_normal(real.shape)
+    return StakeSurveys(time_s, stake.astype(np.float64), real + error, np.full(len(real), sigma_m))
+
+
+def _feet(drive: StatisticalDrive) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return the real places (K, 3) of the stakes, the poses that see them, and their offsets (K, 3) from these."""
+    trajectory = drive.trajectory
+    pose = _ends_of_swaths(trajectory, drive.route, drive.mission.aids.stakes)
+    left = rotations(drive.attitude_rad[pose])[:, :, 1] * _BESIDE_M
+    return trajectory.position[pose] + left, pose, left
+
+
 def _drawn(drive: StatisticalDrive) -> tuple[Stakes, StakeSightings]:
     """Place stakes beside the route, survey them, and sight each once."""
     trajectory, sigma_m = drive.trajectory, drive.mission.aids.stake_sigma_m
-    pose = _ends_of_swaths(trajectory, drive.route, drive.mission.aids.stakes)
+    real, pose, left = _feet(drive)
     rng, body = stream(drive.mission.seed, "aids", "stakes"), rotations(drive.attitude_rad[pose])
-    left = body[:, :, 1] * _BESIDE_M
-    real = trajectory.position[pose] + left
     surveyed = real + sigma_m * rng.standard_normal(real.shape)
     offset = np.einsum("nji,nj->ni", body, left)
     offset = offset + _SEEN_SIGMA_M * rng.standard_normal(offset.shape)

@@ -22,18 +22,27 @@ from sim.simulate.payload import record_payload
 from sim.simulate.sensed_attitude import sensed_attitude
 from sim.simulate.simulated_drive import ONBOARD, Ending
 from sim.simulate.statistical import simulate_statistical
+from sim.world.moving_ice import epoch_of
 from sim.world.site import World
 from survey.core.documents import write_json
 from survey.core.streams import stream
+from survey.data.ice.motion_file import read_motion, write_motion
 from survey.data.recording import Recording
 from survey.data.sensors.tables import table_file
 from survey.data.truth import Truth
+from survey.reconstruction.method import MappedTerrain
+from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
+from vision_slam.localization import Localization
+from vision_slam.odometry.visual_odometry import VisualOdometry
 
 DRIVE_FILE = "drive.json"
 """How a drive ended, with its length, time and energy."""
 LANDMARKS, SCAN_POINTS = "surface_points.gpkg", "scan_points.gpkg"
 """Points that a drive is localized with, and those of its LiDAR scans."""
+ICE_MOTION = "ice_motion.json"
+"""Motion of the ice, of which path and points are those of the epoch."""
 
 
 def drive(world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int = 1) -> None:
@@ -170,7 +179,9 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
     recording = Recording.read(simulated / "recording")
     seen = simulated / "recording" / ONBOARD
     visual = read_visual_odometry(seen) if seen.exists() else None
-    result = vision_slam.localize(recording, mission.assumed, visual=visual)
+    result = _localized(recording, mission, visual)
+    if result.ice_motion is not None:
+        write_motion(result.ice_motion, folder / ICE_MOTION)
     if result.online_trajectory is not None:
         result.online_trajectory.write(folder / "online_trajectory.csv")
     result.trajectory.write(folder / "trajectory.tum")
@@ -178,6 +189,22 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
     result.points.write(folder / LANDMARKS)
     if recording.lidar is not None:
         register_scans(recording, result.trajectory, mission).write(folder / SCAN_POINTS)
+
+
+def _localized(recording: Recording, mission: MissionConfig, visual: VisualOdometry | None) -> Localization:
+    """Localize a recording, with the motion of the ice where the mission has moving ice."""
+    if mission.ice is None:
+        return vision_slam.localize(recording, mission.assumed, visual=visual)
+    east, north, _ = recording.start.tolist()
+    prior = mission.ice.assumed.prior(epoch_of(recording, mission), (east, north))
+    return vision_slam.localize_on_ice(recording, prior, mission.assumed, visual=visual)
+
+
+def refine_motion(localized: Path, mapped: MappedTerrain, folder: Path) -> None:
+    """Write the motion of the ice after the map of one drive; do nothing where the ice is at rest."""
+    if (localized / ICE_MOTION).exists() and mapped.solution is not None:
+        motion = refined_motion(read_motion(localized / ICE_MOTION), mapped.solution)
+        write_motion(motion, folder / ICE_MOTION)
 
 
 def register_scans(
@@ -212,6 +239,8 @@ def path_scores(simulated: Path, localized: Path, mapped: Path) -> dict[str, Any
     for prefix, file in files.items():
         if file.exists():
             path = survey.Trajectory.read(file, truth.dem.crs)
+            if (localized / ICE_MOTION).exists():
+                path = in_fixed_frame(path, read_motion(localized / ICE_MOTION))
             found = vision_slam.trajectory_error(path, truth.trajectory).to_dict()
             scores |= {f"{prefix}{name}": value for name, value in found.items()}
     return scores

@@ -14,16 +14,22 @@ sensed one:
   error is Gaussian, a₀ + a₂ r² along the line of sight (parallax) and c₀ + c₁ r across it;
   range and covariance that come with a landmark are those of the measured place.
 
+On moving ice the sensors that measure relative to it draw from the path on the ice of the start
+of the drive, receivers and barometers from the path in fixed coordinates.
+
 Odometry and landmarks are given in the body frame, so errors of attitude reach the map as
 they do in the field. Not modelled: times without vision, slip, wrong matches. Each sensor's
 model is in `sim.instruments`.
 """
 
+from dataclasses import replace
+
 from sim.config.mission import MissionConfig
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import StatisticalDrive
 from sim.simulate.aiding import with_unknown_start
-from sim.vehicle.exact_motion import exact_drive
+from sim.vehicle.exact_motion import exact_drive, poses_at_rest
+from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from survey.data.route import Route
@@ -54,9 +60,15 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
     InputError
         The route leaves the known terrain.
     """
-    trajectory, attitude = exact_drive(terrain, route, mission.rover.speed_m_s)
-    drive = StatisticalDrive(terrain, route, trajectory, attitude, mission)
-    tables = {sensor.name: sensor.draw(drive) for sensor in SENSORS if sensor.draw is not None}
+    ice = moving_ice(mission, terrain)
+    drive = _drive(terrain, route, mission, ice)
+    fixed = drive if ice is None else replace(drive, trajectory=ice.carried(drive.trajectory))
+    trajectory = fixed.trajectory
+    tables = {
+        sensor.name: sensor.draw(fixed if sensor.is_fixed else drive)
+        for sensor in SENSORS
+        if sensor.draw is not None
+    }
     recording = Recording(
         route.crs,
         trajectory.position[0],
@@ -67,4 +79,18 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
     )
     if mission.aids.start == "unknown":
         recording = with_unknown_start(recording, mission)
+    if ice is not None:
+        terrain = ice.terrain_at(terrain, epoch_of(recording, mission))
     return recording, Truth(terrain, trajectory)
+
+
+def _drive(terrain: Dem, route: Route, mission: MissionConfig, ice: MovingIce | None) -> StatisticalDrive:
+    """Return the drive relative to the ice of its start: the rover follows the route in fixed coordinates."""
+    if ice is None:
+        trajectory, attitude = exact_drive(terrain, route, mission.rover.speed_m_s)
+    else:
+        samples = route.sample(mission.rover.speed_m_s * ice.config.pose_interval_s)
+        time_s = samples.distance_m / mission.rover.speed_m_s
+        starts = ice.starts(samples.xy, time_s)
+        trajectory, attitude = poses_at_rest(terrain, starts, samples.heading_rad, time_s)
+    return StatisticalDrive(terrain, route, trajectory, attitude, mission, ice)

@@ -41,19 +41,50 @@ def exact_drive(
         The route leaves the known terrain.
     """
     samples = route.sample(speed_m_s * interval_s)
-    height = terrain.at(samples.xy)
+    time_s = samples.distance_m / speed_m_s
+    return poses_at_rest(terrain, samples.xy, samples.heading_rad, time_s)
+
+
+def poses_at_rest(
+    terrain: Dem, xy: FloatArray, heading_rad: FloatArray, time_s: FloatArray
+) -> tuple[Trajectory, FloatArray]:
+    """Return the poses of a rover at rest on the terrain, and their attitudes.
+
+    Parameters
+    ----------
+    terrain : Dem
+        The real terrain.
+    xy : (N, 2) ndarray
+        Places [m].
+    heading_rad : (N,) ndarray
+        Headings [rad].
+    time_s : (N,) ndarray
+        Times, increasing [s].
+
+    Returns
+    -------
+    trajectory : Trajectory
+        Poses.
+    attitude_rad : (N, 3) ndarray
+        Roll, pitch and yaw [rad].
+
+    Raises
+    ------
+    InputError
+        A place off the known terrain.
+    """
+    height = terrain.at(xy)
     if np.isnan(height).any():
-        east, north = samples.xy[np.flatnonzero(np.isnan(height))[0]]
+        east, north = xy[np.flatnonzero(np.isnan(height))[0]]
         raise InputError(
             f"the route leaves the known terrain at ({east:.1f}, {north:.1f}); cut the area to the terrain "
             "(area.clip_to_terrain) or take a larger raster."
         )
-    attitude = _resting_attitude(terrain, samples.xy, samples.heading_rad)
-    position = np.column_stack([samples.xy, height])
+    attitude = _resting_attitude(terrain, xy, heading_rad)
+    position = np.column_stack([xy, height])
     zero = np.zeros((len(position), 3, 3))
-    time_s = samples.distance_m / speed_m_s
     turns = Rotation.from_euler("xyz", attitude).as_quat(canonical=True)
-    return Trajectory(time_s, position, turns, zero, route.crs), attitude
+    return Trajectory(time_s, position, turns, zero, terrain.crs), attitude
 
 
 def _resting_attitude(terrain: Dem, xy: FloatArray, heading_rad: FloatArray) -> FloatArray:

@@ -1,0 +1,1 @@
+"""Surveys on moving ice: maps at an epoch, velocities, mass change and feature tracking."""

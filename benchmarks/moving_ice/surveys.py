@@ -1,0 +1,198 @@
+"""Surveys of one site on moving ice and on still ice, mapped with and without the motion of the ice."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from sim.config.mission import MissionConfig
+from sim.simulate.statistical import simulate_statistical
+from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
+from sim.world.site import World, build_world
+from survey.core.arrays import FloatArray
+from survey.core.config import validated
+from survey.data.dem import Dem
+from survey.data.grid import Grid
+from survey.data.ice.motion import IceMotion
+from survey.data.recording import Recording
+from survey.data.route import Route
+from survey.reconstruction.joint.joint_map import JointTerrain
+from survey.reconstruction.joint.solution import JointMap
+from survey.reconstruction.motion.refinement import refined_motion
+from vision_slam import localize, localize_on_ice
+from vision_slam.localization import Localization
+
+SIDE_M, EDGE_M, SWATHS = 150.0, 40.0, 6
+_WEST, _SOUTH = 526000.0, 6478000.0
+_POSES = 1440
+_Z95 = 1.959964
+
+
+@dataclass(frozen=True)
+class Case:
+    """A survey: velocity on the centre line [m/day], duration [h], number of stakes, flow and share of the daily cycle."""
+
+    velocity: float
+    hours: float
+    n_stakes: int
+    seed: int
+    flow: str = "uniform"
+    diurnal_share: float = 0.0
+    has_planes: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the case's file."""
+        kind = f"{self.flow}-{self.diurnal_share:g}-{'planes' if self.has_planes else 'one'}"
+        return f"{self.velocity:g}-{self.hours:g}h-{self.n_stakes}-{kind}-{self.seed}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Error and coverage of one map, and of the motion that was estimated with it."""
+
+    rmse_m: float
+    coverage: float
+    claimed_m: float
+    velocity_scores: tuple[float, ...] = ()
+    lowering_scores: tuple[float, ...] = ()
+    velocity_sigma: float = 0.0
+    lowering_sigma: float = 0.0
+
+
+def mission_of(case: Case) -> MissionConfig:
+    """Return the mission of a case; that of still ice has a velocity of 0."""
+    low, high = _WEST + EDGE_M, _WEST + EDGE_M + SIDE_M
+    bounds = (low, _SOUTH + EDGE_M, high, _SOUTH + EDGE_M + SIDE_M)
+    length_m = SWATHS * SIDE_M + SIDE_M
+    speed_m_s = length_m / (3600.0 * case.hours)
+    angle = np.random.default_rng(case.seed).uniform(0.0, 360.0)
+    settings: dict[str, Any] = {
+        "schema_version": 1,
+        "name": "moving-ice",
+        "seed": case.seed,
+        "terrain": {
+            "source": "random",
+            "family": "matern-5/2",
+            "length_scale_m": 45.0,
+            "size_m": SIDE_M + 2.0 * EDGE_M,
+            "relief_m": 8.0,
+            "origin_m": (_WEST, _SOUTH),
+        },
+        "area": {"bounds_m": bounds},
+        "planner": {"pattern": "lawnmower", "swaths": SWATHS},
+        "rover": {"speed_m_s": speed_m_s},
+        "aids": {"stakes": case.n_stakes, "stake_sigma_m": 0.03, "recognition": 0.5},
+        "ice": {
+            "velocity_m_per_day": case.velocity,
+            "direction_deg": angle,
+            "flow": case.flow,
+            "half_width_m": 150.0,
+            "melt_m_per_day": 0.06 if case.velocity else 0.0,
+            "diurnal_share": case.diurnal_share,
+            "pose_interval_s": 3600.0 * case.hours / _POSES,
+            "stake_surveys": 4,
+            "assumed": {"velocity_change_sigma_m_per_day_km": 5.0 if case.has_planes else 0.0},
+        },
+    }
+    return validated(MissionConfig, settings, "the mission")
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A recording with what is judged against: the terrain of the epoch and the flow."""
+
+    mission: MissionConfig
+    recording: Recording
+    terrain: Dem
+    ice: MovingIce
+    nodes: Grid
+
+    @property
+    def epoch_s(self) -> float:
+        """Epoch of the map [s]."""
+        return epoch_of(self.recording, self.mission)
+
+    def prior(self) -> IceMotion:
+        """Return the prior of the motion."""
+        assert self.mission.ice is not None
+        xmin, ymin, xmax, ymax = self.nodes.bounds
+        return self.mission.ice.assumed.prior(self.epoch_s, (0.5 * (xmin + xmax), 0.5 * (ymin + ymax)))
+
+
+def drive_of(case: Case) -> Drive:
+    """Simulate the survey of a case."""
+    mission = mission_of(case)
+    world = build_world(mission)
+    recording, truth = simulate_statistical(world.terrain, _route(mission, world), mission)
+    ice = moving_ice(mission, world.terrain)
+    assert ice is not None
+    nodes = Grid.over(world.area.bounds, SIDE_M / 50.0, world.area.crs)
+    return Drive(mission, recording, truth.dem, ice, nodes)
+
+
+def _route(mission: MissionConfig, world: World) -> Route:
+    from planners import plan
+
+    return plan(world.area, world.prior, mission.planner, rover=mission.rover)
+
+
+def outcomes_of(case: Case) -> dict[str, Any]:
+    """Map the survey of a case with its motion, and by the static estimate."""
+    drive = drive_of(case)
+    found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
+    moving = _judged(drive, found)
+    static = _judged(drive, localize(drive.recording, drive.mission.assumed))
+    return {"moving": asdict(moving), "static": asdict(static)}
+
+
+def _judged(drive: Drive, found: Localization) -> Outcome:
+    """Judge map and motion of one localization."""
+    mapped = map_of(drive, found)
+    result = mapped.reconstruction
+    error = result.mean.elevation - drive.terrain.at(drive.nodes.xy).reshape(drive.nodes.shape)
+    std = result.std.elevation
+    outcome = Outcome(
+        float(np.sqrt(np.mean(error**2))),
+        float(np.mean(np.abs(error) <= _Z95 * std)),
+        float(np.sqrt(np.mean(std**2))),
+    )
+    if found.ice_motion is None:
+        return outcome
+    return _with_motion(outcome, drive, refined_motion(found.ice_motion, mapped.solution))
+
+
+def map_of(drive: Drive, found: Localization) -> JointMap:
+    """Return the joint map of a localization, without a prior."""
+    assert found.trajectory.error is not None
+    return JointTerrain(found.trajectory.error).map(found.points, drive.nodes)
+
+
+def _with_motion(outcome: Outcome, drive: Drive, motion: IceMotion) -> Outcome:
+    """Add errors of velocity and lowering in standard deviations, at the corners and the middle of the site."""
+    places = _places(drive.nodes)
+    scores = (motion.rates(places) - _real_rates(drive, places)) / motion.rates_sigma(places)
+    sigma = motion.rates_sigma(places[:1])[0]
+    return Outcome(
+        outcome.rmse_m,
+        outcome.coverage,
+        outcome.claimed_m,
+        tuple(scores[:1, :2].ravel().tolist()),
+        (float(scores[0, 2]),),
+        float(sigma[:2].max()),
+        float(sigma[2]),
+    )
+
+
+def _places(nodes: Grid) -> FloatArray:
+    """Return the middle of the site."""
+    xmin, ymin, xmax, ymax = nodes.bounds
+    return np.array([[0.5 * (xmin + xmax), 0.5 * (ymin + ymax)]])
+
+
+def _real_rates(drive: Drive, xy: FloatArray) -> FloatArray:
+    """Return the real mean rates (N, 3) over the drive [m/day]."""
+    ends = drive.recording.gps.time_s[[0, -1]]
+    moved = [drive.ice.displacement(xy, np.full(len(xy), end)) for end in ends]
+    rates: FloatArray = (moved[1] - moved[0]) / ((ends[1] - ends[0]) / 86400.0)
+    return rates

@@ -1,0 +1,1 @@
+"""Surface velocity from two surveys: hillshades, template matching, and fields of displacements."""
