@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from planners import plan
 from sim.config.mission import MissionConfig
 from sim.simulate.statistical import simulate_statistical
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
-from sim.world.site import World, build_world
+from sim.world.site import build_world
 from survey.core.arrays import FloatArray
 from survey.core.config import validated
 from survey.data.dem import Dem
@@ -16,6 +17,7 @@ from survey.data.grid import Grid
 from survey.data.ice.motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.route import Route
+from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointMap
 from survey.reconstruction.motion.refinement import refined_motion
@@ -74,15 +76,15 @@ def mission_of(case: Case) -> MissionConfig:
         "terrain": {
             "source": "random",
             "family": "matern-5/2",
-            "length_scale_m": 45.0,
+            "length_scale_m": 40.0,
             "size_m": SIDE_M + 2.0 * EDGE_M,
-            "relief_m": 8.0,
+            "relief_m": 16.0,
             "origin_m": (_WEST, _SOUTH),
         },
         "area": {"bounds_m": bounds},
         "planner": {"pattern": "lawnmower", "swaths": SWATHS},
         "rover": {"speed_m_s": speed_m_s},
-        "aids": {"stakes": case.n_stakes, "stake_sigma_m": 0.03, "recognition": 0.5},
+        "aids": {"stakes": case.n_stakes, "stake_sigma_m": 0.03, "recognition": 0.5, "base_station": True},
         "ice": {
             "velocity_m_per_day": case.velocity,
             "direction_deg": angle,
@@ -107,6 +109,8 @@ class Drive:
     terrain: Dem
     ice: MovingIce
     nodes: Grid
+    route: Route
+    start_terrain: Dem
 
     @property
     def epoch_s(self) -> float:
@@ -124,17 +128,12 @@ def drive_of(case: Case) -> Drive:
     """Simulate the survey of a case."""
     mission = mission_of(case)
     world = build_world(mission)
-    recording, truth = simulate_statistical(world.terrain, _route(mission, world), mission)
+    route = plan(world.area, world.prior, mission.planner, rover=mission.rover)
+    recording, truth = simulate_statistical(world.terrain, route, mission)
     ice = moving_ice(mission, world.terrain)
     assert ice is not None
     nodes = Grid.over(world.area.bounds, SIDE_M / 50.0, world.area.crs)
-    return Drive(mission, recording, truth.dem, ice, nodes)
-
-
-def _route(mission: MissionConfig, world: World) -> Route:
-    from planners import plan
-
-    return plan(world.area, world.prior, mission.planner, rover=mission.rover)
+    return Drive(mission, recording, truth.dem, ice, nodes, route, world.terrain)
 
 
 def outcomes_of(case: Case) -> dict[str, Any]:
@@ -162,10 +161,11 @@ def _judged(drive: Drive, found: Localization) -> Outcome:
     return _with_motion(outcome, drive, refined_motion(found.ice_motion, mapped.solution))
 
 
-def map_of(drive: Drive, found: Localization) -> JointMap:
+def map_of(drive: Drive, found: Localization, config: GaussianProcessConfig | None = None) -> JointMap:
     """Return the joint map of a localization, without a prior."""
     assert found.trajectory.error is not None
-    return JointTerrain(found.trajectory.error).map(found.points, drive.nodes)
+    model = JointTerrain(found.trajectory.error, config=config or GaussianProcessConfig())
+    return model.map(found.points, drive.nodes)
 
 
 def _with_motion(outcome: Outcome, drive: Drive, motion: IceMotion) -> Outcome:

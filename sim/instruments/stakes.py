@@ -97,7 +97,7 @@ def surveyed_repeatedly(
 ) -> StakeSurveys:
     """Return surveys of stakes that stand at places (K, 3) at the start, evenly between two times."""
     n = ice.config.stake_surveys
-    time_s = np.repeat(np.linspace(*ends_s, n), len(foot))
+    time_s = np.repeat(np.linspace(ends_s[0], ends_s[1], n), len(foot))
     stake = np.tile(np.arange(len(foot)), n)
     real = foot[stake] + ice.displacement(foot[stake, :2], time_s)
     error = sigma_m * stream(seed, "ice", "stake surveys").standard_normal(real.shape)

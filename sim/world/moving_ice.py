@@ -55,7 +55,8 @@ class MovingIce:
             aside = (xy - self.middle) @ np.array([-along[1], along[0]]) / config.half_width_m
             deforming = 1.0 - np.minimum(np.abs(aside), 1.0) ** (config.flow_exponent + 1.0)
             speed *= config.margin_share + (1.0 - config.margin_share) * deforming
-        return speed[:, None] * along
+        velocity: FloatArray = speed[:, None] * along
+        return velocity
 
     def lowering(self, time_s: FloatArray) -> FloatArray:
         """Return the melt since the start of the drive (N,) [m]."""

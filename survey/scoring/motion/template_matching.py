@@ -24,6 +24,8 @@ SMOOTHED_PX = 1.0
 _PASSES, _CONVERGED_PX = 12, 1e-4
 # Pixels over which residuals correlate.
 _REACH_PX = 6
+# Correlations nearer to the highest one than this belong to the same match.
+_ONE_PEAK_PX = 4.0
 
 
 class Match(NamedTuple):
@@ -37,6 +39,8 @@ class Match(NamedTuple):
         Of the shift [pixels²].
     correlation : float
         Normalized cross-correlation at the match.
+    ambiguity : float
+        What the match leaves unexplained over what the best match elsewhere leaves, 0 to 1.
     is_converged : bool
         Whether the fit of least squares stayed within a pixel and a half of the highest correlation.
     """
@@ -44,6 +48,7 @@ class Match(NamedTuple):
     shift: FloatArray
     covariance: FloatArray
     correlation: float
+    ambiguity: float
     is_converged: bool
 
 
@@ -59,7 +64,7 @@ class ImagePair:
     def __init__(self, first: FloatArray, second: FloatArray) -> None:
         self.first = gaussian_filter(first, SMOOTHED_PX)
         self._second = gaussian_filter(second, SMOOTHED_PX)
-        self._splines = spline_filter(self._second, order=3)
+        self._splines = np.asarray(spline_filter(self._second, order=3), dtype=np.float64)
         self._gradient = np.gradient(self._second)
 
     def match(self, centre: tuple[int, int], half_px: int, search_px: int) -> Match:
@@ -85,11 +90,15 @@ class ImagePair:
         area = self._second[row - reach : row + reach + 1, column - reach : column + reach + 1]
         scores = normalized_correlation(window, area)
         peak = np.array(np.unravel_index(int(np.argmax(scores)), scores.shape))
-        return self._refined(window, np.array(centre), peak - search_px, float(scores.max()))
+        facts = float(scores.max()), _ambiguity(scores, peak)
+        return self._refined(window, np.array(centre), peak - search_px, facts)
 
-    def _refined(self, window: FloatArray, centre: IntArray, whole: IntArray, score: float) -> Match:
+    def _refined(
+        self, window: FloatArray, centre: IntArray, whole: IntArray, facts: tuple[float, float]
+    ) -> Match:
         """Fit displacement, offset and gain by Gauss-Newton steps from whole pixels."""
-        places = np.stack(np.indices(window.shape), axis=-1) - (np.array(window.shape) - 1) // 2 + centre
+        indices: IntArray = np.moveaxis(np.indices(window.shape), 0, -1).astype(np.int64)
+        places = indices - (np.array(window.shape) - 1) // 2 + centre
         shift = whole.astype(np.float64)
         for _ in range(_PASSES):
             seen, gradient = self._at(places + shift)
@@ -101,7 +110,7 @@ class ImagePair:
                 break
         inside = bool(np.abs(shift - whole).max() <= 1.5 and found[1] > 0.0)
         residual = (window.ravel() - design @ found).reshape(window.shape) / max(abs(found[1]), 1e-12)
-        return Match(shift, _covariance(residual, gradient), score, inside)
+        return Match(shift, _covariance(residual, gradient), *facts, inside)
 
     def _at(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the second image (n, n) and its gradient (n, n, 2) at places."""
@@ -134,6 +143,14 @@ def normalized_correlation(window: FloatArray, area: FloatArray) -> FloatArray:
     floor = 1e-12 * max(float(spread.max(initial=0.0)), 1e-300)
     norm = np.sqrt(np.maximum(spread, floor) * max(float(np.sum(about**2)), 1e-300))
     return np.where(spread > floor, cross / norm, 0.0)
+
+
+def _ambiguity(scores: FloatArray, peak: IntArray) -> float:
+    """Return (1 - best) / (1 - second best), the second beyond a few pixels from the best."""
+    row, column = np.indices(scores.shape)
+    elsewhere = scores[np.hypot(row - peak[0], column - peak[1]) > _ONE_PEAK_PX]
+    second = float(elsewhere.max()) if elsewhere.size else 0.0
+    return float((1.0 - scores.max()) / max(1.0 - second, 1e-9))
 
 
 def _covariance(residual: FloatArray, gradient: FloatArray) -> FloatArray:

@@ -13,8 +13,8 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.scoring.motion.template_matching import ImagePair, Match
 
-# Matches with a smaller correlation, or farther from the median of their neighbours than this many deviations, are outliers.
-_LEAST_CORRELATION, _MOST_DEVIATIONS = 0.5, 4.0
+# Matches with a smaller correlation, less distinct ones, or those farther from the median of their neighbours than this many deviations, are outliers.
+_LEAST_CORRELATION, _MOST_AMBIGUOUS, _MOST_DEVIATIONS = 0.5, 0.6, 4.0
 _N_NEIGHBOURS, _NMAD = 9, 1.4826
 # Least spread of neighbours [pixels]: that of a strain of a few thousandths.
 _LEAST_SPREAD_PX = 0.1
@@ -161,6 +161,7 @@ def _field(dem: Dem, centres: list[tuple[int, int]], matches: list[Match]) -> Tr
     correlation = np.array([match.correlation for match in matches])
     xy = np.column_stack([dem.x[columns], dem.y[rows]])
     weak = ~np.array([match.is_converged for match in matches]) | (correlation < _LEAST_CORRELATION)
+    weak |= np.array([match.ambiguity for match in matches]) > _MOST_AMBIGUOUS
     weak |= ~np.isfinite(covariance).all(axis=(1, 2))
     return TrackedMotion(
         xy, shift, covariance, correlation, weak | _strays(xy, shift, covariance, weak, step)

@@ -1,0 +1,76 @@
+"""Surveys on moving ice: maps at an epoch, velocities and lowering, mass change, and feature tracking.
+
+Run with ``python -m benchmarks.moving_ice``. Sites of 150 × 150 m are surveyed by six swaths in 8 and in 24 hours, on ice
+that moves by 0.5 to 4 m a day and melts by 6 cm a day, with a base station on rock; with four stakes that are surveyed four
+times, and without. Every map is judged against the terrain of its epoch, the middle of the drive, and compared with that of
+the same survey on still ice and with the static estimate of the same recording. Maps have no prior.
+
+Seeds 9101 to 9104 are judged; the methods were developed on 9001 and 9002, the feature tracking on another raster. Parts are
+stored as they finish (``FIRNLINE_MOVING_ICE`` names the folder); a run that was broken off continues. Real ground is read
+from ``FIRNLINE_DATA``, beside the checkout by default.
+"""
+
+import logging
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.moving_ice import mass_change, stake_series, tracked
+from benchmarks.moving_ice.figures import rows
+from benchmarks.moving_ice.surveys import Case, outcomes_of
+from benchmarks.report import Row, main
+from benchmarks.stored_parts import ROOT, code_digest, stored
+
+DATA = Path(os.environ.get("FIRNLINE_DATA", ROOT.parent / "shared" / "data"))
+SEEDS, VELOCITIES = (9101, 9102, 9103, 9104), (0.5, 1.0, 2.0, 4.0)
+_SURVEYS = (
+    "vision_slam/fusion",
+    "survey/reconstruction/joint",
+    "survey/reconstruction/motion",
+    "benchmarks/moving_ice/surveys.py",
+)
+_ROOT = Path(os.environ.get("FIRNLINE_MOVING_ICE", ROOT / "results" / "runs" / "moving-ice"))
+
+
+def _folder(*sources: str) -> Path:
+    """Return the folder of parts, another one for other code."""
+    return _ROOT / code_digest(sources)
+
+
+def cases(*, quick: bool) -> list[Case]:
+    """Return the surveys."""
+    if quick:
+        return [Case(0.0, 8.0, 4, SEEDS[0]), Case(4.0, 8.0, 4, SEEDS[0])]
+    found = [
+        Case(velocity, hours, 4, seed)
+        for seed in SEEDS
+        for hours in (8.0, 24.0)
+        for velocity in (0.0, *VELOCITIES)
+    ]
+    found += [Case(velocity, 24.0, 0, seed) for seed in SEEDS[:2] for velocity in (0.0, 1.0, 4.0)]
+    found += [
+        Case(2.0, 24.0, 4, seed, flow="valley", has_planes=p) for seed in SEEDS[:2] for p in (False, True)
+    ]
+    return found + [Case(2.0, 24.0, 4, seed, diurnal_share=1.0) for seed in SEEDS[:2]]
+
+
+def measure(quick: bool) -> Iterator[Row]:
+    """Yield the rows."""
+    matching = _folder("survey/scoring/motion", "benchmarks/moving_ice/tracked.py")
+    yield from tracked.rows(stored(matching / "tracked.json", lambda: tracked.tracked(DATA)))
+    predicting = _folder(
+        "survey/reconstruction/motion/stake_series.py", "benchmarks/moving_ice/stake_series.py"
+    )
+    yield from stake_series.rows(stored(predicting / "stakes.json", lambda: stake_series.predicted(DATA)))
+    logging.disable(logging.WARNING)
+    folder = _folder(*_SURVEYS)
+    found = {
+        case: stored(folder / f"{case.name}.json", lambda c=case: outcomes_of(c))
+        for case in cases(quick=quick)
+    }
+    yield from rows(found, VELOCITIES)
+    yield from mass_change.rows(mass_change.pairs(folder, n=2 if quick else 100))
+
+
+if __name__ == "__main__":
+    main("Moving ice", measure, ("numpy", "scipy", "finufft", "numba"))

@@ -1,0 +1,76 @@
+"""Mass change between two surveys of moving ice 30 days apart."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.moving_ice.surveys import Case, Drive, drive_of, map_of, mission_of
+from benchmarks.report import Row
+from benchmarks.stored_parts import stored
+from sim.simulate.statistical import simulate_statistical
+from sim.world.moving_ice import moving_ice
+from survey.data.dem import Dem
+from survey.reconstruction.gp.config import GaussianProcessConfig
+from survey.reconstruction.motion.volume import area_mean
+from vision_slam import localize_on_ice
+
+FIRST_SEED, DAYS, VELOCITY, HOURS = 9501, 30.0, 0.7, 8.0
+_AT_ONCE = 10
+
+
+def pairs(folder: Path, *, n: int) -> list[dict[str, float]]:
+    """Return error and claimed standard deviation of the mean change of height of n pairs of surveys."""
+    found: list[dict[str, float]] = []
+    for first in range(0, n, _AT_ONCE):
+        seeds = range(FIRST_SEED + first, FIRST_SEED + min(first + _AT_ONCE, n))
+        found += stored(
+            folder / f"pairs-{seeds[0]}-{seeds[-1]}.json", lambda s=seeds: [_pair(seed) for seed in s]
+        )
+    return found
+
+
+def _pair(seed: int) -> dict[str, float]:
+    """Survey a site twice, and compare the mean change of height with the real one."""
+    early = drive_of(Case(VELOCITY, HOURS, 4, seed))
+    late = _later(early, seed)
+    means = [_mean_height(drive) for drive in (early, late)]
+    real = [float(np.mean(drive.terrain.at(drive.nodes.xy))) for drive in (early, late)]
+    change = means[1][0] - means[0][0]
+    sigma = float(np.hypot(means[0][1], means[1][1]))
+    return {"error_m": change - (real[1] - real[0]), "sigma_m": sigma, "change_m": real[1] - real[0]}
+
+
+def _later(early: Drive, seed: int) -> Drive:
+    """Return a survey of the same site 30 days later, with other errors."""
+    terrain = _terrain_after(early)
+    mission = mission_of(Case(VELOCITY, HOURS, 4, seed)).model_copy(update={"seed": seed + 100_000})
+    recording, truth = simulate_statistical(terrain, early.route, mission)
+    ice = moving_ice(mission, terrain)
+    assert ice is not None
+    return replace(early, mission=mission, recording=recording, terrain=truth.dem, ice=ice)
+
+
+def _terrain_after(early: Drive) -> Dem:
+    """Return the terrain of the site 30 days after the first survey."""
+    return early.ice.terrain_at(early.start_terrain, DAYS * 86400.0)
+
+
+def _mean_height(drive: Drive) -> tuple[float, float]:
+    """Return the mean height of the map of the epoch [m], and its standard deviation."""
+    found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
+    return area_mean(map_of(drive, found, GaussianProcessConfig(family="matern-5/2")).solution, drive.nodes)
+
+
+def rows(found: Sequence[dict[str, float]]) -> Iterator[Row]:
+    """Yield the rows of pairs of surveys."""
+    error, sigma = (np.array([one[name] for one in found]) for name in ("error_m", "sigma_m"))
+    yield Row("pairs of surveys 30 days apart", float(len(found)), "1")
+    within = float(np.mean(np.abs(error) <= 1.959964 * sigma))
+    yield Row("mean change of height within 95 %", within, "1", "0.93 to 0.97", 0.93 <= within <= 0.97)
+    yield Row("mean change of height: RMS error", float(np.sqrt(np.mean(error**2))), "m")
+    yield Row("mean change of height: claimed standard deviation", float(np.sqrt(np.mean(sigma**2))), "m")
+    yield Row(
+        "mean change of height, mean of the pairs", float(np.mean([one["change_m"] for one in found])), "m"
+    )
