@@ -6,6 +6,7 @@ from survey.scoring.change.coregistration import Shift, coregister
 from survey.scoring.change.models import change_of_models
 from survey.scoring.change.results import Change, MassBalance, VolumeChange
 from survey.scoring.coverage import Coverage, SampleCells, science_coverage
+from survey.scoring.motion.tracking import TrackedMotion, track
 from survey.scoring.score import Score, score
 from survey.scoring.spread import centeredness, distribution
 from survey.scoring.standards.assessment import CheckpointScore, score_at
@@ -41,6 +42,7 @@ __all__ = [
     "Shift",
     "Spread",
     "Standard",
+    "TrackedMotion",
     "Verdict",
     "VolumeChange",
     "centeredness",
@@ -56,4 +58,5 @@ __all__ = [
     "science_coverage",
     "score",
     "score_at",
+    "track",
 ]

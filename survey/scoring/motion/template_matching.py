@@ -65,7 +65,7 @@ class ImagePair:
         self.first = gaussian_filter(first, SMOOTHED_PX)
         self._second = gaussian_filter(second, SMOOTHED_PX)
         self._splines = np.asarray(spline_filter(self._second, order=3), dtype=np.float64)
-        self._gradient = np.gradient(self._second)
+        self._gradient: list[FloatArray] = [np.asarray(axis) for axis in np.gradient(self._second)]
 
     def match(self, centre: tuple[int, int], half_px: int, search_px: int) -> Match:
         """Match the window of the first image about a pixel within a distance in the second one.
@@ -116,7 +116,9 @@ class ImagePair:
         """Return the second image (n, n) and its gradient (n, n, 2) at places."""
         coordinates = np.moveaxis(places, -1, 0)
         seen = map_coordinates(self._splines, coordinates, order=3, prefilter=False, mode="nearest")
-        gradient = [map_coordinates(axis, coordinates, order=1, mode="nearest") for axis in self._gradient]
+        gradient = [
+            np.asarray(map_coordinates(axis, coordinates, order=1, mode="nearest")) for axis in self._gradient
+        ]
         return seen, np.stack(gradient, axis=-1)
 
 
