@@ -20,6 +20,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from benchmarks.promise_on_real_ground.causes import Cause, cause_of, cause_rows
 from benchmarks.promise_on_real_ground.glaciers import Promised, promised
 from benchmarks.promise_on_real_ground.monotony import N_SITES, Violations, violations
 from benchmarks.promise_on_real_ground.stopped import Stopped, stopped
@@ -69,7 +70,9 @@ def measure(quick: bool) -> Iterator[Row]:
             for asked in ASKED:
                 chosen = [one for one in judged[half] if (one[0].kind, one[0].probability) == (kind, asked)]
                 yield from _rows(f"{where}{kind}, asked {asked:g}", kind, asked, chosen)
-    yield from _windows([one for half in HALVES for one in judged[half]])
+    everything = [one for half in HALVES for one in judged[half]]
+    yield from _causes(everything)
+    yield from _windows(everything)
     yield from _glaciers(quick)
     yield from _monotony(4 if quick else N_SITES)
     yield from _stopped(4 if quick else int(os.environ.get("FIRNLINE_REAL_PROMISE_STOPPED", "1000")))
@@ -114,6 +117,20 @@ def kept(made: Judged) -> float:
     """Return the share of promises whose map met the limit; 1 where there is none."""
     met = [one[1].rmse_m <= landscape_of(one[0].landscape).limit_m for one in made]
     return float(np.mean(met)) if met else 1.0
+
+
+def _causes(judged: Judged) -> Iterator[Row]:
+    """Yield what makes predictions beforehand wrong, over all windows."""
+    first = [one for one in judged if (one[0].kind, one[0].probability) == (KINDS[0], ASKED[0])]
+    causes = [
+        stored(
+            f"{task.landscape}-{task.index}-cause".replace(" ", "_"),
+            lambda task=task, outcome=outcome: cause_of(task, outcome),  # type: ignore[misc]
+            lambda record: Cause(**record),  # type: ignore[arg-type]
+        )
+        for task, outcome, _ in first
+    ]
+    yield from cause_rows(causes)
 
 
 def _windows(judged: Judged) -> Iterator[Row]:
