@@ -154,7 +154,7 @@ def test_a_scheduler_that_dies_is_named(tmp_path):
     assert study.returncode == 3
     assert err == (
         f"firnline: the dask scheduler at {address} stopped answering; start it again and run the same command, "
-        "which continues behind the trials that are stored.\n"
+        "which continues from what is stored.\n"
     )
 
 
