@@ -10,7 +10,7 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.core.config import Section
 from survey.core.errors import InputError
-from survey.core.map_scale import ground_length_m, ground_lengths_m
+from survey.core.map_scale import ground_lengths_m
 from survey.data.dem import Dem
 from survey.data.legs import Leg
 
@@ -165,9 +165,17 @@ def _summed(lengths_m: FloatArray) -> FloatArray:
     return distance
 
 
-def _length_m(leg: Leg, crs: CRS | None) -> float:
-    """Return the length of a leg on the ground [m]."""
-    return leg.length_m if crs is None else ground_length_m(crs, leg.xy)
+def _swath_length_m(legs: Sequence[Leg], crs: CRS | None) -> float:
+    """Return the length of all swaths together on the ground [m]."""
+    swaths = [leg for leg in legs if leg.kind == "swath"]
+    if crs is None or not swaths:
+        return sum(leg.length_m for leg in swaths)
+    # One call for all: each one begins with a transformation that takes longer than its points.
+    lengths_m = ground_lengths_m(crs, np.vstack([leg.xy for leg in swaths]))
+    ends = np.cumsum([len(leg.xy) for leg in swaths])
+    return sum(
+        float(lengths_m[end - len(leg.xy) : end - 1].sum()) for end, leg in zip(ends, swaths, strict=True)
+    )
 
 
 def predicted(
@@ -216,7 +224,7 @@ def predicted(
         n_recharges += n_visits
         wait_s = 0.0 if waits_s is None else float(waits_s[rover])
         busy_s.append(wait_s + efforts[-1].time_s + n_visits * mobility.recharge_s)
-    swath_m = sum(_length_m(leg, crs) for leg in legs if leg.kind == "swath")
+    swath_m = _swath_length_m(legs, crs)
     length_m = sum(e.length_m for e in efforts)
     facts = {
         "length_m": length_m,
