@@ -24,7 +24,7 @@ from sim.cli.commands import (
 from sim.cli.desk import desk
 from sim.cli.guide import doctor, example, schema, topics
 from sim.cli.guide.version import options
-from sim.cli.live import download, rover, upload
+from sim.cli.live import download, rover, upload, watch
 from sim.cli.outcome import run_guarded
 from sim.cli.science import payload, rehearse
 
@@ -45,6 +45,7 @@ for command in (
     plan.plan,
     upload.upload,
     download.download,
+    watch.watch,
     rover.rover,
     simulate.simulate,
     calibrate.calibrate,

@@ -88,7 +88,7 @@ def route_with_surroundings(source: Path, options: RouteOptions) -> "tuple[surve
     from survey.core.runs.store import RunFolder
 
     if not source.is_dir():
-        route = _read_route(source, options.crs)
+        route = read_route(source, options.crs)
         return route, _surroundings(route, options)
     stage = RunFolder.find(source).verified("plan")
     route = survey.Route.read(stage / "route.geojson")
@@ -99,8 +99,21 @@ def route_with_surroundings(source: Path, options: RouteOptions) -> "tuple[surve
     return route, around if options.dem is not None else _with_known_heights(route, around)
 
 
-def _read_route(source: Path, crs: str | None) -> "survey.Route":
-    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format."""
+def read_route(source: Path, crs: str | None) -> "survey.Route":
+    """Read a route of firnline as it is; a plan of another tool, or into a named CRS, in any format.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        Any format of routes.
+    crs : str or None
+        Projected CRS of the route.
+
+    Returns
+    -------
+    Route
+        Of one or several rovers.
+    """
     import survey
     from survey.interchange.route_formats import read_plan
     from survey.io.vector import read_features

@@ -92,4 +92,4 @@ def test_every_command_of_the_command_line_is_run_by_a_transcript() -> None:
     commands = {
         info.name or info.callback.__name__.strip("_") for info in app.registered_commands if not info.hidden
     }
-    assert commands - ran == {"desk", "rover", "download"}
+    assert commands - ran == {"desk", "rover", "download", "watch"}

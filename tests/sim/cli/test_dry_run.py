@@ -12,7 +12,7 @@ from tests.docs.scratch import make_scratch
 from tests.sim.cli.test_pages_in_browser import STUDY
 
 # Commands that only print, the desk, which writes what is drawn, and those that need a rover.
-WITHOUT = {"desk", "doctor", "download", "fit", "help", "rover", "schema", "show"}
+WITHOUT = {"desk", "doctor", "download", "fit", "help", "rover", "schema", "show", "watch"}
 RUNS = {
     "calibrate": "images --board 9x6 -o camera.toml",
     "change": "2026.tif 2024.tif --outline glacier.gpkg -o change --report change.pdf",

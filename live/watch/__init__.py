@@ -1,0 +1,1 @@
+"""Map, class and next swath while measurements arrive."""

@@ -1,0 +1,144 @@
+"""Log of a watch: JSON lines of what arrived and what it changed, which replay to the same bytes.
+
+The first line states the survey: area, requirement, planned legs. Lines with ``in`` are inputs: a sample, a silence, legs
+that the rover was sent along. All others follow from them.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from live.watch.sample import Sample
+from live.watch.survey_watch import Event, SurveyWatch
+from planners.guarantee.adaptive_state import AdaptiveConfig
+from survey.core.errors import InputError
+from survey.data.area import SurveyArea
+from survey.data.legs import Leg
+
+VERSION = 1
+
+
+def line_of(entry: dict[str, Any]) -> str:
+    r"""Return an entry as a line of the log.
+
+    Examples
+    --------
+    >>> line_of({"in": "silence", "time_s": 31.5})
+    '{"in":"silence","time_s":31.5}\n'
+    """
+    return json.dumps(entry, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def heading_of(watch: SurveyWatch) -> dict[str, Any]:
+    """Return the first line of a log: everything that a replay needs.
+
+    Parameters
+    ----------
+    watch : SurveyWatch
+        Before the first sample.
+
+    Returns
+    -------
+    dict
+        Of numbers and texts.
+    """
+    return {
+        "firnline_watch": VERSION,
+        "crs": watch.area.crs.to_wkt(),
+        "area": shapely.to_wkt(watch.area.polygon, rounding_precision=-1),
+        "no_go": [shapely.to_wkt(zone, rounding_precision=-1) for zone in watch.area.no_go],
+        "requirement": asdict(watch.config),
+        "every_m": watch.every_m,
+        "grid_m": watch.grid_m,
+        "legs": legs_as_lists(watch.legs),
+    }
+
+
+def watch_of(heading: dict[str, Any]) -> SurveyWatch:
+    """Return the watch that a first line states.
+
+    Parameters
+    ----------
+    heading : dict
+        Of `heading_of`.
+
+    Returns
+    -------
+    SurveyWatch
+        Before the first sample.
+    """
+    zones = tuple(shapely.from_wkt(text) for text in heading["no_go"])
+    area = SurveyArea(shapely.from_wkt(heading["area"]), heading["crs"], zones)
+    config = AdaptiveConfig(**heading["requirement"])
+    return SurveyWatch(area, config, legs_of(heading["legs"]), heading["every_m"], heading["grid_m"])
+
+
+def legs_as_lists(legs: list[Leg]) -> list[dict[str, Any]]:
+    """Return legs as lists of numbers."""
+    return [{"kind": leg.kind, "xy": leg.xy.tolist(), "axis": np.asarray(leg.axis).tolist()} for leg in legs]
+
+
+def legs_of(entries: list[dict[str, Any]]) -> list[Leg]:
+    """Return the legs that `legs_as_lists` wrote."""
+    return [Leg(one["kind"], np.array(one["xy"]), 0, np.array(one["axis"])) for one in entries]
+
+
+def entered(watch: SurveyWatch, entry: dict[str, Any]) -> list[Event]:
+    """Give an input to a watch, and return the events that follow.
+
+    Parameters
+    ----------
+    watch : SurveyWatch
+        Its state changes.
+    entry : dict
+        An input of a log.
+
+    Returns
+    -------
+    list of dict
+        Events.
+    """
+    if entry["in"] == "sample":
+        return watch.take(Sample(*entry["sample"]))
+    if entry["in"] == "silence":
+        return watch.silent(entry["time_s"])
+    watch.send(tuple(legs_of(entry["legs"])))
+    return []
+
+
+def replayed(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the entries of a log, those that follow from inputs computed again.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A log; an incomplete last line is left out.
+
+    Yields
+    ------
+    dict
+        Entries, the first line included; written by `line_of` they are the bytes of the log.
+
+    Raises
+    ------
+    InputError
+        A file that is no log.
+    """
+    lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    try:
+        entries = [json.loads(line) for line in lines]
+        watch = watch_of(entries[0])
+        yield entries[0]
+        for entry in entries[1:]:
+            if "in" in entry:
+                yield entry
+                yield from entered(watch, entry)
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(
+            f"{path} is no complete log of firnline watch ({error}); name another file."
+        ) from error

@@ -1,0 +1,58 @@
+"""Lines that people read about the events of a watched survey."""
+
+from collections.abc import Callable
+from typing import Any
+
+from survey.core.quantity_text import duration_text
+
+
+def text_of(entry: dict[str, Any]) -> str:
+    """Return an event as a line, and nothing for inputs.
+
+    Parameters
+    ----------
+    entry : dict
+        Of the log.
+
+    Returns
+    -------
+    str
+        Without a line feed.
+
+    Examples
+    --------
+    >>> text_of({"event": "warning", "time_s": 61.0, "about": "stuck", "text": "no movement for 90 s"})
+    '1 min  WARNING no movement for 90 s'
+    """
+    kind = entry.get("event")
+    if kind is None:
+        return ""
+    return f"{duration_text(entry['time_s'])}  {_WORDS[kind](entry)}"
+
+
+def _map(entry: dict[str, Any]) -> str:
+    return (
+        f"{entry['driven_m']:.0f} m driven, {entry['samples']} samples, expected RMSE {entry['expected_rmse_m']:.3f} m, "
+        f"largest σ {entry['largest_sigma_m']:.2f} m, {entry['class'] or 'no class yet'}"
+    )
+
+
+def _advice(entry: dict[str, Any]) -> str:
+    asked = f"RMSE of {entry['limit_m']:.4g} m holds with {entry['probability']:.0%}"
+    if entry["do"] == "stop":
+        return f"STOP: the {asked}; {entry['class']}"
+    if entry["do"] == "give up":
+        return f"GIVE UP: the {asked}, and no further swaths would suffice"
+    return (
+        f"DRIVE ON: the {asked}, after the next swath with {entry['probability_with_next']:.0%} "
+        f"(RMSE {entry['rmse_m']:.2f} m, then {entry['rmse_with_next_m']:.2f} m)"
+    )
+
+
+_WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "map": _map,
+    "advice": _advice,
+    "swath": lambda entry: f"{entry['swaths']} swaths driven",
+    "warning": lambda entry: f"WARNING {entry['text']}",
+    "refused": lambda entry: f"a sample was refused: {entry['reason']}",
+}

@@ -1,0 +1,156 @@
+"""Watching a survey: samples that are refused, advice after swaths, replay to the same bytes."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from live.watch.log import heading_of, line_of, replayed, watch_of
+from live.watch.sample import Sample, SampleGate
+from live.watch.survey_watch import SurveyWatch
+from live.watch.warnings import RoverWarnings
+from planners.guarantee.adaptive_state import AdaptiveConfig
+from sim.cli.main import app
+from survey import Route, SurveyArea
+from survey.data.legs import Leg
+
+CRS = "EPSG:32608"
+SIDE_M = 120.0
+AREA = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
+LIMITS = AdaptiveConfig(0.5, 0.9, noise_m=0.02, sample_step_m=4.0)
+
+
+def height(xy: np.ndarray) -> np.ndarray:
+    return 5.0 * np.sin(xy[:, 0] / 40.0) + 4.0 * np.cos(xy[:, 1] / 35.0) + 100.0
+
+
+def legs(offsets: tuple[float, ...]) -> list[Leg]:
+    found: list[Leg] = []
+    for k, y in enumerate(offsets):
+        ends = np.array([[2.0, y], [SIDE_M - 2.0, y]])[:: 1 if k % 2 == 0 else -1]
+        if found:
+            found.append(Leg("transit", [found[-1].xy[-1], ends[0]]))
+        found.append(Leg("swath", ends))
+    return found
+
+
+def drive(route: list[Leg], speed_m_s: float = 1.0) -> list[Sample]:
+    path = np.vstack([leg.xy for leg in route])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    s = np.arange(0.0, along[-1] + 1.0, 1.0)
+    xy = np.column_stack([np.interp(s, along, axis) for axis in path.T])
+    noise = 0.02 * np.random.default_rng(3).standard_normal(len(xy))
+    rows = zip(s / speed_m_s, xy, height(xy) + noise, strict=True)
+    return [
+        Sample(float(t), float(x), float(y), float(z), 0.02, 1.0 - 1e-4 * float(t)) for t, (x, y), z in rows
+    ]
+
+
+@pytest.fixture(scope="module")
+def watched() -> tuple[SurveyWatch, list[dict], list[str]]:
+    planned = legs((10.0, 40.0, 75.0, 110.0))
+    watch = SurveyWatch(AREA, LIMITS, planned, every_m=60.0)
+    lines, events = [line_of(heading_of(watch))], []
+    for sample in drive(planned):
+        lines.append(line_of({"in": "sample", "sample": list(sample)}))
+        new = watch.take(sample)
+        events += new
+        lines += [line_of(event) for event in new]
+    return watch, events, lines
+
+
+def test_each_swath_is_seen_and_advice_follows_the_second(watched):
+    _, events, _ = watched
+    assert [event["swaths"] for event in events if event["event"] == "swath"] == [1, 2, 3, 4]
+    advice = [event for event in events if event["event"] == "advice"]
+    assert len(advice) == 3
+    assert advice[-1]["probability"] >= advice[0]["probability"]
+    assert {"stop", "drive", "give up"} >= {event["do"] for event in advice}
+    maps = [event for event in events if event["event"] == "map"]
+    assert maps[-1]["expected_rmse_m"] < maps[0]["expected_rmse_m"]
+    assert not [event for event in events if event["event"] in ("refused", "warning")]
+
+
+def test_the_live_map_follows_the_ground(watched):
+    watch, _, _ = watched
+    mean, std = watch.map()
+    error = mean - height(watch.grid.xy).reshape(watch.grid.shape)
+    assert np.sqrt(np.mean(error**2)) < 0.5
+    assert np.mean(np.abs(error) < 3.0 * std) > 0.95
+
+
+def test_a_log_replays_to_the_same_bytes(watched, tmp_path):
+    _, _, lines = watched
+    file = tmp_path / "drive.jsonl"
+    file.write_text("".join(lines), encoding="utf-8")
+    assert "".join(map(line_of, replayed(file))) == file.read_text(encoding="utf-8")
+    assert heading_of(watch_of(json.loads(lines[0]))) == json.loads(lines[0])
+
+
+def test_the_command_watches_a_file_and_replays_its_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    planned = legs((10.0, 60.0, 110.0))
+    Route(tuple(planned), CRS, "lawnmower").write("route.geojson")
+    AREA.write("site.gpkg")
+    rows = [f"{s.time_s},{s.x_m},{s.y_m},{s.z_m},0.02\n" for s in drive(planned)]
+    (tmp_path / "points.csv").write_text(
+        "time_s,easting_m,northing_m,elevation_m,sigma_z_m\n" + "".join(rows) + "9"
+    )
+    run = ["watch", "points.csv", "--area", "site.gpkg", "--route", "route.geojson", "--require", "0.8"]
+    result = CliRunner().invoke(
+        app, [*run, "--noise", "0.02", "--once", "--log", "a.jsonl", "--next", "next.geojson"]
+    )
+    assert result.exit_code in (0, 5), result.output
+    assert "swaths driven" in result.output
+    again = CliRunner().invoke(app, ["watch", "--replay", "a.jsonl", "--log", "b.jsonl", "--quiet"])
+    assert again.exit_code == result.exit_code, again.output
+    assert (tmp_path / "a.jsonl").read_bytes() == (tmp_path / "b.jsonl").read_bytes()
+
+
+def test_an_incomplete_request_and_a_damaged_log_are_refused(tmp_path):
+    assert CliRunner().invoke(app, ["watch"]).exit_code == 4
+    (tmp_path / "x.jsonl").write_text("{}\n")
+    assert CliRunner().invoke(app, ["watch", "--replay", str(tmp_path / "x.jsonl")]).exit_code == 3
+
+
+GOOD = Sample(10.0, 50.0, 50.0, 100.0, 0.05)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        GOOD._replace(time_s=11.0, x_m=float("nan")),
+        GOOD._replace(time_s=11.0, z_m=400.0),
+        GOOD._replace(time_s=11.0, y_m=90.0),
+        GOOD._replace(time_s=9.0),
+        GOOD._replace(time_s=1e9),
+        GOOD._replace(time_s=11.0, sigma_m=0.0),
+        GOOD._replace(time_s=11.0, sigma_m=4e6),
+        GOOD._replace(time_s=11.0, x_m=9e6),
+    ],
+)
+def test_an_impossible_sample_is_refused_and_the_next_good_one_taken(bad):
+    gate = SampleGate((-200.0, -200.0, 300.0, 300.0))
+    assert gate.reason(GOOD) is None
+    assert gate.reason(bad) is not None
+    assert gate.reason(GOOD._replace(time_s=12.0, x_m=51.0)) is None
+
+
+def test_samples_that_agree_with_one_another_are_believed_after_a_while():
+    gate = SampleGate((-200.0, -200.0, 300.0, 300.0))
+    gate.reason(GOOD)
+    moved = [gate.reason(Sample(11.0 + k, 150.0, 150.0, 130.0, 0.05)) for k in range(8)]
+    assert [reason is None for reason in moved] == [False] * 7 + [True]
+
+
+def test_stuck_silent_and_short_of_charge_are_each_said_once():
+    watch = RoverWarnings()
+    said = []
+    for k in range(300):
+        sample = Sample(float(k), min(float(k), 200.0), 0.0, 100.0, 0.05, 0.35 - 0.001 * k)
+        said += watch.of(sample, min(float(k), 200.0), False)
+    said += watch.silent(320.0) + watch.silent(340.0)
+    assert [event["about"] for event in said].count("stuck") == 1
+    assert [event["about"] for event in said].count("battery") == 1
+    assert [event["about"] for event in said].count("silent") == 1
