@@ -44,12 +44,17 @@ class Instruments:
         self._instruments: dict[str, Instrument] = {
             name: instrument for name, instrument in built.items() if instrument is not None
         }
-        self._faults = SensorFaults(faults, setup.seed)
+        self._fixed = {sensor.name for sensor in SENSORS if sensor.is_fixed}
+        self._faults, self._ice = SensorFaults(faults, setup.seed), setup.ice
 
     def read(self, motion: RoverMotion) -> Readings:
-        """Return what is sensed up to the end of a stretch of motion that begins where the last one ended."""
+        """Return what is sensed up to the end of a stretch of motion that begins where the last one ended.
+
+        On moving ice the motion is that relative to the ice of the start of the drive.
+        """
+        fixed = motion if self._ice is None else motion.displaced(self._ice.displacement)
         records = {
-            name: self._faults.apply(name, instrument.sense(motion))
+            name: self._faults.apply(name, instrument.sense(fixed if name in self._fixed else motion))
             for name, instrument in self._instruments.items()
         }
         return Readings(**records)

@@ -28,6 +28,7 @@ from sim.config.mission import MissionConfig
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import StatisticalDrive
 from sim.simulate.aiding import with_unknown_start
+from sim.simulate.ice_records import truth_of_epoch
 from sim.vehicle.exact_motion import exact_drive, poses_at_rest
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from survey.data.dem import Dem
@@ -80,7 +81,7 @@ def simulate_statistical(terrain: Dem, route: Route, mission: MissionConfig) -> 
     if mission.aids.start == "unknown":
         recording = with_unknown_start(recording, mission)
     if ice is not None:
-        terrain = ice.terrain_at(terrain, epoch_of(recording, mission))
+        return recording, truth_of_epoch(Truth(terrain, drive.trajectory), ice, epoch_of(recording, mission))
     return recording, Truth(terrain, trajectory)
 
 

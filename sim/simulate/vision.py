@@ -19,6 +19,7 @@ from sim.instruments.stakes import surveyed_stakes
 from sim.instruments.suite import Instruments, ReadingLog, Readings
 from sim.simulate.assembly import camera_on_rover, rover_physics, stakes_beside
 from sim.simulate.faults import Faults
+from sim.simulate.ice_records import stake_surveys, truth_of_epoch
 from sim.simulate.navigation import Navigator, PoseEstimate, Start
 from sim.simulate.onboard.monitor import LOGGED_HZ, STANDING_S, STEERED_HZ, DriveMonitor, heading_of
 from sim.simulate.simulated_drive import Ending, SimulatedDrive
@@ -26,6 +27,7 @@ from sim.simulate.steered_path import SteeredPath
 from sim.vehicle.motion import RoverMotion
 from sim.vehicle.pursuit import BackingOff, PurePursuit
 from sim.world.fine_terrain import FineTerrain
+from sim.world.moving_ice import epoch_of, moving_ice
 from sim.world.scenery import fine_terrain
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
@@ -125,6 +127,7 @@ class _Run:
         self, ground: FineTerrain, path: FloatArray, mission: MissionConfig, steered: SteeredPath | None
     ) -> None:
         self._ground, self._mission, self._steered = ground, mission, steered
+        self._ice = moving_ice(mission, ground.dem)
         self._faults = Faults(mission.faults, mission.seed)
         speed_m_s, physics = mission.rover.speed_m_s, mission.physics
         reference = PurePursuit(path, speed_m_s, physics)
@@ -154,7 +157,7 @@ class _Run:
         mission, antenna_m = self._mission, self._mission.rover.antenna_height_m
         base = self._start + [0.0, 0.0, antenna_m]
         return InstrumentSetup(
-            mission.instruments, antenna_m, base, self._feet, mission.seed, mission.site_seed
+            mission.instruments, antenna_m, base, self._feet, mission.seed, mission.site_seed, self._ice
         )
 
     @property
@@ -183,7 +186,10 @@ class _Run:
 
     def _real_pose(self) -> PoseEstimate:
         state = self._states[-1]
-        return PoseEstimate(np.array(state.position[:2]), heading_of(state))
+        xy = np.array(state.position[:2])
+        if self._ice is not None:
+            xy = xy + self._ice.displacement(xy[None], np.array([state.time_s]))[0, :2]
+        return PoseEstimate(xy, heading_of(state))
 
     def _drive_on(self, estimate: PoseEstimate | None) -> None:
         """Drive for one period of the steering; stand still in the first second and without an estimate."""
@@ -235,9 +241,10 @@ class _Run:
 
     def result(self, ending: Ending, folder: Path) -> SimulatedDrive:
         """Return recording and truth together."""
+        recording = self._recording(ending, folder)
         return SimulatedDrive(
-            self._recording(ending, folder),
-            self._truth(),
+            recording,
+            self._truth(recording),
             ending,
             self._pursuit.progress_m,
             self._states[-1].energy_j,
@@ -255,6 +262,8 @@ class _Run:
                 "there is nothing to localize, drive longer or leave the receiver on."
             )
         frames = self._frames(folder / "frames")
+        if self._ice is not None:
+            records["stake_surveys"] = stake_surveys(self._ice, self._feet, self._states[-1].time_s, mission)
         return Recording(
             ground.crs,
             self._faults.start(self._start),
@@ -273,8 +282,13 @@ class _Run:
         shutil.rmtree(folder)
         return None
 
-    def _truth(self) -> Truth:
+    def _truth(self, recording: Recording) -> Truth:
         motion = RoverMotion.of(self._states)
         zero = np.zeros((len(self._states), 3, 3))
         trajectory = Trajectory(motion.time_s, motion.position, motion.quaternion, zero, self._ground.crs)
-        return Truth(self._ground.dem, trajectory)
+        truth = Truth(self._ground.dem, trajectory)
+        return (
+            truth
+            if self._ice is None
+            else truth_of_epoch(truth, self._ice, epoch_of(recording, self._mission))
+        )

@@ -1,7 +1,7 @@
 """Motion of the rover: states at equal time steps, interpolated for the sensors."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,6 +40,11 @@ class RoverMotion:
     def of(cls, states: Sequence[RoverState]) -> "RoverMotion":
         """Return the motion through states in the order of time."""
         return cls(*(np.array([state[k] for state in states]) for k in range(6)))
+
+    def displaced(self, displacement: Callable[[FloatArray, FloatArray], FloatArray]) -> "RoverMotion":
+        """Return the motion with displacements (N, 3) of its places (N, 2) at its times (N,) added [m]."""
+        moved = displacement(self.position[:, :2], self.time_s)
+        return replace(self, position=self.position + moved)
 
     @property
     def rotation(self) -> Rotation:

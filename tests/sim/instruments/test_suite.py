@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from sim.config.faults import FaultConfig
+from sim.config.ice import IceConfig
 from sim.config.sensors import GpsConfig, InstrumentsConfig
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import InstrumentSetup
 from sim.instruments.suite import Instruments, ReadingLog, SensorFaults
+from sim.world.moving_ice import MovingIce
 from survey.data.sensors.aiding import Compass, GpsFixes
 from survey.data.sensors.tables import table_types
 from tests.sim.instruments.motions import circling, parts_of
@@ -53,3 +55,17 @@ def test_a_carried_rover_silences_what_is_aboard_alone():
     base = GpsFixes(times, np.zeros((3, 3)))
     assert faults.apply("base", base) is base
     assert faults.apply("compass", None) is None
+
+
+def test_on_moving_ice_receivers_read_fixed_coordinates_and_wheels_the_way_on_the_ice():
+    ice = MovingIce(IceConfig(velocity_m_per_day=86400.0, direction_deg=90.0), np.zeros(2))
+    config, stakes = InstrumentsConfig(), np.zeros((0, 3))
+    still, moved = (
+        Instruments(InstrumentSetup(config, 0.5, np.zeros(3), stakes, 4, 4, one)).read(circling())
+        for one in (None, ice)
+    )
+    # The ice moves by a metre a second to the north.
+    np.testing.assert_allclose(
+        moved.gps.position[:, 1] - still.gps.position[:, 1], still.gps.time_s, atol=1e-9
+    )
+    np.testing.assert_array_equal(moved.wheels.left_m, still.wheels.left_m)
