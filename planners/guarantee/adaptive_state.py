@@ -25,10 +25,10 @@ MeasureHeights = Callable[[FloatArray], FloatArray]
 """Drives to the places (N, 2) [m] and returns the heights measured there (N,) [m]."""
 
 MOST_SWATHS = 30
-SURVEY_SPREAD = 0.15
+SURVEY_SPREAD = 0.17
 """Scale of the logarithm of actual over predicted roughness, with the covariance fitted to a survey (Student's distribution).
 
-From surveys of 3 to 13 lines on the development landscapes of ``python -m benchmarks.promise_on_real_ground``.
+From adaptive surveys of the development landscapes of ``python -m benchmarks.promise_on_real_ground``.
 """
 # A survey is given up where the densest one has less than this probability: first by the prior, then by so many swaths.
 _HOPELESS = 1e-3

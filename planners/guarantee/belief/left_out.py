@@ -7,10 +7,7 @@ covariance of all samples, about a constant mean, the residuals of line b and th
 .. math::  e_b = A_{bb}^{-1} (A y)_b, \qquad C_b = A_{bb}^{-1}
 
 (Dubrule 1983, Mathematical Geology 15, 687). The mean square of the residuals over that expected gives a factor of the
-roughness; its logarithm is weighed against 0 by how many independent values the residuals hold, and by how much the
-roughness differs from line to line. Surveys of 3 to 13 lines on the development landscapes of
-``python -m benchmarks.promise_on_real_ground`` are predicted better so on each of the four landscapes: 14 % of the errors
-near the limit exceed the quantile of 90 %, and 16 % without it.
+roughness; its logarithm is weighed against 0 by how many independent values the residuals hold.
 """
 
 from typing import NamedTuple
@@ -22,8 +19,8 @@ from planners.guarantee.belief.kernel_posterior import KernelPosterior, Weighted
 from survey.core.arrays import FloatArray, IntArray
 
 _LEAST_LINES = 3
-# Standard deviation of the logarithm of the factor before any line is left out, and from line to line.
-_UNCHECKED_SPREAD, _LINE_SPREAD = 0.25, 0.4
+# Standard deviation of the logarithm of the factor before any line is left out.
+_UNCHECKED_SPREAD = 0.25
 _LEAST_SHARE = 0.05
 _MOST_SAMPLES = 1500
 
@@ -55,23 +52,22 @@ def checked_by_lines(
     KernelPosterior
         With the uncertainty of the roughness as its ``open_spread``.
     """
-    n_lines = len(np.unique(line))
-    if n_lines < _LEAST_LINES:
+    if len(np.unique(line)) < _LEAST_LINES:
         return KernelPosterior(posterior.kernels, posterior.spread, _UNCHECKED_SPREAD)
     every = slice(None, None, int(np.ceil(len(xy) / _MOST_SAMPLES)))
     found, open_share = [], 0.0
     for one in posterior.kernels:
-        mean, variance = _log_factor(_check(one, xy[every], heights[every], line[every]), n_lines)
+        mean, variance = _log_factor(_check(one, xy[every], heights[every], line[every]))
         found.append(one._replace(variance_m2=one.variance_m2 * float(np.exp(2.0 * mean))))
         open_share += one.weight * variance
     return KernelPosterior(tuple(found), posterior.spread, float(np.sqrt(open_share)))
 
 
-def _log_factor(check: _Check, n_lines: int) -> tuple[float, float]:
+def _log_factor(check: _Check) -> tuple[float, float]:
     """Return mean and variance of the logarithm of the factor of the roughness."""
     share = max(check.terrain_share, _LEAST_SHARE)
     squared = max((check.ratio - (1.0 - share)) / share, _LEAST_SHARE)
-    prior, own = _UNCHECKED_SPREAD**2, 0.5 / check.freedom / share**2 + _LINE_SPREAD**2 / n_lines
+    prior, own = _UNCHECKED_SPREAD**2, 0.5 / check.freedom / share**2
     return 0.5 * float(np.log(squared)) * prior / (prior + own), prior * own / (prior + own)
 
 
