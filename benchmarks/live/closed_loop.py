@@ -1,0 +1,132 @@
+"""Closed loop on random sites: plan, mission, drawn drive, watch, next swath, until the watch stops the survey."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.promise_on_real_ground.surveys import map_error_m
+from benchmarks.promise_on_real_ground.windows import Site
+from benchmarks.report import Row
+from live.mission.autopilot_mission import AutopilotMission
+from live.rover.drive import RoverReport, RoverSettings, WaypointDrive
+from live.watch.sample import Sample
+from live.watch.survey_watch import SurveyWatch
+from planners.ground.transit import FreeGround
+from planners.guarantee.adaptive import first_swaths
+from planners.guarantee.adaptive_state import AdaptiveConfig
+from planners.guarantee.guarantee import guarantee, posterior_of
+from planners.guarantee.requirement import MapRequirement
+from planners.swaths.heading import across_marked_grain
+from survey.core.crs.transformation import transformed
+from survey.core.streams import stream
+from survey.data.area import SurveyArea
+from survey.data.grid import Grid
+from survey.data.route import Route
+from survey.interchange.surroundings import Surroundings
+from survey.io.degrees import WGS84
+from survey.terrain import random_dem, satellite_copy
+
+SEED = 20_294
+_SIDE_M, _CRS, _WEST, _SOUTH = 300.0, "EPSG:32608", 526_000.0, 6_478_000.0
+_KINDS = (("squared-exponential", 47.0), ("matern-5/2", 60.0), ("matern-3/2", 100.0))
+_LIMIT_M, _ASKED, _NOISE_M, _SHARED_M, _STEP_M = 0.4572, 0.95, 0.1, 0.05, 10.0
+_TICK_S = 4.0
+_MOST_DISTANCE = 0.85
+
+
+@dataclass(frozen=True)
+class Loop:
+    """How a survey ended: stopped by its rule or not, the error of its map [m], distances driven and planned beforehand [m]."""
+
+    stopped: bool
+    rmse_m: float
+    driven_m: float
+    beforehand_m: float
+
+
+def loop_rows(quick: bool) -> Iterator[Row]:
+    """Yield how many stops were right, and what was driven beside the plan beforehand."""
+    done = [looped(index) for index in range(1 if quick else 10)]
+    stopped = [one for one in done if one.stopped]
+    right = float(np.mean([one.rmse_m <= _LIMIT_M for one in stopped])) if stopped else 0.0
+    yield Row(f"closed loop, {len(done)} sites: surveys that were stopped", len(stopped), "1")
+    yield Row.of("closed loop: share of stops at which the class was true", right, "1", ">=", 0.95)
+    yield Row(
+        "closed loop: largest RMSE at a stop", max((one.rmse_m for one in stopped), default=np.nan), "m"
+    )
+    shares = [one.driven_m / one.beforehand_m for one in stopped if np.isfinite(one.beforehand_m)]
+    yield Row("closed loop: sites that could be planned beforehand as well", len(shares), "1")
+    share = float(np.sum([one.driven_m for one in stopped if np.isfinite(one.beforehand_m)]))
+    planned = float(np.sum([one.beforehand_m for one in stopped if np.isfinite(one.beforehand_m)]))
+    ratio = share / planned if planned else np.nan
+    yield Row.of("closed loop: distance over that of the plan beforehand", ratio, "1", "<=", _MOST_DISTANCE)
+
+
+def site_of(index: int) -> Site:
+    """Return random terrain with a prior of 40 m cells."""
+    family, length_m = _KINDS[index % len(_KINDS)]
+    bounds = (_WEST, _SOUTH, _WEST + _SIDE_M, _SOUTH + _SIDE_M)
+    around = (
+        _WEST - 30.0,
+        _SOUTH - 30.0,
+        _WEST + _SIDE_M + 25.0,
+        _SOUTH + _SIDE_M + 25.0,
+    )  # 9 × 9 cells of the prior
+    terrain = random_dem(
+        family, Grid(around, 5.0, _CRS), stream(SEED, "site", index), 10.0, length_scale_m=length_m
+    )
+    prior = satellite_copy(terrain, rng=stream(SEED, "prior", index), cell_m=40.0, sigma_m=0.5)
+    return Site(terrain, SurveyArea.rectangle(bounds, _CRS), prior, _LIMIT_M)
+
+
+def looped(index: int) -> Loop:
+    """Survey one site until the watch stops it; judge the map against the truth."""
+    site = site_of(index)
+    wanted = MapRequirement(
+        _LIMIT_M,
+        _ASKED,
+        noise_m=_NOISE_M,
+        shared_m=_SHARED_M,
+        sample_step_m=_STEP_M,
+        prior_sigma_m=0.5,
+        n_simulations=24,
+    )
+    config = AdaptiveConfig.of(wanted, across_marked_grain(FreeGround(site.area.free), site.prior))
+    route = first_swaths(site.area, posterior_of(site.area, site.prior, wanted), config)
+    watch = SurveyWatch(site.area, config, list(route.legs), every_m=1e9)
+    drive: WaypointDrive | None = None
+    while not watch.is_stopped:
+        mission = AutopilotMission.of_route(route, Surroundings(site.area)).link_items(0)
+        settings = RoverSettings(sigma_vertical_m=_NOISE_M, range_m=1e6, seed=SEED + index)
+        drive = drive or WaypointDrive.over(settings, site.terrain, mission[0])
+        _driven(drive, mission, watch, _SHARED_M * stream(SEED, "shared", index).standard_normal())
+        advice = watch.advice
+        assert advice is not None
+        if advice.legs:
+            watch.send(advice.legs)
+            route = Route(advice.legs, site.area.crs, "adaptive")
+    return _judged(site, wanted, watch)
+
+
+def _driven(drive: WaypointDrive, mission: list, watch: SurveyWatch, shared_m: float) -> None:  # type: ignore[type-arg]
+    """Drive a mission and give its telemetry to the watch."""
+    drive.set_mission(mission)
+    drive.start()
+    while drive.is_driving:
+        watch.take(_sample_of(drive.advance(_TICK_S), watch, shared_m))
+
+
+def _sample_of(report: RoverReport, watch: SurveyWatch, shared_m: float) -> Sample:
+    xy = transformed(report.lonlat[None], WGS84, watch.area.crs, "the fix")[0].tolist()
+    return Sample(report.time_s, *xy, report.height_m + shared_m, _NOISE_M, report.battery)
+
+
+def _judged(site: Site, wanted: MapRequirement, watch: SurveyWatch) -> Loop:
+    """Return the error of the map at the end, and the distances."""
+    xyz, advice = watch.xyz, watch.advice
+    assert advice is not None
+    planned = guarantee(site.area, site.prior, wanted)
+    error_m = map_error_m(site, xyz[:, :2], xyz[:, 2], _NOISE_M)
+    beforehand_m = planned.route.length_m if planned.holds else float("inf")
+    return Loop(advice.is_met, error_m, watch.progress.driven_m, beforehand_m)

@@ -1,0 +1,172 @@
+"""Uploads to the simulated rover: time, losses, and kills of either side."""
+
+import multiprocessing
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+
+from benchmarks.report import Row
+from live.link.address import LinkAddress
+from live.link.vehicle import Vehicle
+from live.mission.autopilot_mission import AutopilotMission
+from live.mission.items import MISSION, LinkItem
+from live.mission.transfer import fetch_items
+from live.mission.upload import upload
+from live.rover.drive import RoverSettings
+from live.rover.process import serve_rover
+from live.rover.radio import Radio
+from survey.core.errors import InputError
+from survey.core.streams import stream
+from survey.interchange.missions import MissionItem
+
+SEED = 20_291
+_LIMIT_S, _N_ITEMS, _LOSS = 5.0, 2000, 0.3
+_SPAWN = multiprocessing.get_context("spawn")
+_KILLED_ITEMS = 300
+
+
+def mission_of(n_items: int) -> AutopilotMission:
+    """Return a mission of waypoints ten metres apart."""
+    return AutopilotMission(
+        tuple(MissionItem(16, 3, (0, 0, 0, None, 61.0 + 1e-4 * k, -139.0, 0.5)) for k in range(n_items))
+    )
+
+
+def serve(port: int, loss: float, seed: int) -> None:
+    """Serve a rover until it is killed."""
+    serve_rover(Radio("127.0.0.1", port, loss, seed), RoverSettings())
+
+
+class RoverProcess:
+    """A rover in a process of its own, at a free port."""
+
+    def __init__(self, loss: float = 0.0, seed: int = 0) -> None:
+        radio = Radio("127.0.0.1", 0)
+        self.address = LinkAddress.parsed(f"udp://127.0.0.1:{radio.port}")
+        radio.close()
+        self.process = _SPAWN.Process(target=serve, args=(radio_port(self.address), loss, seed), daemon=True)
+        self.process.start()
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.process.kill()
+        self.process.join()
+
+
+def radio_port(address: LinkAddress) -> int:
+    """Return the port of an address."""
+    return int(address.text.rpartition(":")[2])
+
+
+@contextmanager
+def rover(loss: float = 0.0, seed: int = 0) -> Iterator[RoverProcess]:
+    """Yield a rover, and kill it at the end."""
+    one = RoverProcess(loss, seed)
+    try:
+        yield one
+    finally:
+        one.kill()
+
+
+def transfer_rows(quick: bool) -> Iterator[Row]:
+    """Yield time and equality of uploads with and without losses."""
+    mission = mission_of(_N_ITEMS)
+    with rover() as one:
+        upload(mission_of(3), one.address, patience_s=60.0)
+        taken_s = min(_upload_s(mission, one.address) for _ in range(1 if quick else 3))
+    yield Row.of(f"{_N_ITEMS} items uploaded, read back and equal: wall time", taken_s, "s", "<=", _LIMIT_S)
+    for n_items in (20,) if quick else (50, _N_ITEMS):
+        began = time.perf_counter()
+        with rover(_LOSS, SEED) as one:
+            ending = _ending(mission_of(n_items), one.address)
+        name = f"{n_items} items at {_LOSS:.0%} loss"
+        yield Row.of(f"{name}: equal, or ended with one sentence", float(ending is not None), "1", ">=", 1.0)
+        yield Row(f"{name}: equal", float(ending == ""), "1")
+        yield Row(f"{name}: time", time.perf_counter() - began, "s")
+
+
+def _upload_s(mission: AutopilotMission, address: LinkAddress) -> float:
+    """Return the wall time of an upload [s]."""
+    began = time.perf_counter()
+    upload(mission, address, patience_s=30.0)
+    return time.perf_counter() - began
+
+
+def _ending(mission: AutopilotMission, address: LinkAddress) -> str | None:
+    """Upload; return nothing where it was equal, the sentence of the refusal, or None for anything else."""
+    try:
+        upload(mission, address, patience_s=20.0)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def kill_rows(quick: bool) -> Iterator[Row]:
+    """Yield how often the next call went on, and how often half a mission was held, after kills of either side."""
+    n_kills = 2 if quick else 20
+    rng = stream(SEED, "kills")
+    halves = went_on = ended = 0
+    with rover() as one:
+        upload(mission_of(5), one.address, patience_s=60.0)
+        for k in range(n_kills):
+            _kill_an_upload(one.address, _KILLED_ITEMS + k, float(rng.uniform(0.0, 1.0)))
+            held = _held(one.address)
+            halves += held not in {5, *range(_KILLED_ITEMS, _KILLED_ITEMS + k + 1)}
+            went_on += upload(mission_of(5), one.address, patience_s=30.0).items == 5
+    for _ in range(n_kills):
+        ended += _kill_a_rover(float(rng.uniform(0.0, 0.6)))
+        with rover() as fresh:
+            went_on += upload(mission_of(5), fresh.address, patience_s=60.0).items == 5
+    yield Row.of(f"{n_kills} kills of the upload: times that half a mission was held", halves, "1", "<=", 0)
+    yield Row.of(
+        f"{n_kills} kills of the rover: uploads that ended with one sentence, or before",
+        ended,
+        "1",
+        ">=",
+        n_kills,
+    )
+    yield Row.of(f"{2 * n_kills} kills: next calls that went on", went_on, "1", ">=", 2 * n_kills)
+
+
+def _kill_an_upload(address: LinkAddress, n_items: int, after: float) -> None:
+    """Kill an uploading process after a share of its items was sent."""
+    child = os.fork()
+    if child == 0:
+
+        def end_there(what: str, done: int, total: int) -> None:
+            if what.startswith("sending") and done >= after * total:
+                os._exit(9)
+
+        with suppress(BaseException):
+            upload(mission_of(n_items), address, patience_s=30.0, progress=end_there)
+        os._exit(0)
+    os.waitpid(child, 0)
+
+
+def _held(address: LinkAddress) -> int:
+    """Return how many items the rover holds, all of which have to be those of one mission."""
+    with Vehicle.connected(address, 60.0) as vehicle:
+        items = fetch_items(vehicle, MISSION)
+    expected = [LinkItem.of(item) for item in mission_of(len(items)).items]
+    return len(items) if all(a.agrees_with(b) for a, b in zip(expected, items, strict=True)) else -1
+
+
+def _kill_a_rover(after: float) -> bool:
+    """Kill a rover during an upload; return whether the upload ended with one sentence, or was complete before."""
+    one = RoverProcess()
+    upload(mission_of(3), one.address, patience_s=60.0)
+
+    def kill_there(_: str, done: int, total: int) -> None:
+        if done >= after * total and one.process.is_alive():
+            one.kill()
+
+    try:
+        upload(mission_of(_KILLED_ITEMS), one.address, patience_s=1.0, progress=kill_there)
+    except InputError as error:
+        return str(error).count(". ") == 0
+    finally:
+        one.kill()
+    return bool(np.isclose(after, 1.0))
