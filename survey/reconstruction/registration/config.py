@@ -21,6 +21,6 @@ class ScanPointsConfig(Section):
     farthest_m: PositiveFloat = 80.0
     """Returns beyond that are left out, where small errors of attitude become large ones of height [m]."""
     least_returns: PositiveInt = 3
-    """Returns that a cell needs for its median to be trusted."""
+    """Returns that a cell needs to be represented."""
     most_points: int = Field(default=16000, ge=100)
     """Points of the map; cells grow until they are no more."""

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.reconstruction.line_of_sight.ghost_returns import LEAST_M
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.registered_scans import RegisteredReturns
 
@@ -13,15 +14,17 @@ _STRETCH_M = 5.0
 _VISIT_M = 40.0
 # A vehicle that stands still scans the same ground; the memory of a stretch is bounded by this number of scans.
 _MOST_SCANS = 50
+_SIGMAS, _QUARTILES_TO_SIGMA = 4.0, 1.349
 
 
-def medians_of_stretches(
+def representatives_of_stretches(
     scans: Iterable[RegisteredReturns], config: ScanPointsConfig
 ) -> Iterator[RegisteredReturns]:
-    """Yield, for each stretch of 5 m of the way or 50 scans, the return of median height in each cell that has enough of them.
+    """Yield, for each stretch of 5 m of the way or 50 scans, one return for each cell that has enough of them.
 
-    A median is a return that was measured, at its own place and from its own pose; it is right as long as fewer than
-    half of the returns of its cell are wrong.
+    It is the one nearest to the middle of the cell's returns, of those whose height is usual among them. Its height does
+    not decide, so that the points have the relief of the ground: returns of median height would have less of it, and a
+    map of them would claim too small an error.
     """
     stretch: list[RegisteredReturns] = []
     travelled_m, last = 0.0, None
@@ -30,19 +33,30 @@ def medians_of_stretches(
         travelled_m += 0.0 if last is None else float(np.linalg.norm(place - last))
         last = place
         if stretch and (travelled_m >= _STRETCH_M or len(stretch) == _MOST_SCANS):
-            yield _medians(RegisteredReturns.joined(stretch), config)
+            yield _representatives(RegisteredReturns.joined(stretch), config)
             stretch, travelled_m = [], 0.0
         stretch.append(scan)
     if stretch:
-        yield _medians(RegisteredReturns.joined(stretch), config)
+        yield _representatives(RegisteredReturns.joined(stretch), config)
 
 
-def _medians(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
-    """Return the return of median height in each cell."""
+def _representatives(returns: RegisteredReturns, config: ScanPointsConfig) -> RegisteredReturns:
+    """Return the return of usual height nearest to the middle of the others in each cell."""
     order, first, count = _by_cell(returns.xyz[:, :2], returns.xyz[:, 2], config.cell_m)
+    xyz, cell = returns.xyz[order], np.repeat(np.arange(len(first)), count)
+    middle = np.column_stack([np.bincount(cell, axis) / count for axis in xyz[:, :2].T])
+    away_m = np.hypot(*(xyz[:, :2] - middle[cell]).T)
+    nearest = np.lexsort((away_m, ~_usual(xyz[:, 2], first, count), cell))[first]
     enough = count >= config.least_returns
-    chosen = returns.select(order[first[enough] + count[enough] // 2])
-    return chosen._replace(n_returns=count[enough])
+    return returns.select(order[nearest[enough]])._replace(n_returns=count[enough])
+
+
+def _usual(height: FloatArray, first: IntArray, count: IntArray) -> BoolArray:
+    """Return which heights, in order within each cell, lie within 0.3 m or four standard deviations of its median."""
+    lower, middle, upper = (height[first + (share * count) // 4] for share in (1, 2, 3))
+    allowed = np.maximum(LEAST_M, _SIGMAS * (upper - lower) / _QUARTILES_TO_SIGMA)
+    usual: BoolArray = np.abs(height - np.repeat(middle, count)) <= np.repeat(allowed, count)
+    return usual
 
 
 def best_of_visits(returns: RegisteredReturns, cell_m: float) -> IntArray:

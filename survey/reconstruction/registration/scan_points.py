@@ -19,7 +19,7 @@ from survey.reconstruction.registration.poses import (
     own_covariance,
 )
 from survey.reconstruction.registration.registered_scans import RegisteredReturns, registered
-from survey.reconstruction.registration.representatives import medians_of_stretches, thinned
+from survey.reconstruction.registration.representatives import representatives_of_stretches, thinned
 
 
 class BeamErrors(NamedTuple):
@@ -63,9 +63,10 @@ def scan_points(
 ) -> SurfacePoints:
     """Register LiDAR scans by an estimated path, and represent the ground that they show by single returns.
 
-    Every return is placed by the pose at its own time. Of each 5 m of the way, the return of median height represents
-    its cell of ground; of these, single ones far from all others are left out, and of each visit that of the most returns is taken. Points of a path whose error is known name the
-    keyframes that they were seen from, so that a joint map shares the error of the path between them.
+    Every return is placed by the pose at its own time. Of each 5 m of the way, the return nearest to the middle of the
+    others represents its cell of ground; of these, single ones far from all others are left out, and of each visit that
+    of the most returns is taken. Points of a path whose error is known name the keyframes that they were seen from, so
+    that a joint map shares the error of the path between them.
 
     Parameters
     ----------
@@ -97,14 +98,14 @@ def scan_points(
     """
     config = config or ScanPointsConfig()
     poses = PathInterpolator(path)
-    parts = list(medians_of_stretches(registered(scans, poses, config), config))
+    parts = list(representatives_of_stretches(registered(scans, poses, config), config))
     if not sum(len(part.time_s) for part in parts):
         raise InputError(
             f"no scan has returns between {config.nearest_m:g} and {config.farthest_m:g} m in the time of the path, "
             f"{path.time_s[0]:.1f} to {path.time_s[-1]:.1f} s; give the scans and the trajectory of the same drive."
         )
-    medians = RegisteredReturns.joined(parts)
-    returns = thinned(medians.select(~ghosts(medians.xyz)), config)
+    found = RegisteredReturns.joined(parts)
+    returns = thinned(found.select(~ghosts(found.xyz)), config)
     return _as_points(returns, path, poses, errors, vertical_datum)
 
 

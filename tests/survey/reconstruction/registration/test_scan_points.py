@@ -12,7 +12,10 @@ from survey.data.trajectory import Trajectory
 from survey.reconstruction.registration.config import ScanPointsConfig
 from survey.reconstruction.registration.poses import PathInterpolator
 from survey.reconstruction.registration.registered_scans import RegisteredReturns, registered
-from survey.reconstruction.registration.representatives import best_of_visits, medians_of_stretches
+from survey.reconstruction.registration.representatives import (
+    best_of_visits,
+    representatives_of_stretches,
+)
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
 ERRORS = BeamErrors(0.03, 0.05)
@@ -71,13 +74,25 @@ def test_one_in_ten_wrong_returns_does_not_move_the_points() -> None:
     assert np.mean(np.abs(points.z - 100.0) < 1e-9) > 0.98
 
 
+def test_points_have_the_relief_of_the_ground_within_their_cells() -> None:
+    """Of returns chosen by their height, the points would have less relief than the ground, and a map too small an error."""
+    rough = []
+    for t in range(40):
+        scan, rng = ring(float(t), n=400), np.random.default_rng(t)
+        lifted = scan.xyz + 0.1 * rng.standard_normal(400)[:, None] * [0.0, 0.0, 1.0]
+        rough.append(scan._replace(xyz=lifted))
+    points = scan_points(rough, path(), ERRORS)
+    assert len(points) > 100
+    assert points.z.std() == pytest.approx(0.1, rel=0.15)
+
+
 def test_a_vehicle_that_stands_still_gives_stretches_of_fifty_scans() -> None:
     n = 200
     level, place = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)), np.tile([5.0, 50.0, 100.0], (n, 1))
     parked = Trajectory(np.arange(n), place, level, np.zeros((n, 3, 3)), "EPSG:32608")
     poses, config = PathInterpolator(parked), ScanPointsConfig()
     placed = registered((ring(float(t), n=30) for t in range(120)), poses, config)
-    sizes = [int(part.n_returns.sum()) for part in medians_of_stretches(placed, config)]
+    sizes = [int(part.n_returns.sum()) for part in representatives_of_stretches(placed, config)]
     assert len(sizes) == 3
 
 
