@@ -1,8 +1,10 @@
 """Missions with a LiDAR beside the same missions with landmarks alone, on random sites that nothing was chosen on.
 
 Run with ``python -m benchmarks.lidar_mission``. Sites of 600 × 600 m are surveyed by four swaths with gravity and
-barometer, in the statistical fidelity with errors of the path; the terrain is of another kind on each.
-Seeds 7201 to 7205 were used for nothing else; sizes and settings were chosen on seeds 41 to 43. The time is the CPU time
+barometer, in the statistical fidelity with errors of the path; the terrain is of another kind on each and goes on
+beyond the area. Four surveyed stakes at the ends of swaths hold the level of both maps: without them it is that of the
+receiver, an error that no LiDAR changes. The error is shown with and without the level of each map.
+Seeds 7201 to 7205 were used for nothing else; sizes and settings were chosen on seeds 41 to 44. The time is the CPU time
 of one core from the records to the map, with all scans, over the time of the drive; the simulation of the rays is shown
 beside it.
 Sites are stored as they finish (``FIRNLINE_LIDAR`` names the folder), and a run that was broken off continues;
@@ -41,27 +43,25 @@ def measure(quick: bool) -> Iterator[Row]:
 
 
 def _map_rows(found: list[dict[str, Any]]) -> Iterator[Row]:
-    rms = {kind: float(np.sqrt(np.mean([one[kind]["rmse_m"] ** 2 for one in found]))) for kind in _NAMES}
-    for kind, name in _NAMES.items():
-        yield Row(f"{name}: RMSE over all sites", rms[kind], "m")
-    yield Row.of("LiDAR over landmarks alone: RMSE", rms["scans"] / rms["landmarks"], "1", "<=", 0.8)
-    shape = {
-        kind: float(
-            np.sqrt(np.mean([one[kind]["rmse_m"] ** 2 - one[kind]["offset_m"] ** 2 for one in found]))
-        )
-        for kind in _NAMES
-    }
-    yield Row(
-        "LiDAR over landmarks alone: RMSE without the level of each map",
-        shape["scans"] / shape["landmarks"],
-        "1",
-    )
+    for words, without_level in (("RMSE", False), ("RMSE without the level of each map", True)):
+        rms = {kind: _rms_m(found, kind, without_level=without_level) for kind in _NAMES}
+        for kind, name in _NAMES.items():
+            yield Row(f"{name}: {words}, all sites", rms[kind], "m")
+        ratio, name = rms["scans"] / rms["landmarks"], f"LiDAR over landmarks alone: {words}"
+        yield Row(name, ratio, "1") if without_level else Row.of(name, ratio, "1", "<=", 0.8)
     worst = max(one["scans"]["rmse_m"] / one["landmarks"]["rmse_m"] for one in found)
     yield Row("LiDAR over landmarks alone: RMSE, worst site", worst, "1")
-    coverage = {kind: float(np.mean([one[kind]["coverage"] for one in found])) for kind in _NAMES}
-    held = 0.93 <= coverage["scans"] <= 0.97
-    yield Row("LiDAR: coverage of 95 %", coverage["scans"], "1", "0.93 to 0.97", held)
-    yield Row("landmarks alone: coverage of 95 %", coverage["landmarks"], "1")
+    coverage = {kind: [one[kind]["coverage"] for one in found] for kind in _NAMES}
+    mean = float(np.mean(coverage["scans"]))
+    yield Row("LiDAR: coverage of 95 %", mean, "1", "0.93 to 0.97", 0.93 <= mean <= 0.97)
+    yield Row("LiDAR: coverage of 95 %, worst site", min(coverage["scans"]), "1")
+    yield Row("landmarks alone: coverage of 95 %", float(np.mean(coverage["landmarks"])), "1")
+
+
+def _rms_m(found: list[dict[str, Any]], kind: str, *, without_level: bool) -> float:
+    """Return the RMSE over all sites [m], with or without the mean error of each map."""
+    level = [one[kind]["offset_m"] ** 2 if without_level else 0.0 for one in found]
+    return float(np.sqrt(np.mean([one[kind]["rmse_m"] ** 2 for one in found]) - np.mean(level)))
 
 
 def _time_rows(found: list[dict[str, Any]]) -> Iterator[Row]:
