@@ -32,6 +32,8 @@ def reconstruct(options: ReconstructOptions) -> None:
 
       firnline reconstruct recording --trajectory trajectory.csv --crs EPSG:32608 --grid 2
 
+      firnline reconstruct survey/*.laz --tiles --workers 2 --control gnss.csv
+
       firnline reconstruct mine.toml
     """
     if options.sources[0].suffix == ".toml":
@@ -40,6 +42,12 @@ def reconstruct(options: ReconstructOptions) -> None:
         _, run = run_until(options.sources[0], "reconstruct", options)
         print_summary(run, as_json=options.as_json)
         return
+    if options.tiles:
+        from sim.cli.mapping.tiles import map_tiled
+
+        map_tiled(options)
+        return
+    _refuse_without_tiles(options)
     _refuse_max_slope(options.max_slope_deg, rays=options.rays)
     _map(options)
 
@@ -72,6 +80,15 @@ def _end_dry_run(request: "MapRequest", out: Path) -> NoReturn:
     else:
         facts = read_inputs(request).facts
     end_dry_run([out], {"method": request.method.name, **facts})
+
+
+def _refuse_without_tiles(options: ReconstructOptions) -> None:
+    from survey.core.errors import InputError
+
+    given = {"--workers": options.workers, "--scheduler": options.scheduler, "--control": options.control}
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"{name} is of maps in tiles; add --tiles, or leave {name} out.")
 
 
 def _refuse_max_slope(max_slope_deg: float | None, *, rays: bool) -> None:

@@ -87,4 +87,23 @@ class ReconstructOptions(RunOptions):
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for dem.tif and reconstruction.json.")] = (
         Path("reconstruction")
     )
+    tiles: Annotated[
+        bool,
+        typer.Option(
+            "--tiles",
+            help="Map point files of any size (LAS/LAZ, COPC, PLY, Parquet, folders) tile by tile; a killed run goes on by "
+            "the same command.",
+        ),
+    ] = False
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", min=1, help="With --tiles: processes; one for each core when left out."),
+    ] = None
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="With --tiles: a dask scheduler, tcp://host:port.")
+    ] = None
+    control: Annotated[
+        Path | None,
+        typer.Option("--control", help="With --tiles: control points (GNSS) with their standard deviations."),
+    ] = None
     force: Annotated[bool, typer.Option("--force", help="Replace a reconstruction that is there.")] = False

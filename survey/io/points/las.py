@@ -2,7 +2,10 @@
 
 import datetime
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import laspy
 import lazrs
@@ -37,17 +40,32 @@ _LAS_FAULTS = (
 )
 
 
-def read_las(path: Path) -> PointTable:
-    """Read a LAS or LAZ file, and check its checksum where firnline wrote it."""
-    file = existing_file(path, "the point file")
+@contextmanager
+def opened_las(file: Path, **options: Any) -> Iterator[Any]:
+    """Open an existing LAS or LAZ file whose header has been checked, and refuse a damaged one in one sentence.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        The file.
+    **options
+        Of `laspy.open`.
+
+    Yields
+    ------
+    laspy.LasReader
+        Reads with one thread: the same work in the same order.
+
+    Raises
+    ------
+    InputError
+        The file is damaged or no LAS.
+    """
     try:
         check_las_records(file)
-        # One thread: the same work in the same order.
-        with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs) as reader:
+        with laspy.open(file, laz_backend=laspy.LazBackend.Lazrs, **options) as reader:
             check_las_points(file, reader.header)
-            check_count(file, reader.header.point_count)
-            las = reader.read()
-        crs = las.header.parse_crs()
+            yield reader
     except InputError:
         raise
     except _LAS_FAULTS as error:
@@ -57,6 +75,15 @@ def read_las(path: Path) -> PointTable:
         if type(error).__name__ != "PanicException":
             raise
         raise damaged(file, "LAS", error) from error
+
+
+def read_las(path: Path) -> PointTable:
+    """Read a LAS or LAZ file, and check its checksum where firnline wrote it."""
+    file = existing_file(path, "the point file")
+    with opened_las(file) as reader:
+        check_count(file, reader.header.point_count)
+        las = reader.read()
+        crs = las.header.parse_crs()
     if len(las.points) == 0:
         raise InputError(f"the point file {file} holds no points; get it again.")
     if len(las.points) != las.header.point_count:

@@ -61,7 +61,19 @@ def calibrated(
     they can prove a map too bold and not too cautious.
     """
     errors = [_fold(points, noise_m2, step_m, predict, k) for k in range(_N_FOLDS)]
-    error, variance, noise = (np.concatenate(column) for column in zip(*errors, strict=True))
+    return likeliest_factors(*(np.concatenate(column) for column in zip(*errors, strict=True)))
+
+
+def likeliest_factors(error: FloatArray, variance: FloatArray, noise: FloatArray) -> LatticeCalibration:
+    """Return the factors of `calibrated` by predictions; both are 1 with fewer than 40 of them.
+
+    Parameters
+    ----------
+    error : (N,) ndarray
+        Prediction errors [m].
+    variance, noise : (N,) ndarray
+        Variances of the surface and of the measurements [m²].
+    """
     if len(error) < _N_LEAST:
         return LatticeCalibration()
 

@@ -8,6 +8,7 @@ a Gaussian field of Matérn smoothness 1 (Lindgren, Rue and Lindström 2011): κ
 stiffness, without a unit, and ρ the range [m] at which the correlation has fallen to about 0.1.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -23,7 +24,9 @@ from survey.reconstruction.lattice.multigrid.solver import Operator
 from survey.reconstruction.nodes import NodeWindow
 
 # Patches of nodes from which it is learned: the ones with most points, side by side.
-_N_NODES, _N_PATCHES = 32, 6
+PATCH_NODES = 32
+"""Nodes along a side of a patch."""
+_N_PATCHES = 6
 _LEAST_POINTS = 60
 _RANGES_IN_STEPS = (400.0, 80.0, 40.0, 20.0, 10.0)
 _NOISE_FACTORS = (0.05, 10.0)
@@ -97,7 +100,7 @@ class LatticeLikelihood:
 @lru_cache(maxsize=32)
 def _prior_band(range_m: float, step_m: float) -> tuple[FloatArray, float]:
     """Return the prior's matrix on a patch at κ = 1, as a band, and its log determinant."""
-    nothing = np.zeros((1, _N_NODES, _N_NODES))
+    nothing = np.zeros((1, PATCH_NODES, PATCH_NODES))
     band = band_of(Operator(nothing, Stiffness(1.0, range_m).weights(step_m)))
     return band, log_determinant(band_cholesky(band))
 
@@ -105,7 +108,7 @@ def _prior_band(range_m: float, step_m: float) -> tuple[FloatArray, float]:
 class _Joint:
     """The likelihood of several patches, at the noise factor that makes it largest."""
 
-    def __init__(self, patches: list[LatticeLikelihood]) -> None:
+    def __init__(self, patches: Sequence[LatticeLikelihood]) -> None:
         self._patches = patches
         self._n = sum(patch.n_points for patch in patches)
 
@@ -134,10 +137,24 @@ def likeliest(points: FloatArray, step_m: float, start: Stiffness | None = None)
         What was likeliest before; near it the search is short.
     """
     patches = [LatticeLikelihood(*patch, step_m) for patch in _fullest(points, step_m)]
-    if not patches:
-        return None
+    return likeliest_of(patches, [step_m * n for n in _RANGES_IN_STEPS], start) if patches else None
+
+
+def likeliest_of(
+    patches: Sequence[LatticeLikelihood], ranges: Sequence[float], start: Stiffness | None = None
+) -> Stiffness:
+    """Return the stiffness, range and noise factor that are likeliest on all patches.
+
+    Parameters
+    ----------
+    patches : sequence of LatticeLikelihood
+        Patches of 32 × 32 nodes.
+    ranges : sequence of float
+        Ranges to try [m].
+    start : Stiffness, optional
+        What was likeliest before; near it the search is short.
+    """
     joint = _Joint(patches)
-    ranges = [step_m * n for n in _RANGES_IN_STEPS]
     if start is None:
         centre, width = np.log(1000.0), _LOG_WIDTH_FIRST
     else:
@@ -163,7 +180,7 @@ def _likeliest_at(joint: _Joint, centre: float, width: float, range_m: float) ->
 def _fullest(points: FloatArray, step_m: float) -> list[tuple[FloatArray, tuple[int, int]]]:
     """Return the points, in lattice coordinates, and the shape of the patches in which most nodes have points."""
     cells = np.floor(points[:, :2] / step_m).astype(np.int64)
-    side = _N_NODES - 1
+    side = PATCH_NODES - 1
     first = cells.min(axis=0)
     patch = (cells - first) // side
     occupied = np.unique(np.column_stack([patch, cells]), axis=0)
@@ -173,7 +190,7 @@ def _fullest(points: FloatArray, step_m: float) -> list[tuple[FloatArray, tuple[
         inside = (patch == patches[k]).all(axis=1)
         if inside.sum() >= _LEAST_POINTS:
             west, south = (first + patches[k] * side).tolist()
-            window = NodeWindow(step_m, west, south, _N_NODES, _N_NODES)
+            window = NodeWindow(step_m, west, south, PATCH_NODES, PATCH_NODES)
             uv = window.coordinates(points[inside, :2])
             found.append((np.column_stack([uv, points[inside, 2:]]), window.shape))
     return found

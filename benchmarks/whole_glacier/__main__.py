@@ -1,0 +1,171 @@
+"""Run the benchmark of maps in tiles.
+
+``python -m benchmarks.whole_glacier [--km2 0.5 1 2] [--density 2] [--quick]``: areas, and points for each square metre
+of a strip. ``--km2 25 --density 2.9`` has 10⁸ points.
+"""
+
+import argparse
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import rasterio
+
+from benchmarks.report import Row, main
+from benchmarks.whole_glacier.kills import digest, killed
+from benchmarks.whole_glacier.made_survey import MadeSurvey
+from benchmarks.whole_glacier.mapping import command, control_file, judged, strips_of, used_by
+from benchmarks.whole_glacier.peers import PeerError, gdal_grid
+
+_SEEDS = (101, 102, 103)
+_DATA = Path(os.environ.get("FIRNLINE_DATA", "../shared/data"))
+_RAW_OFFSET_M = 0.100
+_N_KILLS = 10
+
+
+def rows(sizes_km2: list[float], density: float, quick: bool) -> Iterator[Row]:
+    """Yield all rows."""
+    with tempfile.TemporaryDirectory(prefix="firnline-tiles-") as name:
+        folder = Path(name)
+        yield from real_strips(folder)
+        yield from made_surveys(folder, sizes_km2[:1] if quick else sizes_km2, density)
+        yield from seams(folder, density)
+        yield from peers(folder, density)
+        if not quick:
+            yield from workers_and_kills(folder, density)
+
+
+def real_strips(folder: Path) -> Iterator[Row]:
+    """Yield the offset between two real strips."""
+    file = _DATA / "dem_gullies_santacruz_pozo" / "Blanca_in_Pozo_cl2_SC12.laz"
+    if not file.exists():
+        return
+    used_by(command([file], folder / "real", "--workers", "1"))
+    found = strips_of(folder / "real")
+    offset_m = found["8705"]["offset_m"] - found["8706"]["offset_m"]
+    yield Row("Santa Cruz: strip 8705 above 8706 at their middles", offset_m, "m")
+    yield Row("Santa Cruz: median difference of raw 1 m cells", _RAW_OFFSET_M, "m")
+
+
+def made_surveys(folder: Path, sizes_km2: list[float], density: float) -> Iterator[Row]:
+    """Yield coverage, errors, CPU time and memory for each size, and the exponent of the time."""
+    points, times = [], []
+    for km2 in sizes_km2:
+        made = MadeSurvey(_SEEDS[0], 1000.0 * np.sqrt(km2), 1000.0 * np.sqrt(km2), density)
+        files = made.write(folder / f"made_{km2:g}")
+        out = folder / f"map_{km2:g}"
+        options = ["--control", str(control_file(made, folder)), "--workers", "2"]
+        began = time.perf_counter()
+        used = used_by(command(files, out, *options))
+        found = judged(made, out / "dem.vrt")
+        yield Row.of(f"{km2:g} km²: coverage of 95 % intervals, least", found.coverage_95, "", ">=", 0.93)
+        yield Row.of(f"{km2:g} km²: coverage of 95 % intervals, most", found.coverage_95, "", "<=", 0.97)
+        yield Row(f"{km2:g} km²: RMSE", found.rmse_m, "m")
+        yield Row(f"{km2:g} km²: stated RMSE", found.stated_m, "m")
+        yield Row(f"{km2:g} km²: CPU time", used.cpu_s, "s")
+        yield Row(
+            f"{km2:g} km²: time on a machine in use",
+            (time.perf_counter() - began) / 60.0,
+            "min",
+            "<= 60 (10⁸)",
+        )
+        yield Row.of(f"{km2:g} km²: memory of the largest process", used.memory_mb, "MB", "<=", 4000.0)
+        points.append(km2 * density)
+        times.append(used.cpu_s)
+        shutil.rmtree(out)
+    if len(points) > 2:
+        exponent = float(np.polyfit(np.log(points), np.log(times), 1)[0])
+        yield Row.of("exponent of the CPU time with the number of points", exponent, "", "<=", 1.05)
+
+
+def seams(folder: Path, density: float) -> Iterator[Row]:
+    """Yield differences beside the edges of tiles to one big tile."""
+    made = MadeSurvey(_SEEDS[1], 600.0, 600.0, density)
+    files = made.write(folder / "seams")
+    maps = []
+    for cells in (200, 600):
+        out = folder / f"seams_{cells}"
+        used_by(command(files, out, "--workers", "1", "--set", f"tiles.tile_cells={cells}"))
+        with rasterio.open(out / "dem.vrt") as source:
+            maps.append(source.read(masked=True).filled(np.nan))
+    edges = np.zeros(maps[0].shape[1:], bool)
+    for at in (200, 400):
+        edges[:, at - 2 : at + 2], edges[-at - 2 : -at + 2] = True, True
+    height_m, std_m = (np.nanmean(np.abs(maps[0] - maps[1])[band][edges]) for band in (0, 1))
+    yield Row.of("seam: mean difference of heights to one tile", float(height_m), "m", "<=", 1e-3)
+    share = float(std_m / np.nanmean(maps[1][1][edges]))
+    yield Row.of("seam: mean difference of standard deviations", share, "", "<=", 0.02)
+
+
+def peers(folder: Path, density: float) -> Iterator[Row]:
+    """Yield error and CPU time beside gdal_grid's."""
+    made = MadeSurvey(_SEEDS[2], 500.0, 500.0, density)
+    files = made.write(folder / "peers")
+    used = used_by(
+        command(files, folder / "own", "--workers", "1", "--control", str(control_file(made, folder)))
+    )
+    own = judged(made, folder / "own" / "dem.vrt")
+    try:
+        found = gdal_grid(made, files, folder)
+    except PeerError:
+        return
+    for name, (rmse_m, peer_used) in found.items():
+        yield Row(f"gdal_grid, {name}: RMSE", rmse_m, "m")
+        yield Row.of(f"RMSE over that of gdal_grid, {name}", own.rmse_m / rmse_m, "", "<=", 0.9)
+        yield Row(
+            f"CPU time over that of gdal_grid, {name}", used.cpu_s / peer_used.cpu_s, "", "<= 2 (triangles)"
+        )
+
+
+def workers_and_kills(folder: Path, density: float) -> Iterator[Row]:
+    """Yield the gain by a second worker, and whether a map that was killed ten times has the same bytes."""
+    made = MadeSurvey(_SEEDS[2], 900.0, 600.0, density)
+    files = made.write(folder / "workers")
+    seconds = []
+    for n in (1, 2):
+        began = time.perf_counter()
+        used_by(
+            command(
+                files,
+                folder / f"workers_{n}",
+                "--workers",
+                str(n),
+                "--set",
+                "tiles.tile_cells=300",
+                "--set",
+                "tiles.coarse_cells=20",
+            )
+        )
+        seconds.append(time.perf_counter() - began)
+    yield Row.of("time with one worker over that with two", seconds[0] / seconds[1], "", ">=", 1.8)
+    arguments = command(
+        files,
+        folder / "killed",
+        "--workers",
+        "2",
+        "--set",
+        "tiles.tile_cells=300",
+        "--set",
+        "tiles.coarse_cells=20",
+    )
+    n_kills = killed(arguments, _N_KILLS, seconds[1], 5)
+    same = digest(folder / "killed") == digest(folder / "workers_1") == digest(folder / "workers_2")
+    yield Row.of(f"same bytes after {n_kills} kills", float(same), "", ">=", 1.0)
+
+
+def run() -> None:
+    """Run the benchmark from the command line."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--km2", type=float, nargs="+", default=[0.5, 1.0, 2.0])
+    parser.add_argument("--density", type=float, default=2.0)
+    chosen, rest = parser.parse_known_args()
+    main("whole glacier", partial(rows, chosen.km2, chosen.density), arguments=rest)
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,118 @@
+"""PLY and Parquet point files, read column by column in chunks."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from survey.core.arrays import Bounds, FloatArray
+from survey.core.errors import InputError
+from survey.io.points.table import damaged
+
+_AXES = (("x_m", "y_m", "z_m"), ("x", "y", "z"), ("X", "Y", "Z"))
+_STRIP = ("point_source_id", "PointSourceId", "strip")
+_CRS_KEY = b"crs"
+
+
+class ColumnChunk(NamedTuple):
+    """Coordinates (N, 3) [m] of some points, and the numbers (N,) of their strips where the file has them."""
+
+    xyz: FloatArray
+    strip: npt.NDArray[np.uint16] | None
+
+
+def ply_facts(file: Path) -> tuple[int, Bounds, Any]:
+    """Return number, bounds [m] and stated CRS of the vertices of a PLY file."""
+    vertices, comments = _mapped_ply(file)
+    axes = _axes(vertices.dtype.names or (), file)
+    low, high = ([float(f(vertices[a])) for a in axes[:2]] for f in (np.min, np.max))
+    crs = next((text.split(" ", 1)[1] for text in comments if text.startswith("crs ")), None)
+    return len(vertices), (low[0], low[1], high[0], high[1]), crs
+
+
+def ply_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
+    """Yield the vertices of a PLY file in chunks; the file is mapped and not read as one."""
+    vertices, _ = _mapped_ply(file)
+    names = vertices.dtype.names or ()
+    axes = _axes(names, file)
+    strip = next((name for name in _STRIP if name in names), None)
+    for start in range(first, min(first + n, len(vertices)), at_once):
+        part = vertices[start : min(start + at_once, first + n)]
+        xyz = np.column_stack([part[axis].astype(np.float64) for axis in axes])
+        yield ColumnChunk(xyz, None if strip is None else part[strip].astype(np.uint16))
+
+
+def _mapped_ply(file: Path) -> tuple[Any, list[str]]:
+    import plyfile
+
+    try:
+        ply = plyfile.PlyData.read(str(file), mmap="r")
+        return ply["vertex"].data, list(ply.comments)
+    except (plyfile.PlyParseError, KeyError, ValueError, MemoryError, TypeError, IndexError) as error:
+        raise damaged(file, "PLY", error) from error
+
+
+def parquet_facts(file: Path) -> tuple[int, Bounds, Any]:
+    """Return number, bounds [m] and stated CRS of the rows of a Parquet file.
+
+    The CRS stands in the file's metadata under ``crs``; bounds come from the statistics of the row groups.
+    """
+    table = _opened_parquet(file)
+    axes = _axes(table.schema_arrow.names, file)
+    spans = [_span(table, file, axis) for axis in axes[:2]]
+    stated = (table.schema_arrow.metadata or {}).get(_CRS_KEY)
+    bounds = (spans[0][0], spans[1][0], spans[0][1], spans[1][1])
+    return table.metadata.num_rows, bounds, None if stated is None else stated.decode()
+
+
+def parquet_chunks(file: Path, first: int, n: int, at_once: int) -> Iterator[ColumnChunk]:
+    """Yield the rows of a Parquet file in chunks."""
+    table = _opened_parquet(file)
+    names = table.schema_arrow.names
+    axes = _axes(names, file)
+    strip = [name for name in _STRIP if name in names][:1]
+    begin = 0
+    for batch in table.iter_batches(at_once, columns=[*axes, *strip], use_threads=False):
+        rows = slice(max(first - begin, 0), max(min(first + n - begin, len(batch)), 0))
+        begin += len(batch)
+        if rows.stop > rows.start:
+            columns = [np.asarray(batch[name])[rows] for name in (*axes, *strip)]
+            xyz = np.column_stack([column.astype(np.float64) for column in columns[:3]])
+            yield ColumnChunk(xyz, columns[3].astype(np.uint16) if strip else None)
+        if begin >= first + n:
+            return
+
+
+def _opened_parquet(file: Path) -> Any:
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        opened: Any = parquet.ParquetFile(file)
+    except (pyarrow.ArrowException, OSError) as error:
+        raise damaged(file, "Parquet", error) from error
+    return opened
+
+
+def _span(table: Any, file: Path, axis: str) -> tuple[float, float]:
+    """Return least and greatest value of a column, by the statistics of the row groups or by reading it."""
+    index = table.metadata.schema.names.index(axis)
+    groups = [table.metadata.row_group(k).column(index) for k in range(table.metadata.num_row_groups)]
+    known = [g.statistics for g in groups if g.is_stats_set and g.statistics.has_min_max]
+    if known and len(known) == len(groups):
+        return float(min(s.min for s in known)), float(max(s.max for s in known))
+    values = np.asarray(table.read([axis])[axis], dtype=np.float64)
+    if len(values) == 0:
+        raise InputError(f"the point file {file} holds no points; leave it out or get it again.")
+    return float(values.min()), float(values.max())
+
+
+def _axes(names: Any, file: Path) -> tuple[str, str, str]:
+    found = next((axes for axes in _AXES if set(axes) <= set(names)), None)
+    if found is None:
+        raise InputError(
+            f"the point file {file} has no columns x, y and z (found: {', '.join(map(str, names)) or 'none'}); rename them."
+        )
+    return found

@@ -1,0 +1,171 @@
+"""Tiles of a map: which cells belong to which tile, and which cells lie about it."""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple, Self
+
+import numpy as np
+from affine import Affine
+
+from survey.core.arrays import Bounds, FloatArray, IntArray
+from survey.core.errors import CapacityError, InputError
+
+_MOST_TILES = 100_000
+_MOST_CELLS = 2**30
+
+
+class Window(NamedTuple):
+    """A rectangle of cells.
+
+    Parameters
+    ----------
+    west, south : int
+        Numbers of the first column and row, counted from the origin of the CRS.
+    columns, rows : int
+        Cells along the sides.
+    """
+
+    west: int
+    south: int
+    columns: int
+    rows: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    def grown(self, cells: int, within: "Window") -> "Window":
+        """Return the window with so many cells more on every side, cut at the edges of another one."""
+        west, south = max(self.west - cells, within.west), max(self.south - cells, within.south)
+        east = min(self.west + self.columns + cells, within.west + within.columns)
+        north = min(self.south + self.rows + cells, within.south + within.rows)
+        return Window(west, south, east - west, north - south)
+
+    def part(self, inner: "Window") -> tuple[slice, slice]:
+        """Return the rows and columns of this window in which another one lies."""
+        south, west = inner.south - self.south, inner.west - self.west
+        return slice(south, south + inner.rows), slice(west, west + inner.columns)
+
+    def overlaps(self, other: "Window") -> bool:
+        """Return whether two windows share a cell."""
+        return (
+            self.west < other.west + other.columns
+            and other.west < self.west + self.columns
+            and self.south < other.south + other.rows
+            and other.south < self.south + self.rows
+        )
+
+    def x(self, cell_m: float) -> FloatArray:
+        """Return the eastings of the middles of the columns (columns,) [m]."""
+        values: FloatArray = (self.west + np.arange(self.columns, dtype=np.float64) + 0.5) * cell_m
+        return values
+
+    def y(self, cell_m: float) -> FloatArray:
+        """Return the northings of the middles of the rows (rows,) [m], ascending."""
+        values: FloatArray = (self.south + np.arange(self.rows, dtype=np.float64) + 0.5) * cell_m
+        return values
+
+    def transform(self, cell_m: float) -> Affine:
+        """Return the georeference of a raster whose first row is the northern one."""
+        return Affine(cell_m, 0.0, self.west * cell_m, 0.0, -cell_m, (self.south + self.rows) * cell_m)
+
+
+class Tile(NamedTuple):
+    """Row and column of a tile, counted from the south-west."""
+
+    row: int
+    column: int
+
+    @property
+    def name(self) -> str:
+        """Name of the tile's files."""
+        return f"r{self.row:04d}_c{self.column:04d}"
+
+
+class TileLayout(NamedTuple):
+    """Division of a map into tiles.
+
+    Parameters
+    ----------
+    cell_m : float
+        Side of a cell [m].
+    tile_cells : int
+        Cells along a side of a tile.
+    whole : Window
+        All cells of the map.
+
+    Examples
+    --------
+    >>> layout = TileLayout.over((0.5, 0.5, 2300.0, 900.0), 1.0, 1000)
+    >>> layout.shape, layout.window(Tile(0, 2))
+    ((1, 3), Window(west=2000, south=0, columns=300, rows=900))
+    """
+
+    cell_m: float
+    tile_cells: int
+    whole: Window
+
+    @classmethod
+    def over(cls, bounds: Bounds, cell_m: float, tile_cells: int) -> Self:
+        """Return the division of the cells that cover bounds [m].
+
+        Raises
+        ------
+        InputError
+            Bounds that enclose nothing.
+        CapacityError
+            More tiles or cells than can be numbered.
+        """
+        west, south = (math.floor(v / cell_m + 1e-9) for v in bounds[:2])
+        east, north = (math.ceil(v / cell_m - 1e-9) for v in bounds[2:])
+        if east <= west or north <= south:
+            raise InputError(
+                f"the bounds {bounds} of the map enclose no cell of {cell_m:g} m; check the points."
+            )
+        layout = cls(cell_m, tile_cells, Window(west, south, east - west, north - south))
+        rows, columns = layout.shape
+        if rows * columns > _MOST_TILES or max(map(abs, (west, south, east, north))) > _MOST_CELLS:
+            raise CapacityError(
+                f"the map has {rows:,} × {columns:,} tiles of {tile_cells * cell_m:g} m; {_MOST_TILES:,} are possible, name a "
+                "smaller --area or leave out files that lie far away."
+            )
+        return layout
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of tiles."""
+        return -(-self.whole.rows // self.tile_cells), -(-self.whole.columns // self.tile_cells)
+
+    @property
+    def tiles(self) -> list[Tile]:
+        """All tiles, row by row from the south-west."""
+        rows, columns = self.shape
+        return [Tile(j, i) for j in range(rows) for i in range(columns)]
+
+    def window(self, tile: Tile) -> Window:
+        """Return the cells of a tile."""
+        n, whole = self.tile_cells, self.whole
+        return Window(
+            whole.west + tile.column * n,
+            whole.south + tile.row * n,
+            min(n, whole.columns - tile.column * n),
+            min(n, whole.rows - tile.row * n),
+        )
+
+    def near(self, tile: Tile, cells: int) -> Iterator[Tile]:
+        """Yield the tiles that share a cell with a tile's window grown by so many cells, itself included."""
+        about = self.window(tile).grown(cells, self.whole)
+        reach, (rows, columns) = -(-cells // self.tile_cells), self.shape
+        for j in range(max(tile.row - reach, 0), min(tile.row + reach + 1, rows)):
+            for i in range(max(tile.column - reach, 0), min(tile.column + reach + 1, columns)):
+                if about.overlaps(self.window(Tile(j, i))):
+                    yield Tile(j, i)
+
+    def tile_numbers(self, cells: IntArray) -> IntArray:
+        """Return the number of the tile (N,) of each cell (N, 2), column and row; -1 beyond the map."""
+        whole = self.whole
+        column, row = cells[:, 0] - whole.west, cells[:, 1] - whole.south
+        inside = (column >= 0) & (row >= 0) & (column < whole.columns) & (row < whole.rows)
+        number = row // self.tile_cells * self.shape[1] + column // self.tile_cells
+        return np.where(inside, number, -1)

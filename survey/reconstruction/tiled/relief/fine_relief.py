@@ -1,0 +1,179 @@
+r"""Fine relief of a window: a Gaussian field about the long relief, given the cells and the errors of the strips.
+
+.. math::  (\kappa s^2 Q_0 + S) \, r = \sum_k h_k w_k (z_k - m_k - d_k), \qquad \sum_s g_s = 1 - g_0
+
+The solution is linear in the heights, so an error that a strip makes at a place enters with the strip's share g_s there,
+and an error of the long relief with the share g_0 of the prior.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import uniform_filter
+
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.reconstruction.lattice.information import Information
+from survey.reconstruction.lattice.multigrid.solver import Operator, VCyclePreconditioner, solve
+from survey.reconstruction.lattice.multigrid.stencil import prior_diagonal, prior_noise
+from survey.reconstruction.lattice.stiffness import Stiffness
+from survey.reconstruction.nodes import away_from
+from survey.reconstruction.tiled.layout import Window
+from survey.reconstruction.tiled.relief.noise import N_LAYERS, add_point_errors, place_signs
+
+_MEAN_TOLERANCE, _SHARE_TOLERANCE, _DRAW_TOLERANCE = 0.01, 0.02, 0.05
+# Nodes as far from the points have alike variances, which are averaged over so many nodes a side.
+_AVERAGED = 5
+_FARTHEST_CLASS = 4
+
+
+class CellPoints(NamedTuple):
+    """Cells as measurements.
+
+    Parameters
+    ----------
+    uv : (N, 2) ndarray
+        Place in cells from the middle of the window's first cell.
+    residual : (N,) ndarray
+        Height above the long relief without the strip's error [m].
+    weight : (N,) ndarray
+        1/σ² of the cell's mean [1/m²].
+    strip : (N,) ndarray of int
+        Key of the strip.
+    row, column : (N,) ndarray of int
+        The cell, counted from the origin of the CRS.
+    """
+
+    uv: FloatArray
+    residual: FloatArray
+    weight: FloatArray
+    strip: IntArray
+    row: IntArray
+    column: IntArray
+
+    def where(self, chosen: BoolArray) -> "CellPoints":
+        """Return some of the measurements."""
+        return CellPoints(*(values[chosen] for values in self))
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Return lattice coordinates, values and weights (N, 4)."""
+        return np.column_stack([self.uv, values, self.weight])
+
+
+class FineRelief(NamedTuple):
+    """Fine relief of a window.
+
+    Parameters
+    ----------
+    height : (H, W) ndarray
+        Above the long relief [m].
+    variance : (H, W) ndarray
+        Of the field given the points, without errors that they share [m²].
+    shares : mapping of int to (H, W) ndarray
+        Part that each strip has in the height, by its key; the long relief has the rest.
+    away : (H, W) ndarray
+        Distance from the nearest cell with points, in cells.
+    """
+
+    height: FloatArray
+    variance: FloatArray
+    shares: Mapping[int, FloatArray]
+    away: FloatArray
+
+    def long_share(self) -> FloatArray:
+        """Return the part (H, W) that the long relief has in the height."""
+        rest = np.ones(self.height.shape)
+        for share in self.shares.values():
+            rest -= share
+        return rest
+
+
+def fine_relief(
+    points: CellPoints, window: Window, cell_m: float, stiffness: Stiffness, n_draws: int
+) -> FineRelief:
+    """Return the fine relief at the middles of the cells of a window.
+
+    Parameters
+    ----------
+    points : CellPoints
+        Measurements in the window.
+    window : Window
+        The cells.
+    cell_m : float
+        Side of a cell [m].
+    stiffness : Stiffness
+        Prior of the fine relief, and factor on the points' standard deviations.
+    n_draws : int
+        Draws from which the variance is taken.
+    """
+    information = Information.empty(window.shape, 0)
+    information.add(points.rows(points.residual))
+    ratio = stiffness._replace(stiffness=stiffness.stiffness * stiffness.noise_factor**2)
+    operator = Operator(information.stencil, ratio.weights(cell_m))
+    by = VCyclePreconditioner(operator)
+    start = np.zeros(window.shape)
+    height = solve(operator, information.rhs, start, tolerance=_MEAN_TOLERANCE, preconditioner=by).z
+    shares = {}
+    for key in np.unique(points.strip).tolist():
+        own = points.where(points.strip == key)
+        ones = Information.empty(window.shape, 0)
+        ones.add(own.rows(np.ones(len(own.weight))))
+        shares[int(key)] = solve(operator, ones.rhs, start, tolerance=_SHARE_TOLERANCE, preconditioner=by).z
+    away = away_from(information.stencil[0] > 0.0)
+    variance = stiffness.noise_factor**2 * _variance(operator, by, points, window, n_draws)
+    return FineRelief(height, _averaged(variance, away), shares, away)
+
+
+def _variance(
+    operator: Operator, by: VCyclePreconditioner, points: CellPoints, window: Window, n_draws: int
+) -> FloatArray:
+    """Return the diagonal of A⁻¹: 1/A_ii, and the mean square over draws of what the neighbours add (Rao–Blackwell)."""
+    own = operator.stencil[0] + prior_diagonal(operator.weights, operator.soft, operator.shape)
+    signs, start = np.empty((N_LAYERS, *operator.shape)), np.zeros(operator.shape)
+    rows, cells = points.rows(points.residual), np.column_stack([points.column, points.row])
+    total = np.zeros(operator.shape)
+    for draw in range(n_draws):
+        error = np.zeros(operator.shape)
+        add_point_errors(rows, cells, points.strip, draw, error)
+        place_signs(window.west, window.south, draw, signs)
+        prior_noise(operator.weights, operator.soft, signs, error)
+        drawn = solve(operator, error, start, tolerance=_DRAW_TOLERANCE, preconditioner=by).z
+        total += ((operator.apply(drawn) - own * drawn) / own) ** 2
+    return total / n_draws + 1.0 / own
+
+
+def _averaged(variance: FloatArray, away: FloatArray) -> FloatArray:
+    """Average the variance over neighbours that are as far from the points."""
+    result = variance.copy()
+    kind = np.minimum(np.round(np.where(np.isfinite(away), away, _FARTHEST_CLASS)), _FARTHEST_CLASS)
+    for k in range(_FARTHEST_CLASS + 1):
+        alike = kind == k
+        share = uniform_filter(alike.astype(np.float64), _AVERAGED, mode="constant")
+        total = uniform_filter(np.where(alike, variance, 0.0), _AVERAGED, mode="constant")
+        result[alike] = total[alike] / share[alike]
+    return result
+
+
+def strip_variance(
+    shares: Mapping[int, FloatArray], design: Mapping[int, FloatArray], covariance: npt.NDArray[np.float64]
+) -> FloatArray:
+    """Return the variance (H, W) [m²] that errors of strips make in a map.
+
+    Parameters
+    ----------
+    shares : mapping of int to (H, W) ndarray
+        Part of each strip in the height.
+    design : mapping of int to (H, W, 5) ndarray
+        Rows that make the error of each strip, see `StripPlaces.design`; in the order of the shares.
+    covariance : (5 S, 5 S) ndarray
+        Of the errors of these strips, in the same order [m²].
+    """
+    if not shares:
+        return np.zeros(())
+    first = next(iter(shares.values()))
+    variance = np.empty(first.shape)
+    for j in range(len(first)):
+        rows = np.concatenate([shares[key][j][:, None] * design[key][j] for key in shares], axis=1)
+        variance[j] = np.einsum("na,ab,nb->n", rows, covariance, rows, optimize=True)
+    return variance

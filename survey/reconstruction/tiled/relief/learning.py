@@ -1,0 +1,116 @@
+"""Stiffness of the fine relief by likelihood on patches, and calibration of its standard deviation on pilot windows."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.streams import stream
+from survey.reconstruction.lattice.calibration import LatticeCalibration, likeliest_factors
+from survey.reconstruction.lattice.stiffness import PATCH_NODES, LatticeLikelihood, Stiffness, likeliest_of
+from survey.reconstruction.nodes import bilinear
+from survey.reconstruction.tiled.cells.statistics import read_cells
+from survey.reconstruction.tiled.job import TiledJob
+from survey.reconstruction.tiled.layout import Tile, Window
+from survey.reconstruction.tiled.relief.fine_relief import fine_relief
+from survey.reconstruction.tiled.relief.measurements import Measurements, measurements
+from survey.reconstruction.tiled.relief.shared import Learnt, Shared
+
+Run = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[Any, Any]]]
+"""Runs a function on pieces, and yields each piece with its result, in any order."""
+_N_PATCHES, _N_PILOTS, _PILOT_CELLS = 16, 6, 160
+_LEAST_POINTS = 60
+_RANGES_IN_CELLS = (60.0, 30.0, 15.0, 8.0)
+_WITHHELD_OF_PILOTS = 0.1
+# Where nothing can be learnt: gentle ground.
+_FALLBACK = Stiffness(1000.0, 60.0)
+
+
+class Place(NamedTuple):
+    """A window in a tile."""
+
+    tile: Tile
+    window: Window
+
+
+def learn(job: TiledJob, shared: Shared, tiles: Sequence[Tile], run: Run) -> Learnt:
+    """Return the prior of the fine relief and the factors on its standard deviation.
+
+    Parameters
+    ----------
+    job : TiledJob
+        The map.
+    shared : Shared
+        Errors of strips and long relief.
+    tiles : sequence of Tile
+        Tiles with points.
+    run : callable
+        Runs the pilot windows.
+    """
+    patches = _patches(job, shared, _places(job, tiles, PATCH_NODES, _N_PATCHES, "patches"))
+    ranges = [n * job.layout.cell_m for n in _RANGES_IN_CELLS]
+    stiffness = likeliest_of(patches, ranges) if patches else _FALLBACK
+    pilots = _places(job, tiles, _PILOT_CELLS, _N_PILOTS, "pilots")
+    found = dict(run(partial(_pilot, job, shared, stiffness), pilots))
+    errors = np.concatenate([found[place] for place in pilots])
+    return Learnt(stiffness, likeliest_factors(*errors.T) if len(errors) else LatticeCalibration())
+
+
+def _places(job: TiledJob, tiles: Sequence[Tile], side: int, n: int, name: str) -> list[Place]:
+    """Return square windows about randomly chosen cells with points."""
+    rng = stream(0, "tiled map", name)
+    found: dict[Place, None] = {}
+    for _ in range(n):
+        tile = tiles[int(rng.integers(len(tiles)))]
+        cells = read_cells(job.cells_file(tile))
+        cell = cells[int(rng.integers(len(cells)))]
+        whole = job.layout.window(tile)
+        west = int(
+            np.clip(
+                cell["column"] - side // 2, whole.west, max(whole.west + whole.columns - side, whole.west)
+            )
+        )
+        south = int(
+            np.clip(cell["row"] - side // 2, whole.south, max(whole.south + whole.rows - side, whole.south))
+        )
+        columns, rows = min(side, whole.columns), min(side, whole.rows)
+        found[Place(tile, Window(west, south, columns, rows))] = None
+    return list(found)
+
+
+def _patches(job: TiledJob, shared: Shared, places: Sequence[Place]) -> list[LatticeLikelihood]:
+    patches = []
+    for place in places:
+        points = measurements(job, shared, place.tile, place.window, 0.0).points
+        if len(points.weight) >= _LEAST_POINTS and place.window.shape == (PATCH_NODES, PATCH_NODES):
+            rows = points.rows(points.residual)
+            patches.append(LatticeLikelihood(rows, place.window.shape, job.layout.cell_m))
+    return patches
+
+
+def _pilot(job: TiledJob, shared: Shared, stiffness: Stiffness, place: Place) -> FloatArray:
+    """Return errors [m], variances of the surface and of the cells [m²] (N, 3) at the withheld cells of a window."""
+    found = measurements(job, shared, place.tile, place.window, _WITHHELD_OF_PILOTS)
+    return withheld_errors(found, place.window, job.layout.cell_m, stiffness, job.config.n_draws)
+
+
+def withheld_errors(
+    found: Measurements, window: Window, cell_m: float, stiffness: Stiffness, n_draws: int
+) -> FloatArray:
+    """Return errors [m], variances of the surface and of the cells [m²] (N, 3) at withheld cells."""
+    held = found.points.where(found.withheld)
+    if len(held.weight) == 0:
+        return np.zeros((0, 3))
+    fine = fine_relief(found.points.where(~found.withheld), window, cell_m, stiffness, n_draws)
+    return np.column_stack(
+        [
+            held.residual - bilinear(fine.height, held.uv),
+            bilinear(fine.variance, held.uv),
+            stiffness.noise_factor**2 / held.weight,
+        ]
+    )
+
+
+__all__ = ["Place", "Run", "learn", "withheld_errors"]

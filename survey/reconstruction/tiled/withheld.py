@@ -1,0 +1,92 @@
+"""Test of a map in tiles by the cells that were withheld from it: coverage over the map, and reliability."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from survey.core.arrays import FloatArray
+from survey.reconstruction.tiled.layout import Window
+
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+"""Nominal coverages of the reliability diagram."""
+_BLOCK_CELLS = 250
+_LEAST_CELLS = 10
+
+
+class WithheldTest(NamedTuple):
+    """Errors at withheld cells against the standard deviations that the map states.
+
+    Parameters
+    ----------
+    n : int
+        Withheld cells.
+    coverage_95 : float
+        Share of them within the 95 % interval; NaN without cells.
+    rms_ratio : float
+        Root mean square of error over standard deviation.
+    reliability : dict of float to float
+        Share of the cells within the central interval of each nominal coverage.
+    """
+
+    n: int
+    coverage_95: float
+    rms_ratio: float
+    reliability: dict[float, float]
+
+    @classmethod
+    def of(cls, error: FloatArray, sigma: FloatArray) -> "WithheldTest":
+        """Return the test of errors (N,) with standard deviations (N,) [m]."""
+        ratio = np.abs(error) / sigma
+        within = {level: float(np.mean(ratio <= ndtri(0.5 + 0.5 * level))) for level in LEVELS if len(ratio)}
+        rms = float(np.sqrt(np.mean(ratio**2))) if len(ratio) else float("nan")
+        return cls(len(ratio), within.get(0.95, float("nan")), rms, within)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the test for the record."""
+        return {
+            "n_withheld": self.n,
+            "coverage_95": self.coverage_95,
+            "rms_ratio": self.rms_ratio,
+            "reliability": [[nominal, found] for nominal, found in self.reliability.items()],
+        }
+
+
+def coverage_map(tested: FloatArray, whole: Window, cell_m: float) -> tuple[FloatArray, Window]:
+    """Return the share of withheld cells within the 95 % interval over blocks of 250 cells, and the blocks as a window.
+
+    Parameters
+    ----------
+    tested : (N, 4) ndarray
+        Easting, northing, error and standard deviation [m].
+    whole : Window
+        Cells of the map.
+    cell_m : float
+        Side of a cell [m].
+
+    Returns
+    -------
+    (H, W) ndarray, Window
+        Shares, the first row the southern one, NaN with fewer than ten cells; blocks, counted in blocks from the origin.
+    """
+    n = _BLOCK_CELLS
+    blocks = Window(
+        whole.west // n,
+        whole.south // n,
+        (whole.west + whole.columns - 1) // n - whole.west // n + 1,
+        (whole.south + whole.rows - 1) // n - whole.south // n + 1,
+    )
+    column, row = np.floor(tested[:, :2].T / (cell_m * n)).astype(np.int64)
+    flat = np.clip(row - blocks.south, 0, blocks.rows - 1) * blocks.columns
+    flat = flat + np.clip(column - blocks.west, 0, blocks.columns - 1)
+    inside = np.abs(tested[:, 2]) <= ndtri(0.975) * tested[:, 3]
+    count = np.bincount(flat, minlength=blocks.rows * blocks.columns)
+    total = np.bincount(flat, inside, blocks.rows * blocks.columns)
+    share: FloatArray = np.full(len(count), np.nan)
+    np.divide(total, count, out=share, where=count >= _LEAST_CELLS)
+    return share.reshape(blocks.shape), blocks
+
+
+def block_side_m(cell_m: float) -> float:
+    """Return the side of a block of the coverage map [m]."""
+    return _BLOCK_CELLS * cell_m

@@ -1,0 +1,42 @@
+"""Tiles of a map."""
+
+import numpy as np
+import pytest
+
+from survey.core.errors import CapacityError, InputError
+from survey.reconstruction.tiled.layout import Tile, TileLayout
+
+
+def test_every_cell_belongs_to_one_tile() -> None:
+    layout = TileLayout.over((-150.0, 20.0, 310.0, 290.0), 1.0, 100)
+    counts = np.zeros(layout.whole.shape, int)
+    for tile in layout.tiles:
+        counts[layout.whole.part(layout.window(tile))] += 1
+    assert (counts == 1).all()
+
+
+def test_cells_are_found_in_the_tile_of_their_window() -> None:
+    layout = TileLayout.over((-150.0, 20.0, 310.0, 290.0), 1.0, 100)
+    tile = Tile(1, 3)
+    window = layout.window(tile)
+    corners = np.array(
+        [[window.west, window.south], [window.west + window.columns - 1, window.south + window.rows - 1]]
+    )
+    assert layout.tile_numbers(corners).tolist() == [1 * 5 + 3] * 2
+    assert layout.tile_numbers(np.array([[310, 20]])).tolist() == [-1]
+
+
+def test_tiles_near_a_tile_are_those_that_its_halo_touches() -> None:
+    layout = TileLayout.over((0.0, 0.0, 500.0, 500.0), 1.0, 100)
+    near = set(layout.near(Tile(2, 2), 96))
+    assert near == {Tile(j, i) for j in (1, 2, 3) for i in (1, 2, 3)}
+
+
+def test_bounds_without_extent_are_refused() -> None:
+    with pytest.raises(InputError, match="enclose no cell"):
+        TileLayout.over((0.0, 0.0, 0.0, 5.0), 1.0, 100)
+
+
+def test_files_that_lie_far_apart_are_refused() -> None:
+    with pytest.raises(CapacityError, match="tiles of 100 m"):
+        TileLayout.over((0.0, 0.0, 4e5, 4e5), 1.0, 100)
