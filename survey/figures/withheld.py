@@ -7,20 +7,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from survey.data.dem import Dem
+from survey.core.arrays import Bounds, FloatArray
 from survey.figures.style import FULL_IN, MUTED, REFERENCE, styled
 
 
 @styled
-def withheld_plot(reliability: Mapping[float, float], coverage: Dem) -> Figure:
+def withheld_plot(reliability: Mapping[float, float], coverage: FloatArray, bounds: Bounds) -> Figure:
     """Draw the reliability diagram of a map in tiles, and where its 95 % intervals held the withheld cells.
 
     Parameters
     ----------
     reliability : mapping of float to float
         Share of withheld cells within the interval of each nominal coverage.
-    coverage : Dem
-        Share of withheld cells within the 95 % interval, in blocks.
+    coverage : (H, W) ndarray
+        Share of withheld cells within the 95 % interval, in blocks, the first row the southern one; NaN without cells.
+    bounds : (xmin, ymin, xmax, ymax)
+        Edges of the blocks [m].
 
     Returns
     -------
@@ -43,15 +45,16 @@ def withheld_plot(reliability: Mapping[float, float], coverage: Dem) -> Figure:
     for axis in (left.xaxis, left.yaxis):
         axis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     left.legend(loc="upper left")
-    _draw_coverage(right, coverage)
+    _draw_coverage(right, coverage, bounds)
     return figure
 
 
-def _draw_coverage(axes: Axes, coverage: Dem) -> None:
-    west, south, east, north = coverage.bounds
+def _draw_coverage(axes: Axes, coverage: FloatArray, bounds: Bounds) -> None:
+    west, south, east, north = bounds
     image = axes.imshow(
-        np.ma.masked_invalid(coverage.elevation),
+        np.ma.masked_invalid(coverage),
         extent=(west, east, south, north),
+        origin="lower",
         vmin=0.85,
         vmax=1.0,
         cmap="cividis",

@@ -16,11 +16,12 @@ from sim.cli.rasters import read_about
 from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
 from survey.core.executors import run_all
+from survey.core.files.reading import existing_file
 from survey.reconstruction.tiled.cells.sorting import disk_bytes
 from survey.reconstruction.tiled.config import TiledConfig
 from survey.reconstruction.tiled.job import Control, TiledJob
 from survey.reconstruction.tiled.relief.long_relief import coarse_nodes
-from survey.reconstruction.tiled.request import tiled_job
+from survey.reconstruction.tiled.request import fingerprint, tiled_job
 from survey.reconstruction.tiled.results import TiledResult
 from survey.reconstruction.tiled.survey_map import map_in_tiles, prior_on_nodes
 
@@ -42,6 +43,8 @@ def map_tiled(options: ReconstructOptions) -> None:
     job = tiled_job(options.sources, options.out, _config(options), crs=options.crs, bounds=_bounds(options))
     if options.control is not None:
         job = job._replace(control=_control(options.control, job))
+    if options.prior is not None:
+        job = job._replace(prior=fingerprint(existing_file(options.prior, "the prior")))
     facts = _facts(job)
     if options.dry_run:
         end_dry_run([options.out], facts)
@@ -134,7 +137,7 @@ def _draw(result: TiledResult, out: Path) -> None:
     from survey.figures import png_bytes
     from survey.figures.withheld import withheld_plot
 
-    figure = withheld_plot(result.test.reliability, survey.Dem.read(out / "coverage.tif"))
+    figure = withheld_plot(result.test.reliability, result.coverage.share, result.coverage.bounds)
     (out / "withheld.png").write_bytes(png_bytes(figure))
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from affine import Affine
@@ -92,7 +92,7 @@ def _overviews(side: int) -> str:
     return " ".join(map(str, factors))
 
 
-def _add_band(root: Any, number: int, band: MosaicBand, tiles: Sequence[MosaicTile], folder: Path) -> None:
+def _add_band(root: ET.Element, number: int, band: MosaicBand, tiles: Sequence[MosaicTile], folder: Path) -> None:
     element = ET.SubElement(root, "VRTRasterBand", dataType=band.kind, band=str(number))
     ET.SubElement(element, "Description").text = band.name
     if band.nodata is not None:
@@ -103,6 +103,11 @@ def _add_band(root: Any, number: int, band: MosaicBand, tiles: Sequence[MosaicTi
             folder
         ).as_posix()
         ET.SubElement(source, "SourceBand").text = str(number)
-        size = {"xSize": str(tile.width), "ySize": str(tile.height)}
-        ET.SubElement(source, "SrcRect", xOff="0", yOff="0", **size)
-        ET.SubElement(source, "DstRect", xOff=str(tile.column), yOff=str(tile.row), **size)
+        _add_rectangle(source, "SrcRect", (0, 0, tile.width, tile.height))
+        _add_rectangle(source, "DstRect", (tile.column, tile.row, tile.width, tile.height))
+
+
+def _add_rectangle(source: ET.Element, name: str, numbers: tuple[int, int, int, int]) -> None:
+    element = ET.SubElement(source, name)
+    for key, number in zip(("xOff", "yOff", "xSize", "ySize"), numbers, strict=True):
+        element.set(key, str(number))

@@ -10,7 +10,7 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.reconstruction.tiled.cells.sorting import Piece
 from survey.reconstruction.tiled.config import TiledConfig
-from survey.reconstruction.tiled.layout import Tile, TileLayout
+from survey.reconstruction.tiled.layout import Tile, TileLayout, Window
 
 
 class Control(NamedTuple):
@@ -23,6 +23,13 @@ class Control(NamedTuple):
     def none(cls) -> "Control":
         """Return no control points."""
         return cls(np.zeros((0, 3)), np.zeros(0))
+
+    def within(self, window: Window, cell_m: float) -> "Control":
+        """Return the control points that lie in a window, so that each belongs to one tile."""
+        column, row = np.floor(self.xyz[:, :2].T / cell_m)
+        inside = (column >= window.west) & (column < window.west + window.columns)
+        inside &= (row >= window.south) & (row < window.south + window.rows)
+        return Control(self.xyz[inside], self.sigma_m[inside])
 
 
 class TiledJob(NamedTuple):
@@ -44,6 +51,8 @@ class TiledJob(NamedTuple):
         Name of the surface that heights count from.
     control : Control
         Control points.
+    prior : str
+        Fingerprint of the raster that the long relief is built around; empty for none.
     """
 
     layout: TileLayout
@@ -53,6 +62,7 @@ class TiledJob(NamedTuple):
     crs: str
     vertical_datum: str
     control: Control
+    prior: str = ""
 
     @property
     def map_crs(self) -> CRS:

@@ -132,12 +132,13 @@ def _stated(job: TiledJob) -> dict[str, Any]:
         "settings": job.config.model_dump(mode="json"),
         "cells": list(job.layout.whole),
         "crs": job.crs,
-        "files": {file: _fingerprint(Path(file)) for file in files},
+        "prior": job.prior,
+        "files": {file: fingerprint(Path(file)) for file in files},
         "control": f"{zlib.crc32(np.column_stack([*job.control.xyz.T, job.control.sigma_m]).tobytes()):08x}",
     }
 
 
-def _fingerprint(file: Path) -> str:
+def fingerprint(file: Path) -> str:
     """Return size and checksum of the beginning and the end of a file."""
     size = file.stat().st_size
     with file.open("rb") as stream:

@@ -15,7 +15,7 @@ from survey.reconstruction.reconstruction_file import FACTS_SHA256
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
 from survey.reconstruction.tiled.layout import Tile
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
-from survey.reconstruction.tiled.withheld import WithheldTest, block_side_m, coverage_map
+from survey.reconstruction.tiled.withheld import CoverageMap, WithheldTest, coverage_map
 
 _METHOD = "tiles"
 _DEM_BANDS = (MosaicBand("elevation", "Float32", NODATA), MosaicBand("standard_deviation", "Float32", NODATA))
@@ -23,10 +23,11 @@ _SUPPORT_BANDS = (MosaicBand("support", "Byte", None),)
 
 
 class TiledResult(NamedTuple):
-    """A map in tiles: the record of what was found, and the test by withheld cells."""
+    """A map in tiles: the record of what was found, and the test by withheld cells, over all and in blocks."""
 
     facts: dict[str, Any]
     test: WithheldTest
+    coverage: CoverageMap
 
 
 def write_results(
@@ -37,9 +38,9 @@ def write_results(
     tested = np.concatenate([np.asarray(each["tested"], np.float64) for each in found])
     counts = np.sum([np.asarray(each["counts"], np.int64) for each in found], axis=0)
     _write_mosaics(job, tiles)
-    share, blocks = coverage_map(tested, job.layout.whole, job.layout.cell_m)
-    transform = blocks.transform(block_side_m(job.layout.cell_m))
-    write_raster(job.folder / "coverage.tif", {"coverage_95": share[::-1]}, transform, job.map_crs)
+    coverage = coverage_map(tested, job.layout.whole, job.layout.cell_m)
+    transform = coverage.blocks.transform(coverage.side_m)
+    write_raster(job.folder / "coverage.tif", {"coverage_95": coverage.share[::-1]}, transform, job.map_crs)
     test = WithheldTest.of(tested[:, 2], tested[:, 3])
     facts = {
         "method": _METHOD,
@@ -59,7 +60,7 @@ def write_results(
     with replacing(job.folder / "reconstruction.json") as draft:
         text = json.dumps(with_checksum(facts, FACTS_SHA256), indent=2, sort_keys=True)
         draft.write_text(text + "\n", encoding="utf-8")
-    return TiledResult(facts, test)
+    return TiledResult(facts, test, coverage)
 
 
 def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:

@@ -37,9 +37,10 @@ def summarise(job: TiledJob, tile: Tile) -> int:
     write_cells(job.cells_file(tile), cells)
     per_point = shrunk_variance(variance, cells["n"], usual if np.isfinite(usual) else _USUAL_M2)
     slope = slopes_at(cells, window) / layout.cell_m
+    control = job.control.within(window, layout.cell_m)
     arrays = {
         "overlaps": overlaps(cells, window, layout.cell_m, per_point),
-        "control": control_differences(cells, layout.cell_m, per_point, slope, job.control),
+        "control": control_differences(cells, layout.cell_m, per_point, slope, control),
         "strips": _strip_table(cells, layout.cell_m),
         "blocks": relief_blocks(cells, slope, window, layout.cell_m, job.config.coarse_cells),
         "usual_m2": np.array([usual, float((cells["n"] >= 4).sum())]),

@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import Bounds, FloatArray
 from survey.reconstruction.tiled.layout import Window
 
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 """Nominal coverages of the reliability diagram."""
-_BLOCK_CELLS = 250
+_BLOCK_CELLS, _SMALLEST_BLOCK = 250, 31
 _LEAST_CELLS = 10
 
 
@@ -52,8 +52,32 @@ class WithheldTest(NamedTuple):
         }
 
 
-def coverage_map(tested: FloatArray, whole: Window, cell_m: float) -> tuple[FloatArray, Window]:
-    """Return the share of withheld cells within the 95 % interval over blocks of 250 cells, and the blocks as a window.
+class CoverageMap(NamedTuple):
+    """Share of withheld cells within the 95 % interval over blocks of cells.
+
+    Parameters
+    ----------
+    share : (H, W) ndarray
+        The first row is the southern one; NaN with fewer than ten cells.
+    blocks : Window
+        The blocks, counted in blocks from the origin of the CRS.
+    side_m : float
+        Side of a block [m].
+    """
+
+    share: FloatArray
+    blocks: Window
+    side_m: float
+
+    @property
+    def bounds(self) -> Bounds:
+        """West, south, east and north edge [m]."""
+        west, south, columns, rows = (n * self.side_m for n in self.blocks)
+        return west, south, west + columns, south + rows
+
+
+def coverage_map(tested: FloatArray, whole: Window, cell_m: float) -> CoverageMap:
+    """Return how often the 95 % intervals held the withheld cells, in blocks of 250 cells, fewer on small maps.
 
     Parameters
     ----------
@@ -66,10 +90,12 @@ def coverage_map(tested: FloatArray, whole: Window, cell_m: float) -> tuple[Floa
 
     Returns
     -------
-    (H, W) ndarray, Window
-        Shares, the first row the southern one, NaN with fewer than ten cells; blocks, counted in blocks from the origin.
+    CoverageMap
+        Shares and blocks.
     """
     n = _BLOCK_CELLS
+    while n > _SMALLEST_BLOCK and min(whole.shape) < 2 * n:
+        n //= 2
     blocks = Window(
         whole.west // n,
         whole.south // n,
@@ -84,9 +110,4 @@ def coverage_map(tested: FloatArray, whole: Window, cell_m: float) -> tuple[Floa
     total = np.bincount(flat, inside, blocks.rows * blocks.columns)
     share: FloatArray = np.full(len(count), np.nan)
     np.divide(total, count, out=share, where=count >= _LEAST_CELLS)
-    return share.reshape(blocks.shape), blocks
-
-
-def block_side_m(cell_m: float) -> float:
-    """Return the side of a block of the coverage map [m]."""
-    return _BLOCK_CELLS * cell_m
+    return CoverageMap(share.reshape(blocks.shape), blocks, n * cell_m)

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from numba import njit
 
 from survey.core.arrays import FloatArray, IntArray
-from survey.core.errors import CapacityError
 from survey.core.files.writing import replacing
 from survey.reconstruction.tiled.cells.sorting import STEP_M, read_sorted
 from survey.reconstruction.tiled.layout import Tile, TileLayout, Window
@@ -29,7 +28,7 @@ CELL = np.dtype(
 """A cell seen by a strip: row and column counted from the origin of the CRS, key of the strip, number of points, mean
 place in the cell (0 to 1), mean height [m], and variance of the heights within the cell [m²]."""
 _AT_ONCE = 2_000_000
-_MOST_SUMS = 400_000_000
+_STRIPS_AT_ONCE = 8
 _N, _X, _Y, _Z, _M2 = range(5)
 
 
@@ -54,28 +53,27 @@ def cell_statistics(layout: TileLayout, tile: Tile, files: Sequence[Path]) -> np
     ------
     InputError
         A file was cut off.
-    CapacityError
-        More strips cross the tile than fit the memory.
     """
     window = layout.window(tile)
     parts = [read_sorted(file) for file in files]
     strips = np.unique(np.concatenate([np.unique(part["strip"]) for part in parts] or [np.zeros(0, "<u4")]))
-    if len(strips) * window.rows * window.columns * 5 > _MOST_SUMS:
-        raise CapacityError(
-            f"{len(strips)} strips cross the tile {tile.name} of {window.rows} × {window.columns} cells; take smaller tiles "
-            "(tile_cells)."
-        )
+    groups = np.split(strips, range(_STRIPS_AT_ONCE, len(strips), _STRIPS_AT_ONCE))
+    cells = np.concatenate([_of_strips(group, parts, window, layout.cell_m) for group in groups])
+    return cells[np.lexsort((cells["strip"], cells["column"], cells["row"]))]
+
+
+def _of_strips(
+    strips: npt.NDArray[np.uint32], parts: Sequence[npt.NDArray[np.void]], window: Window, cell_m: float
+) -> npt.NDArray[np.void]:
+    """Return the cells of some strips."""
     sums = np.zeros((len(strips), window.rows, window.columns, 5))
     for part in parts:
         for first in range(0, len(part), _AT_ONCE):
-            _add(part[first : first + _AT_ONCE], strips, STEP_M / layout.cell_m, sums)
+            points = part[first : first + _AT_ONCE]
+            points = points[np.isin(points["strip"], strips)]
+            x, y = (points[axis] * (STEP_M / cell_m) for axis in ("x", "y"))
+            _add_points(x, y, points["z"] * STEP_M, np.searchsorted(strips, points["strip"]), sums)
     return _as_cells(sums, strips, window)
-
-
-def _add(points: npt.NDArray[np.void], strips: Any, cells_per_step: float, sums: FloatArray) -> None:
-    index = np.searchsorted(strips, points["strip"])
-    x, y = (points[axis] * cells_per_step for axis in ("x", "y"))
-    _add_points(x, y, points["z"] * STEP_M, index, sums)
 
 
 @njit(cache=True)

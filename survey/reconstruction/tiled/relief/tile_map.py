@@ -78,7 +78,7 @@ def _variance(
     keys = np.array(list(fine.shares), np.uint32)
     if len(keys) == 0:
         return variance
-    index = strips.places.index(keys)
+    index = strips.places.numbers(keys)
     design = {
         int(key): _design(strips, int(k), window, cell_m, found.slope)
         for key, k in zip(keys, index, strict=True)

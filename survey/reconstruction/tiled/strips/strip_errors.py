@@ -64,7 +64,7 @@ class StripPlaces(NamedTuple):
         tilts = (xy - self.middle[strip]) / self.half_m[strip, None]
         return np.column_stack([np.ones(len(xy)), tilts, -slope])
 
-    def index(self, keys: npt.NDArray[np.uint32]) -> IntArray:
+    def numbers(self, keys: npt.NDArray[np.uint32]) -> IntArray:
         """Return the numbers (N,) of strips by their keys."""
         numbers: IntArray = np.searchsorted(self.keys, keys)
         return numbers
@@ -108,7 +108,7 @@ class StripErrors(DataObject):
 
     def at(self, keys: npt.NDArray[np.uint32], xy: FloatArray, slope: FloatArray) -> FloatArray:
         """Return the error (N,) [m] of strips at places (N, 2) [m] with slopes (N, 2) [m/m]."""
-        strip = self.places.index(keys)
+        strip = self.places.numbers(keys)
         values: FloatArray = np.sum(self.places.design(strip, xy, slope) * self.errors[strip], axis=1)
         return values
 
@@ -126,7 +126,7 @@ class StripErrors(DataObject):
 
     def offset_between(self, first: int, second: int, xy: FloatArray) -> tuple[float, float]:
         """Return how far a strip lies above another one at a place (2,) on level ground, and the standard deviation [m]."""
-        strip = self.places.index(np.array([first, second], np.uint32))
+        strip = self.places.numbers(np.array([first, second], np.uint32))
         rows = self.places.design(strip, np.tile(xy, (2, 1)), np.zeros((2, 2)))
         whole = np.zeros(self.errors.size)
         for k, sign in ((0, 1.0), (1, -1.0)):
@@ -223,7 +223,7 @@ def _moments(rows: npt.NDArray[np.void]) -> tuple[FloatArray, FloatArray]:
 
 def _maps(places: StripPlaces, rows: npt.NDArray[np.void], which: str) -> tuple[IntArray, FloatArray]:
     """Return the strip's number (N,) and the matrix (N, 3, 5) from its errors to coefficients of h."""
-    strip = places.index(rows[which])
+    strip = places.numbers(rows[which])
     design = places.design(strip, np.column_stack([rows["x"], rows["y"]]), np.zeros((len(rows), 2)))
     matrix = np.zeros((len(rows), 3, N_TERMS))
     matrix[:, 0, :3] = design[:, :3]
