@@ -6,10 +6,9 @@ of a strip. ``--km2 25 --density 2.9`` has 10⁸ points.
 
 import argparse
 import os
-import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 import rasterio
 
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import parts_folder, stored_rows
 from benchmarks.whole_glacier.kills import digest, killed
 from benchmarks.whole_glacier.made_survey import MadeSurvey
 from benchmarks.whole_glacier.mapping import command, control_file, judged, strips_of, used_by
@@ -29,15 +29,20 @@ _N_KILLS = 10
 
 
 def rows(sizes_km2: list[float], density: float, quick: bool) -> Iterator[Row]:
-    """Yield all rows."""
-    with tempfile.TemporaryDirectory(prefix="firnline-tiles-") as name:
-        folder = Path(name)
-        yield from real_strips(folder)
-        yield from made_surveys(folder, sizes_km2[:1] if quick else sizes_km2, density)
-        yield from seams(folder, density)
-        yield from peers(folder, density)
-        if not quick:
-            yield from workers_and_kills(folder, density)
+    """Yield all rows; parts that are done are stored, so that a run that was broken off goes on."""
+    place = parts_folder("whole-glacier", "survey/reconstruction", "benchmarks/whole_glacier")
+    parts: dict[str, Callable[[Path], Iterable[Row]]] = {"real": real_strips}
+    sizes = sizes_km2[:1] if quick else sizes_km2
+    parts |= {f"made_{km2:g}_{density:g}": partial(made_survey, km2=km2, density=density) for km2 in sizes}
+    parts |= {"seams": partial(seams, density=density), "peers": partial(peers, density=density)}
+    parts |= {} if quick else {"workers": partial(workers_and_kills, density=density)}
+    found: list[Row] = []
+    for part, make in parts.items():
+        with tempfile.TemporaryDirectory(prefix="firnline-tiles-") as folder:
+            own = stored_rows(place / f"{part}.json", partial(make, Path(folder)))
+        found += own
+        yield from own
+    yield from exponent(found, sizes)
 
 
 def real_strips(folder: Path) -> Iterator[Row]:
@@ -52,35 +57,29 @@ def real_strips(folder: Path) -> Iterator[Row]:
     yield Row("Santa Cruz: median difference of raw 1 m cells", _RAW_OFFSET_M, "m")
 
 
-def made_surveys(folder: Path, sizes_km2: list[float], density: float) -> Iterator[Row]:
-    """Yield coverage, errors, CPU time and memory for each size, and the exponent of the time."""
-    points, times = [], []
-    for km2 in sizes_km2:
-        made = MadeSurvey(_SEEDS[0], 1000.0 * np.sqrt(km2), 1000.0 * np.sqrt(km2), density)
-        files = made.write(folder / f"made_{km2:g}")
-        out = folder / f"map_{km2:g}"
-        options = ["--control", str(control_file(made, folder)), "--workers", "2"]
-        began = time.perf_counter()
-        used = used_by(command(files, out, *options))
-        found = judged(made, out / "dem.vrt")
-        yield Row.of(f"{km2:g} km²: coverage of 95 % intervals, least", found.coverage_95, "", ">=", 0.93)
-        yield Row.of(f"{km2:g} km²: coverage of 95 % intervals, most", found.coverage_95, "", "<=", 0.97)
-        yield Row(f"{km2:g} km²: RMSE", found.rmse_m, "m")
-        yield Row(f"{km2:g} km²: stated RMSE", found.stated_m, "m")
-        yield Row(f"{km2:g} km²: CPU time", used.cpu_s, "s")
-        yield Row(
-            f"{km2:g} km²: time on a machine in use",
-            (time.perf_counter() - began) / 60.0,
-            "min",
-            "<= 60 (10⁸)",
-        )
-        yield Row.of(f"{km2:g} km²: memory of the largest process", used.memory_mb, "MB", "<=", 4000.0)
-        points.append(km2 * density)
-        times.append(used.cpu_s)
-        shutil.rmtree(out)
-    if len(points) > 2:
-        exponent = float(np.polyfit(np.log(points), np.log(times), 1)[0])
-        yield Row.of("exponent of the CPU time with the number of points", exponent, "", "<=", 1.05)
+def made_survey(folder: Path, km2: float, density: float) -> Iterator[Row]:
+    """Yield coverage, errors, CPU time and memory of a made survey of a size."""
+    made = MadeSurvey(_SEEDS[0], 1000.0 * np.sqrt(km2), 1000.0 * np.sqrt(km2), density)
+    files = made.write(folder / "made")
+    options = ["--control", str(control_file(made, folder)), "--workers", "2"]
+    began = time.perf_counter()
+    used = used_by(command(files, folder / "map", *options))
+    found, what = judged(made, folder / "map" / "dem.vrt"), f"{km2:g} km²"
+    yield Row.of(f"{what}: coverage of 95 % intervals, at least", found.coverage_95, "", ">=", 0.93)
+    yield Row.of(f"{what}: coverage of 95 % intervals, at most", found.coverage_95, "", "<=", 0.97)
+    yield Row(f"{what}: RMSE", found.rmse_m, "m")
+    yield Row(f"{what}: stated RMSE", found.stated_m, "m")
+    yield Row(f"{what}: CPU time", used.cpu_s, "s")
+    yield Row(f"{what}: time on a machine in use", (time.perf_counter() - began) / 60.0, "min")
+    yield Row.of(f"{what}: memory of the largest process", used.memory_mb, "MB", "<=", 4000.0)
+
+
+def exponent(found: list[Row], sizes_km2: list[float]) -> Iterator[Row]:
+    """Yield the exponent of the CPU time with the number of points, of three sizes or more."""
+    times = [row.value for row in found if row.name.endswith(": CPU time")]
+    if len(times) > 2:
+        slope = float(np.polyfit(np.log(sizes_km2), np.log(times), 1)[0])
+        yield Row.of("exponent of the CPU time with the number of points", slope, "", "<=", 1.05)
 
 
 def seams(folder: Path, density: float) -> Iterator[Row]:

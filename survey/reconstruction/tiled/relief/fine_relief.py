@@ -54,7 +54,8 @@ class CellPoints(NamedTuple):
 
     def where(self, chosen: BoolArray) -> "CellPoints":
         """Return some of the measurements."""
-        return CellPoints(*(values[chosen] for values in self))
+        floats = (self.uv[chosen], self.residual[chosen], self.weight[chosen])
+        return CellPoints(*floats, self.strip[chosen], self.row[chosen], self.column[chosen])
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Return lattice coordinates, values and weights (N, 4)."""
@@ -140,7 +141,8 @@ def _variance(
         prior_noise(operator.weights, operator.soft, signs, error)
         drawn = solve(operator, error, start, tolerance=_DRAW_TOLERANCE, preconditioner=by).z
         total += ((operator.apply(drawn) - own * drawn) / own) ** 2
-    return total / n_draws + 1.0 / own
+    variance: FloatArray = total / n_draws + 1.0 / own
+    return variance
 
 
 def _averaged(variance: FloatArray, away: FloatArray) -> FloatArray:
