@@ -1,5 +1,7 @@
 """Cells of a tile, and what they contribute to the errors of strips and to the long relief."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -38,7 +40,7 @@ def summarise(job: TiledJob, tile: Tile) -> int:
     per_point = shrunk_variance(variance, cells["n"], usual if np.isfinite(usual) else _USUAL_M2)
     slope = slopes_at(cells, window) / layout.cell_m
     control = job.control.within(window, layout.cell_m)
-    arrays = {
+    arrays: dict[str, Any] = {
         "overlaps": overlaps(cells, window, layout.cell_m, per_point),
         "control": control_differences(cells, layout.cell_m, per_point, slope, control),
         "strips": _strip_table(cells, layout.cell_m),

@@ -51,7 +51,8 @@ class LongRelief(NamedTuple):
 
     def _axes(self) -> tuple[FloatArray, FloatArray]:
         w = self.window
-        return w.step_m * (w.west + np.arange(w.columns)), w.step_m * (w.south + np.arange(w.rows))
+        columns, rows = np.arange(w.columns, dtype=np.float64), np.arange(w.rows, dtype=np.float64)
+        return w.step_m * (w.west + columns), w.step_m * (w.south + rows)
 
 
 def coarse_nodes(layout: TileLayout, coarse_cells: int) -> NodeWindow:

@@ -1,6 +1,6 @@
 """What all tiles share, solved in one place: errors of strips, scatter of points, long relief, fine stiffness."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,8 +68,8 @@ def solve_shared(job: TiledJob, tiles: list[Tile]) -> Shared:
     relief = long_relief(job.layout, job.config.coarse_cells, blocks, strips, prior)
     shared = Shared(strips, usual_m2, relief, len(overlaps), len(control))
     with replacing(job.shared_file) as draft:
-        numbers = np.array([usual_m2, len(overlaps), len(control)])
-        np.savez(draft, numbers=numbers, **as_arrays(strips), **relief_arrays(relief))
+        arrays: dict[str, Any] = {**as_arrays(strips), **relief_arrays(relief)}
+        np.savez(draft, numbers=np.array([usual_m2, len(overlaps), len(control)]), **arrays)
     return shared
 
 
