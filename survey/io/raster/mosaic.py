@@ -92,7 +92,9 @@ def _overviews(side: int) -> str:
     return " ".join(map(str, factors))
 
 
-def _add_band(root: ET.Element, number: int, band: MosaicBand, tiles: Sequence[MosaicTile], folder: Path) -> None:
+def _add_band(
+    root: ET.Element, number: int, band: MosaicBand, tiles: Sequence[MosaicTile], folder: Path
+) -> None:
     element = ET.SubElement(root, "VRTRasterBand", dataType=band.kind, band=str(number))
     ET.SubElement(element, "Description").text = band.name
     if band.nodata is not None:
