@@ -79,8 +79,10 @@ def main(
     measure: Callable[[bool], Iterable[Row]],
     packages: Sequence[str] = ("numpy", "scipy"),
     arguments: Sequence[str] | None = None,
+    *,
+    is_complete: bool = True,
 ) -> None:
-    """Run one benchmark from the command line."""
+    """Run one benchmark from the command line; only the table of a complete run is stored in the results."""
     parser = argparse.ArgumentParser(description=title)
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the rows to a file")
     parser.add_argument("--quick", action="store_true", help="smaller sizes, same bars, under 50 s")
@@ -92,7 +94,7 @@ def main(
     _print(title, rows, facts, time.perf_counter() - start)
     if chosen.json:
         chosen.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n", encoding="utf-8")
-    if not chosen.quick:
+    if is_complete and not chosen.quick:
         save(title, rows, facts)
 
 

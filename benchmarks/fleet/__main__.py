@@ -21,6 +21,7 @@ from benchmarks.fleet import hazard_maps, image_missions, joint_maps, lost_rover
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import code_digest, stored
 
+_PART = os.environ.get("FIRNLINE_FLEET_PART")
 FIRST_SEED, N_SITES, N_HAZARD, N_LOST = 7101, 5, 10, 2
 _SOURCES = ("survey", "planners", "vision_slam", "sim", "benchmarks/fleet")
 
@@ -35,9 +36,8 @@ def measure(quick: bool) -> Iterator[Row]:
         "rehearsal": _rehearsal_rows,
         "images": lambda _: image_missions.rows(FIRST_SEED, image_missions.SHORT, _folder()),
     }
-    wanted = os.environ.get("FIRNLINE_FLEET_PART")
     for name, rows in parts.items():
-        if wanted in (None, name):
+        if _PART in (None, name):
             yield from rows(quick)
 
 
@@ -141,4 +141,4 @@ def _rehearsal_rows(quick: bool) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    main("Fleet", measure, ("numpy", "scipy", "numba"))
+    main("Fleet", measure, ("numpy", "scipy", "numba"), is_complete=_PART is None)

@@ -23,6 +23,7 @@ from benchmarks.lidar_mission import missions
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import code_digest, stored
 
+_NAMED = os.environ.get("FIRNLINE_LIDAR_SEEDS")
 SEEDS = (7201, 7202, 7203, 7204, 7205)
 _SOURCES = ("survey", "planners", "vision_slam", "sim", "benchmarks/lidar_mission")
 _NAMES = {"landmarks": "landmarks alone", "scans": "LiDAR"}
@@ -32,8 +33,7 @@ def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
     folder = Path(os.environ.get("FIRNLINE_LIDAR") or tempfile.gettempdir())
     parts = folder / f"firnline-lidar-{code_digest(_SOURCES)}"
-    named = os.environ.get("FIRNLINE_LIDAR_SEEDS")
-    seeds = SEEDS if named is None else tuple(int(seed) for seed in named.split(","))
+    seeds = SEEDS if _NAMED is None else tuple(int(seed) for seed in _NAMED.split(","))
     found = [
         stored(parts / f"{seed}.json", lambda seed=seed: missions.outcome(seed))
         for seed in seeds[: 1 if quick else len(seeds)]
@@ -74,4 +74,4 @@ def _time_rows(found: list[dict[str, Any]]) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    main("LiDAR mission", measure, ("numpy", "scipy", "numba"))
+    main("LiDAR mission", measure, ("numpy", "scipy", "numba"), is_complete=_NAMED is None)
