@@ -3,6 +3,7 @@
 The drives of several rovers are put together in `sim.mission.fleet`.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from survey.data.sensors.tables import table_file
 from survey.data.truth import Truth
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.map_age import AGE, MapAge
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from vision_slam.localization import Localization
@@ -200,11 +202,15 @@ def _localized(recording: Recording, mission: MissionConfig, visual: VisualOdome
     return vision_slam.localize_on_ice(recording, prior, mission.assumed, visual=visual)
 
 
-def refine_motion(localized: Path, mapped: MappedTerrain, folder: Path) -> None:
-    """Write the motion of the ice after the map of one drive; do nothing where the ice is at rest."""
-    if (localized / ICE_MOTION).exists() and mapped.solution is not None:
-        motion = refined_motion(read_motion(localized / ICE_MOTION), mapped.solution)
-        write_motion(motion, folder / ICE_MOTION)
+def with_ice_motion(localized: Path, mapped: MappedTerrain, folder: Path) -> MappedTerrain:
+    """Write the motion of the ice after the map of one drive, and return the map with its age; as it is on ice at rest."""
+    if not (localized / ICE_MOTION).exists() or mapped.solution is None:
+        return mapped
+    motion = refined_motion(read_motion(localized / ICE_MOTION), mapped.solution)
+    write_motion(motion, folder / ICE_MOTION)
+    result = mapped.reconstruction
+    facts = {AGE: MapAge.of(result.mean, result.std, motion).facts()}
+    return mapped._replace(reconstruction=replace(result, diagnostics={**result.diagnostics, **facts}))
 
 
 def register_scans(

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from sim.config.mission import MissionConfig
-from sim.mission.drives import estimate_drive, mapped_points, path_scores, refine_motion
+from sim.mission.drives import estimate_drive, mapped_points, path_scores, with_ice_motion
 from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet
 from sim.mission.hazards import map_hazards
 from sim.mission.payload import map_payloads, score_payloads
@@ -138,14 +138,14 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     mapped = map_landmarks(drives.points, grid, config, prior=prior, path=drives.path, area=area)
+    if len(places) == 1:
+        mapped = with_ice_motion(places[0], mapped, folder)
     mapped.reconstruction.write(folder)
     if mapped.correction is not None:
         for place, path, part in zip(places, paths, drives.corrections(mapped.correction), strict=True):
             below = folder / place.relative_to(run.folder("localize"))
             below.mkdir(exist_ok=True)
             part.applied(path).write(below / "corrected_trajectory.csv")
-    if len(places) == 1:
-        refine_motion(places[0], mapped, folder)
     map_hazards(mission, run, folder, mapped)
     map_payloads(mission, run, folder, mapped.reconstruction)
 

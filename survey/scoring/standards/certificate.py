@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from survey.reconstruction.base import Reconstruction
 from survey.reconstruction.checks.rmse_claim import CONFIDENCE, RmseClaim, RmsePosterior
+from survey.reconstruction.motion.map_age import AGE, MapAge
 from survey.scoring.standards.map_classes import Verdict, judge
 from survey.scoring.standards.standards import PAPER
 
@@ -106,7 +107,40 @@ def own_claim(reconstruction: Reconstruction) -> list[str]:
     """
     check, certified = reconstruction.check, certificate(reconstruction)
     sentences = [] if check is None else [check.sentence]
-    return sentences + ([] if certified is None else [*certified.sentences])
+    sentences += [] if certified is None else [*certified.sentences]
+    facts = reconstruction.diagnostics.get(AGE)
+    return sentences + ([] if facts is None else [age_sentence(MapAge.from_facts(dict(facts)))])
+
+
+def age_sentence(age: MapAge) -> str:
+    """Return the motion of the ice and for how long the map of its epoch keeps its class.
+
+    Parameters
+    ----------
+    age : MapAge
+        Age of a map of moving ice.
+
+    Returns
+    -------
+    str
+        One sentence.
+
+    Examples
+    --------
+    >>> print(*age_sentence(MapAge(3600.0, 2.0, 0.1, 0.05, 0.02, 0.3, 0.4)).split())
+    the ice moves by 2.00 ± 0.10 m a day and lowers by 0.050 ± 0.020 m a day; the map is that of 1.0 h, and left as it is, it meets Class 2 (limit 0.305 m) until 3.3 h after.
+    """
+    verdicts = judge(age.rmse_m)
+    met = [verdict for verdict in verdicts if verdict.met]
+    ending = "it meets no class"
+    if met:
+        until_h = age.hours_within(met[-1].limit_m)
+        ending = f"left as it is, it meets {met[-1].map_class} (limit {met[-1].limit_m:.3f} m) until {until_h:.1f} h after"
+    return (
+        f"the ice moves by {age.speed_m_per_day:.2f} ± {age.speed_sigma_m_per_day:.2f} m a day and lowers by "
+        f"{age.lowering_m_per_day:.3f} ± {age.lowering_sigma_m_per_day:.3f} m a day; the map is that of "
+        f"{age.epoch_s / 3600.0:.1f} h, and {ending}."
+    )
 
 
 def _verdicts(upper_m: float, standard: str, untested_share: float) -> tuple[Verdict, ...]:
