@@ -26,7 +26,7 @@ from sim.cli.guide import doctor, example, schema, topics
 from sim.cli.guide.version import options
 from sim.cli.live import download, rover, upload, watch
 from sim.cli.outcome import run_guarded
-from sim.cli.science import payload, rehearse
+from sim.cli.science import payload, rehearse, track
 
 app = typer.Typer(
     name="firnline",
@@ -54,6 +54,7 @@ for command in (
     payload.payload,
     score.score,
     change.change,
+    track.track,
     report.report,
     run.run,
     montecarlo.montecarlo,

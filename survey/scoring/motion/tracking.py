@@ -94,7 +94,7 @@ def track(
     The window moves without turning or stretching. Correlated errors of a survey as a whole, such as a shift of its
     datum, are part of the displacement and not of its covariance: align the surveys on ground at rest first.
     """
-    _check(earlier, later, window_px, search_px)
+    check_pair(earlier, later, window_px, search_px)
     images = [hillshade(dem) if shaded else dem.elevation for dem in (earlier, later)]
     known = np.isfinite(images[0]) & np.isfinite(images[1])
     pair = ImagePair(*(np.where(known, image, np.nanmean(image)) for image in images))
@@ -108,7 +108,21 @@ def track(
     return _field(earlier, centres, matches)
 
 
-def _check(earlier: Dem, later: Dem, window_px: int, search_px: int) -> None:
+def check_pair(earlier: Dem, later: Dem, window_px: int, search_px: int) -> None:
+    """Refuse surveys on different grids, and windows without a middle.
+
+    Parameters
+    ----------
+    earlier, later : Dem
+        Surveys.
+    window_px, search_px : int
+        Width of the windows and of the search [pixels].
+
+    Raises
+    ------
+    InputError
+        What `track` refuses before work starts.
+    """
     same_crs(earlier.crs, later.crs, "the two surveys")
     if earlier.shape != later.shape or not earlier.transform.almost_equals(later.transform):
         raise InputError("the two surveys lie on different grids; warp one onto the grid of the other first.")

@@ -34,6 +34,7 @@ RUNS = {
     "score": "map.tif --checkpoints gnss.csv --class 0.1 --report accuracy",
     "score raster": "map.tif --truth lidar.tif",
     "simulate": "mission.toml",
+    "track": "2024.tif 2026.tif --days 730 -o velocity.gpkg",
     "upload": "route.geojson udp://127.0.0.1:9",
 }
 CAMERA = """
