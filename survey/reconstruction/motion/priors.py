@@ -1,8 +1,20 @@
 """Priors of the ice's motion: the same everywhere, from the slope of the surface, or from a velocity raster."""
 
+from typing import NamedTuple
+
 import numpy as np
 
+from survey.core.arrays import Bounds, FloatArray
+from survey.core.crs.agreement import same_crs
+from survey.core.errors import InputError
+from survey.data.dem import Dem
 from survey.data.ice.motion import IceMotion
+
+# Neighbouring cells of a tracked velocity share their windows: so many cells count as one.
+_CELLS_OF_A_WINDOW = 4.0
+# Density of ice times gravity [Pa/m], yield stress [Pa] and rate factor of temperate ice [1/(s Pa³)].
+_ICE_PA_M, _YIELD_PA, _RATE_FACTOR = 917.0 * 9.81, 1.0e5, 2.4e-24
+_DAY_S = 86400.0
 
 
 def uniform_motion(
@@ -50,3 +62,121 @@ def uniform_motion(
     return IceMotion.of(
         coefficients, np.diag(sigma.ravel() ** 2), epoch_s=epoch_s, origin_m=np.asarray(origin_m, dtype=float)
     )
+
+
+class VelocityRasters(NamedTuple):
+    """Rasters of velocity with their errors, all on one grid.
+
+    Parameters
+    ----------
+    east, north : Dem
+        Velocity to the east and to the north [m/day].
+    sigma_east, sigma_north : Dem
+        Standard deviations [m/day].
+    """
+
+    east: Dem
+    north: Dem
+    sigma_east: Dem
+    sigma_north: Dem
+
+
+def motion_from_rasters(
+    rasters: VelocityRasters, bounds: Bounds, *, lowering_sigma: float, epoch_s: float
+) -> IceMotion:
+    """Return the motion that velocity rasters state for a site: a constant and planes of each component.
+
+    Parameters
+    ----------
+    rasters : VelocityRasters
+        Such as those of ITS_LIVE or CARST, in the CRS of the survey.
+    bounds : (xmin, ymin, xmax, ymax)
+        Extent of the site [m]; cells about it, as far as it is wide, count too.
+    lowering_sigma : float
+        Standard deviation of the lowering, whose mean is 0 [m/day].
+    epoch_s : float
+        Epoch [s].
+
+    Returns
+    -------
+    IceMotion
+        The stated errors count as common to all cells, since those of feature tracking are.
+
+    Raises
+    ------
+    InputError
+        Fewer than six known cells, or rasters in different CRS.
+    """
+    for other in rasters[1:]:
+        same_crs(rasters.east.crs, other.crs, "the rasters of the velocity")
+    xmin, ymin, xmax, ymax = bounds
+    middle = np.array([0.5 * (xmin + xmax), 0.5 * (ymin + ymax)])
+    reach = max(xmax - xmin, ymax - ymin, 3.0 * rasters.east.step_m)
+    xy = rasters.east.xy
+    values = np.column_stack([raster.elevation.ravel() for raster in rasters])
+    inside = (np.abs(xy - middle) <= reach).all(axis=1) & np.isfinite(values).all(axis=1)
+    if inside.sum() < 6:
+        raise InputError(
+            f"the rasters of the velocity have {int(inside.sum())} known cells about the site; at least 6 are needed."
+        )
+    basis = np.column_stack([np.ones(inside.sum()), (xy[inside] - middle) / 1000.0])
+    coefficients, covariance = np.zeros((3, 3)), np.zeros((9, 9))
+    for k in (0, 1):
+        part = slice(3 * k, 3 * k + 3)
+        coefficients[k], covariance[part, part] = _plane(basis, values[inside, k], values[inside, 2 + k])
+    covariance[6, 6] = lowering_sigma**2
+    return IceMotion.of(coefficients, covariance, epoch_s=epoch_s, origin_m=middle)
+
+
+def _plane(basis: FloatArray, velocity: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the plane (3,) of least squares through velocities (N,), and its covariance (3, 3)."""
+    plane = np.linalg.lstsq(basis, velocity)[0]
+    scatter = np.var(velocity - basis @ plane) * _CELLS_OF_A_WINDOW
+    covariance: FloatArray = np.asarray(scatter * np.linalg.inv(basis.T @ basis))
+    covariance[0, 0] += np.mean(sigma**2)
+    return np.asarray(plane), covariance
+
+
+def motion_from_slope(
+    dem: Dem, *, lowering_sigma: float, epoch_s: float, shape_factor: float = 0.8
+) -> IceMotion:
+    r"""Return the motion of a glacier of which only the surface is known: along the fall line, within an order of magnitude.
+
+    Ice that is as thick as its yield stress allows, :math:`H = \tau / (f \rho g \sin \alpha)`, deforms by
+    :math:`2 A \tau^3 H / 4` a second at its surface; sliding adds up to several times that. The expected velocity is
+    twice the deformation, and its standard deviation along the fall line is five times it; across it is a third of that.
+
+    Parameters
+    ----------
+    dem : Dem
+        Surface, coarse.
+    lowering_sigma : float
+        Standard deviation of the lowering, whose mean is 0 [m/day].
+    epoch_s : float
+        Epoch [s].
+    shape_factor : float
+        Share of the stress that the bed carries; the margins carry the rest.
+
+    Returns
+    -------
+    IceMotion
+        Constant over the site.
+
+    Raises
+    ------
+    InputError
+        A surface without a known slope.
+    """
+    east, north = (float(np.nanmean(part)) for part in dem.gradient())
+    slope = float(np.hypot(east, north))
+    if not slope > 0.0:
+        raise InputError("the surface has no slope along which ice could flow; state the velocity instead.")
+    thickness_m = _YIELD_PA / (shape_factor * _ICE_PA_M * slope / np.hypot(1.0, slope))
+    deformation = 0.5 * _RATE_FACTOR * _YIELD_PA**3 * thickness_m * _DAY_S
+    along = np.array([-east, -north]) / slope
+    across = np.array([-along[1], along[0]])
+    spread = 25.0 * deformation**2 * (np.outer(along, along) + np.outer(across, across) / 9.0)
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2], covariance[2, 2] = spread, lowering_sigma**2
+    coefficients = np.array([*(2.0 * deformation * along), 0.0])[:, None]
+    return IceMotion.of(coefficients, covariance, epoch_s=epoch_s, origin_m=dem.grid().xy.mean(axis=0))

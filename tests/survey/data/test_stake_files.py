@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from survey import InputError
+from survey.data.sensors.stake_files import read_stake_surveys
+
+TABLE = """point,time,x,y,z
+north,2026-07-01T09:30:00Z,500010.0,6000020.0,812.0
+south,2026-07-01T09:40:00Z,500015.0,5999020.0,790.0
+north,2026-07-02T11:30:00+02:00,500011.5,6000020.2,811.9
+"""
+
+
+def test_dates_become_seconds_and_names_indices(tmp_path):
+    (tmp_path / "stakes.csv").write_text(TABLE)
+    names, surveys = read_stake_surveys(tmp_path / "stakes.csv", zero=1782898200.0)
+    assert names == ("north", "south")
+    assert surveys.index.tolist() == [0, 1, 0]
+    # A day later; 11:30 at an offset of two hours is 9:30 UTC.
+    np.testing.assert_allclose(surveys.time_s, [0.0, 600.0, 86400.0])
+    np.testing.assert_allclose(surveys.sigma_m, 0.03)
+
+
+def test_seconds_and_stated_errors_are_read(tmp_path):
+    (tmp_path / "s.csv").write_text("point,time,x,y,z,sigma\n1,50,0,0,0,0.1\n1,20,1,0,0,0.2\n")
+    surveys = read_stake_surveys(tmp_path / "s.csv").surveys
+    assert surveys.time_s.tolist() == [20.0, 50.0]
+    assert surveys.sigma_m.tolist() == [0.2, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("point,time,x,y\n1,2,3,4\n", "lacks the column 'z'"),
+        ("point,time,x,y,z\n1,noon,0,0,0\n", "line 2: 'noon' is no time"),
+        ("point,time,x,y,z\n1,5,east,0,0\n", "line 2: 'east' is no number"),
+        ("point,time,x,y,z\n1,5,nan,0,0\n", "no finite number"),
+        ("point,time,x,y,z\n", "has no rows"),
+    ],
+)
+def test_tables_that_cannot_be_read_are_refused(tmp_path, text, message):
+    (tmp_path / "s.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_stake_surveys(tmp_path / "s.csv")
