@@ -32,7 +32,8 @@ class ExportRequest(RouteOptions):
         Path,
         typer.Argument(
             help="File to write. Routes: .geojson .gpkg .gpx .kml .kmz .plan (QGroundControl) .waypoints .csv .wkt; "
-            "maps: .tif .asc .nc; points: .csv .gpkg .las .laz .ply; tracks: .tum .txt (KITTI) .gpx .gpkg; areas: .kml .shp …"
+            "maps: .tif .asc .nc; points: .csv .gpkg .las .laz .ply; tracks: .tum .txt (KITTI) .gpx .gpkg; areas: .kml .shp …; "
+            "run folders: .mcap (path, landmarks, images and map for Foxglove and rerun)."
         ),
     ]
     rover: Annotated[
@@ -77,6 +78,8 @@ def export(request: ExportRequest) -> None:
 
       firnline export results/runs/srtm-ridge/latest route.gpx
 
+      firnline export results/runs/short-drive/latest drive.mcap
+
       firnline export map.tif map.asc
 
       firnline export trajectory.csv track.gpx --as track --crs EPSG:32608
@@ -87,6 +90,10 @@ def export(request: ExportRequest) -> None:
     request.check()
     source, out = request.source, request.out
     kind = None if source.is_dir() else request.holds or kind_of(source, out)
+    if source.is_dir() and out.suffix.lower() == ".mcap":
+        request.refuse_stated("the file holds path, landmarks, images and map")
+        _export_mcap(request)
+        return
     if kind is None or kind == "route":
         _export_route(request)
         return
@@ -105,6 +112,15 @@ def _target(request: ExportRequest) -> Iterator[Path]:
     with TemporaryDirectory() as folder:
         yield Path(folder) / request.out.name
     end_dry_run([request.out])
+
+
+def _export_mcap(request: ExportRequest) -> None:
+    """Write the file of a run for viewers."""
+    from sim.cli.live.mcap import export_mcap
+
+    if request.dry_run:
+        end_dry_run([request.out])
+    export_mcap(request.source, request.out)
 
 
 def _export_route(request: ExportRequest) -> None:

@@ -19,7 +19,8 @@ class LocalizeRequest:
     source: Annotated[
         Path,
         typer.Argument(
-            help="Recording, ROS bag, or folder in KITTI, TUM, EuRoC layout or of images with times."
+            help="Recording, ROS bag, folder in KITTI, TUM, EuRoC layout or of images with times, or log of an autopilot "
+            "(ArduPilot .bin .tlog, PX4 .ulg)."
         ),
     ]
     camera: Annotated[
@@ -120,7 +121,12 @@ class LocalizeRequest:
 
     def open(self) -> "RecordedDrive":
         """Open the recording with the files and options that belong to it."""
+        from sim.cli.live.logs import LOG_ENDINGS, opened_log
         from vision_slam.recordings import open_recording
+
+        if self.source.suffix.lower() in LOG_ENDINGS and not self.source.is_dir():
+            self._refuse_image_options()
+            return opened_log(self.source, self.crs)
 
         return open_recording(
             self.source,
@@ -133,3 +139,21 @@ class LocalizeRequest:
             columns=self.columns,
             frame_rate_hz=self.frame_rate_hz,
         )
+
+    def _refuse_image_options(self) -> None:
+        """Refuse options of images and of other fixes beside the log of an autopilot."""
+        from survey.core.errors import ConfigError
+
+        given = {
+            "--camera": self.camera,
+            "--topic": self.topics or None,
+            "--gps": self.gps,
+            "--scale-from": self.scale_from_m,
+            "--columns": self.columns or None,
+            "--frame-rate": self.frame_rate_hz,
+        }
+        stated = [name for name, value in given.items() if value is not None]
+        if stated:
+            raise ConfigError(
+                f"{self.source.name} is the log of an autopilot with fixes of its own; leave {', '.join(stated)} out."
+            )

@@ -1,0 +1,1 @@
+"""Runs as MCAP files for Foxglove and rerun."""
