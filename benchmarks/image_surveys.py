@@ -1,8 +1,6 @@
 """Shared functions of the benchmarks of surveys in images: drives, receivers, scores of maps, tables."""
 
-import hashlib
 import pickle
-import re
 import subprocess
 import sys
 import tempfile
@@ -15,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.report import Row
+from benchmarks.stored_parts import code_digest
 from sim.config.sensors import GpsConfig, InstrumentsConfig
 from sim.instruments.gps import GpsReceiver
 from sim.vehicle.motion import RoverMotion
@@ -29,11 +28,12 @@ from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from survey.reconstruction import Reconstruction
 from vision_slam import LocalizationConfig
-from vision_slam.odometry import visual_odometry as visual_odometry_module
-from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
+from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.visual_odometry import visual_odometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SURVEYS = Path(tempfile.gettempdir()) / "firnline-surveys"
+_ODOMETRY_CODE = ("vision_slam/odometry", "vision_slam/inertial", "vision_slam/rotation.py")
 Profile = Literal["white", "gauss-markov-60", "gauss-markov-300"]
 
 
@@ -146,17 +146,4 @@ def keep(run: Path, found: VisualOdometry) -> None:
 
 
 def _kept(run: Path) -> Path:
-    code = b"".join(path.read_bytes() for path in _read_by(Path(visual_odometry_module.__file__)))
-    return run.parent / f"seen-{hashlib.sha256(code).hexdigest()[:12]}.pickle"
-
-
-def _read_by(module: Path) -> list[Path]:
-    """Return a module's file and those of its package that it imports, directly or through others, in order."""
-    found, waiting = set(), [module]
-    while waiting:
-        found.add(path := waiting.pop())
-        names = re.findall(
-            rf"^\s*from {path.parent.name}\.(\w+) import", path.read_text("utf-8"), re.MULTILINE
-        )
-        waiting += {path.with_name(f"{name}.py") for name in names} - found
-    return sorted(found)
+    return run.parent / f"seen-{code_digest(_ODOMETRY_CODE)}.pickle"

@@ -4,12 +4,13 @@ Run with ``python -m benchmarks.localization``. Missions are of the statistical 
 else, and the estimator assumes what is drawn, as if datasheets were right. Two levels of odometry are shown: what the
 statistical fidelity draws by default, and what `benchmarks.odometry_errors` measures of images and wheels,
 whose heading walks away unless a gyro holds it.
-Nothing is aligned. Errors are over all poses of a run; rows are over runs.
+Nothing is aligned. Errors are over all poses of a run; rows are over runs. Finished parts are stored in the system's
+folder for temporary files for as long as the code stays the same, so that a run can be continued.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.stats import norm
 
 import planners
 from benchmarks.report import Row, main
+from benchmarks.stored_parts import parts_folder, stored_rows
 from planners import LawnmowerConfig
 from sim.config.mission import AidsConfig, MissionConfig, SensorConfig
 from sim.config.terrain import RandomTerrain
@@ -69,18 +71,30 @@ ODOMETRY: dict[str, dict[str, Any]] = {
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    yield from _linear_case()
-    yield from _carried_off(20 if quick else 100)
-    n_honest = 8 if quick else 50
+    folder = parts_folder("localization", "benchmarks/localization.py", "sim/simulate", "sim/instruments")
+    for name, make in _parts(quick).items():
+        yield from stored_rows(folder / f"{name.replace(' ', '-')}.json", make)
+
+
+def _parts(quick: bool) -> dict[str, Callable[[], Iterator[Row]]]:
+    """Return what makes the rows of each part, by its name."""
+    n_honest, few, label = (8, 2, "quick ") if quick else (50, 10, "")
+    parts: dict[str, Callable[[], Iterator[Row]]] = {
+        "linear case": _linear_case,
+        "carried off": partial(_carried_off, 20 if quick else 100),
+    }
     for receiver in RECEIVERS if not quick else ("SBAS",):
-        yield from _accuracy("odometry as drawn", receiver, n_honest if receiver in _JUDGED else 20)
-        yield from _accuracy("odometry as images give", receiver, 3 if quick else 12)
+        n = n_honest if receiver in _JUDGED else 20
+        parts[f"as drawn {receiver}"] = partial(_accuracy, "odometry as drawn", receiver, n)
+        if receiver in _JUDGED:
+            parts[f"honesty {receiver}"] = partial(_honesty, n_honest, (receiver,))
+        parts[f"as images {receiver}"] = partial(
+            _accuracy, "odometry as images give", receiver, 3 if quick else 12
+        )
     for receiver in ("white 3 m", "3 m, tau 60 s", "3 m, tau 300 s"):
-        yield from _tied(receiver, 2 if quick else 10)
-    yield from _honesty(n_honest, _JUDGED[:1] if quick else _JUDGED)
-    yield from _outage(2 if quick else 10)
-    yield from _jump(2 if quick else 10)
-    yield from _threads()
+        parts[f"tied {receiver}"] = partial(_tied, receiver, few)
+    parts |= {"outage": partial(_outage, few), "jump": partial(_jump, few), "threads": _threads}
+    return {f"{label}{name}": make for name, make in parts.items()}
 
 
 @dataclass(frozen=True)
