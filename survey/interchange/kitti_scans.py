@@ -11,7 +11,7 @@ from survey.core.files.reading import existing_file
 _POINT_BYTES = 16
 # No scanner of a rover or car measures farther; what does is no scan.
 _FARTHEST_M = 5000.0
-_TIMES = "times.txt"
+_TIMES, _DATES = "times.txt", "timestamps.txt"
 
 
 def read_kitti_scan(path: str | Path) -> FloatArray:
@@ -63,8 +63,9 @@ def kitti_time_s(path: str | Path, pose_times_s: FloatArray) -> float:
     Returns
     -------
     float
-        The line of that number in ``times.txt``, in the folder of the scan or the one above; where there is
-        none, the time of the pose of that number, for KITTI has one pose for each scan [s].
+        The line of that number in ``times.txt``, or in ``timestamps.txt`` with dates in UTC (seconds since 1970), in
+        the folder of the scan or the one above; where there is none, the time of the pose of that number, for
+        KITTI has one pose for each scan [s].
 
     Raises
     ------
@@ -77,10 +78,10 @@ def kitti_time_s(path: str | Path, pose_times_s: FloatArray) -> float:
             f"the scan {file} has no number as its name; KITTI scans are named 000000.bin, 000001.bin …"
         )
     number, where, times = int(file.stem), "the trajectory", pose_times_s
-    for folder in (file.parent, file.parent.parent):
-        if (folder / _TIMES).is_file():
-            where, times = str(folder / _TIMES), _times_s(folder / _TIMES)
-            break
+    beside = (folder / name for folder in (file.parent, file.parent.parent) for name in (_TIMES, _DATES))
+    stated = next((table for table in beside if table.is_file()), None)
+    if stated is not None:
+        where, times = str(stated), _times_s(stated)
     if number >= len(times):
         raise InputError(
             f"the scan {file} has the number {number}, and {where} has {len(times)} times; give that of the same drive."
@@ -89,9 +90,14 @@ def kitti_time_s(path: str | Path, pose_times_s: FloatArray) -> float:
 
 
 def _times_s(path: Path) -> FloatArray:
+    lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     try:
-        return np.array([float(line) for line in path.read_text(encoding="utf-8").split()])
+        if path.name == _DATES:
+            since = np.array(lines, dtype="datetime64[ns]").astype(np.int64)
+            return np.asarray(1e-9 * since, dtype=np.float64)
+        return np.array([float(line) for line in lines])
     except ValueError as error:
+        expected = "one date and time" if path.name == _DATES else "one number"
         raise InputError(
-            f"{path} holds something that is no time ({error}); one number in each line was expected."
+            f"{path} holds something that is no time ({error}); {expected} in each line was expected."
         ) from error

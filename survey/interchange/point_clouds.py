@@ -18,7 +18,7 @@ def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
     Parameters
     ----------
     path : pathlib.Path
-        A ``.db3`` or ``.mcap`` file in the folder of the recording.
+        The folder of the recording, or the ``.db3`` or ``.mcap`` file in it.
 
     Yields
     ------
@@ -40,7 +40,8 @@ def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
             "reading ROS 2 recordings needs rosbags, which is not installed; install firnline with its extra `ros`."
         ) from error
     try:
-        with AnyReader([path.parent], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        folder = path if path.is_dir() else path.parent
+        with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             clouds = [connection for connection in reader.connections if connection.msgtype == _CLOUD]
             if not clouds:
                 raise InputError(f"the recording {path} holds no {_CLOUD}; record the scanner's topic.")

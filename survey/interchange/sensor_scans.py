@@ -15,6 +15,12 @@ from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
 from survey.interchange.point_clouds import bag_clouds
 
 _KITTI, _BAGS = ".bin", (".db3", ".mcap")
+_METADATA = "metadata.yaml"  # of the folder of a ROS 2 bag
+_KITTI_FOLDERS = (
+    ".",
+    "velodyne_points/data",
+    "velodyne",
+)  # scans, a raw drive, a sequence of the odometry set
 _ANGLE_SIGMA_DEG = 0.05
 _LIDAR = "lidar"
 
@@ -28,7 +34,7 @@ class SensorScans(NamedTuple):
 
 
 def holds_sensor_scans(source: str | Path) -> bool:
-    """Return whether a path holds scans in the frame of their sensor: a recording, its scans, KITTI .bin or a ROS 2 bag.
+    """Return whether a path holds scans in the frame of their sensor: a recording, its scans, KITTI scans or a ROS 2 bag.
 
     Parameters
     ----------
@@ -43,8 +49,8 @@ def holds_sensor_scans(source: str | Path) -> bool:
     place = Path(source)
     if place.is_dir():
         is_recorded = is_lidar_folder(place) or is_lidar_folder(place / _LIDAR)
-        return is_recorded or any(file.suffix == _KITTI for file in place.iterdir())
-    return place.suffix in (_KITTI, *_BAGS)
+        return is_recorded or _is_bag(place) or _kitti_folder(place) is not None
+    return place.suffix == _KITTI or _is_bag(place)
 
 
 def read_sensor_scans(
@@ -58,7 +64,8 @@ def read_sensor_scans(
     Parameters
     ----------
     source : str or pathlib.Path
-        Recording or its folder ``lidar``, KITTI ``.bin`` or a folder of them, ``.db3`` or ``.mcap`` of a ROS 2 bag.
+        Recording or its folder ``lidar``; KITTI ``.bin``, a folder of them, or a raw drive with ``velodyne_points``;
+        ROS 2 bag, its folder or the ``.db3`` or ``.mcap`` in it.
     pose_times_s : (N,) ndarray
         Times of the poses of the path [s], for KITTI scans without ``times.txt``.
     sigma_m : float, optional
@@ -84,18 +91,32 @@ def read_sensor_scans(
         raise InputError(
             f"the scans {place} state no standard deviation of their ranges; give one with --sigma."
         )
-    scans = _clouds(place) if place.suffix in _BAGS else _kitti(place, pose_times_s)
+    scans = _clouds(place) if _is_bag(place) else _kitti(place, pose_times_s)
     return SensorScans(scans, sigma_m, _ANGLE_SIGMA_DEG)
 
 
+def _is_bag(place: Path) -> bool:
+    """Whether a path is the folder of a ROS 2 bag, or the file in it."""
+    if place.is_dir():
+        return (place / _METADATA).is_file() and any(file.suffix in _BAGS for file in place.iterdir())
+    return place.suffix in _BAGS
+
+
+def _kitti_folder(place: Path) -> Path | None:
+    """Return the folder of KITTI scans in a folder; None where there are none."""
+    folders = (place / name for name in _KITTI_FOLDERS)
+    return next((folder for folder in folders if any(folder.glob(f"*{_KITTI}"))), None)
+
+
 def _kitti(place: Path, pose_times_s: FloatArray) -> Iterator[SensorScan]:
-    files = sorted(place.glob(f"*{_KITTI}")) if place.is_dir() else [existing_file(place, "the scan")]
+    folder = _kitti_folder(place) if place.is_dir() else None
+    files = [existing_file(place, "the scan")] if folder is None else sorted(folder.glob(f"*{_KITTI}"))
     for file in files:
         yield _at_once(kitti_time_s(file, pose_times_s), read_kitti_scan(file))
 
 
 def _clouds(place: Path) -> Iterator[SensorScan]:
-    for time_s, xyz in bag_clouds(existing_file(place, "the recording")):
+    for time_s, xyz in bag_clouds(place if place.is_dir() else existing_file(place, "the recording")):
         yield _at_once(time_s, xyz)
 
 

@@ -9,12 +9,14 @@ from scipy import sparse
 from typer.testing import CliRunner
 
 from sim.cli.main import app
+from survey.core.arrays import FloatArray
 from survey.data.path_error import PathError
 from survey.data.scans.lidar_scans import LidarScans
 from survey.data.scans.returns import LidarReturns
 from survey.data.scans.scanner import Scanner
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import Reconstruction
+from tests.survey.interchange.cloud_bags import write_cloud_bag
 
 CRS = "EPSG:32608"
 KNOWN = ["fit=false", "variance_m2=4.0", "length_scale_m=20.0"]
@@ -43,11 +45,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def _write_kitti(folder: Path) -> None:
     folder.mkdir()
-    rng = np.random.default_rng(0)
-    for number in range(21):
+    for number, cloud in enumerate(_clouds()):
+        cloud.astype("<f4").tofile(folder / f"{number:06d}.bin")
+
+
+def _clouds() -> list[FloatArray]:
+    """Return 21 clouds (200, 4) of level ground: x, y, z and the horizontal range."""
+    rng, clouds = np.random.default_rng(0), []
+    for _ in range(21):
         away, turn = rng.uniform(4.0, 15.0, 200), rng.uniform(-np.pi, np.pi, 200)
-        xyz = np.column_stack([away * np.cos(turn), away * np.sin(turn), np.full(200, -HEIGHT_M), away])
-        xyz.astype("<f4").tofile(folder / f"{number:06d}.bin")
+        columns = [away * np.cos(turn), away * np.sin(turn), np.full(200, -HEIGHT_M), away]
+        clouds.append(np.column_stack(columns))
+    return clouds
 
 
 def _scans() -> LidarScans:
@@ -62,6 +71,18 @@ def _scans() -> LidarScans:
 def test_kitti_scans_are_mapped_jointly_with_their_path(folder: Path) -> None:
     code, said = run("kitti", "--trajectory", "trajectory.csv", "--sigma", 0.03, *GP)
     assert code == 0, said
+    _assert_level(folder)
+
+
+def test_a_ros_2_bag_given_as_a_folder_is_mapped_jointly_with_its_path(folder: Path) -> None:
+    write_cloud_bag(folder / "bag", {second: cloud[:, :3] for second, cloud in enumerate(_clouds())})
+    code, said = run("bag", "--trajectory", "trajectory.csv", "--sigma", 0.03, *GP)
+    assert code == 0, said
+    _assert_level(folder)
+
+
+def _assert_level(folder: Path) -> None:
+    """Check the map of level ground, and that its error is that of the path."""
     made = Reconstruction.read(folder / "reconstruction")
     assert made.hyperparameters["landmark_errors"] == "joint"
     near = np.abs(made.mean.xy[:, 1] - 20.0) < 8.0

@@ -46,6 +46,16 @@ def test_times_beside_the_scans_come_before_the_poses(tmp_path: Path, track: Sen
     assert kitti_time_s(file, track.time_s) == 5.5
 
 
+def test_dates_beside_the_scans_are_seconds_since_1970(tmp_path: Path, track: SensorPath) -> None:
+    file = _scan(tmp_path, "0000000001.bin")
+    dates = "2011-09-26 13:02:25.594360375\n2011-09-26 13:02:25.694360375\n"
+    (tmp_path / "timestamps.txt").write_text(dates, encoding="utf-8")
+    assert kitti_time_s(file, track.time_s) == pytest.approx(1317042145.694360375, abs=1e-6)
+    (tmp_path / "timestamps.txt").write_text("13:02 at noon\n", encoding="utf-8")
+    with pytest.raises(InputError, match="one date and time in each line"):
+        kitti_time_s(file, track.time_s)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -10,6 +10,7 @@ from survey.core.errors import InputError
 from survey.data.surface_points import SurfacePoints
 from survey.interchange.point_clouds import cloud_xyz
 from survey.interchange.scans import SensorPath, read_scans, scan_files
+from tests.survey.interchange.cloud_bags import write_cloud_bag
 
 CRS = "EPSG:32608"
 XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.5]])
@@ -79,32 +80,7 @@ def test_a_point_cloud_message_is_read_by_its_offsets() -> None:
 
 
 def test_a_ros_2_recording_is_turned_into_the_world(tmp_path: Path) -> None:
-    writer = pytest.importorskip("rosbags.rosbag2", reason="rosbags, the extra `ros`, is not installed")
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kinds = store.types
-    time = kinds["builtin_interfaces/msg/Time"](sec=1, nanosec=0)
-    header = kinds["std_msgs/msg/Header"](stamp=time, frame_id="lidar")
-    fields = [
-        kinds["sensor_msgs/msg/PointField"](name=n, offset=4 * k, datatype=7, count=1)
-        for k, n in enumerate("xyz")
-    ]
-    data = np.vstack([XYZ, [[np.nan] * 3]]).astype("<f4")
-    cloud = kinds["sensor_msgs/msg/PointCloud2"](
-        header=header,
-        height=1,
-        width=4,
-        fields=fields,
-        is_bigendian=False,
-        point_step=12,
-        row_step=48,
-        data=np.frombuffer(data.tobytes(), np.uint8),
-        is_dense=False,
-    )
-    with writer.Writer(tmp_path / "bag", version=8) as bag:
-        connection = bag.add_connection("/points", "sensor_msgs/msg/PointCloud2", typestore=store)
-        bag.write(connection, 10**9, store.serialize_cdr(cloud, "sensor_msgs/msg/PointCloud2"))
+    write_cloud_bag(tmp_path / "bag", {1: np.vstack([XYZ, [[np.nan] * 3]])})
     (tmp_path / "track.txt").write_text(
         "0 100 0 2 0 0 0.7071067811865476 0.7071067811865476\n2 100 0 2 0 0 0.7071067811865476 0.7071067811865476\n",
         encoding="utf-8",

@@ -1,0 +1,39 @@
+"""Scans in the frame of their sensor are recognised in folders of recordings, KITTI drives and ROS 2 bags."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from survey.interchange.sensor_scans import holds_sensor_scans, read_sensor_scans
+from tests.survey.interchange.cloud_bags import write_cloud_bag
+
+XYZ = np.array([[1.0, 2.0, -2.0], [4.0, 5.0, -1.0]])
+
+
+def test_the_folder_of_a_ros_2_bag_and_the_file_in_it_are_the_same_scans(tmp_path: Path) -> None:
+    write_cloud_bag(tmp_path / "bag", {1: XYZ, 2: XYZ + 1.0})
+    (file,) = (tmp_path / "bag").glob("*.db3")
+    for source in (tmp_path / "bag", file):
+        assert holds_sensor_scans(source)
+        first, second = read_sensor_scans(source, np.zeros(0), 0.03).scans
+        np.testing.assert_allclose(first.xyz, XYZ)
+        np.testing.assert_allclose(second.xyz, XYZ + 1.0)
+        assert (first.time_s[0], second.time_s[0]) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("inside", [".", "velodyne", "velodyne_points/data"])
+def test_a_kitti_drive_holds_scans_in_the_folder_of_its_layout(tmp_path: Path, inside: str) -> None:
+    folder = tmp_path / "drive" / inside
+    folder.mkdir(parents=True)
+    np.column_stack([XYZ, np.zeros(2)]).astype("<f4").tofile(folder / "0000000001.bin")
+    assert holds_sensor_scans(tmp_path / "drive")
+    (scan,) = read_sensor_scans(tmp_path / "drive", np.array([5.0, 6.0]), 0.03).scans
+    np.testing.assert_allclose(scan.xyz, XYZ)
+    assert scan.time_s.tolist() == [6.0, 6.0]
+
+
+def test_other_folders_hold_none(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("a: 1\n", encoding="utf-8")
+    assert not holds_sensor_scans(tmp_path)
+    assert not holds_sensor_scans(tmp_path / "cloud.laz")
