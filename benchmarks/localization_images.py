@@ -27,7 +27,7 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, gate_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.pipeline import image_config
 
 SEEDS = (21, 22, 23, 24, 25)

@@ -47,8 +47,8 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import Reconstruction, reconstruct
 from survey.reconstruction.joint.joint_map import JointTerrain
 from vision_slam import LocalizationConfig, localize
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import read_visual_odometry
-from vision_slam.odometry.visual_odometry import VisualOdometry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MISSIONS = Path(tempfile.gettempdir()) / "firnline-missions"

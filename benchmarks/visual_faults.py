@@ -39,7 +39,8 @@ from survey.data.route import Route
 from survey.data.trajectory import Trajectory
 from vision_slam.agreement.drive import align_heading
 from vision_slam.config import LocalizationConfig
-from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
+from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import image_config, localize, with_loop_closures
 
 # Everything was chosen on seeds 31 to 33, 41 and 42.

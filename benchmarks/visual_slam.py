@@ -34,8 +34,8 @@ from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import scale_by_reference
 from vision_slam.odometry.config import VisualOdometryConfig
+from vision_slam.odometry.keyframes.window import half_turned
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.odometry.window import half_turned
 
 # The settings were chosen on seeds 11 to 13 and 21 to 25. With seed 28 the rover is stuck on a hummock for good after
 # 13.5 m: no drive to take shares of the way of; its odometry ends 0.64 m off.

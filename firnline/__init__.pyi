@@ -142,7 +142,7 @@ from vision_slam.localization import Localization as Localization
 from vision_slam.odometry.config import VisualOdometryConfig as VisualOdometryConfig
 from vision_slam.odometry.health import FrameHealth as FrameHealth
 from vision_slam.odometry.lens.self_calibration import LensEstimate as LensEstimate
-from vision_slam.odometry.visual_odometry import VisualOdometry as VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry as VisualOdometry
 from vision_slam.pipeline import localize as localize
 
 __version__: str

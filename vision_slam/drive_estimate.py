@@ -9,7 +9,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.localization import Localization
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.rotation import quaternions, rotations
 
 

@@ -6,7 +6,7 @@ from survey.core.data_object import DataObject
 from survey.data.ice.motion import IceMotion
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -32,7 +32,8 @@ from vision_slam.fusion.visual_scale import refuse_short_fixes, refuse_untracked
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.localization import Localization
 from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
+from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.places.loop_closures import detect_loop_closures
 from vision_slam.rotation import quaternions
 

@@ -16,7 +16,7 @@ from survey.io.tracks import write_track
 from vision_slam.comparison import Comparison
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.io.sequence import VisionRecords
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.plotting import tracks_on_frames
 
 OWN_FILES = (

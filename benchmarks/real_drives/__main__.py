@@ -49,7 +49,8 @@ from survey.data.sensors.aiding import GpsFixes
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.io.gps_files import GpsLog
 from vision_slam.io.sequence import ImageSequence, georeference
-from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
+from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import localize
 
 DRAWS = range(3)

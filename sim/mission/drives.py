@@ -37,7 +37,7 @@ from survey.reconstruction.motion.map_age import AGE, MapAge
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from vision_slam.localization import Localization
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 
 DRIVE_FILE = "drive.json"
 """How a drive ended, with its length, time and energy."""

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 from sim.instruments.suite import Readings
 from survey.core.arrays import FloatArray
 from survey.data.camera.calibration import Camera
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 
 
 class PoseEstimate(NamedTuple):

@@ -15,8 +15,8 @@ from survey.data.truth import Truth
 from survey.interchange.tum_euroc import write_tum_list
 from survey.io.tables import write_table
 from survey.io.vector import write_features
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import write_visual_odometry
-from vision_slam.odometry.visual_odometry import VisualOdometry
 
 ONBOARD = "onboard"
 """Folder within the recording that holds the visual odometry of the onboard computer."""

@@ -38,7 +38,7 @@ from survey.data.recording import Recording
 from survey.data.route import Route
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 
 _MEMORY_S = 0.5
 EDGE_M = 3.0

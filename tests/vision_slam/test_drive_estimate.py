@@ -8,7 +8,7 @@ from survey.data.sensors.sightings import Sightings
 from vision_slam.comparison import compare_from_start
 from vision_slam.drive_estimate import DriveEstimate
 from vision_slam.odometry.health import FrameHealth
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.rotation import rotations
 
 

@@ -22,7 +22,8 @@ from vision_slam import LocalizationConfig, localize
 from vision_slam.agreement.drive import align_heading
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.readers import read_sequence
-from vision_slam.odometry.visual_odometry import VisualOdometry, visual_odometry
+from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import measure_motion
 from vision_slam.recordings import open_recording
 from vision_slam.rotation import rotations

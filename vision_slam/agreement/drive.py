@@ -11,7 +11,7 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import OnlinePath, filter_path
 from vision_slam.inertial.attitude import heading_correction
 from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.places.relocalization import relocalize_segments, segment_starts
 
 _MANY_REFUSED = 3

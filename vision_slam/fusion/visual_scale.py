@@ -8,8 +8,8 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.sensors.aiding import GpsFixes
 from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.scale.scale_drift import scale_sightings
-from vision_slam.odometry.visual_odometry import VisualOdometry
 from vision_slam.rotation import rotations
 
 _LEAST_SPREAD_M = 20.0

@@ -10,7 +10,7 @@ from survey.reconstruction.motion.ice_frame import in_ice_frame
 from survey.reconstruction.motion.stakes import motion_with_stakes
 from vision_slam.config import LocalizationConfig
 from vision_slam.localization import Localization
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.pipeline import localize, process_images
 
 # Checks of start, gates and memory of the fixes take the motion for exact: they are repeated about the motion that was

@@ -1,95 +1,26 @@
 """Monocular visual odometry of a recording: images, wheels and gyro to odometry and sightings."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from survey.core.arrays import BoolArray, FloatArray, IntArray, Progress
-from survey.core.data_object import DataObject
+from survey.core.arrays import Progress
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
-from survey.data.camera.frames import Frames, Image
-from survey.data.sensors.odometry import Odometry
-from survey.data.sensors.sightings import Sightings
-from vision_slam.inertial.attitude import initial_pose, world_attitudes
-from vision_slam.inertial.motion import MotionSensors
+from survey.data.camera.frames import Frames
 from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.config import VisualOdometryConfig
-from vision_slam.odometry.far_features import FarFeatures
-from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
 from vision_slam.odometry.lens.bundle_adjustment import LensChange
 from vision_slam.odometry.lens.self_calibration import (
-    LensEstimate,
     estimate_lens,
     unknown_lens,
 )
-from vision_slam.odometry.scale.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
-from vision_slam.odometry.scale.speed import smoothed_steps
+from vision_slam.odometry.odometer import VisualOdometer, VisualOdometry
 from vision_slam.odometry.tracks import Track
-from vision_slam.odometry.triangulation import LandmarkTriangulator
-from vision_slam.odometry.visual_slam import VisualSlam
-from vision_slam.odometry.wheels.idle_wheels import IDLE_WHEELS, WithoutWheels, wheels_are_idle
-from vision_slam.rotation import rotations
+from vision_slam.odometry.wheels.idle_wheels import WithoutWheels, wheels_are_idle
 
 _MOVES = 0.1  # share of the images that have to move for wheels that count nothing to be wrong
 _MOST_PASSES = 5  # over the images; two suffice unless the lens is off by tens of pixels
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class VisualOdometry(DataObject):
-    """Odometry and landmark sightings estimated from images.
-
-    Parameters
-    ----------
-    odometry : Odometry
-        Steps [m] and attitudes. With wheels and a gyro the lengths are corrected by wheels and
-        by the height of the camera above the ground; with wheels the heading is corrected by
-        far ridges. Without wheels the unit of length is the first step.
-    sightings : Sightings
-        Landmarks relative to the poses.
-    health : tuple of FrameHealth
-        One entry per frame.
-    is_lost : (N,) ndarray of bool
-        Whether the pose rests on wheels and gyro for more than 20 m, or on nothing.
-    lens : LensEstimate, optional
-        Self-calibration of the lens; None where the lens was used as given.
-    lever_arm_m : (3,) ndarray, optional
-        Position of the camera on the body [m] where the lengths have no scale. Steps and sightings are
-        then those of the camera, in the axes of the body; `scale_visual_odometry` converts them to the
-        body. None where they are those of the body.
-    ignores_wheels : bool
-        Whether the recording has wheels, which were left out because they count nothing while the images move.
-    n_repeated : int
-        Images that are the same as the one before, byte by byte, and were left out. Wheels say whether
-        the camera stands or repeats itself; without wheels the next other image decides.
-
-    Notes
-    -----
-    Heading and lengths need the whole drive. The same images give the same bytes, whatever
-    the number of threads.
-    """
-
-    odometry: Odometry
-    sightings: Sightings
-    health: tuple[FrameHealth, ...]
-    is_lost: BoolArray
-    lens: LensEstimate | None = None
-    lever_arm_m: FloatArray | None = None
-    ignores_wheels: bool = False
-    n_repeated: int = 0
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was found about the lens, the wheels and repeated images, one sentence each."""
-        lens = () if self.lens is None else (self.lens.note,)
-        wheels = (IDLE_WHEELS,) if self.ignores_wheels else ()
-        repeated = f"images repeated to the last byte were left out: {self.n_repeated}"
-        return (*lens, *wheels, repeated) if self.n_repeated else (*lens, *wheels)
-
-    @property
-    def scale_drift_sigma(self) -> float:
-        """Relative drift of scale that a lens of unknown distortion may cause."""
-        return 0.0 if self.lens is None else self.lens.scale_sigma
 
 
 def visual_odometry(
@@ -190,7 +121,7 @@ def _followed(
     *,
     progress: Progress | None,
     ended: list[Track] | None = None,
-) -> "VisualOdometer":
+) -> VisualOdometer:
     """Process all images of a recording; collect the ended tracks where a list is given."""
     times = frames.time_s
     odometer = VisualOdometer(camera, recording, config, times[0])
@@ -200,163 +131,3 @@ def _followed(
         if progress is not None:
             progress("frames", index + 1, len(times))
     return odometer
-
-
-class VisualOdometer:
-    """Incremental visual odometry: takes images one by one, with wheels and gyro in between.
-
-    Parameters
-    ----------
-    camera : Camera
-        Calibration and mounting.
-    records : VisionRecords
-        Records at least up to the first motion of the wheels.
-    config : VisualOdometryConfig, optional
-        Settings of detection, tracking and the keyframe window.
-    start_s : float
-        Time of the first image [s].
-    """
-
-    def __init__(
-        self, camera: Camera, records: VisionRecords, config: VisualOdometryConfig | None, start_s: float
-    ) -> None:
-        self._lever_arm_m = None if records.wheels is not None else camera.T_body_camera[:3, 3]
-        height = None if self._lever_arm_m is None else float(self._lever_arm_m[2])
-        camera = camera if self._lever_arm_m is None else _at_origin(camera)
-        self.slam = VisualSlam(camera, config, initial_pose(records, start_s), height)
-        self.sensors = MotionSensors(records)
-        self._blank = np.zeros((camera.height, camera.width), np.uint8)
-        self._before_s = start_s
-        self._newest: Image | None = None
-        self._repeated: list[float] = []
-        self._n_repeated = 0
-        self._landmarks = LandmarkTriangulator(camera, self.slam.config)
-        self._far_features = FarFeatures(camera)
-        self._frame_of: dict[int, int] = {}
-        self._n_frames = 0
-        self.ended: list[Track] | None = None
-
-    def add_image(self, image: Image, time_s: float) -> None:
-        """Process the next image; the records must reach its time [s].
-
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) ndarray of uint8
-            Grey, or blue, green, red.
-        time_s : float
-            Its time [s].
-        """
-        if self._lever_arm_m is not None and self._is_repeated(image):
-            self._repeated.append(time_s)
-            return
-        self._n_repeated += len(self._repeated)
-        self._repeated, self._newest = [], image
-        self._follow(image, time_s)
-
-    def _is_repeated(self, image: Image) -> bool:
-        """Whether an image is the same as the one before; blank images are all the same and show nothing."""
-        if self._newest is None or not np.array_equal(image, self._newest):
-            return False
-        return self.slam.frames[-1].health.entropy_bits >= self.slam.config.least_entropy_bits
-
-    def _follow(self, image: Image, time_s: float) -> None:
-        """Process an image that is not left out."""
-        slam, sensors, before_s = self.slam, self.sensors, self._before_s
-        for between_s in sensors.gap(before_s, time_s):
-            slam.step(self._blank, between_s, sensors.between(before_s, between_s))
-            before_s = between_s
-        motion = sensors.between(before_s, time_s) if slam.frames else None
-        frame = slam.step(image, time_s, motion)
-        self._before_s = time_s
-        if motion is not None and frame.health.is_visual and slam.holds_heading:
-            before = slam.pose(slam.frames[-2])
-            sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
-        self._triangulate_ended(slam.window.newest - slam.config.n_free)
-
-    def finish(self, records: VisionRecords) -> VisualOdometry:
-        """Return the odometry of all images, levelled by the inertial records of the drive.
-
-        Parameters
-        ----------
-        records : VisionRecords
-            Records of the complete drive.
-
-        Returns
-        -------
-        VisualOdometry
-            Odometry, sightings and frame health.
-        """
-        slam = self.slam
-        if self._newest is not None and self._repeated:  # nothing shows any more that the camera moves
-            self._follow(self._newest, self._repeated[-1])
-            self._n_repeated += len(self._repeated) - 1
-            self._repeated = []
-        slam.finished += slam.live_tracks
-        self._triangulate_ended(slam.window.newest)
-        found = _corrected(slam, self._landmarks.sightings, self._far_features, records)
-        return replace(found, lever_arm_m=self._lever_arm_m, n_repeated=self._n_repeated)
-
-    def _triangulate_ended(self, last_settled: int) -> None:
-        """Triangulate the tracks that ended before the window, whose poses are final."""
-        slam = self.slam
-        for index in range(self._n_frames, len(slam.frames)):
-            self._frame_of.setdefault(slam.frames[index].keyframe, index)
-        self._n_frames = len(slam.frames)
-        ended = [track for track in slam.finished if track.keyframes[-1] <= last_settled]
-        if ended:
-            slam.finished = [track for track in slam.finished if track.keyframes[-1] > last_settled]
-            self._landmarks.pixel_sigma = slam.window.pixel_sigma
-            self._landmarks.add(ended, slam.window.poses, self._frame_of)
-            self._far_features.add(ended)
-            if self.ended is not None:
-                self.ended += ended
-
-
-def _at_origin(camera: Camera) -> Camera:
-    """Return the camera at the origin of the body: its position is in metres, which images alone do not have."""
-    mount = camera.T_body_camera.copy()
-    mount[:3, 3] = 0.0
-    return replace(camera, T_body_camera=mount)
-
-
-def _corrected(
-    slam: VisualSlam, sightings: Sightings, far_features: FarFeatures, records: VisionRecords
-) -> VisualOdometry:
-    """Correct scale drift, level the attitudes and correct the heading by far features."""
-    poses = np.array([slam.pose(frame) for frame in slam.frames])
-    times = np.array([frame.time_s for frame in slam.frames])
-    factor = _scale_factors(slam, sightings, records)
-    steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
-    steps *= factor[:-1, None]
-    health = tuple(frame.health for frame in slam.frames)
-    if records.wheels is None:
-        steps = smoothed_steps(steps, np.diff(times), np.array([frame.is_visual for frame in health[1:]]))
-    attitude = world_attitudes(poses[:, :3, :3], times, records)
-    if (
-        records.wheels is not None
-    ):  # the distance of ridges is assumed in metres, which images alone do not have
-        attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
-    odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
-    lost = is_lost(poses, health, has_wheels=records.wheels is not None)
-    return VisualOdometry(odometry, scale_sightings(sightings, factor), health, lost)
-
-
-def _scale_factors(slam: VisualSlam, sightings: Sightings, records: VisionRecords) -> FloatArray:
-    """Return the factor of scale of each frame (N,)."""
-    keyframe, poses = np.array([frame.keyframe for frame in slam.frames]), np.array(slam.window.poses)
-    # Without a gyro the path bends up and down too much to use the height of the camera.
-    height_m = 0.0 if records.inertial is None else float(slam.camera.T_body_camera[2, 3])
-    ratio = camera_height_ratio(poses, sightings, keyframe[sightings.pose], height_m)
-    factor: FloatArray = scale_corrections(poses, np.array(slam.rolled_m), ratio)[keyframe]
-    return factor
-
-
-def _levelled(
-    slam: VisualSlam, poses: FloatArray, attitude_rad: FloatArray
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return rotations (K, 3, 3) and positions (K, 3) of the keyframes, levelled, and the keyframe of each frame."""
-    _, first, of_frame = np.unique(
-        [frame.keyframe for frame in slam.frames], return_index=True, return_inverse=True
-    )
-    turned = attitude_rad[first] - [0.0, 0.0, attitude_rad[0, 2]]
-    return rotations(turned), poses[first, :3, 3], of_frame

@@ -13,6 +13,7 @@ from vision_slam.odometry.clahe import ContrastEnhancer, grey_of
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.features import Pixels, detect
 from vision_slam.odometry.health import FrameHealth, VisionHysteresis, image_health
+from vision_slam.odometry.keyframes.window import Window, half_turned
 from vision_slam.odometry.pixel_noise import PixelNoise
 from vision_slam.odometry.recognition import ViewRecognizer
 from vision_slam.odometry.resection import resect
@@ -24,7 +25,6 @@ from vision_slam.odometry.tracks import (
     track_corners,
 )
 from vision_slam.odometry.wheels.wheel_slip import WheelSlipDetector
-from vision_slam.odometry.window import Window, half_turned
 
 _STILL_PX = 0.3
 _ROLLS_M = 0.02

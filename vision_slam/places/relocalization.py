@@ -19,7 +19,7 @@ from survey.data.sensors.odometry import Odometry
 from vision_slam.inertial.attitude import heading_correction
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.io.sequence import VisionRecords
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.places.ground_view import GroundMosaics
 from vision_slam.places.overlay import Overlay, match_overlay
 from vision_slam.rotation import rotations

@@ -16,8 +16,8 @@ from vision_slam import LocalizationConfig
 from vision_slam.fusion.hypotheses import GyroTurn
 from vision_slam.fusion.particle_filter import ParticleFilter
 from vision_slam.inertial.gyro import gyro_residual_rad
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.onboard import OnboardOdometry, joined
-from vision_slam.odometry.visual_odometry import VisualOdometry
 from vision_slam.odometry.visual_slam import FramePose
 from vision_slam.pipeline import image_config
 

@@ -17,7 +17,7 @@ from sim.simulate.navigation import Start
 from sim.simulate.onboard.navigator import LATE_FRAMES, Navigate, OnboardComputer, TimedPose, VisualNavigator
 from survey.core.errors import InputError
 from survey.core.executors import settled
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 
 _MOST_WAITING = LATE_FRAMES + 1
 """Largest number of readings, with an image each, that wait for the computer; it bounds the memory."""

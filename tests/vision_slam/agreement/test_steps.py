@@ -14,7 +14,7 @@ from vision_slam.agreement.steps import note_delay, widen_errors
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 
 
 @pytest.fixture(scope="module")

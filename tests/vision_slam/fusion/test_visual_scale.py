@@ -18,7 +18,7 @@ from vision_slam.fusion.visual_scale import (
 )
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.health import FrameHealth
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.rotation import rotations
 
 TIMES = np.arange(60.0)

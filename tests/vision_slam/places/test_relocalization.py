@@ -15,7 +15,7 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.health import FrameHealth
-from vision_slam.odometry.visual_odometry import VisualOdometry
+from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.places.relocalization import relocalize_segments, segment_starts
 from vision_slam.rotation import rotations
 

@@ -1,0 +1,1 @@
+"""Keyframes of visual odometry: fixed-lag bundle adjustment."""
