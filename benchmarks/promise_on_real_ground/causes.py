@@ -24,6 +24,12 @@ from survey.data.dem import Dem
 
 _FAR = 0.6
 """Predicted over actual error, below which a window is one of those predicted worst."""
+_NAMES = {
+    "error": "error",
+    "level": "roughness over half a cell",
+    "growth": "growth of the roughness to the swaths",
+    "grain": "roughness across the swaths",
+}
 
 
 @dataclass(frozen=True)
@@ -40,14 +46,15 @@ def cause_rows(causes: Sequence[Cause]) -> Iterator[Row]:
     """Yield how far each cause varies from window to window, how it goes with the error, and its mean where that is large."""
     values = {name: np.array([asdict(one)[name] for one in causes]) for name in asdict(causes[0])}
     is_far = values["error"] > -np.log(_FAR)
-    where = "predicted beforehand, log of actual over predicted"
     for name, one in values.items():
-        yield Row(f"{where}, {name}: standard deviation", float(one.std()), "")
-        correlation = float(np.corrcoef(values["error"], one)[0, 1])
-        yield Row(f"{where}, {name}: correlation with the error", correlation, "")
+        where = f"beforehand, log of actual over predicted {_NAMES[name]}"
+        yield Row(f"{where}: standard deviation", float(one.std()), "")
+        if name != "error":
+            correlation = float(np.corrcoef(values["error"], one)[0, 1])
+            yield Row(f"{where}: correlation with that of the error", correlation, "")
         if is_far.any():
-            far = f"{int(is_far.sum())} windows below {_FAR:g} of the actual error"
-            yield Row(f"{where}, {name}: mean of {far}", float(one[is_far].mean()), "")
+            far = f"{int(is_far.sum())} windows predicted below {_FAR:g} of the error"
+            yield Row(f"{where}: mean of {far}", float(one[is_far].mean()), "")
 
 
 def cause_of(task: Task, outcome: Outcome) -> Cause:

@@ -24,6 +24,6 @@ def test_the_cause_that_goes_with_the_error_is_named():
         row.name: row.value
         for row in cause_rows([Cause(2.0 * one, one, 0.1 * one**2, 0.1 * one**3) for one in level[:8]])
     }
-    correlated = [value for name, value in rows.items() if "level: correlation" in name]
+    correlated = [value for name, value in rows.items() if "half a cell: correlation" in name]
     assert correlated == [pytest.approx(1.0)]
     assert any("below 0.6" in name for name in rows)
