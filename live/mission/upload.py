@@ -8,6 +8,7 @@ from live.link.vehicle import LinkLostError, Vehicle
 from live.mission.autopilot_mission import AutopilotMission
 from live.mission.items import FENCE, KIND_NAMES, MISSION, LinkItem, first_difference
 from live.mission.limits import limits_of, require_storable
+from live.mission.start import start_mission
 from live.mission.transfer import fetch_items, send_items
 from survey.core.arrays import Progress
 from survey.core.errors import InputError
@@ -41,6 +42,7 @@ def upload(
     patience_s: float = 15.0,
     system: int | None = None,
     most_items: int | None = None,
+    starts: bool = False,
     progress: Progress | None = None,
 ) -> UploadReport:
     """Upload a fence and a mission, and compare them with what the vehicle reports.
@@ -60,6 +62,8 @@ def upload(
         System id of the vehicle; by default the first that is heard.
     most_items : int, optional
         How many items the board holds; by default the limit of its autopilot.
+    starts : bool
+        Whether to arm the vehicle and start the mission afterwards.
     progress : callable, optional
         Called with what is done, how much of it, and of how much.
 
@@ -80,6 +84,8 @@ def upload(
         require_storable(fence, FENCE, most_items or limits.fence_corners)
         transfers = _until_equal(vehicle, fence, FENCE, progress) if fence else 0
         transfers += _until_equal(vehicle, items, MISSION, progress)
+        if starts:
+            start_mission(vehicle)
         return UploadReport(vehicle.name, len(items), len(fence), transfers)
 
 

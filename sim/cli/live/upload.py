@@ -46,6 +46,9 @@ class UploadRequest(RouteOptions):
             help="Items that the board holds.  [default: ArduPilot 724, PX4 2000, others 65535]",
         ),
     ] = None
+    starts: Annotated[
+        bool, typer.Option("--start", help="Arm the rover and start the mission afterwards: it drives off.")
+    ] = False
     dry_run: DryRun = False
     as_json: Json = False
     quiet: Quiet = False
@@ -107,6 +110,7 @@ def _upload(
             patience_s=request.patience_s,
             system=request.system,
             most_items=request.most_items,
+            starts=request.starts,
             progress=progress,
         )
     facts = {**report._asdict(), "seconds": round(perf_counter() - began, 2)}
