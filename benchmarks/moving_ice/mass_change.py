@@ -18,6 +18,10 @@ from vision_slam import localize_on_ice
 
 FIRST_SEED, DAYS, VELOCITY, HOURS = 9501, 30.0, 0.7, 8.0
 _AT_ONCE = 10
+_TERRAIN = GaussianProcessConfig(
+    fit=False, family="matern-5/2", variance_m2=16.0, length_scale_m=40.0, nugget_m=0.05
+)
+"""Kernel that the drawn terrain has; fits are judged by the other rows."""
 
 
 def pairs(folder: Path, *, n: int) -> list[dict[str, float]]:
@@ -60,7 +64,7 @@ def _terrain_after(early: Drive) -> Dem:
 def _mean_height(drive: Drive) -> tuple[float, float]:
     """Return the mean height of the map of the epoch [m], and its standard deviation."""
     found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
-    return area_mean(map_of(drive, found, GaussianProcessConfig(family="matern-5/2")).solution, drive.nodes)
+    return area_mean(map_of(drive, found, _TERRAIN).solution, drive.nodes)
 
 
 def rows(found: Sequence[dict[str, float]]) -> Iterator[Row]:

@@ -170,8 +170,8 @@ def map_of(drive: Drive, found: Localization, config: GaussianProcessConfig | No
 
 def _with_motion(outcome: Outcome, drive: Drive, motion: IceMotion) -> Outcome:
     """Add errors of velocity and lowering in standard deviations, at the corners and the middle of the site."""
-    places = _places(drive.nodes)
-    scores = (motion.rates(places) - _real_rates(drive, places)) / motion.rates_sigma(places)
+    places = middle_of(drive.nodes)
+    scores = (motion.rates(places) - real_rates(drive, places)) / motion.rates_sigma(places)
     sigma = motion.rates_sigma(places[:1])[0]
     return Outcome(
         outcome.rmse_m,
@@ -184,13 +184,13 @@ def _with_motion(outcome: Outcome, drive: Drive, motion: IceMotion) -> Outcome:
     )
 
 
-def _places(nodes: Grid) -> FloatArray:
+def middle_of(nodes: Grid) -> FloatArray:
     """Return the middle of the site."""
     xmin, ymin, xmax, ymax = nodes.bounds
     return np.array([[0.5 * (xmin + xmax), 0.5 * (ymin + ymax)]])
 
 
-def _real_rates(drive: Drive, xy: FloatArray) -> FloatArray:
+def real_rates(drive: Drive, xy: FloatArray) -> FloatArray:
     """Return the real mean rates (N, 3) over the drive [m/day]."""
     ends = drive.recording.gps.time_s[[0, -1]]
     moved = [drive.ice.displacement(xy, np.full(len(xy), end)) for end in ends]

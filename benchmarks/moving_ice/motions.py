@@ -1,0 +1,60 @@
+"""Velocity and lowering of many surveys, from localization alone: a map would change them little."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.moving_ice.surveys import Case, drive_of, middle_of, real_rates
+from benchmarks.report import Row
+from vision_slam import localize_on_ice
+
+FIRST_SEED, N_SEEDS = 9201, 40
+_VELOCITIES, _HOURS = (0.5, 1.0, 2.0, 4.0), (8.0, 24.0)
+
+
+def motions(n: int) -> list[dict[str, Any]]:
+    """Return scores and standard deviations of the motion of n surveys with four stakes."""
+    return [_motion(k) for k in range(n)]
+
+
+def _motion(k: int) -> dict[str, Any]:
+    case = Case(_VELOCITIES[k % 4], _HOURS[k // 4 % 2], 4, FIRST_SEED + k)
+    drive = drive_of(case)
+    motion = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed).ice_motion
+    assert motion is not None
+    place = middle_of(drive.nodes)
+    sigma = motion.rates_sigma(place)[0]
+    scores = (motion.rates(place) - real_rates(drive, place))[0] / sigma
+    return {
+        "velocity": scores[:2].tolist(),
+        "lowering": float(scores[2]),
+        "sigma": sigma.tolist(),
+        "hours": case.hours,
+    }
+
+
+def rows(found: Sequence[dict[str, Any]]) -> Iterator[Row]:
+    """Yield the rows of many motions."""
+    velocity = np.abs([score for one in found for score in one["velocity"]])
+    lowering = np.abs([one["lowering"] for one in found])
+    yield Row("motions of other sites, 4 stakes", float(len(found)), "1")
+    for name, scores in (("velocity", velocity), ("lowering", lowering)):
+        within = float(np.mean(scores <= 1.959964))
+        yield Row(f"other sites: {name} within 95 %", within, "1", "0.93 to 0.97", 0.93 <= within <= 0.97)
+    for hours in _HOURS:
+        sigma = np.mean([one["sigma"] for one in found if one["hours"] == hours], axis=0)
+        yield Row.of(
+            f"other sites, {hours:g} h: standard deviation of the velocity",
+            float(sigma[:2].max()),
+            "m/day",
+            "<=",
+            0.1,
+        )
+        yield Row.of(
+            f"other sites, {hours:g} h: standard deviation of the lowering",
+            float(sigma[2]),
+            "m/day",
+            "<=",
+            0.1,
+        )
