@@ -1,5 +1,7 @@
 """Public names and the modules that define them."""
 
+from survey.data.ice.motion import IceMotion as IceMotion
+from survey.data.sensors.stake_files import read_stake_surveys as read_stake_surveys
 from survey.reconstruction.base import INTERPOLATED as INTERPOLATED
 from survey.reconstruction.base import MEASURED as MEASURED
 from survey.reconstruction.base import RAY_BOUNDED as RAY_BOUNDED
@@ -12,4 +14,11 @@ from survey.reconstruction.gp.mean import DemMean as DemMean
 from survey.reconstruction.gp.mean import FunctionMean as FunctionMean
 from survey.reconstruction.gp.mean import Mean as Mean
 from survey.reconstruction.mapping import reconstruct as reconstruct
+from survey.reconstruction.motion.priors import VelocityRasters as VelocityRasters
+from survey.reconstruction.motion.priors import motion_from_rasters as motion_from_rasters
+from survey.reconstruction.motion.priors import motion_from_slope as motion_from_slope
+from survey.reconstruction.motion.priors import uniform_motion as uniform_motion
+from survey.reconstruction.motion.refinement import refined_motion as refined_motion
+from survey.reconstruction.motion.stake_series import predict_position as predict_position
+from survey.reconstruction.motion.volume import area_mean as area_mean
 from survey.reconstruction.terrain_model import TerrainModel as TerrainModel

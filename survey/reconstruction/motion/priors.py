@@ -113,7 +113,8 @@ def motion_from_rasters(
     middle = np.array([0.5 * (xmin + xmax), 0.5 * (ymin + ymax)])
     reach = max(xmax - xmin, ymax - ymin, 3.0 * rasters.east.step_m)
     xy = rasters.east.xy
-    values = np.column_stack([raster.elevation.ravel() for raster in rasters])
+    columns = rasters.east, rasters.north, rasters.sigma_east, rasters.sigma_north
+    values = np.column_stack([raster.elevation.ravel() for raster in columns])
     inside = (np.abs(xy - middle) <= reach).all(axis=1) & np.isfinite(values).all(axis=1)
     if inside.sum() < 6:
         raise InputError(
