@@ -7,16 +7,19 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import laspy
 import numpy as np
 import rasterio
 from rasterio.windows import Window
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import cKDTree
 
 from benchmarks.whole_glacier.made_survey import MadeSurvey
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 
 N_CONTROL_PER_KM2 = 4.0
-_ROWS = 500
+_ROWS, _NEAR_M = 500, 0.4
 
 
 class Judged(NamedTuple):
@@ -90,8 +93,19 @@ def _truth(made: MadeSurvey, transform: rasterio.Affine, window: Window) -> Floa
     return made.heights(x.ravel(), y.ravel()).reshape(x.shape)
 
 
-def strips_of(out: Path) -> dict[str, dict[str, float]]:
-    """Return the errors of the strips that a map's record states."""
+def offset_of(out: Path, strips: list[str]) -> tuple[float, float]:
+    """Return how far a strip lies above another one by a map's record, and the standard deviation [m]."""
     facts = json.loads((out / "reconstruction.json").read_text(encoding="utf-8"))
-    strips: dict[str, dict[str, float]] = facts["diagnostics"]["strips"]
-    return strips
+    own = next(pair for pair in facts["diagnostics"]["overlaps"] if pair["strips"] == strips)
+    return own["offset_m"], own["offset_m_sigma"]
+
+
+def above_triangles_m(file: Path, first: int, second: int) -> float:
+    """Return the median height of points of a strip above triangles of another one, where the latter has points [m]."""
+    points = laspy.read(file)
+    xyz, strip = np.column_stack([points.x, points.y, points.z]), np.asarray(points.point_source_id)
+    xyz -= xyz.min(axis=0)
+    own, other = xyz[strip == first], xyz[strip == second]
+    own = own[cKDTree(other[:, :2]).query(own[:, :2])[0] < _NEAR_M]
+    height = LinearNDInterpolator(other[:, :2], other[:, 2])(own[:, :2])
+    return float(np.nanmedian(own[:, 2] - height))

@@ -12,6 +12,7 @@ from survey.io.raster.mosaic import MosaicBand, MosaicTile, write_mosaic
 from survey.io.raster.reading import NODATA
 from survey.io.raster.writing import write_raster
 from survey.reconstruction.reconstruction_file import FACTS_SHA256
+from survey.reconstruction.tiled.cells.sorting import strip_name
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
 from survey.reconstruction.tiled.layout import Tile
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
@@ -51,6 +52,7 @@ def write_results(
             "n_tiles": len(tiles),
             "support_cells": counts.tolist(),
             "strips": shared.strips.facts(),
+            "overlaps": _overlaps(shared),
             "n_overlap_blocks": shared.n_overlaps,
             "n_control": shared.n_control,
             "calibration": learnt.calibration.facts(),
@@ -61,6 +63,16 @@ def write_results(
         text = json.dumps(with_checksum(facts, FACTS_SHA256), indent=2, sort_keys=True)
         draft.write_text(text + "\n", encoding="utf-8")
     return TiledResult(facts, test, coverage)
+
+
+def _overlaps(shared: Shared) -> list[dict[str, Any]]:
+    """Return how far each strip lies above another one at the middle of their overlap, for the record."""
+    found = []
+    for first, second, n, x, y in shared.pairs.tolist():
+        offset_m, sigma_m = shared.strips.offset_between(int(first), int(second), np.array([x, y]))
+        strips = [strip_name(int(first)), strip_name(int(second))]
+        found.append({"strips": strips, "n_blocks": int(n), "offset_m": offset_m, "offset_m_sigma": sigma_m})
+    return found
 
 
 def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:

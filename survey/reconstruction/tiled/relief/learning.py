@@ -11,7 +11,7 @@ from survey.core.streams import stream
 from survey.reconstruction.lattice.calibration import LatticeCalibration, likeliest_factors
 from survey.reconstruction.lattice.stiffness import PATCH_NODES, LatticeLikelihood, Stiffness, likeliest_of
 from survey.reconstruction.nodes import bilinear
-from survey.reconstruction.tiled.cells.statistics import read_cells
+from survey.reconstruction.tiled.cells.statistics import cells_in
 from survey.reconstruction.tiled.job import TiledJob
 from survey.reconstruction.tiled.layout import Tile, Window
 from survey.reconstruction.tiled.relief.fine_relief import fine_relief
@@ -21,6 +21,7 @@ from survey.reconstruction.tiled.relief.shared import Learnt, Shared
 Run = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[Any, Any]]]
 """Runs a function on pieces, and yields each piece with its result, in any order."""
 _N_PATCHES, _N_PILOTS, _PILOT_CELLS = 16, 6, 160
+_MOST_TRIES = 100
 _LEAST_POINTS = 60
 _RANGES_IN_CELLS = (60.0, 30.0, 15.0, 8.0)
 _WITHHELD_OF_PILOTS = 0.1
@@ -49,35 +50,36 @@ def learn(job: TiledJob, shared: Shared, tiles: Sequence[Tile], run: Run) -> Lea
     run : callable
         Runs the pilot windows.
     """
-    patches = _patches(job, shared, _places(job, tiles, PATCH_NODES, _N_PATCHES, "patches"))
+    patches = _patches(job, shared, _places(job, tiles, PATCH_NODES, _N_PATCHES))
     ranges = [n * job.layout.cell_m for n in _RANGES_IN_CELLS]
     stiffness = likeliest_of(patches, ranges) if patches else _FALLBACK
-    pilots = _places(job, tiles, _PILOT_CELLS, _N_PILOTS, "pilots")
+    pilots = _places(job, tiles, _PILOT_CELLS, _N_PILOTS)
     found = dict(run(partial(_pilot, job, shared, stiffness), pilots))
     errors = np.concatenate([found[place] for place in pilots])
     return Learnt(stiffness, likeliest_factors(*errors.T) if len(errors) else LatticeCalibration())
 
 
-def _places(job: TiledJob, tiles: Sequence[Tile], side: int, n: int, name: str) -> list[Place]:
-    """Return square windows about randomly chosen cells with points."""
-    rng = stream(0, "tiled map", name)
-    found: dict[Place, None] = {}
-    for _ in range(n):
-        tile = tiles[int(rng.integers(len(tiles)))]
-        cells = read_cells(job.cells_file(tile))
-        cell = cells[int(rng.integers(len(cells)))]
-        whole = job.layout.window(tile)
-        west = int(
-            np.clip(
-                cell["column"] - side // 2, whole.west, max(whole.west + whole.columns - side, whole.west)
-            )
-        )
-        south = int(
-            np.clip(cell["row"] - side // 2, whole.south, max(whole.south + whole.rows - side, whole.south))
-        )
-        columns, rows = min(side, whole.columns), min(side, whole.rows)
-        found[Place(tile, Window(west, south, columns, rows))] = None
+def _places(job: TiledJob, tiles: Sequence[Tile], side: int, n: int) -> list[Place]:
+    """Return square windows that hold points, at random places of the map, the same ones for every size of the tiles."""
+    rng, whole, found = stream(0, "tiled map", side), job.layout.whole, dict[Place, None]()
+    columns, rows = min(side, whole.columns), min(side, whole.rows)
+    for _ in range(_MOST_TRIES):
+        west = whole.west + int(rng.integers(whole.columns - columns + 1))
+        south = whole.south + int(rng.integers(whole.rows - rows + 1))
+        middle = np.array([[west + columns // 2, south + rows // 2]])
+        tile = Tile(*divmod(int(job.layout.tile_numbers(middle)[0]), job.layout.shape[1]))
+        place = Place(tile, Window(west, south, columns, rows))
+        if tile in tiles and _is_seen(job, place):
+            found[place] = None
+        if len(found) == n:
+            break
     return list(found)
+
+
+def _is_seen(job: TiledJob, place: Place) -> bool:
+    """Return whether an eighth of the cells of a window hold points."""
+    cells = cells_in(job.work / "cells", job.layout, place.tile, place.window)
+    return len(cells) >= place.window.rows * place.window.columns // 8
 
 
 def _patches(job: TiledJob, shared: Shared, places: Sequence[Place]) -> list[LatticeLikelihood]:

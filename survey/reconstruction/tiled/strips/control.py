@@ -7,8 +7,8 @@ from survey.core.arrays import FloatArray
 from survey.reconstruction.tiled.job import Control
 from survey.reconstruction.tiled.strips.overlaps import OVERLAP
 
-_REACH_CELLS = 3.0
-_LEAST_CELLS = 6
+_REACH_CELLS = 1.6
+_LEAST_CELLS = 5
 
 
 def control_differences(
@@ -18,7 +18,7 @@ def control_differences(
     slope: FloatArray,
     control: Control,
 ) -> npt.NDArray[np.void]:
-    """Return the differences of strips and control points, each by a plane through the cells within three cells.
+    """Return the differences of strips and control points, each by a plane through the cells about it.
 
     Parameters
     ----------
@@ -61,9 +61,11 @@ def control_differences(
 
 
 def _plane_at(xy: FloatArray, z: FloatArray, noise_m2: FloatArray) -> tuple[float, float]:
-    """Return the height of the plane through cells above the origin [m] and its variance [m²]."""
+    """Return the height of the plane through cells above the origin [m] and its variance [m²].
+
+    What the plane leaves of the cells' heights is relief that is alike in neighbouring cells: it counts in full.
+    """
     design = np.column_stack([np.ones(len(xy)), xy])
     solution, *_ = np.linalg.lstsq(design, z, rcond=None)
-    inverse = np.linalg.pinv(design.T @ design)
     misfit = float(np.sum((z - design @ solution) ** 2)) / max(len(z) - 3, 1)
-    return float(solution[0]), float(inverse[0, 0] * max(misfit, float(noise_m2.mean())))
+    return float(solution[0]), max(misfit, float(noise_m2.mean()))
