@@ -20,9 +20,6 @@ from survey.reconstruction.tiled.strips.overlaps import (
     usual_variance,
 )
 
-BLOCK_COLUMNS = ("strip", "n", "x", "y", "z", "east", "north")
-"""Columns of blocks of the long relief: key of the strip, number of its cells, and their mean place [m], height [m] and
-slopes [m/m]."""
 _USUAL_M2 = 0.05**2
 
 
@@ -63,7 +60,9 @@ def _strip_table(cells: npt.NDArray[np.void], cell_m: float) -> FloatArray:
 def relief_blocks(
     cells: npt.NDArray[np.void], slope: FloatArray, window: Window, cell_m: float, side: int
 ) -> FloatArray:
-    """Return the means of the cells of each strip over blocks (N, 7): see `BLOCK_COLUMNS`.
+    """Return the means of the cells of each strip over blocks (N, 7).
+
+    The columns are the key of the strip, the number of its cells, their mean place (2) and height [m], and slopes (2) [m/m].
 
     Parameters
     ----------

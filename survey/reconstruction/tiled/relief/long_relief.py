@@ -75,7 +75,7 @@ def long_relief(
     coarse_cells : int
         Cells between neighbouring nodes.
     blocks : (N, 7) ndarray
-        See `survey.reconstruction.tiled.summaries.BLOCK_COLUMNS`.
+        See `survey.reconstruction.tiled.summaries.relief_blocks`.
     strips : StripErrors
         Errors of the strips, which are subtracted.
     prior : (H, W) ndarray or None
