@@ -17,6 +17,7 @@ from survey.reconstruction.tiled.job import Control
 from survey.reconstruction.tiled.request import tiled_job
 from survey.reconstruction.tiled.results import TiledResult
 from survey.reconstruction.tiled.survey_map import map_in_tiles
+from survey.scoring.blocks import score_files
 from tests.survey.reconstruction.tiled.conftest import OFFSET_M, ground
 
 CONFIG = TiledConfig(tile_cells=80, halo_cells=40, n_draws=8, withheld_share=0.05)
@@ -128,3 +129,12 @@ def test_a_full_disk_is_refused_before_work_starts(
 def test_blocks_divide_tiles() -> None:
     with pytest.raises(ConfigError, match="multiple"):
         TiledConfig(tile_cells=90)
+
+
+def test_a_map_in_tiles_is_scored_in_blocks(made: tuple[TiledResult, Path], tmp_path: Path) -> None:
+    height = Dem.read(made[1] / "dem.vrt")
+    truth = Dem.on(height.grid(), ground(*height.xy.T).reshape(height.shape))
+    truth.write(tmp_path / "truth.tif")
+    found = score_files(made[1] / "dem.vrt", tmp_path / "truth.tif").to_dict()["elevation"]
+    error = height.elevation - truth.elevation
+    assert found["rmse_m"] == pytest.approx(np.sqrt(np.nanmean(error**2)), rel=1e-3)
