@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray, Progress
 from survey.core.errors import InputError
@@ -58,8 +59,9 @@ def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) 
         counts = _counted(run, sort, job.pieces, "points sorted", progress)
         tiles = present_tiles(job.sorted_folder, list(job.pieces), job.layout)
         _counted(run, partial(summarise, job), tiles, "tiles averaged", progress)
-        shared = solve_shared(job, tiles)
-        learnt = learn(job, shared, tiles, run)
+        with threadpool_limits(limits=1, user_api="blas"):
+            shared = solve_shared(job, tiles)
+            learnt = learn(job, shared, tiles, run)
         _counted(run, partial(_map_tile, job, learnt), tiles, "tiles mapped", progress)
         result = write_results(job, tiles, shared, learnt, sum(counts.values()))
     shutil.rmtree(job.work)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.files.writing import replacing
@@ -31,7 +32,9 @@ def map_tile(job: TiledJob, shared: Shared, learnt: Learnt, tile: Tile) -> int:
     """Write the rasters of a tile and its test; return the number of withheld cells. A tile that is there stays."""
     if job.result_file(tile).exists():
         return 0
-    made, tested = tile_map(job, shared, learnt, tile)
+    # One thread: the same sums in the same order, whatever the number of workers.
+    with threadpool_limits(limits=1, user_api="blas"):
+        made, tested = tile_map(job, shared, learnt, tile)
     folder, window = job.folder / "tiles", job.layout.window(tile)
     transform = window.transform(job.layout.cell_m)
     bands = {"elevation": made.height[::-1], "standard_deviation": made.std[::-1]}

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from survey.core.arrays import FloatArray, IntArray
@@ -181,7 +181,7 @@ def _sizes(places: StripPlaces, rows: npt.NDArray[np.void], expected: Sizes) -> 
     def negative(logs: FloatArray) -> float:
         normal = _normal(places, rows, Sizes(*np.exp(logs)))
         lower = np.linalg.cholesky(normal.matrix)
-        whitened = np.linalg.solve(lower, normal.rhs)
+        whitened = solve_triangular(lower, normal.rhs, lower=True)
         own = normal.energy - whitened @ whitened + normal.log_determinant
         own += 2.0 * float(np.log(np.diag(lower)).sum())
         return 0.5 * float(own) + 0.5 * float(np.sum(((logs - start) / _LOG_SD) ** 2))
