@@ -24,7 +24,7 @@ def points(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_map_in_tiles_is_written_with_its_test(points: Path, tmp_path: Path) -> None:
-    xy = np.array([[20.0, 30.0], [80.0, 90.0]])
+    xy = np.array([[20.0, 30.0], [70.0, 90.0]])
     rows = [f"{x},{y},{z},0.01" for (x, y), z in zip(xy, ground(*xy.T), strict=True)]
     control = tmp_path / "gnss.csv"
     control.write_text("\n".join(["x_m,y_m,z_m,sigma_z_m", *rows]) + "\n")
