@@ -31,7 +31,7 @@ def download(
 
       firnline download udp://127.0.0.1:14550 -o drawn.geojson
 
-      firnline plan --route drawn.geojson --area site.gpkg --dem prior.tif
+      firnline export drawn.geojson drawn.gpx
 
     Needs firnline[live].
     """
