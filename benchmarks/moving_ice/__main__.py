@@ -1,13 +1,14 @@
-"""Surveys on moving ice: maps at an epoch, velocities and lowering, mass change, and feature tracking.
+"""Surveys on moving ice: maps at an epoch, velocities and lowering, feature tracking, and real stakes.
 
 Run with ``python -m benchmarks.moving_ice``. Sites of 150 × 150 m are surveyed by six swaths in 8 and in 24 hours, on ice
 that moves by 0.5 to 4 m a day and melts by 6 cm a day, with a base station on rock; with four stakes that are surveyed four
 times, and without. Every map is judged against the terrain of its epoch, the middle of the drive, and compared with that of
 the same survey on still ice and with the static estimate of the same recording. Maps have no prior.
 
-Seeds 9101 and 9102 are judged, 9201 to 9240 for motions and 9501 to 9600 for pairs of surveys; the methods were developed on 9001 and 9002, the feature tracking on another raster. Parts are
+Seeds 9101 and 9102 are judged, and 9201 to 9240 for motions; the methods were developed on 9001 and 9002, the feature tracking on another raster. Parts are
 stored as they finish (``FIRNLINE_MOVING_ICE`` names the folder); a run that was broken off continues. Real ground is read
-from ``FIRNLINE_DATA``, beside the checkout by default.
+from ``FIRNLINE_DATA``, beside the checkout by default. Pairs of surveys have a command of their own,
+``python -m benchmarks.moving_ice.mass_change``.
 """
 
 import logging
@@ -15,26 +16,15 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.moving_ice import mass_change, motions, stake_series, tracked
+from benchmarks.moving_ice import motions, stake_series, tracked
 from benchmarks.moving_ice.figures import rows
+from benchmarks.moving_ice.parts import SURVEYS, folder_of
 from benchmarks.moving_ice.surveys import Case, outcomes_of
 from benchmarks.report import Row, main
-from benchmarks.stored_parts import ROOT, code_digest, stored
+from benchmarks.stored_parts import ROOT, stored
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", ROOT.parent / "shared" / "data"))
 SEEDS, VELOCITIES = (9101, 9102), (0.5, 1.0, 2.0, 4.0)
-_SURVEYS = (
-    "vision_slam/fusion",
-    "survey/reconstruction/joint",
-    *(f"survey/reconstruction/motion/{name}.py" for name in ("ice_frame", "refinement", "stakes")),
-    "benchmarks/moving_ice/surveys.py",
-)
-_ROOT = Path(os.environ.get("FIRNLINE_MOVING_ICE", ROOT / "results" / "runs" / "moving-ice"))
-
-
-def _folder(*sources: str) -> Path:
-    """Return the folder of parts, another one for other code."""
-    return _ROOT / code_digest(sources)
 
 
 def cases(*, quick: bool) -> list[Case]:
@@ -54,14 +44,14 @@ def cases(*, quick: bool) -> list[Case]:
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    matching = _folder("survey/scoring/motion", "benchmarks/moving_ice/tracked.py")
+    matching = folder_of("survey/scoring/motion", "benchmarks/moving_ice/tracked.py")
     yield from tracked.rows(stored(matching / "tracked.json", lambda: tracked.tracked(DATA)))
-    predicting = _folder(
+    predicting = folder_of(
         "survey/reconstruction/motion/stake_series.py", "benchmarks/moving_ice/stake_series.py"
     )
     yield from stake_series.rows(stored(predicting / "stakes.json", lambda: stake_series.predicted(DATA)))
     logging.disable(logging.WARNING)
-    folder = _folder(*_SURVEYS)
+    folder = folder_of(*SURVEYS)
     found = {
         case: stored(folder / f"{case.name}.json", lambda c=case: outcomes_of(c))
         for case in cases(quick=quick)
@@ -69,7 +59,6 @@ def measure(quick: bool) -> Iterator[Row]:
     yield from rows(found, VELOCITIES)
     n_motions = 4 if quick else motions.N_SEEDS
     yield from motions.rows(stored(folder / f"motions-{n_motions}.json", lambda: motions.motions(n_motions)))
-    yield from mass_change.rows(mass_change.pairs(folder, n=2 if quick else 100))
 
 
 if __name__ == "__main__":

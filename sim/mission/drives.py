@@ -184,6 +184,7 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
     result = _localized(recording, mission, visual)
     if result.ice_motion is not None:
         write_motion(result.ice_motion, folder / ICE_MOTION)
+        in_fixed_frame(result.trajectory, result.ice_motion).write(folder / "trajectory_fixed.csv")
     if result.online_trajectory is not None:
         result.online_trajectory.write(folder / "online_trajectory.csv")
     result.trajectory.write(folder / "trajectory.tum")

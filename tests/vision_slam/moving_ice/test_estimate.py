@@ -9,6 +9,7 @@ from survey.data.sensors.loop_closures import LoopClosures
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from survey.data.sensors.stakes import StakeSightings, StakeSurveys
+from survey.reconstruction.motion.fixed_frame import in_fixed_frame
 from survey.reconstruction.motion.priors import uniform_motion
 from vision_slam import LocalizationConfig, localize
 from vision_slam.localization import Localization
@@ -54,6 +55,10 @@ def test_path_and_landmarks_are_those_of_the_epoch_and_the_motion_is_found():
     assert (np.abs(rate - RATE) < sigma).all()
     assert (sigma[:2] < 0.6).all()
     np.testing.assert_allclose(found.trajectory.position, path, atol=0.08)
+    # Where each pose was at its own time is known by the fixes, whatever the velocity.
+    assert found.ice_motion is not None
+    fixed = in_fixed_frame(found.trajectory, found.ice_motion)
+    np.testing.assert_allclose(fixed.position, recording.gps.position, atol=0.02)
 
 
 def test_the_epoch_decides_where_the_path_lies():
