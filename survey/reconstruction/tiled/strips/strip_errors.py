@@ -274,7 +274,9 @@ def _inflation(places: StripPlaces, blocks: npt.NDArray[np.void], errors: FloatA
     )
     _, index = np.unique(keys, axis=0, return_inverse=True)
     total, moment = np.bincount(index.ravel(), weight), np.bincount(index.ravel(), weight * residual)
-    return float(np.sqrt(max(1.0, float(np.mean(moment**2 / total)))))
+    # The mean of n squares of standard normal numbers scatters by √(2 / n); only what exceeds it twice counts.
+    excess = float(np.mean(moment**2 / total)) - 2.0 * np.sqrt(2.0 / len(total))
+    return float(np.sqrt(max(1.0, excess)))
 
 
 def _shared_in_cells(blocks: npt.NDArray[np.void]) -> float:
