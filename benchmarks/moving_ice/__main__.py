@@ -5,10 +5,10 @@ that moves by 0.5 to 4 m a day and melts by 6 cm a day, with a base station on r
 times, and without. Every map is judged against the terrain of its epoch, the middle of the drive, and compared with that of
 the same survey on still ice and with the static estimate of the same recording. Maps have no prior.
 
-Seeds 9101 and 9102 are judged, and 9201 to 9240 for motions; the methods were developed on 9001 and 9002, the feature tracking on another raster. Parts are
-stored as they finish (``FIRNLINE_MOVING_ICE`` names the folder); a run that was broken off continues. Real ground is read
-from ``FIRNLINE_DATA``, beside the checkout by default. Pairs of surveys have a command of their own,
-``python -m benchmarks.moving_ice.mass_change``.
+Seeds 9101 and 9102 are judged, and 9201 to 9240 for motions; the methods were developed on 9001 and 9002, the feature
+tracking on another raster. Parts are stored as they finish (``FIRNLINE_MOVING_ICE`` names the folder); a run that was broken
+off continues. Real ground is read from ``FIRNLINE_DATA``, beside the checkout by default. Pairs of surveys have a command of
+their own, ``python -m benchmarks.moving_ice.mass_change``.
 """
 
 import logging
