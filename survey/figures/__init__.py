@@ -3,7 +3,8 @@
 Every figure has one style, states its units, and uses colours that the colour-blind can distinguish. Files are written by `survey.reporting`.
 """
 
-from survey.figures.calibration import calibration_plot
+from survey.figures.checks.calibration import calibration_plot
+from survey.figures.checks.held_out import held_out_plot
 from survey.figures.curves import terrain_profile, trajectory_error
 from survey.figures.drives import deviation_from_route, executed_route
 from survey.figures.errors import (
@@ -12,7 +13,6 @@ from survey.figures.errors import (
     error_map,
     height_error,
 )
-from survey.figures.held_out import held_out_plot
 from survey.figures.landmarks import landmark_map
 from survey.figures.maps import (
     deviation_map,
