@@ -10,7 +10,7 @@ from pyproj import CRS
 from survey.core.arrays import FloatArray
 from survey.reconstruction.tiled.cells.sorting import Piece
 from survey.reconstruction.tiled.config import TiledConfig
-from survey.reconstruction.tiled.layout import Tile, TileLayout, Window
+from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 
 
 class Control(NamedTuple):
@@ -24,7 +24,7 @@ class Control(NamedTuple):
         """Return no control points."""
         return cls(np.zeros((0, 3)), np.zeros(0))
 
-    def within(self, window: Window, cell_m: float) -> "Control":
+    def within(self, window: CellWindow, cell_m: float) -> "Control":
         """Return the control points that lie in a window, so that each belongs to one tile."""
         column, row = np.floor(self.xyz[:, :2].T / cell_m)
         inside = (column >= window.west) & (column < window.west + window.columns)
@@ -79,15 +79,15 @@ class TiledJob(NamedTuple):
         """Folder of the sorted points."""
         return self.work / "sorted"
 
-    def cells_file(self, tile: Tile) -> Path:
+    def cells_file(self, tile: MapTile) -> Path:
         """File of the cells of a tile."""
         return self.work / "cells" / f"{tile.name}.npy"
 
-    def summary_file(self, tile: Tile) -> Path:
+    def summary_file(self, tile: MapTile) -> Path:
         """File of what a tile contributes to the errors of strips and to the long relief."""
         return self.work / "summaries" / f"{tile.name}.npz"
 
-    def result_file(self, tile: Tile) -> Path:
+    def result_file(self, tile: MapTile) -> Path:
         """File of the test of a tile by its withheld cells; the last file of a tile to be written."""
         return self.work / "withheld" / f"{tile.name}.npz"
 

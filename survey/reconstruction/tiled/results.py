@@ -14,7 +14,7 @@ from survey.io.raster.writing import write_raster
 from survey.reconstruction.reconstruction_file import FACTS_SHA256
 from survey.reconstruction.tiled.cells.sorting import strip_name
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
-from survey.reconstruction.tiled.layout import Tile
+from survey.reconstruction.tiled.layout import MapTile
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
 from survey.reconstruction.tiled.withheld import CoverageMap, WithheldTest, coverage_map
 
@@ -32,7 +32,7 @@ class TiledResult(NamedTuple):
 
 
 def write_results(
-    job: TiledJob, tiles: Sequence[Tile], shared: Shared, learnt: Learnt, n_points: int
+    job: TiledJob, tiles: Sequence[MapTile], shared: Shared, learnt: Learnt, n_points: int
 ) -> TiledResult:
     """Write ``dem.vrt``, ``support.vrt``, ``coverage.tif`` and ``reconstruction.json`` about the tiles that are there."""
     found = [load_arrays(job.result_file(tile)) for tile in tiles]
@@ -88,7 +88,7 @@ def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:
     }
 
 
-def _write_mosaics(job: TiledJob, tiles: Sequence[Tile]) -> None:
+def _write_mosaics(job: TiledJob, tiles: Sequence[MapTile]) -> None:
     whole, cell_m = job.layout.whole, job.layout.cell_m
     for name, bands in (("dem", _DEM_BANDS), ("support", _SUPPORT_BANDS)):
         parts = []

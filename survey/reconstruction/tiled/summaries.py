@@ -10,7 +10,7 @@ from survey.core.files.writing import replacing
 from survey.reconstruction.tiled.cells.sorting import sorted_points
 from survey.reconstruction.tiled.cells.statistics import cell_statistics, write_cells
 from survey.reconstruction.tiled.job import TiledJob
-from survey.reconstruction.tiled.layout import Tile, Window
+from survey.reconstruction.tiled.layout import CellWindow, MapTile
 from survey.reconstruction.tiled.strips.control import control_differences
 from survey.reconstruction.tiled.strips.overlaps import (
     detrended_variance,
@@ -23,7 +23,7 @@ from survey.reconstruction.tiled.strips.overlaps import (
 _USUAL_M2 = 0.05**2
 
 
-def summarise(job: TiledJob, tile: Tile) -> int:
+def summarise(job: TiledJob, tile: MapTile) -> int:
     """Write the cells and the summary of a tile; return the number of cells. A summary that is there stays."""
     if job.summary_file(tile).exists():
         return 0
@@ -58,7 +58,7 @@ def _strip_table(cells: npt.NDArray[np.void], cell_m: float) -> FloatArray:
 
 
 def relief_blocks(
-    cells: npt.NDArray[np.void], slope: FloatArray, window: Window, cell_m: float, side: int
+    cells: npt.NDArray[np.void], slope: FloatArray, window: CellWindow, cell_m: float, side: int
 ) -> FloatArray:
     """Return the means of the cells of each strip over blocks (N, 7).
 
@@ -70,7 +70,7 @@ def relief_blocks(
         Cells of the tile.
     slope : (N, 2) ndarray
         Slopes [m/m].
-    window : Window
+    window : CellWindow
         The tile.
     cell_m : float
         Side of a cell [m].

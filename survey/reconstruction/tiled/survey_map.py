@@ -20,7 +20,7 @@ from survey.core.arrays import FloatArray, Progress
 from survey.core.errors import InputError
 from survey.reconstruction.tiled.cells.sorting import present_tiles, sort_piece
 from survey.reconstruction.tiled.job import TiledJob
-from survey.reconstruction.tiled.layout import Tile
+from survey.reconstruction.tiled.layout import MapTile
 from survey.reconstruction.tiled.relief.learning import Run, learn
 from survey.reconstruction.tiled.relief.shared import Learnt, read_shared, solve_shared
 from survey.reconstruction.tiled.relief.tile_map import map_tile
@@ -68,7 +68,7 @@ def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) 
     return result
 
 
-def _map_tile(job: TiledJob, learnt: Learnt, tile: Tile) -> int:
+def _map_tile(job: TiledJob, learnt: Learnt, tile: MapTile) -> int:
     """Map a tile in a worker, which reads what all tiles share itself."""
     return map_tile(job, read_shared(job), learnt, tile)
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from survey.core.arrays import Bounds, FloatArray
-from survey.reconstruction.tiled.layout import Window
+from survey.reconstruction.tiled.layout import CellWindow
 
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 """Nominal coverages of the reliability diagram."""
@@ -59,14 +59,14 @@ class CoverageMap(NamedTuple):
     ----------
     share : (H, W) ndarray
         The first row is the southern one; NaN with fewer than ten cells.
-    blocks : Window
+    blocks : CellWindow
         The blocks, counted in blocks from the origin of the CRS.
     side_m : float
         Side of a block [m].
     """
 
     share: FloatArray
-    blocks: Window
+    blocks: CellWindow
     side_m: float
 
     @property
@@ -76,14 +76,14 @@ class CoverageMap(NamedTuple):
         return west, south, west + columns, south + rows
 
 
-def coverage_map(tested: FloatArray, whole: Window, cell_m: float) -> CoverageMap:
+def coverage_map(tested: FloatArray, whole: CellWindow, cell_m: float) -> CoverageMap:
     """Return how often the 95 % intervals held the withheld cells, in blocks of 250 cells, fewer on small maps.
 
     Parameters
     ----------
     tested : (N, 4) ndarray
         Easting, northing, error and standard deviation [m].
-    whole : Window
+    whole : CellWindow
         Cells of the map.
     cell_m : float
         Side of a cell [m].
@@ -96,7 +96,7 @@ def coverage_map(tested: FloatArray, whole: Window, cell_m: float) -> CoverageMa
     n = _BLOCK_CELLS
     while n > _SMALLEST_BLOCK and min(whole.shape) < 2 * n:
         n //= 2
-    blocks = Window(
+    blocks = CellWindow(
         whole.west // n,
         whole.south // n,
         (whole.west + whole.columns - 1) // n - whole.west // n + 1,

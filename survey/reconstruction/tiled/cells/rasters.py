@@ -5,17 +5,17 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.tiled.layout import Window
+from survey.reconstruction.tiled.layout import CellWindow
 
 
-def mean_heights(cells: npt.NDArray[np.void], window: Window, offset_m: FloatArray) -> FloatArray:
+def mean_heights(cells: npt.NDArray[np.void], window: CellWindow, offset_m: FloatArray) -> FloatArray:
     """Return the mean height of the points of each cell (rows, columns) [m]; NaN for cells without any.
 
     Parameters
     ----------
     cells : (N,) ndarray of CELL
         Cells in the window.
-    window : Window
+    window : CellWindow
         Where they lie.
     offset_m : (N,) ndarray
         Subtracted from the heights [m].

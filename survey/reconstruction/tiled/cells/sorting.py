@@ -17,7 +17,7 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import CapacityError, InputError
 from survey.core.files.writing import write_refusal
 from survey.io.points.chunks import PointChunk, read_chunks
-from survey.reconstruction.tiled.layout import Tile, TileLayout
+from survey.reconstruction.tiled.layout import MapTile, TileLayout
 
 POINT = np.dtype([("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("strip", "<u4")])
 """A sorted point: millimetres from the tile's south-west corner, height in millimetres, and the key of its strip."""
@@ -180,7 +180,7 @@ def _append(chunk: PointChunk, layout: TileLayout, draft: Path, piece: Piece) ->
     present, starts = np.unique(number[order], return_index=True)
     for tile_number, rows in zip(present.tolist(), np.split(order, starts[1:]), strict=True):
         if tile_number >= 0:
-            tile = Tile(*divmod(tile_number, layout.shape[1]))
+            tile = MapTile(*divmod(tile_number, layout.shape[1]))
             records = _records(xyz[rows], strip[rows], layout, tile, piece.number)
             with (draft / f"{tile.name}.bin").open("ab") as stream:
                 stream.write(records.tobytes())
@@ -194,7 +194,7 @@ def _is_used(chunk: PointChunk, ground_class: int | None) -> BoolArray:
 
 
 def _records(
-    xyz: FloatArray, strip: npt.NDArray[np.uint16], layout: TileLayout, tile: Tile, file_number: int
+    xyz: FloatArray, strip: npt.NDArray[np.uint16], layout: TileLayout, tile: MapTile, file_number: int
 ) -> npt.NDArray[np.void]:
     window = layout.window(tile)
     corner = np.array([window.west, window.south]) * layout.cell_m
@@ -235,7 +235,7 @@ def strip_name(key: int) -> str:
     return str(key) if key < 1 << _FILE_BITS else f"file {key >> _FILE_BITS}"
 
 
-def sorted_points(folder: Path, pieces: list[Piece], tile: Tile) -> list[Path]:
+def sorted_points(folder: Path, pieces: list[Piece], tile: MapTile) -> list[Path]:
     """Return the files of a tile's sorted points, in the order of the pieces."""
     files = [folder / piece.name / f"{tile.name}.bin" for piece in pieces]
     return [file for file in files if file.exists()]
@@ -254,7 +254,7 @@ def read_sorted(file: Path) -> npt.NDArray[np.void]:
     return np.memmap(file, POINT, "r")
 
 
-def present_tiles(folder: Path, pieces: list[Piece], layout: TileLayout) -> list[Tile]:
+def present_tiles(folder: Path, pieces: list[Piece], layout: TileLayout) -> list[MapTile]:
     """Return the tiles that hold at least one point."""
     names = {file.stem for piece in pieces for file in (folder / piece.name).iterdir()}
     return [tile for tile in layout.tiles if tile.name in names]

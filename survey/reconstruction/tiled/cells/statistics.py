@@ -11,7 +11,7 @@ from numba import njit
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.files.writing import replacing
 from survey.reconstruction.tiled.cells.sorting import STEP_M, read_sorted
-from survey.reconstruction.tiled.layout import Tile, TileLayout, Window
+from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 
 CELL = np.dtype(
     [
@@ -32,14 +32,14 @@ _STRIPS_AT_ONCE = 8
 _N, _X, _Y, _Z, _M2 = range(5)
 
 
-def cell_statistics(layout: TileLayout, tile: Tile, files: Sequence[Path]) -> npt.NDArray[np.void]:
+def cell_statistics(layout: TileLayout, tile: MapTile, files: Sequence[Path]) -> npt.NDArray[np.void]:
     """Return the cells of a tile that hold points, for each strip, by rows, columns and strips.
 
     Parameters
     ----------
     layout : TileLayout
         Tiles of the map.
-    tile : Tile
+    tile : MapTile
         The tile.
     files : sequence of pathlib.Path
         Its sorted points; they are read in this order, which fixes the rounding.
@@ -63,7 +63,7 @@ def cell_statistics(layout: TileLayout, tile: Tile, files: Sequence[Path]) -> np
 
 
 def _of_strips(
-    strips: npt.NDArray[np.uint32], parts: Sequence[npt.NDArray[np.void]], window: Window, cell_m: float
+    strips: npt.NDArray[np.uint32], parts: Sequence[npt.NDArray[np.void]], window: CellWindow, cell_m: float
 ) -> npt.NDArray[np.void]:
     """Return the cells of some strips."""
     sums = np.zeros((len(strips), window.rows, window.columns, 5))
@@ -92,7 +92,7 @@ def _add_points(x: FloatArray, y: FloatArray, z: FloatArray, strip: IntArray, su
         cell[4] += before * (z[k] - cell[3])
 
 
-def _as_cells(sums: FloatArray, strips: Any, window: Window) -> npt.NDArray[np.void]:
+def _as_cells(sums: FloatArray, strips: Any, window: CellWindow) -> npt.NDArray[np.void]:
     row, column, strip = np.nonzero(np.moveaxis(sums[..., _N], 0, -1))
     found = sums[strip, row, column]
     cells = np.empty(len(found), CELL)
@@ -117,7 +117,7 @@ def read_cells(path: Path) -> npt.NDArray[np.void]:
     return cells
 
 
-def cells_in(folder: Path, layout: TileLayout, tile: Tile, window: Window) -> npt.NDArray[np.void]:
+def cells_in(folder: Path, layout: TileLayout, tile: MapTile, window: CellWindow) -> npt.NDArray[np.void]:
     """Return the cells in a window about a tile, from the files of the tiles about it."""
     reach = max(layout.window(tile).west - window.west, layout.window(tile).south - window.south, 0)
     east = window.west + window.columns - layout.window(tile).west - layout.window(tile).columns

@@ -19,7 +19,7 @@ from survey.reconstruction.lattice.multigrid.solver import Operator, VCyclePreco
 from survey.reconstruction.lattice.multigrid.stencil import prior_diagonal, prior_noise
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.nodes import away_from
-from survey.reconstruction.tiled.layout import Window
+from survey.reconstruction.tiled.layout import CellWindow
 from survey.reconstruction.tiled.relief.noise import N_LAYERS, add_point_errors, place_signs
 
 _MEAN_TOLERANCE, _SHARE_TOLERANCE, _DRAW_TOLERANCE = 0.01, 0.02, 0.05
@@ -91,7 +91,7 @@ class FineRelief(NamedTuple):
 
 
 def fine_relief(
-    points: CellPoints, window: Window, cell_m: float, stiffness: Stiffness, n_draws: int
+    points: CellPoints, window: CellWindow, cell_m: float, stiffness: Stiffness, n_draws: int
 ) -> FineRelief:
     """Return the fine relief at the middles of the cells of a window.
 
@@ -99,7 +99,7 @@ def fine_relief(
     ----------
     points : CellPoints
         Measurements in the window.
-    window : Window
+    window : CellWindow
         The cells.
     cell_m : float
         Side of a cell [m].
@@ -127,7 +127,7 @@ def fine_relief(
 
 
 def _variance(
-    operator: Operator, by: VCyclePreconditioner, points: CellPoints, window: Window, n_draws: int
+    operator: Operator, by: VCyclePreconditioner, points: CellPoints, window: CellWindow, n_draws: int
 ) -> FloatArray:
     """Return the diagonal of A⁻¹: 1/A_ii, and the mean square over draws of what the neighbours add (Rao–Blackwell)."""
     own = operator.stencil[0] + prior_diagonal(operator.weights, operator.soft, operator.shape)

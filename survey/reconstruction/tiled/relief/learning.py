@@ -13,7 +13,7 @@ from survey.reconstruction.lattice.stiffness import PATCH_NODES, LatticeLikeliho
 from survey.reconstruction.nodes import bilinear
 from survey.reconstruction.tiled.cells.statistics import cells_in
 from survey.reconstruction.tiled.job import TiledJob
-from survey.reconstruction.tiled.layout import Tile, Window
+from survey.reconstruction.tiled.layout import CellWindow, MapTile
 from survey.reconstruction.tiled.relief.fine_relief import fine_relief
 from survey.reconstruction.tiled.relief.measurements import Measurements, measurements
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
@@ -32,11 +32,11 @@ _FALLBACK = Stiffness(1000.0, 60.0)
 class Place(NamedTuple):
     """A window in a tile."""
 
-    tile: Tile
-    window: Window
+    tile: MapTile
+    window: CellWindow
 
 
-def learn(job: TiledJob, shared: Shared, tiles: Sequence[Tile], run: Run) -> Learnt:
+def learn(job: TiledJob, shared: Shared, tiles: Sequence[MapTile], run: Run) -> Learnt:
     """Return the prior of the fine relief and the factors on its standard deviation.
 
     Parameters
@@ -45,7 +45,7 @@ def learn(job: TiledJob, shared: Shared, tiles: Sequence[Tile], run: Run) -> Lea
         The map.
     shared : Shared
         Errors of strips and long relief.
-    tiles : sequence of Tile
+    tiles : sequence of MapTile
         Tiles with points.
     run : callable
         Runs the pilot windows.
@@ -59,7 +59,7 @@ def learn(job: TiledJob, shared: Shared, tiles: Sequence[Tile], run: Run) -> Lea
     return Learnt(stiffness, likeliest_factors(*errors.T) if len(errors) else LatticeCalibration())
 
 
-def _places(job: TiledJob, tiles: Sequence[Tile], side: int, n: int) -> list[Place]:
+def _places(job: TiledJob, tiles: Sequence[MapTile], side: int, n: int) -> list[Place]:
     """Return square windows that hold points, at random places of the map, the same ones for every size of the tiles."""
     rng, whole, found = stream(0, "tiled map", side), job.layout.whole, dict[Place, None]()
     columns, rows = min(side, whole.columns), min(side, whole.rows)
@@ -67,8 +67,8 @@ def _places(job: TiledJob, tiles: Sequence[Tile], side: int, n: int) -> list[Pla
         west = whole.west + int(rng.integers(whole.columns - columns + 1))
         south = whole.south + int(rng.integers(whole.rows - rows + 1))
         middle = np.array([[west + columns // 2, south + rows // 2]])
-        tile = Tile(*divmod(int(job.layout.tile_numbers(middle)[0]), job.layout.shape[1]))
-        place = Place(tile, Window(west, south, columns, rows))
+        tile = MapTile(*divmod(int(job.layout.tile_numbers(middle)[0]), job.layout.shape[1]))
+        place = Place(tile, CellWindow(west, south, columns, rows))
         if tile in tiles and _is_seen(job, place):
             found[place] = None
         if len(found) == n:
@@ -99,7 +99,7 @@ def _pilot(job: TiledJob, shared: Shared, stiffness: Stiffness, place: Place) ->
 
 
 def withheld_errors(
-    found: Measurements, window: Window, cell_m: float, stiffness: Stiffness, n_draws: int
+    found: Measurements, window: CellWindow, cell_m: float, stiffness: Stiffness, n_draws: int
 ) -> FloatArray:
     """Return errors [m], variances of the surface and of the cells [m²] (N, 3) at withheld cells."""
     held = found.points.where(found.withheld)

@@ -11,7 +11,7 @@ from survey.reconstruction.lattice.config import FieldLatticeConfig
 from survey.reconstruction.lattice.field_posterior import FieldPosterior, Part
 from survey.reconstruction.lattice.stiffness import Stiffness, likeliest
 from survey.reconstruction.nodes import NodeWindow, bilinear
-from survey.reconstruction.tiled.layout import TileLayout, Window
+from survey.reconstruction.tiled.layout import CellWindow, TileLayout
 from survey.reconstruction.tiled.strips.strip_errors import StripErrors
 
 _N_DRAWS = 32
@@ -41,7 +41,7 @@ class LongRelief(NamedTuple):
     std: FloatArray
     reach_m: float
 
-    def on(self, cells: Window, cell_m: float) -> tuple[FloatArray, FloatArray]:
+    def on(self, cells: CellWindow, cell_m: float) -> tuple[FloatArray, FloatArray]:
         """Return heights by cubic splines and standard deviations, linear, at the middles of cells (rows, columns) [m]."""
         x, y = self._axes()
         spline = RectBivariateSpline(y, x, self.height, kx=3, ky=3, s=0)

@@ -9,7 +9,7 @@ from survey.reconstruction.nodes import bilinear
 from survey.reconstruction.tiled.cells.rasters import mean_heights, slopes
 from survey.reconstruction.tiled.cells.statistics import cells_in
 from survey.reconstruction.tiled.job import TiledJob
-from survey.reconstruction.tiled.layout import Tile, Window
+from survey.reconstruction.tiled.layout import CellWindow, MapTile
 from survey.reconstruction.tiled.relief.fine_relief import CellPoints
 from survey.reconstruction.tiled.relief.noise import chosen
 from survey.reconstruction.tiled.relief.shared import Shared
@@ -31,7 +31,9 @@ class Measurements(NamedTuple):
     slope: FloatArray
 
 
-def measurements(job: TiledJob, shared: Shared, tile: Tile, window: Window, share: float) -> Measurements:
+def measurements(
+    job: TiledJob, shared: Shared, tile: MapTile, window: CellWindow, share: float
+) -> Measurements:
     """Return the measurements of a window about a tile.
 
     Parameters
@@ -40,9 +42,9 @@ def measurements(job: TiledJob, shared: Shared, tile: Tile, window: Window, shar
         The map.
     shared : Shared
         Errors of strips and long relief.
-    tile : Tile
+    tile : MapTile
         The tile in or about which the window lies.
-    window : Window
+    window : CellWindow
         Cells.
     share : float
         Share of the cells that is withheld.

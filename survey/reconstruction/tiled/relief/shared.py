@@ -11,7 +11,7 @@ from survey.core.files.writing import replacing
 from survey.reconstruction.lattice.calibration import LatticeCalibration
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
-from survey.reconstruction.tiled.layout import Tile
+from survey.reconstruction.tiled.layout import MapTile
 from survey.reconstruction.tiled.relief.long_relief import LongRelief, long_relief, relief_arrays, relief_of
 from survey.reconstruction.tiled.strips.strip_errors import (
     Sizes,
@@ -61,7 +61,7 @@ class Learnt(NamedTuple):
     calibration: LatticeCalibration
 
 
-def solve_shared(job: TiledJob, tiles: list[Tile]) -> Shared:
+def solve_shared(job: TiledJob, tiles: list[MapTile]) -> Shared:
     """Return what the summaries of all tiles determine, and write it; what is there is read.
 
     Raises

@@ -13,7 +13,7 @@ from survey.io.raster.writing import write_raster
 from survey.reconstruction.base import INTERPOLATED, MEASURED, SUPPORT_NAMES, UNSEEN
 from survey.reconstruction.nodes import bilinear
 from survey.reconstruction.tiled.job import TiledJob
-from survey.reconstruction.tiled.layout import Tile, Window
+from survey.reconstruction.tiled.layout import CellWindow, MapTile
 from survey.reconstruction.tiled.relief.fine_relief import FineRelief, fine_relief, strip_variance
 from survey.reconstruction.tiled.relief.measurements import Measurements, measurements
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
@@ -28,7 +28,7 @@ class TileMap(NamedTuple):
     support: npt.NDArray[np.uint8]
 
 
-def map_tile(job: TiledJob, shared: Shared, learnt: Learnt, tile: Tile) -> int:
+def map_tile(job: TiledJob, shared: Shared, learnt: Learnt, tile: MapTile) -> int:
     """Write the rasters of a tile and its test; return the number of withheld cells. A tile that is there stays."""
     if job.result_file(tile).exists():
         return 0
@@ -48,7 +48,7 @@ def map_tile(job: TiledJob, shared: Shared, learnt: Learnt, tile: Tile) -> int:
     return len(tested)
 
 
-def tile_map(job: TiledJob, shared: Shared, learnt: Learnt, tile: Tile) -> tuple[TileMap, FloatArray]:
+def tile_map(job: TiledJob, shared: Shared, learnt: Learnt, tile: MapTile) -> tuple[TileMap, FloatArray]:
     """Return the map of a tile, and its withheld cells: easting, northing [m], error and standard deviation [m] (N, 4)."""
     window, cell_m = job.layout.window(tile), job.layout.cell_m
     about = window.grown(job.config.halo_cells, job.layout.whole)
@@ -68,7 +68,7 @@ def tile_map(job: TiledJob, shared: Shared, learnt: Learnt, tile: Tile) -> tuple
 def _variance(
     fine: FineRelief,
     found: Measurements,
-    window: Window,
+    window: CellWindow,
     strips: StripErrors,
     *,
     learnt: Learnt,
@@ -93,7 +93,9 @@ def _variance(
     return total
 
 
-def _design(strips: StripErrors, strip: int, window: Window, cell_m: float, slope: FloatArray) -> FloatArray:
+def _design(
+    strips: StripErrors, strip: int, window: CellWindow, cell_m: float, slope: FloatArray
+) -> FloatArray:
     """Return the rows (H, W, 5) that make the error of a strip at the middles of cells."""
     x, y = np.meshgrid(window.x(cell_m), window.y(cell_m))
     xy = np.column_stack([x.ravel(), y.ravel()])
@@ -107,7 +109,13 @@ def _support(fine: FineRelief, reach_cells: float) -> npt.NDArray[np.uint8]:
 
 
 def _tested(
-    fine: FineRelief, found: Measurements, window: Window, about: Window, *, learnt: Learnt, cell_m: float
+    fine: FineRelief,
+    found: Measurements,
+    window: CellWindow,
+    about: CellWindow,
+    *,
+    learnt: Learnt,
+    cell_m: float,
 ) -> FloatArray:
     """Return place, error and its standard deviation (N, 4) of the withheld cells of the tile proper.
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.tiled.cells.rasters import mean_heights, slopes
-from survey.reconstruction.tiled.layout import Window
+from survey.reconstruction.tiled.layout import CellWindow
 
 SUMS = ("n", "e", "v", "ee", "ev", "vv", "d", "de", "dv", "dd")
 """Sums over the cells of a block: number, slope eastwards and northwards [m/m], their products, the difference [m],
@@ -30,7 +30,7 @@ _LARGEST_M = 20.0
 _SLOPE_PART = 1.0 / 12.0
 
 
-def detrended_variance(cells: npt.NDArray[np.void], window: Window) -> FloatArray:
+def detrended_variance(cells: npt.NDArray[np.void], window: CellWindow) -> FloatArray:
     """Return the variance of heights in each cell (N,) [m²] without the part that the slope makes."""
     sloped = _SLOPE_PART * np.sum(slopes_at(cells, window) ** 2, axis=1)
     rest: FloatArray = np.maximum(cells["variance"] - sloped, 0.0)
@@ -57,7 +57,7 @@ def shrunk_variance(variance: FloatArray, n: IntArray, usual_m2: float) -> Float
 
 
 def overlaps(
-    cells: npt.NDArray[np.void], window: Window, cell_m: float, point_variance_m2: FloatArray
+    cells: npt.NDArray[np.void], window: CellWindow, cell_m: float, point_variance_m2: FloatArray
 ) -> npt.NDArray[np.void]:
     """Return the blocks of a tile in which two strips overlap.
 
@@ -65,7 +65,7 @@ def overlaps(
     ----------
     cells : (N,) ndarray of CELL
         Cells of the tile, by rows, columns and strips.
-    window : Window
+    window : CellWindow
         The tile.
     cell_m : float
         Side of a cell [m].
@@ -90,7 +90,7 @@ def overlaps(
     return np.array(found, OVERLAP)
 
 
-def slopes_at(cells: npt.NDArray[np.void], window: Window) -> FloatArray:
+def slopes_at(cells: npt.NDArray[np.void], window: CellWindow) -> FloatArray:
     """Return the rise per cell eastwards and northwards at every cell (N, 2) [m]."""
     east, north = slopes(mean_heights(cells, window, np.zeros(len(cells))))
     row, column = cells["row"] - window.south, cells["column"] - window.west

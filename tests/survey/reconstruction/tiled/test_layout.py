@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from survey.core.errors import CapacityError, InputError
-from survey.reconstruction.tiled.layout import Tile, TileLayout
+from survey.reconstruction.tiled.layout import MapTile, TileLayout
 
 
 def test_every_cell_belongs_to_one_tile() -> None:
@@ -17,7 +17,7 @@ def test_every_cell_belongs_to_one_tile() -> None:
 
 def test_cells_are_found_in_the_tile_of_their_window() -> None:
     layout = TileLayout.over((-150.0, 20.0, 310.0, 290.0), 1.0, 100)
-    tile = Tile(1, 3)
+    tile = MapTile(1, 3)
     window = layout.window(tile)
     corners = np.array(
         [[window.west, window.south], [window.west + window.columns - 1, window.south + window.rows - 1]]
@@ -28,8 +28,8 @@ def test_cells_are_found_in_the_tile_of_their_window() -> None:
 
 def test_tiles_near_a_tile_are_those_that_its_halo_touches() -> None:
     layout = TileLayout.over((0.0, 0.0, 500.0, 500.0), 1.0, 100)
-    near = set(layout.near(Tile(2, 2), 96))
-    assert near == {Tile(j, i) for j in (1, 2, 3) for i in (1, 2, 3)}
+    near = set(layout.near(MapTile(2, 2), 96))
+    assert near == {MapTile(j, i) for j in (1, 2, 3) for i in (1, 2, 3)}
 
 
 def test_bounds_without_extent_are_refused() -> None:
