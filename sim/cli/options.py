@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -29,6 +29,11 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stder
 Verbose = Annotated[
     int, typer.Option("--verbose", "-v", count=True, help="More detail in the log; -vv shows tracebacks.")
 ]
+
+
+def columns_option(help_: str) -> Any:
+    """Return the option that chooses the columns of a table of text."""
+    return typer.Option("--columns", metavar="KEY=COLUMN,…", help=help_)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,7 +44,7 @@ from survey.reporting import (
     RoverDrive,
     SurveyResults,
 )
-from survey.scoring import Checkpoints, SampleCells, map_classes, score_at
+from survey.scoring import Checkpoints, SampleCells, TrackedMotion, map_classes, score_at
 from survey.scoring.standards.checkpoint_errors import compare
 from survey.scoring.standards.standards import STANDARDS
 from survey.terrain import SampleSite, SatelliteDem
@@ -109,6 +109,8 @@ def judgements() -> Iterator[Any]:
         trajectory=path, reference_trajectory=path, ending="arrived", duration_s=1.0, energy_j=2.0
     )
     yield from (FleetResults(rovers=(drive,)), OnBoard(video=b"RIFF"))
+    still = np.zeros((2, 2))
+    yield TrackedMotion(still, still, np.zeros((2, 2, 2)), np.ones(2), np.zeros(2, dtype=bool))
     yield HazardResults(probability=dem, max_slope_deg=20.0, facts={})
     map_ = made["Reconstruction"]
     yield PayloadResults(quantity=Quantity(name="albedo", unit="1", noise_sd=0.1), mapped=map_)

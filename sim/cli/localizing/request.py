@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sim.cli.options import DryRun, Json, Quiet
+from sim.cli.options import DryRun, Json, Quiet, columns_option
 
 if TYPE_CHECKING:
     from vision_slam.recorded_drive import RecordedDrive
@@ -38,10 +38,8 @@ class LocalizeRequest:
     ] = None
     columns: Annotated[
         list[str],
-        typer.Option(
-            "--columns",
-            metavar="KEY=NAME,…",
-            help="Columns of a table of fixes where their names are not usual ones, e.g. time=t,x=Easting,y=Northing,z=H; keys: time, x, y, z, lon, lat, sigma_xy.",
+        columns_option(
+            "Columns of a table of fixes where their names are not usual ones, e.g. time=t,x=Easting,y=Northing,z=H; keys: time, x, y, z, lon, lat, sigma_xy."
         ),
     ] = field(default_factory=list)
     frame_rate_hz: Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RunOptions
+from sim.cli.options import RunOptions, columns_option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +57,8 @@ class ReconstructOptions(RunOptions):
     ] = None
     columns: Annotated[
         list[str],
-        typer.Option(
-            "--columns",
-            metavar="KEY=COLUMN,…",
-            help="Columns of a text table of points: x, y, z, lon, lat, sigma_z; usual names are found.",
+        columns_option(
+            "Columns of a text table of points: x, y, z, lon, lat, sigma_z; usual names are found."
         ),
     ] = field(default_factory=list)
     trajectories: Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RunOptions
+from sim.cli.options import RunOptions, columns_option
 
 SLOPE = "slope"
 """Value of ``--by`` for classes of slope; anything else is a file."""
@@ -53,10 +53,8 @@ class ScoreRequest(RunOptions):
     ] = None
     columns: Annotated[
         list[str],
-        typer.Option(
-            "--columns",
-            metavar="KEY=COLUMN,…",
-            help="Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name, map_x, map_y, sigma_xy; usual names are found.",
+        columns_option(
+            "Columns of the checkpoint table: x, y, z, lon, lat, sigma_z, name, map_x, map_y, sigma_xy; usual names are found."
         ),
     ] = field(default_factory=list)
     datum: Annotated[

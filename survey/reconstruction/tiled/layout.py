@@ -14,7 +14,7 @@ _MOST_TILES = 100_000
 _MOST_CELLS = 2**30
 
 
-class Window(NamedTuple):
+class CellWindow(NamedTuple):
     """A rectangle of cells.
 
     Parameters
@@ -35,19 +35,19 @@ class Window(NamedTuple):
         """Rows and columns."""
         return self.rows, self.columns
 
-    def grown(self, cells: int, within: "Window") -> "Window":
+    def grown(self, cells: int, within: "CellWindow") -> "CellWindow":
         """Return the window with so many cells more on every side, cut at the edges of another one."""
         west, south = max(self.west - cells, within.west), max(self.south - cells, within.south)
         east = min(self.west + self.columns + cells, within.west + within.columns)
         north = min(self.south + self.rows + cells, within.south + within.rows)
-        return Window(west, south, east - west, north - south)
+        return CellWindow(west, south, east - west, north - south)
 
-    def part(self, inner: "Window") -> tuple[slice, slice]:
+    def part(self, inner: "CellWindow") -> tuple[slice, slice]:
         """Return the rows and columns of this window in which another one lies."""
         south, west = inner.south - self.south, inner.west - self.west
         return slice(south, south + inner.rows), slice(west, west + inner.columns)
 
-    def overlaps(self, other: "Window") -> bool:
+    def overlaps(self, other: "CellWindow") -> bool:
         """Return whether two windows share a cell."""
         return (
             self.west < other.west + other.columns
@@ -71,7 +71,7 @@ class Window(NamedTuple):
         return Affine(cell_m, 0.0, self.west * cell_m, 0.0, -cell_m, (self.south + self.rows) * cell_m)
 
 
-class Tile(NamedTuple):
+class MapTile(NamedTuple):
     """Row and column of a tile, counted from the south-west."""
 
     row: int
@@ -92,19 +92,19 @@ class TileLayout(NamedTuple):
         Side of a cell [m].
     tile_cells : int
         Cells along a side of a tile.
-    whole : Window
+    whole : CellWindow
         All cells of the map.
 
     Examples
     --------
     >>> layout = TileLayout.over((0.5, 0.5, 2300.0, 900.0), 1.0, 1000)
-    >>> layout.shape, layout.window(Tile(0, 2))
-    ((1, 3), Window(west=2000, south=0, columns=300, rows=900))
+    >>> layout.shape, layout.window(MapTile(0, 2))
+    ((1, 3), CellWindow(west=2000, south=0, columns=300, rows=900))
     """
 
     cell_m: float
     tile_cells: int
-    whole: Window
+    whole: CellWindow
 
     @classmethod
     def over(cls, bounds: Bounds, cell_m: float, tile_cells: int) -> Self:
@@ -123,7 +123,7 @@ class TileLayout(NamedTuple):
             raise InputError(
                 f"the bounds {bounds} of the map enclose no cell of {cell_m:g} m; check the points."
             )
-        layout = cls(cell_m, tile_cells, Window(west, south, east - west, north - south))
+        layout = cls(cell_m, tile_cells, CellWindow(west, south, east - west, north - south))
         rows, columns = layout.shape
         if rows * columns > _MOST_TILES or max(map(abs, (west, south, east, north))) > _MOST_CELLS:
             raise CapacityError(
@@ -138,29 +138,29 @@ class TileLayout(NamedTuple):
         return -(-self.whole.rows // self.tile_cells), -(-self.whole.columns // self.tile_cells)
 
     @property
-    def tiles(self) -> list[Tile]:
+    def tiles(self) -> list[MapTile]:
         """All tiles, row by row from the south-west."""
         rows, columns = self.shape
-        return [Tile(j, i) for j in range(rows) for i in range(columns)]
+        return [MapTile(j, i) for j in range(rows) for i in range(columns)]
 
-    def window(self, tile: Tile) -> Window:
+    def window(self, tile: MapTile) -> CellWindow:
         """Return the cells of a tile."""
         n, whole = self.tile_cells, self.whole
-        return Window(
+        return CellWindow(
             whole.west + tile.column * n,
             whole.south + tile.row * n,
             min(n, whole.columns - tile.column * n),
             min(n, whole.rows - tile.row * n),
         )
 
-    def near(self, tile: Tile, cells: int) -> Iterator[Tile]:
+    def near(self, tile: MapTile, cells: int) -> Iterator[MapTile]:
         """Yield the tiles that share a cell with a tile's window grown by so many cells, itself included."""
         about = self.window(tile).grown(cells, self.whole)
         reach, (rows, columns) = -(-cells // self.tile_cells), self.shape
         for j in range(max(tile.row - reach, 0), min(tile.row + reach + 1, rows)):
             for i in range(max(tile.column - reach, 0), min(tile.column + reach + 1, columns)):
-                if about.overlaps(self.window(Tile(j, i))):
-                    yield Tile(j, i)
+                if about.overlaps(self.window(MapTile(j, i))):
+                    yield MapTile(j, i)
 
     def tile_numbers(self, cells: IntArray) -> IntArray:
         """Return the number of the tile (N,) of each cell (N, 2), column and row; -1 beyond the map."""
