@@ -14,6 +14,8 @@ from planners.planning import plan as plan
 from sim.config.drive import PhysicsConfig as PhysicsConfig
 from sim.config.faults import FaultConfig as FaultConfig
 from sim.config.fleet import FleetConfig as FleetConfig
+from sim.config.ice import IceAssumptions as IceAssumptions
+from sim.config.ice import IceConfig as IceConfig
 from sim.config.mismatch import MismatchConfig as MismatchConfig
 from sim.config.mission import AidsConfig as AidsConfig
 from sim.config.mission import AreaConfig as AreaConfig
@@ -61,6 +63,7 @@ from survey.data.camera.frames import Frames as Frames
 from survey.data.camera.frames import ImageSource as ImageSource
 from survey.data.dem import Dem as Dem
 from survey.data.grid import Grid as Grid
+from survey.data.ice.motion import IceMotion as IceMotion
 from survey.data.legs import Leg as Leg
 from survey.data.legs import RouteSamples as RouteSamples
 from survey.data.path_error import PathError as PathError
@@ -83,6 +86,7 @@ from survey.data.sensors.odometry import Odometry as Odometry
 from survey.data.sensors.sightings import Sightings as Sightings
 from survey.data.sensors.stakes import Stakes as Stakes
 from survey.data.sensors.stakes import StakeSightings as StakeSightings
+from survey.data.sensors.stakes import StakeSurveys as StakeSurveys
 from survey.data.surface_points import SurfacePoints as SurfacePoints
 from survey.data.trajectory import Trajectory as Trajectory
 from survey.data.truth import Truth as Truth

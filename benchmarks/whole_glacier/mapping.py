@@ -10,7 +10,7 @@ from typing import NamedTuple
 import laspy
 import numpy as np
 import rasterio
-from rasterio.windows import CellWindow
+from rasterio.windows import Window
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
@@ -70,7 +70,7 @@ def judged(made: MadeSurvey, mosaic: Path) -> Judged:
     sums, inside = np.zeros(4), 0
     with rasterio.open(mosaic) as source:
         for first in range(0, source.height, _ROWS):
-            window = CellWindow(0, first, source.width, min(_ROWS, source.height - first))
+            window = Window(0, first, source.width, min(_ROWS, source.height - first))
             height, std = source.read((1, 2), window=window, masked=True).filled(np.nan).astype(np.float64)
             error = height - _truth(made, source.transform, window)
             known = np.isfinite(error)
@@ -87,7 +87,7 @@ def judged(made: MadeSurvey, mosaic: Path) -> Judged:
     )
 
 
-def _truth(made: MadeSurvey, transform: rasterio.Affine, window: CellWindow) -> FloatArray:
+def _truth(made: MadeSurvey, transform: rasterio.Affine, window: Window) -> FloatArray:
     column, row = np.meshgrid(np.arange(window.width) + 0.5, window.row_off + np.arange(window.height) + 0.5)
     x, y = transform.c + transform.a * column, transform.f + transform.e * row
     return made.heights(x.ravel(), y.ravel()).reshape(x.shape)

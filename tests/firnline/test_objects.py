@@ -60,6 +60,7 @@ def sensors() -> Iterator[Any]:
         }
         yield kind(**given)
     yield firnline.Stakes(vector, [0.1, 0.1])
+    yield firnline.StakeSurveys(TIMES, [0.0, 0.0], vector, [0.1, 0.1])
 
 
 def configurations() -> Iterator[Any]:
@@ -141,6 +142,7 @@ def others() -> Iterator[Any]:
     yield firnline.Structure("spherical", 30.0, 0.25)
     yield firnline.Certificate(firnline.RmseClaim.of(np.eye(3), np.ones(3)), (), (), is_tested=True)
     yield firnline.Surroundings(speed_m_s=1.0)
+    yield firnline.IceMotion(np.array([[2.0], [0.0], [0.1]]), 0.0, np.zeros(2), np.eye(3))
     camera = firnline.Camera("pinhole", 6, 4, [[4, 0, 3], [0, 4, 2], [0, 0, 1]], np.zeros(5), np.eye(4))
     returns = firnline.LidarReturns(
         *(np.zeros(1, kind) for kind in (np.uint32, np.uint16, np.uint8, np.uint32))

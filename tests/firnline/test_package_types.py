@@ -34,7 +34,13 @@ from planners.driving.rover import Crew
 from planners.guarantee.belief.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
 from survey.data.sensors.payload import Quantity
-from survey.reconstruction import ConstantMean, DemMean, FunctionMean, GaussianProcessTerrain
+from survey.reconstruction import (
+    ConstantMean,
+    DemMean,
+    FunctionMean,
+    GaussianProcessTerrain,
+    VelocityRasters,
+)
 from survey.reconstruction.gp.covariance.kernels import Matern32
 from survey.reporting import (
     FleetResults,
@@ -90,6 +96,7 @@ def estimates() -> Iterator[Any]:
     made = instances()
     yield ParticleFilter(LocalizationConfig(), np.random.default_rng(1), n_particles=10)
     yield from (ConstantMean(1.0), DemMean(made["Dem"]), FunctionMean(np.sum), GaussianProcessTerrain())
+    yield VelocityRasters(*(made["Dem"],) * 4)
     yield SampleSite(made["Dem"], (0.0, 0.0, 1.0, 1.0))
     yield SatelliteDem(made["Dem"].elevation, made["Dem"].transform, made["Dem"].crs)
 
