@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 
 from benchmarks.small_inputs import IDEAL_MISSION
 from sim.cli.main import app
+from survey.data.legs import Leg
+from survey.data.route import Route
 from tests.docs.scratch import make_scratch
 from tests.sim.cli.test_pages_in_browser import STUDY
 
@@ -34,7 +36,7 @@ RUNS = {
     "score": "map.tif --checkpoints gnss.csv --class 0.1 --report accuracy",
     "score raster": "map.tif --truth lidar.tif",
     "simulate": "mission.toml",
-    "track": "2024.tif 2026.tif --days 730 -o velocity.gpkg",
+    "track": "2024.tif 2026.tif --days 730 --window 21 --search 5 -o velocity.gpkg",
     "upload": "route.geojson udp://127.0.0.1:9",
 }
 CAMERA = """
@@ -55,6 +57,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("dry")
     make_scratch(folder)
+    swath = Leg("swath", np.array([[500_050.0, 6_700_300.0], [500_450.0, 6_700_300.0]]))
+    Route((swath,), "EPSG:32608", "line").write(folder / "route.geojson")
     (folder / "mission.toml").write_text(IDEAL_MISSION)
     (folder / "study.toml").write_text(STUDY)
     rows = [f"{500_050 + 10 * k},{6_700_300},{1.0 + 0.01 * k}\n" for k in range(40)]
