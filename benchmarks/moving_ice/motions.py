@@ -42,7 +42,7 @@ def rows(found: Sequence[dict[str, Any]]) -> Iterator[Row]:
     for name, scores in (("velocity", velocity), ("lowering", lowering)):
         within = float(np.mean(scores <= 1.959964))
         yield Row(f"other sites: {name} within 95 %", within, "1", "0.93 to 0.97", 0.93 <= within <= 0.97)
-    for hours in _HOURS:
+    for hours in sorted({one["hours"] for one in found}):
         sigma = np.mean([one["sigma"] for one in found if one["hours"] == hours], axis=0)
         yield Row.of(
             f"other sites, {hours:g} h: standard deviation of the velocity",
