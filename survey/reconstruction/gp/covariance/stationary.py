@@ -10,6 +10,8 @@ import numpy.typing as npt
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError
 
+_ALMOST_ISOTROPIC = float(np.nextafter(1.0, 2.0))
+
 
 class Kernel(ABC):
     """What the engines ask of a covariance function."""
@@ -217,7 +219,10 @@ class Stationary(Kernel):
         changed = replace(self, variance_m2=float(np.exp(theta[0])), length_scale_m=float(np.exp(theta[1])))
         if self.anisotropy == 1.0:
             return changed
-        return replace(changed, anisotropy=float(np.exp(theta[2])), angle_deg=float(np.degrees(theta[3])))
+        stretch = float(np.exp(theta[2]))
+        # At exactly 1 the kernel would be isotropic, and lose two of its parameters in the middle of a fit.
+        stretch = _ALMOST_ISOTROPIC if stretch == 1.0 else stretch
+        return replace(changed, anisotropy=stretch, angle_deg=float(np.degrees(theta[3])))
 
     @property
     def variance_gradient(self) -> FloatArray:

@@ -24,6 +24,8 @@ N_SEARCHED = 640
 LONGEST_SHARE = 1.5
 """Longest landforms over the extent of the points: longer ones are planes, and would take waves that the others need."""
 _N_CLUSTERS = 16
+# Longest further parts over the extent: a longer one is a plane.
+_LONGEST_FURTHER = 0.5
 # Stretch and directions [deg] of the start of an anisotropic kernel, and the strongest stretch.
 _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -194,14 +196,20 @@ class KernelFit:
             if self.landform_share > 0.0 and name[-1] not in "23":
                 low, high = self.landform_share * self.extent_m, LONGEST_SHARE * self.extent_m
                 return float(np.log(low)), float(np.log(high))
-            # A further part that is longer than half the site is a plane, and would take waves that the others need.
-            longest = 0.5 if name[-1] in "23" else 3.0
+            # A further part that is longer than half the site would take waves that the others need.
+            longest = _LONGEST_FURTHER if name[-1] in "23" else 3.0
             return float(np.log(2e-3 * self.extent_m)), float(np.log(longest * self.extent_m))
         if "angle" in name:
             return value - np.pi, value + np.pi
         if "anisotropy" in name:
-            return -float(np.log(_MOST_STRETCHED)), float(np.log(_MOST_STRETCHED))
+            return -float(np.log(self._widest(name))), float(np.log(_MOST_STRETCHED))
         return value - np.log(1e4), value + np.log(1e4)
+
+    def _widest(self, name: str) -> float:
+        """Return how much longer a part may be across than along: with landforms, up to the longest of these."""
+        if self.landform_share == 0.0:
+            return _MOST_STRETCHED
+        return LONGEST_SHARE / _LONGEST_FURTHER if name[-1] in "23" else 1.0
 
     def _negative(self, theta: FloatArray, kernel: Kernel) -> tuple[float, FloatArray]:
         """Negative log likelihood (Eq. 9) and its gradient, ½ tr((K⁻¹ − αα') dK)."""
@@ -233,7 +241,10 @@ class KernelFit:
             for d_pairs, d_variance in term.derivatives
         ]
         of_nugget = 0.0 if self.nugget_m is not None else half_trace * nugget_m2
-        return float(negative), np.array([*gradient, of_nugget])
+        by_theta = np.empty_like(theta)
+        # L-BFGS-B does not check the length of a gradient and writes beyond a short one; this assignment does.
+        by_theta[:] = [*gradient, of_nugget]
+        return float(negative), by_theta
 
     def covariance_matrix(self, covariance: FloatArray, diagonal: FloatArray) -> FloatArray:
         """Return the covariance (n, n) of the values, from that of all pairs and the diagonal."""

@@ -120,3 +120,11 @@ def test_impossible_parameters_are_refused() -> None:
         RationalQuadratic(1.0, 10.0, shape=1.0)
     with pytest.raises(ConfigError, match="no kernels"):
         Sum()
+
+
+@pytest.mark.parametrize("kernel", ANISOTROPIC, ids=name)
+def test_a_kernel_that_is_fitted_with_a_stretch_has_its_parameters_at_a_stretch_of_1(kernel: Kernel) -> None:
+    theta = np.where(["anisotropy" in one for one in kernel.parameter_names], 0.0, kernel.log_parameters)
+    there = kernel.with_log_parameters(theta)
+    assert there.parameter_names == kernel.parameter_names
+    np.testing.assert_allclose(there.log_parameters, theta, atol=1e-12)

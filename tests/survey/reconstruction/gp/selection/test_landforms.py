@@ -32,6 +32,13 @@ def test_the_gradient_of_an_anisotropic_kernel_is_that_of_its_likelihood() -> No
     assert error < 1e-3 * np.linalg.norm(fit._negative(theta, start)[1])
 
 
+def test_the_gradient_has_an_entry_for_each_parameter_at_a_stretch_of_1() -> None:
+    start = Sum(SquaredExponential(3.0, 60.0, 4.0, 35.0), Matern32(0.3, 12.0, 2.0, -20.0))
+    theta = np.append(start.log_parameters, np.log(0.01))
+    theta[[2, 6]] = 0.0
+    assert KernelFit.of(*drawn(start, 40), None)._negative(theta, start)[1].shape == theta.shape
+
+
 def test_ridges_are_found_with_their_direction() -> None:
     found = with_landforms(
         *drawn(SquaredExponential(4.0, 200.0, 8.0, 30.0), 200), GaussianProcessConfig(), candidates=FAMILIES
@@ -45,6 +52,27 @@ def test_ridges_are_found_with_their_direction() -> None:
         stretch, angle = 1.0 / stretch, angle + 90.0
     assert stretch > 3.0
     assert abs((angle - 30.0 + 90.0) % 180.0 - 90.0) < 10.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_part_of_a_stretched_kernel_is_longer_than_the_longest_landforms(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    along = np.tile(np.linspace(0.0, 480.0, 50), 4) + rng.normal(0.0, 3.0, 200)
+    xy = np.column_stack([along, np.repeat([60.0, 180.0, 300.0, 420.0], 50) + rng.normal(0.0, 5.0, 200)])
+    ridges = SquaredExponential(9.0, 240.0, 10.0, float(rng.uniform(0.0, 180.0))).covariance(xy, xy)
+    z = rng.multivariate_normal(np.zeros(200), ridges + 1e-6 * np.eye(200), method="cholesky")
+    z += SIGMA * rng.standard_normal(200)
+    from_middle = xy - xy.mean(axis=0)
+    found = with_landforms(
+        xy,
+        z,
+        np.full(200, SIGMA**2),
+        GaussianProcessConfig(),
+        lambda part: from_middle[part] @ from_middle[part].T,
+        candidates=FAMILIES,
+    )
+    assert found[0].kernel.length_scales_m[0] == pytest.approx(24.0, abs=5.0)
+    assert max(one.kernel.length_scales_m[1] for one in found) <= 1.5 * np.ptp(xy, axis=0).max() * 1.001
 
 
 def test_isotropic_ground_has_no_strong_direction() -> None:
