@@ -28,11 +28,19 @@ SIDE_M, EDGE_M, SWATHS = 150.0, 40.0, 6
 _WEST, _SOUTH = 526000.0, 6478000.0
 _POSES = 1440
 _Z95 = 1.959964
+_RTK = {"gps_bias_sigma_m": 0.02, "gps_white_sigma_m": 0.01}
+TERRAIN = GaussianProcessConfig(
+    fit=False, family="matern-5/2", variance_m2=16.0, length_scale_m=40.0, nugget_m=0.05
+)
+"""Kernel that the drawn terrain has."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A survey: velocity on the centre line [m/day], duration [h], number of stakes, flow and share of the daily cycle."""
+    """A survey: velocity on the centre line [m/day], duration [h], number of stakes, flow and share of the daily cycle.
+
+    `has_rtk` gives the rover a receiver of centimetres; `fits_kernel` lets the map find its kernel, else it is the terrain's.
+    """
 
     velocity: float
     hours: float
@@ -41,11 +49,14 @@ class Case:
     flow: str = "uniform"
     diurnal_share: float = 0.0
     has_planes: bool = False
+    has_rtk: bool = False
+    fits_kernel: bool = False
 
     @property
     def name(self) -> str:
         """Name of the case's file."""
         kind = f"{self.flow}-{self.diurnal_share:g}-{'planes' if self.has_planes else 'one'}"
+        kind += ("-rtk" if self.has_rtk else "") + ("-fitted" if self.fits_kernel else "")
         return f"{self.velocity:g}-{self.hours:g}h-{self.n_stakes}-{kind}-{self.seed}"
 
 
@@ -96,6 +107,8 @@ def mission_of(case: Case) -> MissionConfig:
             "stake_surveys": 4,
             "assumed": {"velocity_change_sigma_m_per_day_km": 5.0 if case.has_planes else 0.0},
         },
+        "sensors": _RTK if case.has_rtk else {},
+        "localization": _RTK if case.has_rtk else {},
     }
     return validated(MissionConfig, settings, "the mission")
 
@@ -140,14 +153,15 @@ def outcomes_of(case: Case) -> dict[str, Any]:
     """Map the survey of a case with its motion, and by the static estimate."""
     drive = drive_of(case)
     found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
-    moving = _judged(drive, found)
-    static = _judged(drive, localize(drive.recording, drive.mission.assumed))
+    kernel = GaussianProcessConfig() if case.fits_kernel else TERRAIN
+    moving = _judged(drive, found, kernel)
+    static = _judged(drive, localize(drive.recording, drive.mission.assumed), kernel)
     return {"moving": asdict(moving), "static": asdict(static)}
 
 
-def _judged(drive: Drive, found: Localization) -> Outcome:
+def _judged(drive: Drive, found: Localization, kernel: GaussianProcessConfig) -> Outcome:
     """Judge map and motion of one localization."""
-    mapped = map_of(drive, found)
+    mapped = map_of(drive, found, kernel)
     result = mapped.reconstruction
     error = result.mean.elevation - drive.terrain.at(drive.nodes.xy).reshape(drive.nodes.shape)
     std = result.std.elevation
@@ -161,10 +175,10 @@ def _judged(drive: Drive, found: Localization) -> Outcome:
     return _with_motion(outcome, drive, refined_motion(found.ice_motion, mapped.solution))
 
 
-def map_of(drive: Drive, found: Localization, config: GaussianProcessConfig | None = None) -> JointMap:
+def map_of(drive: Drive, found: Localization, kernel: GaussianProcessConfig) -> JointMap:
     """Return the joint map of a localization, without a prior."""
     assert found.trajectory.error is not None
-    model = JointTerrain(found.trajectory.error, config=config or GaussianProcessConfig())
+    model = JointTerrain(found.trajectory.error, config=kernel)
     return model.map(found.points, drive.nodes)
 
 

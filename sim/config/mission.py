@@ -242,6 +242,15 @@ class MissionConfig(PlacedSection):
         return self
 
     @model_validator(mode="after")
+    def _moves_below_one_rover(self) -> "MissionConfig":
+        if self.ice is not None and self.fleet.rovers > 1:
+            raise ValueError(
+                f"the fleet has {self.fleet.rovers} rovers and the ice moves, which is supported for one rover: each drive would "
+                "have an epoch and a motion of its own; set fleet.rovers = 1, or leave out ice"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _measures_every_quantity_once(self) -> "MissionConfig":
         names = [quantity.name for quantity in self.payload]
         twice = next((name for name in names if names.count(name) > 1), None)

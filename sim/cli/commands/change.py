@@ -1,84 +1,20 @@
 """``firnline change``: elevation, volume and mass change between two surveys."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
 from sim.cli.facts import end_dry_run
-from sim.cli.options import DryRun, Json
 from sim.cli.outcome import with_exit_codes
-from sim.cli.outputs import refuse_existing, with_companions
 from sim.cli.request import with_options_of
-
-OUTPUTS = ("change.tif", "change.tif.aux.xml", "change.csv", "change.json", "change.png")
-"""Files that the command writes into its folder."""
+from sim.cli.scoring.change_request import OUTPUTS, ChangeRequest
 
 if TYPE_CHECKING:
     from survey import Dem, Reconstruction
+    from survey.scoring.change.along_flow import Thickness
     from survey.scoring.change.results import Change
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChangeRequest:
-    """Options of the command."""
-
-    later: Annotated[
-        Path,
-        typer.Argument(help="Later survey: raster, folder of a reconstruction, or terrain model (.npz)."),
-    ]
-    earlier: Annotated[Path, typer.Argument(help="Earlier survey, or any elevation raster.")]
-    outline: Annotated[
-        Path, typer.Option("--outline", help="Polygons over which to compute change (glacier outlines).")
-    ]
-    stable: Annotated[
-        Path | None,
-        typer.Option("--stable", help="Ground that did not change; by default all outside the outlines."),
-    ] = None
-    align: Annotated[
-        bool, typer.Option("--align", help="First shift the earlier survey onto the later one.")
-    ] = False
-    level: Annotated[bool, typer.Option(help="Subtract the mean difference of the unchanged ground.")] = True
-    density_kg_m3: Annotated[
-        float, typer.Option("--density", help="Density of the gained or lost material [kg/m³].")
-    ] = 850.0
-    density_std_kg_m3: Annotated[
-        float, typer.Option("--density-std", help="Its standard deviation [kg/m³].")
-    ] = 60.0
-    crs: Annotated[
-        str | None,
-        typer.Option("--crs", help="CRS of surveys that carry none or a local one (LOCAL_CS)."),
-    ] = None
-    step_m: Annotated[
-        float, typer.Option("--grid", help="Distance between nodes when terrain models are compared [m].")
-    ] = 2.0
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for change.tif, .csv, .json, .png.")] = (
-        Path("change")
-    )
-    report: Annotated[
-        Path | None, typer.Option("--report", help="Write a report: a folder, or a file .html or .pdf.")
-    ] = None
-    force: Annotated[bool, typer.Option("--force", help="Replace a change that is there.")] = False
-    dry_run: DryRun = False
-    as_json: Json = False
-
-    @property
-    def inputs(self) -> tuple[Path | None, ...]:
-        """Every file that is read."""
-        return self.later, self.earlier, self.outline, self.stable
-
-    def check_outputs(self) -> None:
-        """Refuse outputs that exist, that are inputs, or a report of an unknown form."""
-        inputs = with_companions(self.inputs)
-        refuse_existing([self.out], force=self.force, inputs=inputs, own=OUTPUTS)
-        if self.report is None:
-            return
-        from survey.reporting.document.writing import OUTPUTS as REPORT_OUTPUTS
-        from survey.reporting.document.writing import check_target
-
-        own = () if check_target(self.report).suffix else REPORT_OUTPUTS
-        refuse_existing([self.report], force=self.force, inputs=inputs, own=own)
+    from survey.scoring.motion.displacements import DisplacementField
 
 
 @with_exit_codes
@@ -93,6 +29,8 @@ def change(request: ChangeRequest) -> None:
       firnline change 2026.tif srtm.tif --outline glacier.shp --align --density 900 --density-std 20
 
       firnline change 2026.tif 2024.tif --outline glacier.gpkg --report change.pdf
+
+      firnline change 2026.tif 2024.tif --outline glacier.gpkg --flow track --thickness 80
     """
     import json
 
@@ -101,7 +39,7 @@ def change(request: ChangeRequest) -> None:
     from survey.figures.style import png_bytes
     from survey.scoring.change.change_files import change_facts, write_change
 
-    request.check_outputs()
+    request.check()
     if request.dry_run:
         _end_dry_run(request)
     found, outlines = _compared(request)
@@ -170,7 +108,32 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     ground = None
     if request.stable is not None:
         ground = shapely.union_all(list(read_outlines(request.stable, crs).values()))
-    return compare(new, old, outlines, stable=ground, align=request.align, level=request.level), outlines
+    flow, thickness = _flow(request, new, old)
+    found = compare(
+        new,
+        old,
+        outlines,
+        stable=ground,
+        align=request.align,
+        level=request.level,
+        flow=flow,
+        thickness=thickness,
+    )
+    return found, outlines
+
+
+def _flow(
+    request: ChangeRequest, new: "Reconstruction | Dem", old: "Reconstruction | Dem"
+) -> "tuple[DisplacementField | None, Thickness | None]":
+    """Return the flow between the surveys and the thickness of the ice, where they are named."""
+    from sim.cli.scoring.flow import flow_of, thickness_of
+    from survey import Dem
+
+    if request.flow is None:
+        return None, None
+    later, earlier = (one if isinstance(one, Dem) else one.mean for one in (new, old))
+    thickness = thickness_of(request.thickness, request.thickness_error)
+    return flow_of(request.flow, request.days, later, earlier), thickness
 
 
 def _models_compared(
@@ -223,9 +186,22 @@ def _print_change(facts: dict[str, Any], out: Path) -> None:
             f"{_signed(row['volume_low_95_m3'])} and {_signed(row['volume_high_95_m3'])}; {row['mean_change_m']:+.3f} m on the mean, "
             f"{row['specific_mass_balance_m_we']:+.3f} ± {row['specific_std_m_we']:.3f} m w.e."
         )
+    for row in facts.get("along_flow", ()):
+        typer.echo(_flow_line(row))
     for note in facts["notes"]:
         typer.echo(f"note: {note}")
     typer.echo(f"written to {out}")
+
+
+def _flow_line(row: dict[str, Any]) -> str:
+    """Return the change along the flow and the balance of one outline as a sentence."""
+    from survey.core.text import printable
+
+    return (
+        f"{printable(row['name'])}: along the flow {row['along_mean_m']:+.3f} ± {row['along_std_m']:.3f} m; the flow carried off "
+        f"{row['flux_divergence_m']:+.3f} ± {row['flux_divergence_std_m']:.3f} m of ice (thickness {row['thickness_m']:.0f} m), "
+        f"gained at surface and bed {row['balance_m']:+.3f} ± {row['balance_std_m']:.3f} m of ice"
+    )
 
 
 def _signed(value: float) -> str:

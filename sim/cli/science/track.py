@@ -12,7 +12,6 @@ from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
 
 if TYPE_CHECKING:
-    from survey.data.dem import Dem
     from survey.scoring.motion.tracking import TrackedMotion
 
 
@@ -50,6 +49,7 @@ def track(request: TrackRequest) -> None:
     """
     from sim.cli.outputs import refuse_existing
     from survey.data.dem import Dem
+    from survey.scoring.motion.tracked_file import write_tracked
     from survey.scoring.motion.tracking import check_pair, track
 
     refuse_existing([request.out], force=request.force, inputs=(request.earlier, request.later))
@@ -65,22 +65,9 @@ def track(request: TrackRequest) -> None:
         search_px=request.search_px,
         shaded=not request.images,
     )
-    _write(found, earlier, request)
+    write_tracked(request.out, found, request.days, earlier.crs)
     if not request.quiet:
         typer.echo(_summary(found, request.days))
-
-
-def _write(found: "TrackedMotion", earlier: "Dem", request: TrackRequest) -> None:
-    """Write the displacements as points with velocities and standard deviations."""
-    import shapely
-
-    from survey.io.vector import write_features
-
-    columns = dict(zip(("east_m", "north_m"), found.shift_m.T, strict=True))
-    columns |= dict(zip(("east_m_per_day", "north_m_per_day"), found.shift_m.T / request.days, strict=True))
-    columns |= dict(zip(("sigma_east_m", "sigma_north_m"), found.sigma_m.T, strict=True))
-    columns |= {"correlation": found.correlation, "outlier": found.is_outlier.astype(float)}
-    write_features(request.out, shapely.points(found.xy), columns, earlier.crs, layer="velocity")
 
 
 def _summary(found: "TrackedMotion", days: float) -> str:

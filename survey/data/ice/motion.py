@@ -174,10 +174,8 @@ class IceMotion(DataObject):
 
         Parameters
         ----------
-        xy : (N, 2) ndarray
-            Easting and northing at the epoch [m].
-        time_s : (N,) ndarray
-            Times [s].
+        xy, time_s : ndarray
+            As in `displacement`.
 
         Returns
         -------

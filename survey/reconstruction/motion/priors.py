@@ -172,7 +172,7 @@ def motion_from_slope(
     slope = float(np.hypot(east, north))
     if not slope > 0.0:
         raise InputError("the surface has no slope along which ice could flow; state the velocity instead.")
-    thickness_m = _YIELD_PA / (shape_factor * _ICE_PA_M * slope / np.hypot(1.0, slope))
+    thickness_m = plastic_thickness_m(slope, shape_factor)
     deformation = 0.5 * _RATE_FACTOR * _YIELD_PA**3 * thickness_m * _DAY_S
     along = np.array([-east, -north]) / slope
     across = np.array([-along[1], along[0]])
@@ -181,3 +181,26 @@ def motion_from_slope(
     covariance[:2, :2], covariance[2, 2] = spread, lowering_sigma**2
     coefficients = np.array([*(2.0 * deformation * along), 0.0])[:, None]
     return IceMotion.of(coefficients, covariance, epoch_s=epoch_s, origin_m=dem.grid().xy.mean(axis=0))
+
+
+def plastic_thickness_m(slope: float, shape_factor: float = 0.8) -> float:
+    r"""Return the thickness at which ice of a surface slope yields at its bed, :math:`H = \tau / (f \rho g \sin \alpha)`.
+
+    Parameters
+    ----------
+    slope : float
+        Rise per metre of the surface, over some times the thickness.
+    shape_factor : float
+        Share of the stress that the bed carries; the margins carry the rest.
+
+    Returns
+    -------
+    float
+        Thickness [m], within a factor of about two.
+
+    Examples
+    --------
+    >>> round(plastic_thickness_m(0.1))
+    140
+    """
+    return _YIELD_PA / (shape_factor * _ICE_PA_M * slope / np.hypot(1.0, slope))

@@ -4,8 +4,7 @@ A stake i at p_i of the epoch is surveyed at the time t with an error of σ:
 
 .. math::  y = p_i + m(p_i, t) + \epsilon, \qquad m = \text{displacement, linear in the unknowns}
 
-The positions are eliminated: about the weighted means of time and place of a stake its displacements tell the rates
-alone. Where stakes scatter about smooth fields by more than they err, as in crevassed ice, errors are widened.
+The positions are eliminated by weighted means over each stake: the residuals about them depend on the rates alone. Where stakes scatter about smooth fields by more than they err, as in crevassed ice, errors are widened.
 """
 
 import numpy as np

@@ -44,8 +44,9 @@ def change_report(
         "Later minus earlier survey; pale where the change is not significant at 95 %.",
     )
     cited = [ROLSTAD, HUSS] + ([NUTH] if change.shift is not None else [])
+    flows = (_flows(facts),) if "along_flow" in facts else ()
     sections = (
-        Chapter("Result", paragraphs=_sentences(facts), tables=(_volumes(facts), _masses(facts))),
+        Chapter("Result", paragraphs=_sentences(facts), tables=(_volumes(facts), _masses(facts), *flows)),
         Chapter("Map", figures=(figure,)),
         Chapter("What was compared", tables=(_inputs(setting, change, facts),)),
         Chapter("Assumptions", paragraphs=(*map(_as_sentence, change.notes), _assumption(facts))),
@@ -99,6 +100,22 @@ def _masses(facts: Mapping[str, Any]) -> Table:
         for row in facts["volumes"]
     )
     return Table("masses", "Change of mass within each outline", headings, rows)
+
+
+def _flows(facts: Mapping[str, Any]) -> Table:
+    pairs = (("along", "Along the flow"), ("flux_divergence", "Carried off"), ("balance", "Gain"))
+    headings = ("Outline", *(part for _, name in pairs for part in (f"{name} [m]", "σ [m]")), "Thickness [m]")
+    rows = tuple(
+        (
+            row["name"],
+            *(number(row[key]) for key in list(row)[1:-1]),
+            rounded(row["thickness_m"]),
+        )
+        for row in facts["along_flow"]
+    )
+    return Table(
+        "flows", "Change along the flow, and balance with the divergence of the flux", headings, rows
+    )
 
 
 def _inputs(setting: ReportSetting, change: Change, facts: Mapping[str, Any]) -> Table:

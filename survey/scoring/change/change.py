@@ -1,5 +1,7 @@
 """Elevation change between two surfaces: difference, significance, volume and mass with errors."""
 
+from dataclasses import replace
+
 import numpy as np
 from shapely import MultiPolygon, Polygon
 
@@ -11,12 +13,14 @@ from survey.core.errors import InputError
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.base import ELEVATION, Reconstruction
+from survey.scoring.change.along_flow import Thickness, change_along_flow
 from survey.scoring.change.coregistration import Shift, coregister
 from survey.scoring.change.notes import datum_notes, scale_notes
 from survey.scoring.change.outline_volumes import ChangeErrors, OutlineVolumes, ground_step_m
 from survey.scoring.change.results import Change, significance
 from survey.scoring.change.unchanged_ground import BLUNDER, ComparedGround, Outlines, without_blunders
 from survey.scoring.change.variogram import LARGEST_CELLS, Variogram
+from survey.scoring.motion.displacements import DisplacementField
 
 ElevationSurface = Dem | Reconstruction
 # Independent surveys agree to the last digit on few cells only.
@@ -32,6 +36,8 @@ def change(
     stable: Polygon | MultiPolygon | None = None,
     align: bool = False,
     level: bool = True,
+    flow: DisplacementField | None = None,
+    thickness: Thickness | None = None,
 ) -> Change:
     """Compute the elevation change between two surfaces, with errors estimated on unchanged ground.
 
@@ -48,6 +54,10 @@ def change(
         First shift the earlier surface onto the later one, by their unchanged ground.
     level : bool
         Subtract the mean difference of the unchanged ground; its own error is counted.
+    flow : DisplacementField, optional
+        Displacement of the ice between the surveys: adds the change along the flow and the divergence of the flux.
+    thickness : Thickness, optional
+        Of the ice, for that divergence; from the slope of the surface, within a factor of two, where left out.
 
     Returns
     -------
@@ -87,7 +97,10 @@ def change(
     heights = new.at(grid.xy), old.at(grid.xy) if shift is None else shift.applied(grid.xy, old)
     difference = (heights[0] - heights[1]).reshape(grid.shape)
     compared = Dem.on(grid, difference, new.vertical_datum)
-    return _change(compared, _relative_std(later, earlier, grid), ground, is_levelled=level, shift=shift)
+    found = _change(compared, _relative_std(later, earlier, grid), ground, is_levelled=level, shift=shift)
+    if flow is None:
+        return found
+    return replace(found, along_flow=change_along_flow(found, new, outlines, flow, thickness))
 
 
 def _change(

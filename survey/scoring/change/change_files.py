@@ -12,7 +12,7 @@ from survey.core.documents import write_json
 from survey.core.files.writing import replacing
 from survey.core.text import csv_cell
 from survey.io.raster import write_raster
-from survey.scoring.change.results import Change
+from survey.scoring.change.results import AlongFlow, Change
 
 TABLE_COLUMNS = (
     "name",
@@ -49,7 +49,7 @@ def change_facts(
     change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
 ) -> dict[str, Any]:
     """Return everything but the rasters, as JSON has it."""
-    return {
+    facts = {
         "volumes": change_rows(change, density_kg_m3, density_std_kg_m3),
         "density_kg_m3": density_kg_m3,
         "density_std_kg_m3": density_std_kg_m3,
@@ -62,12 +62,17 @@ def change_facts(
         "map_scale": change.map_scale.to_dict(),
         "notes": list(change.notes),
     }
+    if change.along_flow is not None:
+        facts["along_flow"] = [balance._asdict() for balance in change.along_flow.balances]
+    return facts
 
 
 def write_change(
     folder: str | Path, change: Change, density_kg_m3: float = 850.0, density_std_kg_m3: float = 60.0
 ) -> None:
     """Write ``change.tif`` (difference, deviation, significance), ``change.csv`` and ``change.json``.
+
+    With a flow also ``along_flow.tif``: difference along the flow and displacement, with their deviations.
 
     Raises
     ------
@@ -81,6 +86,8 @@ def write_change(
         "significant": np.asarray(change.significant, dtype=np.float64),
     }
     write_raster(place / "change.tif", bands, dem.transform, dem.crs, dem.vertical_datum)
+    if change.along_flow is not None:
+        _write_along_flow(place / "along_flow.tif", change.along_flow)
     facts = change_facts(change, density_kg_m3, density_std_kg_m3)
     text = io.StringIO()
     table = csv.DictWriter(text, TABLE_COLUMNS, lineterminator="\n")
@@ -89,3 +96,12 @@ def write_change(
     with replacing(place / "change.csv") as draft:
         draft.write_text(text.getvalue(), encoding="utf-8", newline="\n")
     write_json(place / "change.json", facts)
+
+
+def _write_along_flow(path: Path, found: AlongFlow) -> None:
+    bands = {"difference_along_flow": found.difference.elevation, "standard_deviation": found.std_m}
+    for name, values in (("displacement", found.shift_m), ("displacement_std", found.shift_std_m)):
+        bands |= {f"{name}_east": values[0], f"{name}_north": values[1]}
+    write_raster(
+        path, bands, found.difference.transform, found.difference.crs, found.difference.vertical_datum
+    )

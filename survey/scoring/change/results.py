@@ -104,6 +104,59 @@ class VolumeChange:
         return MassBalance(mass, std, mass / per_area, std / per_area)
 
 
+class FlowBalance(NamedTuple):
+    """Change within one outline with the flow of the ice taken out.
+
+    Parameters
+    ----------
+    name : str
+        Name of the outline.
+    along_mean_m, along_std_m : float
+        Mean change of height along the flow, of the surface that the outline held at the earlier survey, and its
+        standard deviation [m].
+    flux_divergence_m, flux_divergence_std_m : float
+        Mean thickness of ice that the flow carried out of the outline, and its standard deviation [m].
+    balance_m, balance_std_m : float
+        Mean gain at surface and bed, change at fixed places plus flux divergence, and its standard deviation [m of ice].
+    thickness_m : float
+        Mean thickness of the ice [m].
+    """
+
+    name: str
+    along_mean_m: float
+    along_std_m: float
+    flux_divergence_m: float
+    flux_divergence_std_m: float
+    balance_m: float
+    balance_std_m: float
+    thickness_m: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AlongFlow(DataObject):
+    """Change of a surface that moves, followed along its flow (Lagrangian).
+
+    Parameters
+    ----------
+    difference : Dem
+        Height after the displacement minus height before, at places of the earlier survey [m].
+    std_m : (H, W) ndarray
+        Standard deviation of each cell's difference, that of the displacement included [m].
+    shift_m : (2, H, W) ndarray
+        Displacement to the east and to the north [m].
+    shift_std_m : (2, H, W) ndarray
+        Its standard deviations [m].
+    balances : tuple of FlowBalance
+        One for each outline.
+    """
+
+    difference: Dem
+    std_m: FloatArray
+    shift_m: FloatArray
+    shift_std_m: FloatArray
+    balances: tuple[FlowBalance, ...]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Change(DataObject):
     """Change of a surface between two surveys.
@@ -131,6 +184,8 @@ class Change(DataObject):
         Of the errors of the difference; distances on the ground.
     notes : tuple of str
         Assumptions behind the figures.
+    along_flow : AlongFlow, optional
+        Change along the flow of the ice, where a flow was given; `difference` is that at fixed places.
     """
 
     difference: Dem
@@ -143,6 +198,7 @@ class Change(DataObject):
     shift: Shift | None = None
     variogram: Variogram | None = None
     notes: tuple[str, ...] = ()
+    along_flow: AlongFlow | None = None
 
     @cached_property
     def map_scale(self) -> MapScale:

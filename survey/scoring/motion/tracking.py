@@ -1,6 +1,6 @@
 """Field of displacements between two surveys of a moving surface by feature tracking."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -36,6 +36,8 @@ class TrackedMotion(DataObject):
         Normalized cross-correlation.
     is_outlier : (N,) ndarray of bool
         Weak matches, and those that contradict their neighbours.
+    window_m : float
+        Width of the windows [m]; 0 where it is not known.
     """
 
     xy: FloatArray
@@ -43,6 +45,7 @@ class TrackedMotion(DataObject):
     covariance: FloatArray
     correlation: FloatArray
     is_outlier: BoolArray
+    window_m: float = 0.0
 
     @property
     def sigma_m(self) -> FloatArray:
@@ -105,7 +108,7 @@ def track(
             "no window without gaps fits into both surveys; take smaller windows or a smaller search."
         )
     matches = [pair.match(centre, half, search_px) for centre in centres]
-    return _field(earlier, centres, matches)
+    return replace(_field(earlier, centres, matches), window_m=window_px * earlier.step_m)
 
 
 def check_pair(earlier: Dem, later: Dem, window_px: int, search_px: int) -> None:

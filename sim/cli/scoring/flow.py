@@ -1,0 +1,95 @@
+"""Flow between two surveys as ``firnline change --flow`` names it: tracked from the surveys, or read from files."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from survey.core.errors import ConfigError, InputError
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+    from survey import Dem
+    from survey.scoring.change.along_flow import Thickness
+    from survey.scoring.motion.displacements import DisplacementField
+
+TRACKED = "track"
+"""Value of the option by which the surveys themselves are tracked."""
+
+
+def flow_of(named: str, days: float | None, later: "Dem", earlier: "Dem") -> "DisplacementField":
+    """Return the displacement between two surveys.
+
+    Raises
+    ------
+    ConfigError
+        A velocity without the time between the surveys, or another number of rasters than four.
+    """
+    from survey.scoring.motion.displacements import TrackedField
+    from survey.scoring.motion.tracked_file import read_tracked
+
+    if named == TRACKED:
+        return _tracked(later, earlier)
+    if "," in named:
+        return _of_rasters(named, _days(days), later.crs)
+    if Path(named).suffix.lower() == ".json":
+        return _of_motion(Path(named), _days(days))
+    return TrackedField.of(read_tracked(Path(named), later.crs))
+
+
+def thickness_of(named: str | None, error: float) -> "Thickness | None":
+    """Return the thickness that an option names: metres or a raster."""
+    from survey import Dem
+    from survey.scoring.change.along_flow import Thickness
+
+    if named is None:
+        return None
+    try:
+        value = float(named)
+    except ValueError:
+        return Thickness(Dem.read(named), error)
+    if not value > 0.0:
+        raise ConfigError(f"--thickness is {named} m; give a positive number, or a raster.")
+    return Thickness(value, error)
+
+
+def _tracked(later: "Dem", earlier: "Dem") -> "DisplacementField":
+    """Track the features of the earlier survey in the later one, on the grid of the coarser one."""
+    from survey import Dem
+    from survey.scoring.motion.displacements import TrackedField
+    from survey.scoring.motion.tracking import track
+
+    coarser = later if later.step_m >= earlier.step_m else earlier
+    grid = coarser.grid()
+    early, late = (Dem.on(grid, one.at(grid.xy).reshape(grid.shape)) for one in (earlier, later))
+    return TrackedField.of(track(early, late))
+
+
+def _of_rasters(named: str, days: float, crs: "CRS") -> "DisplacementField":
+    from survey import Dem
+    from survey.core.crs.agreement import same_crs
+    from survey.reconstruction.motion.priors import VelocityRasters
+    from survey.scoring.motion.displacements import RasterField
+
+    files = named.split(",")
+    if len(files) != 4:
+        raise ConfigError(
+            f"--flow names {len(files)} rasters; name four with commas: velocity east, velocity north, and their standard "
+            "deviations [m/day]."
+        )
+    rasters = VelocityRasters(*(Dem.read(Path(file)) for file in files))
+    for raster in rasters:
+        same_crs(crs, raster.crs, "the surveys and the rasters of the velocity")
+    return RasterField(rasters, days)
+
+
+def _of_motion(file: Path, days: float) -> "DisplacementField":
+    from survey.data.ice.motion_file import read_motion
+    from survey.scoring.motion.displacements import SteadyField
+
+    return SteadyField(read_motion(file), days)
+
+
+def _days(days: float | None) -> float:
+    if days is None:
+        raise InputError("--flow names velocities; add --days with the time between the surveys.")
+    return days
