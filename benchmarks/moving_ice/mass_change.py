@@ -11,22 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.moving_ice.parts import SURVEYS, folder_of
-from benchmarks.moving_ice.surveys import Case, Drive, drive_of, map_of, mission_of
+from benchmarks.moving_ice.surveys import TERRAIN, Case, Drive, drive_of, map_of, mission_of
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import stored
 from sim.simulate.statistical import simulate_statistical
 from sim.world.moving_ice import moving_ice
 from survey.data.dem import Dem
-from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.motion.volume import area_mean
 from vision_slam import localize_on_ice
 
 FIRST_SEED, DAYS, VELOCITY, HOURS = 9501, 30.0, 0.7, 8.0
 _AT_ONCE = 10
-_TERRAIN = GaussianProcessConfig(
-    fit=False, family="matern-5/2", variance_m2=16.0, length_scale_m=40.0, nugget_m=0.05
-)
-"""Kernel that the drawn terrain has; fits are judged by the other rows."""
 
 
 def pairs(folder: Path, *, n: int) -> list[dict[str, float]]:
@@ -69,7 +64,7 @@ def _terrain_after(early: Drive) -> Dem:
 def _mean_height(drive: Drive) -> tuple[float, float]:
     """Return the mean height of the map of the epoch [m], and its standard deviation."""
     found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
-    return area_mean(map_of(drive, found, _TERRAIN).solution, drive.nodes)
+    return area_mean(map_of(drive, found, TERRAIN).solution, drive.nodes)
 
 
 def rows(found: Sequence[dict[str, float]]) -> Iterator[Row]:

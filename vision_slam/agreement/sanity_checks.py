@@ -71,8 +71,8 @@ def check_start_by_fixes(
     """Check a surveyed start against the fixes of the first 300 m.
 
     The path is aligned with the fixes by rotation and shift, robust to outliers. If its start
-    is more than five standard deviations of a fix from the surveyed one, the start is taken
-    from the fixes, counts as unknown, and a warning is logged.
+    is more than five standard deviations of a fix and of the reckoned path from the surveyed
+    one, the start is taken from the fixes, counts as unknown, and a warning is logged.
 
     Parameters
     ----------
@@ -99,7 +99,8 @@ def check_start_by_fixes(
         return recording, config
     begun = begun - [0.0, 0.0, recording.antenna_height_m]
     off_m = float(np.hypot(*(begun - recording.start)[:2]))
-    sigma_m = float(np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m))
+    fix_m = np.hypot(config.gps_bias_sigma_m, config.gps_white_sigma_m)
+    sigma_m = float(np.hypot(fix_m, _reckoned_sigma_m(path, config)))
     if off_m < _REFUTED_SIGMAS * sigma_m + 3.0 * config.start_sigma_m:
         return recording, config
     logger.warning(
@@ -217,9 +218,27 @@ def _earlier(recording: OdometryRecording, lag_s: float) -> OdometryRecording:
     return replace(recording, gps=replace(recording.gps, time_s=recording.gps.time_s - lag_s))
 
 
+def _reckoned_sigma_m(path: FloatArray, config: LocalizationConfig) -> float:
+    """Return by how much odometry displaces the start of a path whose middle lies right [m]."""
+    travel = _travel_m(path)
+    used = travel <= _HOLDS_SHAPE_M
+    length = float(travel[used][-1])
+    lever = float(np.hypot(*(path[used, :2].mean(axis=0) - path[0, :2])))
+    walk_deg = config.heading_walk_deg_sqrt_m * np.sqrt(length)
+    turned = np.radians(np.hypot(config.yaw_sigma_deg, walk_deg))
+    scale = np.hypot(config.scale_sigma, config.scale_wander_sigma)
+    return float(np.hypot(lever * np.hypot(scale, turned), config.step_sigma_m * np.sqrt(length)))
+
+
+def _travel_m(path: FloatArray) -> FloatArray:
+    """Return the distance travelled (N,) [m]."""
+    travel: FloatArray = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
+    return travel
+
+
 def _laid_start(path: FloatArray, time_s: FloatArray, gps: GpsFixes) -> FloatArray | None:
     """Return the start of the path aligned with the fixes; None where it is too short for a heading."""
-    travel = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
+    travel = _travel_m(path)
     path, time_s = path[travel <= _HOLDS_SHAPE_M], time_s[travel <= _HOLDS_SHAPE_M]
     inside = (gps.time_s >= time_s[0]) & (gps.time_s <= time_s[-1])
     x, y, up = (np.interp(gps.time_s[inside], time_s, axis) for axis in path.T)

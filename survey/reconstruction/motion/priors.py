@@ -203,4 +203,4 @@ def plastic_thickness_m(slope: float, shape_factor: float = 0.8) -> float:
     >>> round(plastic_thickness_m(0.1))
     140
     """
-    return _YIELD_PA / (shape_factor * _ICE_PA_M * slope / np.hypot(1.0, slope))
+    return float(_YIELD_PA / (shape_factor * _ICE_PA_M * slope / np.hypot(1.0, slope)))

@@ -1,4 +1,6 @@
 import numpy as np
+import pytest
+from pydantic import ValidationError
 
 from planners import LawnmowerConfig
 from sim.config.ice import IceConfig
@@ -92,3 +94,9 @@ def test_ice_at_rest_gives_the_recording_of_a_mission_without_ice():
         for ice in (IceConfig(), None)
     )
     assert still == plain
+
+
+def test_a_fleet_on_moving_ice_is_refused():
+    stated = mission(IceConfig(velocity_m_per_day=1.0)).model_dump()
+    with pytest.raises(ValidationError, match="supported for one rover"):
+        MissionConfig.model_validate({**stated, "fleet": {"rovers": 2}})

@@ -69,6 +69,18 @@ def test_a_start_elsewhere_is_taken_for_unknown(caplog: pytest.LogCaptureFixture
     assert "the fixes put the start 3" in caplog.text or "the fixes put the start 2" in caplog.text
 
 
+def test_odometry_of_a_wrong_scale_does_not_refute_the_start_of_a_receiver_of_centimetres() -> None:
+    centimetres = CONFIG.model_copy(update={"gps_bias_sigma_m": 0.02, "gps_white_sigma_m": 0.01})
+    recording, path = _drive(config=centimetres)
+    assert recording.odometry is not None
+    stretched = path[0] + (path - path[0]) * (1.0 + 2.0 * centimetres.scale_sigma)
+    kept, _ = check_start_by_fixes(recording, stretched, recording.odometry.time_s, centimetres)
+    assert kept is recording
+    away = stretched + [5.0, 0.0, 0.0]
+    displaced = Recording(SITE, away[0], recording.gps, odometry=recording.odometry)
+    assert check_start_by_fixes(displaced, away, recording.odometry.time_s, centimetres)[1].start == "unknown"
+
+
 def test_a_path_that_bends_on_a_long_drive_does_not_refute_its_start() -> None:
     times = np.arange(0.0, 2000.0, 1.0)
     along = np.column_stack([times, np.zeros_like(times), np.zeros_like(times)])
