@@ -2,8 +2,7 @@
 
 ``python -m benchmarks.live [--quick] [--json FILE]``
 
-The closed loop runs on random sites of seeds that nothing was chosen on; its drive is drawn, and its missions are rounded
-as the link rounds them. Times of uploads are wall time, which other users of the machine lengthen. Parts are stored as they
+The closed loop runs on random sites of seeds that nothing was chosen on, with the rover in a process of its own. Times of uploads are wall time, which other users of the machine lengthen. Parts are stored as they
 finish, in the folder FIRNLINE_LIVE_PARTS, and an ended run goes on from them.
 """
 

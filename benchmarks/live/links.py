@@ -1,13 +1,13 @@
 """Uploads to the simulated rover: time, losses, and kills of either side."""
 
-import multiprocessing
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
 import numpy as np
 
+from benchmarks.live.rover_process import RoverKind, RoverProcess, rover
 from benchmarks.report import Row
 from live.link.address import LinkAddress
 from live.link.vehicle import Vehicle
@@ -15,16 +15,12 @@ from live.mission.autopilot_mission import AutopilotMission
 from live.mission.items import MISSION, LinkItem
 from live.mission.transfer import fetch_items
 from live.mission.upload import upload
-from live.rover.drive import RoverSettings
-from live.rover.process import serve_rover
-from live.rover.radio import Radio
 from survey.core.errors import InputError
 from survey.core.streams import stream
 from survey.interchange.missions import MissionItem
 
 SEED = 20_291
 _LIMIT_S, _N_ITEMS, _LOSS = 5.0, 2000, 0.3
-_SPAWN = multiprocessing.get_context("spawn")
 _KILLED_ITEMS = 300
 
 
@@ -33,42 +29,6 @@ def mission_of(n_items: int) -> AutopilotMission:
     return AutopilotMission(
         tuple(MissionItem(16, 3, (0, 0, 0, None, 61.0 + 1e-4 * k, -139.0, 0.5)) for k in range(n_items))
     )
-
-
-def serve(port: int, loss: float, seed: int) -> None:
-    """Serve a rover until it is killed."""
-    serve_rover(Radio("127.0.0.1", port, loss, seed), RoverSettings())
-
-
-class RoverProcess:
-    """A rover in a process of its own, at a free port."""
-
-    def __init__(self, loss: float = 0.0, seed: int = 0) -> None:
-        radio = Radio("127.0.0.1", 0)
-        self.address = LinkAddress.parsed(f"udp://127.0.0.1:{radio.port}")
-        radio.close()
-        self.process = _SPAWN.Process(target=serve, args=(radio_port(self.address), loss, seed), daemon=True)
-        self.process.start()
-
-    def kill(self) -> None:
-        """End it at once."""
-        self.process.kill()
-        self.process.join()
-
-
-def radio_port(address: LinkAddress) -> int:
-    """Return the port of an address."""
-    return int(address.text.rpartition(":")[2])
-
-
-@contextmanager
-def rover(loss: float = 0.0, seed: int = 0) -> Iterator[RoverProcess]:
-    """Yield a rover, and kill it at the end."""
-    one = RoverProcess(loss, seed)
-    try:
-        yield one
-    finally:
-        one.kill()
 
 
 def transfer_rows(quick: bool) -> Iterator[Row]:
@@ -80,7 +40,7 @@ def transfer_rows(quick: bool) -> Iterator[Row]:
     yield Row.of(f"{_N_ITEMS} items uploaded, read back and equal: wall time", taken_s, "s", "<=", _LIMIT_S)
     for n_items in (20,) if quick else (50, _N_ITEMS):
         began = time.perf_counter()
-        with rover(_LOSS, SEED) as one:
+        with rover(RoverKind(_LOSS, SEED)) as one:
             ending = _ending(mission_of(n_items), one.address)
         name = f"{n_items} items at {_LOSS:.0%} loss"
         yield Row.of(f"{name}: equal, or ended with one sentence", float(ending is not None), "1", ">=", 1.0)
@@ -156,7 +116,7 @@ def _held(address: LinkAddress) -> int:
 
 def _kill_a_rover(after: float) -> bool:
     """Kill a rover during an upload; return whether the upload ended with one sentence, or was complete before."""
-    one = RoverProcess()
+    one = RoverProcess(RoverKind())
     upload(mission_of(3), one.address, patience_s=60.0)
 
     def kill_there(_: str, done: int, total: int) -> None:

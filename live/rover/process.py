@@ -11,6 +11,9 @@ from survey.data.dem import Dem
 
 _TELEMETRY_S = 0.2
 _WAIT_S = 0.005
+# Telemetry comes no more often than this, however fast the rover drives; a busy machine slows the rover instead of making
+# it jump farther than this.
+_LEAST_TELEMETRY_S, _MOST_STEP_S = 0.02, 4.0
 
 
 def serve_rover(
@@ -38,7 +41,7 @@ def serve_rover(
     """
     servers = RoverServers(radio, settings)
     rover = _Rover(settings, terrain)
-    last = monotonic()
+    last, every_s = monotonic(), max(_TELEMETRY_S / max(hasten, 1.0), _LEAST_TELEMETRY_S)
     try:
         while not until():
             packet = radio.receive(_WAIT_S)
@@ -47,10 +50,11 @@ def serve_rover(
             while not servers.received.empty():
                 rover.take(servers.received.get())
             now = monotonic()
-            if rover.drive is not None and now - last >= _TELEMETRY_S / max(hasten, 1.0):
-                servers.publish(rover.drive.advance(hasten * (now - last)), settings)
-            if now - last >= _TELEMETRY_S / max(hasten, 1.0):
-                last = now
+            if now - last < every_s:
+                continue
+            if rover.drive is not None:
+                servers.publish(rover.drive.advance(min(hasten * (now - last), _MOST_STEP_S)), settings)
+            last = now
     finally:
         servers.close()
         radio.close()

@@ -1,8 +1,9 @@
 """Joint map of everything that was measured so far, with a covariance that was fitted before.
 
 An update solves the joint estimate of `survey.reconstruction.joint` again with the covariance of the terrain as it was
-last fitted. With samples that share one error its cost is that of the waves and hardly depends on the number of samples; with
-landmarks it grows with the number of keyframes, and takes seconds for a thousand of them.
+last fitted. With samples that share one error its cost is that of the waves and hardly depends on the number of samples. With
+landmarks the errors of the path are eliminated segment by segment (`live.solve`), so that it grows with the ground that was
+seen, not with the number of landmarks.
 """
 
 from dataclasses import dataclass
@@ -10,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from live.solve.segment_map import segment_map
 from survey.core.arrays import FloatArray
-from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import POSE, PathError
 from survey.data.surface_points import SurfacePoints
@@ -36,8 +37,6 @@ class LiveMap:
         Standard deviation of relief too fine to be mapped [m].
     grid : Grid
         Nodes of the map.
-    satellite : Dem, optional
-        Coarse elevations.
     memory_mb : float
         Memory of the covariance [MB].
     """
@@ -45,7 +44,6 @@ class LiveMap:
     kernel: Kernel
     nugget_m: float
     grid: Grid
-    satellite: Dem | None = None
     memory_mb: float = MEMORY_MB
 
     def of_landmarks(self, points: SurfacePoints, path: PathError) -> tuple[FloatArray, FloatArray]:
@@ -63,7 +61,11 @@ class LiveMap:
         tuple of ndarray
             On the nodes of the grid, relief finer than the map included.
         """
-        return self._fields(points, path, JointConfig(memory_mb=self.memory_mb, slope_passes=1))
+        terrain = self._terrain(path, JointConfig())
+        start = terrain.from_points(points, self.grid.bounds)
+        found, memory_mb = start.candidates[0], self.memory_mb
+        system = terrain.system(points, self.grid.bounds, found, start.slope, memory_mb=memory_mb)
+        return segment_map(system, path, points, self.grid, self.nugget_m)
 
     def of_samples(
         self, xyz: FloatArray, sigma_m: FloatArray, shared_m: float = 0.0
@@ -100,14 +102,12 @@ class LiveMap:
         joint = JointConfig(
             memory_mb=self.memory_mb, slope_passes=1, far_bias_sigma_m=0.0, landmark_shared_sigma_m=0.0
         )
-        return self._fields(points, _one_offset(max(shared_m, _LEAST_SHARED_M)), joint)
-
-    def _fields(
-        self, points: SurfacePoints, path: PathError, joint: JointConfig
-    ) -> tuple[FloatArray, FloatArray]:
-        config = GaussianProcessConfig(fit=False, kernel=self.kernel, nugget_m=self.nugget_m, mean="plane")
-        terrain = JointTerrain(path, self.satellite, config, joint)
+        terrain = self._terrain(_one_offset(max(shared_m, _LEAST_SHARED_M)), joint)
         return terrain.solved(points, self.grid.bounds).fields(self.grid)
+
+    def _terrain(self, path: PathError, joint: JointConfig) -> JointTerrain:
+        config = GaussianProcessConfig(fit=False, kernel=self.kernel, nugget_m=self.nugget_m, mean="plane")
+        return JointTerrain(path, None, config, joint)
 
 
 def _one_offset(sigma_m: float) -> PathError:

@@ -11,7 +11,8 @@ _LEAST_SHARE = 0.8
 class LegProgress:
     """Legs that a rover has driven, from the places it was at.
 
-    A leg is driven when the rover has come near its end, after most of its length.
+    A leg is driven when the rover has passed near its end, after most of its length. Between two places it counts as
+    driven straight, so that telemetry may pause.
 
     Parameters
     ----------
@@ -24,7 +25,7 @@ class LegProgress:
     --------
     >>> progress = LegProgress([Leg("swath", [[0.0, 0.0], [10.0, 0.0]])], near_m=1.0)
     >>> [progress.moved(np.array([x, 0.1])) for x in (0.0, 5.0, 9.5)]
-    [None, None, 0]
+    [(), (), (0,)]
     """
 
     def __init__(self, legs: list[Leg], near_m: float) -> None:
@@ -34,8 +35,8 @@ class LegProgress:
         self._on_leg_m = 0.0
         self._last: FloatArray | None = None
 
-    def moved(self, xy: FloatArray) -> int | None:
-        """Take the next place (2,) [m]; return the index of the leg that it completes, if any.
+    def moved(self, xy: FloatArray) -> tuple[int, ...]:
+        """Take the next place (2,) [m]; return the legs that it completes.
 
         Parameters
         ----------
@@ -44,22 +45,26 @@ class LegProgress:
 
         Returns
         -------
-        int or None
-            Index into the legs.
+        tuple of int
+            Indices into the legs.
         """
-        step_m = 0.0 if self._last is None else float(np.hypot(*(xy - self._last)))
+        last = xy if self._last is None else self._last
+        step_m = float(np.hypot(*(xy - last)))
         self._last = xy
         self.driven_m += step_m
         self._on_leg_m += step_m
-        if self.n_driven >= len(self.legs):
-            return None
-        leg = self.legs[self.n_driven]
-        is_near = float(np.hypot(*(xy - leg.xy[-1]))) <= self.near_m
-        if not is_near or self._on_leg_m < _LEAST_SHARE * leg.length_m - self.near_m:
-            return None
-        self.n_driven += 1
-        self._on_leg_m = 0.0
-        return self.n_driven - 1
+        before = self.n_driven
+        while self.n_driven < len(self.legs) and self._is_driven(self.legs[self.n_driven], last, xy):
+            self._on_leg_m = float(np.hypot(*(xy - self.legs[self.n_driven].xy[-1])))
+            self.n_driven += 1
+        return tuple(range(before, self.n_driven))
+
+    def _is_driven(self, leg: Leg, before: FloatArray, after: FloatArray) -> bool:
+        """Return whether the rover passed near the end of a leg between two places, after most of its length."""
+        way, to_end = after - before, leg.xy[-1] - before
+        share = np.clip(np.dot(to_end, way) / max(float(np.dot(way, way)), 1e-12), 0.0, 1.0)
+        is_near = float(np.hypot(*(to_end - share * way))) <= self.near_m
+        return is_near and self._on_leg_m >= _LEAST_SHARE * leg.length_m - self.near_m
 
     @property
     def driven(self) -> list[Leg]:

@@ -79,7 +79,7 @@ class SurveyWatch:
         here = np.array([sample.x_m, sample.y_m])
         completed = self.progress.moved(here)
         events = self._warnings.of(sample, self.progress.driven_m, self.is_stopped)
-        if completed is not None and self.legs[completed].kind == "swath":
+        if any(self.legs[index].kind == "swath" for index in completed):
             events += self._swath_done(sample.time_s)
         if self.advice is not None and self.progress.driven_m - self._mapped_m >= self.every_m:
             events.append(self._mapped(sample.time_s))

@@ -1,17 +1,41 @@
 """Design matrices of the joint estimate: rows of the points and of the prior's cells for all shared unknowns."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
+from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.joint.joint_solve import Functionals
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, side_by_side
+
+
+class JointSystem(NamedTuple):
+    """Points, waves and shared unknowns of the joint estimate, before it is solved.
+
+    ``strengths`` (K,) are the waves' prior standard deviations [m]; ``noise_m2`` (N,) the points' own variances, and
+    ``total_m2`` (N,) those with relief that the waves leave out. ``data`` are the heights above ``datum_m`` with the
+    latter; ``rows`` (N, S) and ``information`` (S, S), sparse, are those of `point_rows`.
+    """
+
+    shared: SharedError
+    landmarks: LandmarkErrors
+    basis: FourierBasis
+    strengths: FloatArray
+    trend: PolynomialTrend
+    tail_m2: float
+    datum_m: float
+    noise_m2: FloatArray
+    total_m2: FloatArray
+    data: NoisyValues
+    rows: Any
+    information: Any
 
 
 def point_rows(

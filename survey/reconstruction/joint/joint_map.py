@@ -26,7 +26,7 @@ from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.checked_map import checked_map
-from survey.reconstruction.joint.design_rows import cell_rows, point_rows
+from survey.reconstruction.joint.design_rows import JointSystem, cell_rows, point_rows
 from survey.reconstruction.joint.joint_solve import JointPosterior
 from survey.reconstruction.joint.kernels.kernel_choice import PointsOnly, chosen, probable
 from survey.reconstruction.joint.kernels.plane_residuals import PlaneResiduals, own_variance
@@ -172,24 +172,15 @@ class JointTerrain:
         memory_mb: float = _ROUGH_MB,
         basis: FourierBasis | None = None,
     ) -> JointSolution:
-        shared, landmarks = self._shared(points, slope), self._landmarks(points)
-        noise = own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
-        datum = local_datum_m(points.z)
-        site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
-        basis = basis or self._waves(found, site, points.xy, noise, memory_mb)
-        tail = tail_variance(found.kernel, basis)
-        total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
-        data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
-        trend = PolynomialTrend("plane", basis.box)
-        strengths = amplitudes(found.kernel, basis)
-        rows, information = point_rows(points, shared, trend, landmarks, cells)
-        before = shared.rows.shape[1], landmarks.rows.shape[1]
+        system = self.system(points, bounds, found, slope, cells, memory_mb=memory_mb, basis=basis)
+        basis, strengths, trend, shared = system.basis, system.strengths, system.trend, system.shared
+        before = shared.rows.shape[1], system.landmarks.rows.shape[1]
         measured = (
             None
             if cells is None
-            else cell_rows(cells, trend, cells.features(basis, strengths), datum, before)
+            else cell_rows(cells, trend, cells.features(basis, strengths), system.datum_m, before)
         )
-        posterior = JointPosterior.given(basis, strengths, data, (rows, information), measured)
+        equations = system.rows, system.information
         return JointSolution(
             self.path,
             self.joint.rank is not None,
@@ -198,15 +189,42 @@ class JointTerrain:
             shared,
             basis,
             trend,
-            tail,
-            datum,
-            posterior,
+            system.tail_m2,
+            system.datum_m,
+            JointPosterior.given(basis, strengths, system.data, equations, measured),
             cells,
-            noise,
-            rows,
-            total,
-            landmarks,
+            system.noise_m2,
+            system.rows,
+            system.total_m2,
+            system.landmarks,
         )
+
+    def system(
+        self,
+        points: SurfacePoints,
+        bounds: Bounds,
+        found: Hyperparameters,
+        slope: FloatArray,
+        cells: SatelliteCells | None = None,
+        *,
+        memory_mb: float = _ROUGH_MB,
+        basis: FourierBasis | None = None,
+    ) -> JointSystem:
+        """Choose the waves, and set up the rows and errors of the points.
+
+        `slope` (N, 2) [m/m] is that of the terrain at the points.
+        """
+        shared, landmarks = self._shared(points, slope), self._landmarks(points)
+        noise = own_variance(points, slope) + shared.rest_m2 + found.nugget_m**2
+        datum = local_datum_m(points.z)
+        site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
+        basis = basis or self._waves(found, site, points.xy, noise, memory_mb)
+        tail = tail_variance(found.kernel, basis)
+        total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
+        data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
+        trend, strengths = PolynomialTrend("plane", basis.box), amplitudes(found.kernel, basis)
+        rows = point_rows(points, shared, trend, landmarks, cells)
+        return JointSystem(shared, landmarks, basis, strengths, trend, tail, datum, noise, total, data, *rows)
 
     def _waves(
         self, found: Hyperparameters, site: Bounds, xy: FloatArray, noise: FloatArray, memory_mb: float

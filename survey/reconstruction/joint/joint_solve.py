@@ -21,11 +21,13 @@ from scipy import sparse
 from scipy.linalg import blas
 
 from survey.core.arrays import FloatArray, IntArray
+from survey.data.grid import Grid
 from survey.data.path_error import factorized
 from survey.reconstruction.gp.engines.fourier.mean_solver import PointSums
 from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior, precision
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
+from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 
 # Points whose waves are evaluated at once: bounds the memory.
 _AT_ONCE = 512
@@ -33,7 +35,7 @@ _AT_ONCE = 512
 
 @dataclass(frozen=True)
 class Functionals:
-    """Measurements of whole functionals: ``waves`` (C, m) whitened, ``shared`` (C, S), ``values`` (C,), ``covariance`` (C, C)."""
+    """Measurements of functionals: ``waves`` (C, m) whitened, ``shared`` (C, S), ``values`` (C,), ``covariance`` (C, C)."""
 
     waves: FloatArray
     shared: Any
@@ -66,10 +68,16 @@ class JointPosterior:
         functionals: Functionals | None = None,
     ) -> Self:
         """Solve; `shared` are the sparse rows U (N, S) and the sparse prior information Λ (S, S)."""
-        equations = _Equations.of_points(basis, amplitudes, data, *shared)
+        equations = NormalEquations.of_points(basis, amplitudes, data, *shared)
         if functionals is not None:
             equations.add(functionals)
-        factor = factorized(equations.shared)
+        return cls.solved(basis, amplitudes, equations, factorized(equations.shared))
+
+    @classmethod
+    def solved(
+        cls, basis: FourierBasis, amplitudes: FloatArray, equations: "NormalEquations", factor: Any
+    ) -> Self:
+        """Solve normal equations, whose weights' block is overwritten; `factor` solves with G."""
         reach = factor.solve(equations.coupling)
         active = np.flatnonzero(np.abs(equations.coupling).max(axis=1) > 0.0)
         _add_product(equations.weights, equations.coupling[active], reach[active], -0.5)
@@ -77,6 +85,30 @@ class JointPosterior:
         weights = WeightPosterior.inverted(basis, amplitudes, equations.weights)
         mean = weights.times(equations.right_weights - equations.coupling.T @ alone)
         return cls(weights, mean, alone - reach @ mean, factor, reach)
+
+    def fields(
+        self, grid: Grid, trend: PolynomialTrend, first: int, datum_m: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return height and variance (H, W) of the retained waves and the trend, above a datum.
+
+        `first` is the index of the trend's first coefficient among the shared unknowns.
+        """
+        box, n_columns = self.weights.basis.box, trend.n_columns
+        rows = unit_rows(first, n_columns, len(self.shared))
+        columns = trend.columns(np.stack(np.meshgrid(grid.x, grid.y), axis=-1))
+        mean = box.evaluate_on_axes(grid.x, grid.y, self.coefficients(self.mean))
+        mean += columns @ self.shared[first : first + n_columns] + datum_m
+        variance = box.evaluate_on_axes(grid.x, grid.y, self.weights.variance_coefficients())
+        cross = self.cross_weights(rows)
+        fields = [box.evaluate_on_axes(grid.x, grid.y, self.coefficients(c)) for c in cross.T]
+        variance += 2.0 * np.sum(columns * np.stack(fields, axis=-1), axis=-1)
+        variance += np.einsum("hwi,ij,hwj->hw", columns, self.shared_covariance(rows), columns)
+        return mean, variance
+
+    def coefficients(self, whitened: FloatArray) -> Any:
+        """Return the coefficients of a field, as `FourierBox.evaluate` takes them, from whitened weights (m,)."""
+        basis = self.weights.basis
+        return basis.coefficients_of(basis.doubled(self.weights.amplitudes) * whitened)
 
     def shared_covariance(self, rows: Any) -> FloatArray:
         """Return the covariance (M, M) of linear functions of the shared unknowns, given by rows (M, S)."""
@@ -111,8 +143,14 @@ class JointPosterior:
         return seen
 
 
+def unit_rows(first: int, n: int, n_shared: int) -> Any:
+    """Return the sparse rows (n, S) that select shared unknowns from the first on."""
+    every = np.arange(n)
+    return sparse.csr_array((np.ones(n), (every, first + every)), shape=(n, n_shared))
+
+
 @dataclass
-class _Equations:
+class NormalEquations:
     """The blocks of the normal equations: of the weights (lower triangle), Bᵀ (S, m), and G; with both right sides."""
 
     weights: FloatArray
@@ -124,7 +162,8 @@ class _Equations:
     @classmethod
     def of_points(
         cls, basis: FourierBasis, amplitudes: FloatArray, data: NoisyValues, rows: Any, information: Any
-    ) -> "_Equations":
+    ) -> "NormalEquations":
+        """Return the equations of points alone; `rows` (N, S) and `information` (S, S) are sparse."""
         sums = PointSums.of(basis, data, 0.0)
         weighted = sparse.csr_array(rows.multiply((1.0 / data.noise_m2)[:, None]))
         return cls(

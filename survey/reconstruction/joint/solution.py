@@ -17,7 +17,7 @@ from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.correction import PathCorrection
-from survey.reconstruction.joint.joint_solve import JointPosterior, waves_at
+from survey.reconstruction.joint.joint_solve import JointPosterior, unit_rows, waves_at
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.map_average import MapAverage
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
@@ -60,18 +60,18 @@ class JointSolution:
     @property
     def residual_m(self) -> FloatArray:
         """What map and path leave of the points' heights (N,) [m]."""
-        waves = self.basis.box.evaluate(self.points.xy, self._coefficients(self.posterior.mean))
+        waves = self.basis.box.evaluate(self.points.xy, self.posterior.coefficients(self.posterior.mean))
         left: FloatArray = self.points.z - self.datum_m - waves - self.rows @ self.posterior.shared
         return left
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the most likely height (M,) [m]."""
-        waves = self.basis.box.evaluate(xy, self._coefficients(self.posterior.mean))
+        waves = self.basis.box.evaluate(xy, self.posterior.coefficients(self.posterior.mean))
         return waves + self.trend.columns(xy) @ self._plane + self.datum_m
 
     def gradient(self, xy: FloatArray) -> FloatArray:
         """Return the slope (M, 2) of the most likely surface [m/m]."""
-        box, coefficients = self.basis.box, self._coefficients(self.posterior.mean)
+        box, coefficients = self.basis.box, self.posterior.coefficients(self.posterior.mean)
         slopes = [box.evaluate(xy, box.derivative(coefficients, axis)) for axis in (0, 1)]
         gradient: FloatArray = np.stack(slopes, axis=-1) + self.trend.gradient @ self._plane
         return gradient
@@ -162,16 +162,8 @@ class JointSolution:
 
     def fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
         """Return height and standard deviation (H, W) [m], relief finer than the map included."""
-        box, posterior = self.basis.box, self.posterior
-        columns = self.trend.columns(np.stack(np.meshgrid(grid.x, grid.y), axis=-1))
-        mean = box.evaluate_on_axes(grid.x, grid.y, self._coefficients(posterior.mean))
-        mean += columns @ self._plane + self.datum_m
-        variance = box.evaluate_on_axes(grid.x, grid.y, posterior.weights.variance_coefficients())
-        plane = self._plane_rows
-        cross = posterior.cross_weights(plane)
-        fields = [box.evaluate_on_axes(grid.x, grid.y, self._coefficients(c)) for c in cross.T]
-        variance += 2.0 * np.sum(columns * np.stack(fields, axis=-1), axis=-1)
-        variance += np.einsum("hwi,ij,hwj->hw", columns, posterior.shared_covariance(plane), columns)
+        first = self.shared.rows.shape[1]
+        mean, variance = self.posterior.fields(grid, self.trend, first, self.datum_m)
         variance += self.tail_m2 + self.found.nugget_m**2
         return mean, np.sqrt(np.maximum(variance, 0.0))
 
@@ -229,8 +221,7 @@ class JointSolution:
 
     def _estimated(self, first: int, n: int) -> tuple[FloatArray, FloatArray]:
         """Return the estimates (n,) of some shared unknowns, and their covariance (n, n)."""
-        every = np.arange(n)
-        rows = sparse.csr_array((np.ones(n), (every, first + every)), shape=(n, self._n_shared))
+        rows = unit_rows(first, n, self._n_shared)
         return self.posterior.shared[first : first + n], self.posterior.shared_covariance(rows)
 
     def _prior_facts(self, cells: SatelliteCells) -> dict[str, Any]:
@@ -260,17 +251,9 @@ class JointSolution:
 
     @property
     def _plane_rows(self) -> Any:
-        first = self.shared.rows.shape[1]
-        columns = first + np.arange(self.trend.n_columns)
-        ones = np.ones(len(columns))
-        return sparse.csr_array(
-            (ones, (np.arange(len(columns)), columns)), shape=(len(columns), self._n_shared)
-        )
+        return unit_rows(self.shared.rows.shape[1], self.trend.n_columns, self._n_shared)
 
     @property
     def _plane(self) -> FloatArray:
         first = self.shared.rows.shape[1]
         return self.posterior.shared[first : first + self.trend.n_columns]
-
-    def _coefficients(self, whitened: FloatArray) -> Any:
-        return self.basis.coefficients_of(self.basis.doubled(self.posterior.weights.amplitudes) * whitened)
