@@ -22,6 +22,7 @@ import numpy as np
 
 from benchmarks.promise_on_real_ground.causes import Cause, cause_of, cause_rows
 from benchmarks.promise_on_real_ground.glaciers import Promised, promised
+from benchmarks.promise_on_real_ground.least_distance import lawnmowers_of, share_of_limit, spread_of
 from benchmarks.promise_on_real_ground.monotony import N_SITES, Violations, violations
 from benchmarks.promise_on_real_ground.stopped import Stopped, stopped
 from benchmarks.promise_on_real_ground.surveys import (
@@ -106,11 +107,28 @@ def _rows(where: str, kind: str, asked: float, judged: Judged) -> Iterator[Row]:
         yield Row.of(
             f"{where}: distance over the fewest swaths that pass, median", ratio, "x", "<=", _FARTHEST[kind]
         )
+        yield from _least_distance(where, asked, known)
     if made:
         ratios = [one[1].predicted_m / one[1].rmse_m for one in made]
         low, high = np.quantile(ratios, [0.1, 0.9])
         yield Row.of(f"{where}: predicted over actual RMSE, 10 %", float(low), "x", ">=", 0.8)
         yield Row.of(f"{where}: predicted over actual RMSE, 90 %", float(high), "x", "<=", 1.5)
+
+
+def _least_distance(where: str, asked: float, known: Judged) -> Iterator[Row]:
+    """Yield the least distance of a planner whose predictions err as much as these, over the fewest swaths that pass."""
+    spread = spread_of([one[1] for one in known])
+    ratios = []
+    for task, _, _ in known:
+        lawnmowers, limit_m = lawnmowers_of(task), landscape_of(task.landscape).limit_m
+        least_m = lawnmowers.least_m(share_of_limit(asked, spread) * limit_m)
+        ratios.append(least_m / lawnmowers.least_m(limit_m))
+    yield Row(f"{where}: standard deviation of the logarithm of actual over predicted RMSE", spread, "")
+    yield Row(
+        f"{where}: least distance at that spread over the fewest swaths, median",
+        float(np.median(ratios)),
+        "x",
+    )
 
 
 def kept(made: Judged) -> float:
