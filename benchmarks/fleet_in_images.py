@@ -2,7 +2,8 @@
 
 Run with ``python -m benchmarks.fleet_in_images``; it takes about an hour of CPU time. The drive of each rover is stored
 when it is done (``FIRNLINE_FLEET_IMAGES`` names the folder), and a run that was broken off continues with the next one.
-``--quick`` drives three swaths of 60 m, as `benchmarks.fleet` does. Nothing is chosen by this mission. Rovers are driven
+``--quick`` drives three swaths of 60 m, as `benchmarks.fleet` does. Nothing is chosen by this mission; melt channels and
+dirt cones were taken off the ground after a first run, in which a rover got stuck in a channel. Rovers are driven
 one after another in one process, so the pace of two cores follows from the CPU time; rovers of a mission drive side by
 side in processes to the same bytes.
 """

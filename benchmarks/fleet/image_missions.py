@@ -34,7 +34,10 @@ WHOLE, SHORT = Stretch(8, 600.0), Stretch(3, 60.0)
 
 
 def mission_of(seed: int, stretch: Stretch) -> MissionConfig:
-    """Return the mission, on ground without crevasses."""
+    """Return the mission, on ground without crevasses, channels and dirt cones.
+
+    A coarse prior shows none of them, so that routes would run into them; lost rovers are a part of their own.
+    """
     west, south = _EAST_M + _EDGE_M, _NORTH_M + _EDGE_M
     start = west + 5.0, south + 5.0
     terrain = {"source": "random", "size_m": stretch.side_m + 2.0 * _EDGE_M, "relief_m": 15.0}
@@ -47,7 +50,7 @@ def mission_of(seed: int, stretch: Stretch) -> MissionConfig:
         },
         "planner": {"pattern": "lawnmower", "swaths": stretch.n_swaths},
         "fleet": {"rovers": N_ROVERS},
-        "scenery": {"crevasses_per_ha": 0.0},
+        "scenery": {"crevasses_per_ha": 0.0, "channels_per_ha": 0.0, "dirt_cones_per_ha": 0.0},
     }
     return stated_mission("fleet-in-images", seed, sections)
 
