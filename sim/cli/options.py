@@ -46,3 +46,27 @@ class RunOptions:
     as_json: Json = False
     quiet: Quiet = False
     verbose: Verbose = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExecutionOptions:
+    """Options of the commands that do many independent runs."""
+
+    engine: Annotated[str, typer.Option("--engine", help="serial, processes (of this machine) or dask.")] = (
+        "processes"
+    )
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", min=1, help="Number of processes; one for each core when left out."),
+    ] = None
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="A dask scheduler, tcp://host:port.")
+    ] = None
+
+    def chosen_engine(self) -> Any:
+        """Return the engine; a scheduler is one of dask."""
+        from survey.core.errors import ConfigError
+
+        if self.engine not in ("serial", "processes", "dask"):
+            raise ConfigError(f"there is no engine {self.engine!r}; take serial, processes or dask.")
+        return "dask" if self.scheduler else self.engine

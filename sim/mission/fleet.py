@@ -186,11 +186,15 @@ def accounts(folder: Path) -> list[dict[str, Any]]:
     return [read_json(place / DRIVE_FILE, "the account of the drive") for place in drive_folders(folder)]
 
 
+def endings(folder: Path) -> list[str]:
+    """Return how the drives of a stage ended that have an account: all but those of a single rover that arrived."""
+    files = [place / DRIVE_FILE for place in drive_folders(folder)]
+    return [read_json(file, "the account of the drive")["ending"] for file in files if file.exists()]
+
+
 def n_lost(folder: Path) -> int:
     """Return how many rovers of a stage did not arrive."""
-    files = [place / DRIVE_FILE for place in drive_folders(folder)]
-    endings = [read_json(file, "the account of the drive")["ending"] for file in files if file.exists()]
-    return sum(ending != Ending.ARRIVED.value for ending in endings)
+    return sum(ending != Ending.ARRIVED.value for ending in endings(folder))
 
 
 def _differs(before: survey.Route, after: survey.Route, rover: int) -> bool:

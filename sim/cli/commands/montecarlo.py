@@ -7,28 +7,19 @@ from typing import Annotated
 import typer
 
 from sim.cli.facts import end_dry_run, fact_line
-from sim.cli.options import DryRun, Json, Quiet, Settings
+from sim.cli.options import DryRun, ExecutionOptions, Json, Quiet, Settings
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class MonteCarloRequest:
+class MonteCarloRequest(ExecutionOptions):
     """Options of the command."""
 
     study: Annotated[Path, typer.Argument(help="Study file (TOML).")]
     runs: Annotated[Path, typer.Option("--runs", help="Folder that holds all studies.")] = Path(
         "results/montecarlo"
     )
-    engine: Annotated[str, typer.Option("--engine", help="serial, processes (of this machine) or dask.")] = (
-        "processes"
-    )
-    workers: Annotated[
-        int | None, typer.Option("--workers", help="Number of processes; one for each core when left out.")
-    ] = None
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="A dask scheduler, tcp://host:port.")
-    ] = None
     fresh: Annotated[bool, typer.Option("--fresh", help="Do every trial again.")] = False
     settings: Settings = field(default_factory=list)
     dry_run: DryRun = False
@@ -53,10 +44,8 @@ def montecarlo(request: MonteCarloRequest) -> None:
     from sim.montecarlo.capacity import require_study
     from sim.montecarlo.config import read_study
     from sim.montecarlo.study import run_study
-    from survey.core.errors import ConfigError
 
-    if request.engine not in ("serial", "processes", "dask"):
-        raise ConfigError(f"there is no engine {request.engine!r}; take serial, processes or dask.")
+    engine = request.chosen_engine()
     wanted = read_study(request.study, request.settings)
     folder = request.runs / wanted.name
     if request.dry_run:
@@ -66,7 +55,7 @@ def montecarlo(request: MonteCarloRequest) -> None:
         page = run_study(
             wanted,
             folder,
-            engine="dask" if request.scheduler else request.engine,  # type: ignore[arg-type]  # checked above
+            engine=engine,
             workers=request.workers,
             scheduler=request.scheduler,
             fresh=request.fresh,

@@ -2,25 +2,25 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sim.cli.facts import end_dry_run, fact_line
-from sim.cli.options import RunOptions
+from sim.cli.options import ExecutionOptions, RunOptions
 from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
 
+if TYPE_CHECKING:
+    from sim.mission.rehearsal.fault_tree import FaultEvent
+
 
 @dataclass(frozen=True, kw_only=True)
-class RehearseRequest(RunOptions):
+class RehearseRequest(RunOptions, ExecutionOptions):
     """Options of the command."""
 
     mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")]
     n_runs: Annotated[int, typer.Option("--count", "-n", min=1, help="Number of runs.")] = 50
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes; one for each core when left out.")
-    ] = None
 
 
 @with_exit_codes
@@ -29,7 +29,7 @@ def rehearse(request: RehearseRequest) -> None:
     """Run a mission many times with other seeds and drawn settings, and count how often it reaches its class.
 
     Outcomes are stored as they finish; the same command continues a stopped rehearsal, and a larger --count adds
-    runs.
+    runs. fault_tree.png shows what the runs that missed it failed of.
 
     For example:
 
@@ -40,11 +40,13 @@ def rehearse(request: RehearseRequest) -> None:
     import json
 
     from sim.cli.progress import counted
-    from sim.mission.rehearsal import CAUSES, outcomes, rehearsal_folder, summarized
-    from sim.mission.rehearsal import rehearse as run_all_of
-    from sim.mission.rehearsal_figure import write_outcome_plot
+    from sim.mission.rehearsal.fault_tree import fault_tree
+    from sim.mission.rehearsal.figure import write_fault_tree
+    from sim.mission.rehearsal.runs import outcomes, rehearsal_folder, summarized
+    from sim.mission.rehearsal.runs import rehearse as run_all_of
     from sim.mission.runs import read_mission
 
+    engine = request.chosen_engine()
     mission = read_mission(request.mission, request.settings)
     if request.dry_run:
         end_dry_run([rehearsal_folder(mission, request.runs)], {"runs": request.n_runs})
@@ -53,21 +55,35 @@ def rehearse(request: RehearseRequest) -> None:
             mission,
             request.runs,
             request.n_runs,
+            engine=engine,
             workers=request.workers,
+            scheduler=request.scheduler,
             watch=lambda done, total: progress("runs", done, total),
         )
     found = outcomes(folder, request.n_runs)
-    summary = summarized(found)
-    write_outcome_plot(summary, folder / "outcomes.png")
+    summary, tree = summarized(found), fault_tree(found)
+    write_fault_tree(summary, tree, folder / "fault_tree.png")
     if request.as_json:
-        typer.echo(json.dumps({"folder": str(folder), **summary._asdict(), "runs": found}, indent=2))
+        facts = {"folder": str(folder), **summary._asdict(), "fault_tree": _nested(tree), "runs": found}
+        typer.echo(json.dumps(facts, indent=2))
         return
     low, high = summary.interval
     typer.echo(
         f"{mission.score.require} met in {summary.counts['met']} of {summary.n_runs} runs: probability "
         f"{summary.probability:.2f} (95 %: {low:.2f} to {high:.2f})"
     )
-    for cause, n in summary.counts.items():
-        if n and cause != "met":
-            typer.echo(fact_line(CAUSES[cause], n))
+    _print_parts(tree, "")
+    typer.echo(fact_line("fault tree", folder / "fault_tree.png"))
     typer.echo(fact_line("outcomes", folder))
+
+
+def _print_parts(event: "FaultEvent", indent: str) -> None:
+    """Print the events below one, each with its number of runs."""
+    for part in event.parts:
+        typer.echo(fact_line(f"{indent}{part.name}", part.n_runs))
+        _print_parts(part, f"{indent}  ")
+
+
+def _nested(event: "FaultEvent") -> dict[str, Any]:
+    """Return an event and those below it as JSON has them."""
+    return {"name": event.name, "n_runs": event.n_runs, "parts": [_nested(part) for part in event.parts]}

@@ -14,16 +14,18 @@ from typing import Any, NamedTuple
 from scipy.stats import beta
 
 from sim.config.mission import MissionConfig
-from sim.mission.fleet import n_lost
+from sim.mission.fleet import endings, n_lost, with_drawn_losses
 from sim.mission.runs import open_run, planned_place, resolved_text
 from sim.mission.stages import run_mission
 from sim.mission.versions import current_versions, refuse_other_versions
+from sim.simulate.simulated_drive import Ending
 from survey.core.config import validated, with_overrides
 from survey.core.documents import read_json, write_json
 from survey.core.errors import FirnlineError
-from survey.core.executors import run_all
+from survey.core.executors import Engine, run_all
 from survey.core.runs.store import RunFolder
 from survey.core.streams import stream
+from survey.data.route import Route
 
 CAUSES = {
     "met": "class met",
@@ -33,6 +35,8 @@ CAUSES = {
     "shape": "shape of the map",
 }
 """Outcomes of a run: the class met, or why it was not."""
+DRAWN_LOSS = "drawn loss"
+"""Event of a run in which a rover is lost by the probability of losses."""
 _FACTS = "rehearsal.json"
 _CONFIDENCE = 0.95
 
@@ -82,7 +86,9 @@ def rehearse(
     runs: Path,
     n_runs: int,
     *,
+    engine: Engine = "processes",
     workers: int | None = None,
+    scheduler: str | None = None,
     watch: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Run a mission many times, and store what becomes of each run.
@@ -95,8 +101,9 @@ def rehearse(
         Folder of all runs.
     n_runs : int
         Number of runs; those that are stored are not done again.
-    workers : int, optional
-        Number of processes; one for each core by default.
+    engine, workers, scheduler
+        See `survey.core.executors.run_all`; outcomes are the same whatever they are. Workers of a scheduler on other
+        machines need the files that the mission names at the same places.
     watch : callable, optional
         Called with the numbers of runs that are done and wanted, after each run.
 
@@ -118,9 +125,10 @@ def rehearse(
         )
     write_json(folder / _FACTS, {"versions": current_versions(), "mission": resolved_text(mission)})
     left = [k for k in range(n_runs) if not _file(folder, k).exists()]
-    engine: Any = "serial" if workers == 1 else "processes"
-    done = run_all(partial(_rehearse_one, mission, folder), left, engine=engine, workers=workers)
-    for n, _ in enumerate(done, n_runs - len(left) + 1):
+    chosen: Engine = "serial" if engine == "processes" and workers == 1 else engine
+    done = run_all(partial(_rehearsed, mission), left, engine=chosen, workers=workers, scheduler=scheduler)
+    for n, (k, facts) in enumerate(done, n_runs - len(left) + 1):
+        write_json(_file(folder, k), facts)
         if watch is not None:
             watch(n, n_runs)
     return folder
@@ -164,18 +172,17 @@ def _file(folder: Path, run: int) -> Path:
     return folder / f"run-{run + 1:04d}.json"
 
 
-def _rehearse_one(mission: MissionConfig, folder: Path, number: int) -> None:
-    """Run one mission in a folder that is removed, and store its outcome."""
+def _rehearsed(mission: MissionConfig, number: int) -> dict[str, Any]:
+    """Run one mission in a folder that is removed, and return its outcome."""
     changed, drawn = drawn_mission(mission, number)
     facts: dict[str, Any] = {"run": number + 1, "seed": changed.seed, "drawn": drawn}
     with tempfile.TemporaryDirectory() as place:
         try:
             run = open_run(changed, Path(place))
             run_mission(changed, run, until="score", workers=1)
-            facts |= _outcome(changed, run)
+            return facts | _outcome(changed, run)
         except FirnlineError as error:
-            facts |= {"cause": "refused", "message": str(error)}
-    write_json(_file(folder, number), facts)
+            return facts | {"cause": "refused", "message": str(error), "events": []}
 
 
 def _outcome(mission: MissionConfig, run: RunFolder) -> dict[str, Any]:
@@ -188,8 +195,23 @@ def _outcome(mission: MissionConfig, run: RunFolder) -> dict[str, Any]:
     cause = "met" if is_met else "lost" if lost else "level" if is_level else "shape"
     return {
         "cause": cause,
+        "events": _events(mission, run),
         "rmse_m": errors["rmse_m"],
         "bias_m": errors["bias_m"],
         "coverage_95": score["calibration"]["coverage_95"],
         "n_lost": lost,
     }
+
+
+def _events(mission: MissionConfig, run: RunFolder) -> list[str]:
+    """Return what befell the rovers of a run, each event once: faults, drawn losses, and how drives ended early."""
+    route = Route.read(run.folder("plan") / "route.geojson")
+    befell = {
+        f"{fault.component}: {fault.failure}"
+        for rover in range(route.n_rovers)
+        for fault in mission.of_rover(rover).faults
+    }
+    early = set(endings(run.folder("simulate"))) - {Ending.ARRIVED.value}
+    n_drawn = len(with_drawn_losses(route, mission).faults) - len(mission.faults)
+    drawn = {DRAWN_LOSS} if n_drawn else set()
+    return sorted(befell | drawn | early)

@@ -8,10 +8,9 @@ from typer.testing import CliRunner
 
 from sim.cli.main import app
 from sim.config.mission import MissionConfig
-from sim.mission.rehearsal import drawn_mission, outcomes, rehearse, summarized
-from sim.mission.rehearsal_figure import outcome_plot
+from sim.mission.rehearsal.runs import DRAWN_LOSS, drawn_mission, outcomes, rehearse, summarized
 from survey.core.config import validated
-from survey.core.errors import ConfigError
+from survey.core.errors import ConfigError, InputError
 
 MISSION = {
     "schema_version": 1,
@@ -90,10 +89,25 @@ def test_the_interval_is_that_of_a_binomial_share():
     assert summarized([{"cause": "lost"}] * 3).interval[0] == 0.0
 
 
-def test_the_picture_shows_every_outcome():
-    axes = outcome_plot(summarized([{"cause": "met"}] * 3 + [{"cause": "lost"}])).axes[0]
-    assert [patch.get_width() for patch in axes.patches] == [3, 0, 1, 0, 0]
-    assert "75%" in axes.get_title(loc="left")
+def test_an_outcome_names_what_befell_the_rovers(tmp_path: Path):
+    lost = mission(
+        fleet={"loss_probability": 1.0}, faults=({"component": "gps", "failure": "jump", "from_s": 5.0},)
+    )
+    found = outcomes(rehearse(lost, tmp_path, 1, workers=1), 1)
+    assert found[0]["events"] == sorted([DRAWN_LOSS, "gps: jump", "stalled"])
+
+
+@pytest.mark.slow
+def test_outcomes_on_dask_are_those_of_this_process(tmp_path: Path):
+    pytest.importorskip("distributed")
+    alone = outcomes(rehearse(mission(), tmp_path / "one", 2, engine="serial"), 2)
+    assert outcomes(rehearse(mission(), tmp_path / "two", 2, engine="dask", workers=1), 2) == alone
+
+
+def test_a_scheduler_that_does_not_answer_is_refused_before_a_run(tmp_path: Path):
+    with pytest.raises(InputError, match="no dask scheduler answers"):
+        rehearse(mission(), tmp_path, 1, engine="dask", scheduler="tcp://127.0.0.1:9")
+    assert not list(tmp_path.rglob("run-*.json"))
 
 
 def test_the_command_prints_the_probability(tmp_path: Path):
@@ -103,4 +117,4 @@ def test_the_command_prints_the_probability(tmp_path: Path):
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert "of 1 runs: probability" in done.output
-    assert list(tmp_path.glob("rehearsed/rehearsal-*/outcomes.png"))
+    assert list(tmp_path.glob("rehearsed/rehearsal-*/fault_tree.png"))
