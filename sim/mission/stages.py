@@ -19,6 +19,7 @@ import survey
 from sim.config.mission import MissionConfig
 from sim.mission.drives import estimate_drive, mapped_points, path_scores, with_ice_motion
 from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet
+from sim.mission.fleet_ties import find_ties, tied_drives
 from sim.mission.hazards import map_hazards
 from sim.mission.payload import map_payloads, score_payloads
 from sim.mission.versions import refuse_other_versions
@@ -120,6 +121,7 @@ def estimate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: i
         estimate_drive(mission, simulated, folder)
     else:
         estimate_fleet(mission, simulated, folder, _processes(mission, workers))
+        find_ties(simulated, folder)
 
 
 def _processes(mission: MissionConfig, workers: int) -> int:
@@ -135,6 +137,7 @@ def reconstruct(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     points = [mapped_points(place) for place in places]
     paths = [survey.Trajectory.read(place / "trajectory.csv", area.crs) for place in places]
     drives = SeveralDrives.of([(seen, path.error) for seen, path in zip(points, paths, strict=True)])
+    drives = tied_drives(drives, paths, run.folder("localize"), mission)
     prior = survey.Dem.read(run.folder("plan") / "prior.tif") if config.use_prior else None
     grid = survey.Grid.over(area.bounds, config.grid_step_m, area.crs)
     mapped = map_landmarks(drives.points, grid, config, prior=prior, path=drives.path, area=area)

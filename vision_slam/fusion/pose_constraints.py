@@ -86,7 +86,7 @@ def _of_survey(stake: IntArray, sigma_m: FloatArray) -> FloatArray:
 
 
 def gate_constraints(
-    constraints: PoseConstraints, chain: BlockTridiagonal, estimate: FloatArray, gate: float
+    constraints: PoseConstraints, chain: BlockTridiagonal | PathError, estimate: FloatArray, gate: float
 ) -> PoseConstraints:
     r"""Remove, worst first, every constraint that contradicts all other constraints and sensors.
 

@@ -36,11 +36,14 @@ class SeveralDrives(NamedTuple):
         Errors of all paths, without correlation between drives; None where one is unknown.
     time_s : list of (K,) ndarray
         Times of the keyframes of each drive [s].
+    shift : (K, 3) ndarray, optional
+        Errors of the keyframes of all drives [m] by which the landmarks were moved already.
     """
 
     points: SurfacePoints
     path: PathError | None
     time_s: list[FloatArray]
+    shift: FloatArray | None = None
 
     @classmethod
     def of(cls, drives: Sequence[tuple[SurfacePoints, PathError | None]]) -> "SeveralDrives":
@@ -90,10 +93,11 @@ class SeveralDrives(NamedTuple):
         list of PathCorrection
             In the order of the drives, with their own times.
         """
+        shift = correction.shift if self.shift is None else correction.shift + self.shift
         ends = np.cumsum([len(times) for times in self.time_s])
         parts = [slice(end - len(times), end) for end, times in zip(ends, self.time_s, strict=True)]
         return [
-            PathCorrection(times, correction.shift[part], correction.covariance[part])
+            PathCorrection(times, shift[part], correction.covariance[part])
             for times, part in zip(self.time_s, parts, strict=True)
         ]
 
