@@ -1,5 +1,6 @@
 """Configuration of a mission: every section with defaults and units; unknown keys are refused."""
 
+from math import atan, degrees
 from pathlib import Path
 from typing import Literal
 
@@ -52,6 +53,29 @@ class RoverConfig(Rover):
     """Height of the GPS antenna above the ground [m]."""
     camera_height_m: PositiveFloat = 0.7
     """Height of the camera above the ground [m]."""
+    max_step_m: PositiveFloat | None = None
+    """Largest difference of height over 2 m [m], for the hazards of the map; not checked when left out."""
+
+    def hazard_slope_deg(self, base_m: float) -> float | None:
+        """Return the steepest slope over a base that no limit forbids [deg]; None without limits.
+
+        Parameters
+        ----------
+        base_m : float
+            Base of slopes and steps [m].
+
+        Returns
+        -------
+        float or None
+            The least of the largest pitch, the largest roll and the slope of the largest step.
+
+        Examples
+        --------
+        >>> round(RoverConfig(max_pitch_deg=20.0, max_step_m=0.5).hazard_slope_deg(2.0), 1)
+        14.0
+        """
+        step_deg = None if self.max_step_m is None else degrees(atan(self.max_step_m / base_m))
+        return min((limit for limit in (self.max_slope_deg, step_deg) if limit is not None), default=None)
 
 
 class SensorConfig(Section):

@@ -52,3 +52,12 @@ def tied_drives(
     if drives.path is None or not file.exists():
         return drives
     return tie_drives(drives, paths, DriveTies.read(file), mission.assumed)
+
+
+def n_ties(localized: Path, n_rovers: int) -> list[int]:
+    """Return how many places each rover shares with others."""
+    file = localized / TIES_FILE
+    if not file.exists():
+        return [0] * n_rovers
+    ties = DriveTies.read(file)
+    return [int(((ties.first == k) | (ties.second == k)).sum()) for k in range(n_rovers)]

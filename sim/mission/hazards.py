@@ -5,7 +5,7 @@ from pathlib import Path
 import survey
 from sim.config.mission import MissionConfig
 from survey.core.runs.store import RunFolder
-from survey.reconstruction.hazards.slope_hazard import hazard_grid, slope_hazard
+from survey.reconstruction.hazards.slope_hazard import BASE_M, hazard_grid, slope_hazard
 from survey.reconstruction.method import MappedTerrain
 
 HAZARDS = "hazards"
@@ -13,8 +13,8 @@ HAZARDS = "hazards"
 
 
 def map_hazards(mission: MissionConfig, run: RunFolder, folder: Path, mapped: MappedTerrain) -> None:
-    """Write the probability of ground beyond the rover's largest slope, where it has one and the map is a joint one."""
-    limit_deg = mission.rover.max_slope_deg
+    """Write the probability of ground beyond the rover's largest slope or step, if it has one and the map is a joint one."""
+    limit_deg = mission.rover.hazard_slope_deg(BASE_M)
     if limit_deg is None or mapped.solution is None:
         return
     area = survey.SurveyArea.read(run.folder("plan") / "area.gpkg")

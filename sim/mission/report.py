@@ -9,6 +9,7 @@ import numpy as np
 import survey
 from sim.mission.drives import DRIVE_FILE, SCAN_POINTS, mapped_points
 from sim.mission.fleet import LOSS_FILE, drive_folders
+from sim.mission.fleet_ties import n_ties
 from sim.mission.hazards import HAZARDS
 from sim.mission.payload import PAYLOAD
 from sim.mission.qgis_project import write_run_project
@@ -105,7 +106,11 @@ def _payload(run: RunFolder) -> tuple[PayloadResults, ...]:
 def _fleet(run: RunFolder) -> FleetResults:
     """Return the drives of all rovers, and what losses cost."""
     simulated = run.folder("simulate")
-    rovers = tuple(_rover(run, place, place.relative_to(simulated)) for place in drive_folders(simulated))
+    ties = n_ties(run.folder("localize"), len(drive_folders(simulated)))
+    rovers = tuple(
+        replace(_rover(run, place, place.relative_to(simulated)), n_ties=n)
+        for place, n in zip(drive_folders(simulated), ties, strict=True)
+    )
     file = simulated / LOSS_FILE
     if not file.exists():
         return FleetResults(rovers=rovers)

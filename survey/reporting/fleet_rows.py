@@ -1,10 +1,13 @@
-"""Table of the rovers of a fleet: swaths, distance, time, energy, ending and error of the path."""
+"""Table of the rovers of a fleet: swaths, distance, time, energy, ending, error of the path and ties."""
 
 from survey.data.route import Route
 from survey.reporting.quantities import number
 from survey.reporting.surveyed import FleetResults, RoverDrive
 
-HEADINGS = ("Rover", "Swaths", "Distance", "Time", "Energy", "Ending", "Error, horizontal", "Error, vertical")
+HEADINGS = (
+    "Rover", "Swaths", "Distance", "Time", "Energy", "Ending", "Error, horizontal", "Error, vertical",
+    "Places shared with others",
+)  # fmt: skip
 _J_PER_KJ = 1e3
 
 
@@ -26,4 +29,5 @@ def _row(k: int, rover: RoverDrive, route: Route) -> list[str]:
         rover.ending,
         number(rover.horizontal_rms_m, "m", 2),
         number(rover.vertical_rms_m, "m", 2),
+        str(rover.n_ties),
     ]

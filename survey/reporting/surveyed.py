@@ -52,6 +52,8 @@ class RoverDrive:
         Energy drawn from the battery [J].
     horizontal_rms_m, vertical_rms_m : float, optional
         Error of the estimated path [m].
+    n_ties : int
+        Number of places that it shares with other rovers.
     """
 
     trajectory: Trajectory
@@ -61,6 +63,7 @@ class RoverDrive:
     energy_j: float
     horizontal_rms_m: float | None = None
     vertical_rms_m: float | None = None
+    n_ties: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -160,11 +160,15 @@ def test_rovers_side_by_side_write_the_same_bytes_as_in_turn(surveyed, tmp_path)
     assert bytes_agree(tmp_path, surveyed.folder("simulate"))
 
 
-def test_steep_ground_is_marked_for_the_next_plan(tmp_path):
-    run = run_of(mission(rover={"max_pitch_deg": 20.0}, fleet={"rovers": 1}), tmp_path, "reconstruct")
+@pytest.mark.parametrize(
+    ("limits", "slope_deg"),
+    [({"max_pitch_deg": 20.0}, 20.0), ({"max_step_m": 2.0 * np.tan(0.2)}, np.degrees(0.2))],
+)
+def test_steep_ground_is_marked_for_the_next_plan(limits, slope_deg, tmp_path):
+    run = run_of(mission(rover=limits, fleet={"rovers": 1}), tmp_path, "reconstruct")
     place = run.folder("reconstruct") / "hazards"
     facts = read_json(place / "hazard.json", "the hazards")
-    assert facts["max_slope_deg"] == 20.0
+    assert facts["max_slope_deg"] == pytest.approx(slope_deg)
     assert 0.0 <= facts["route_worst_probability"] <= 1.0
     assert (place / "hazard.tif").exists()
     assert (place / "next_area.gpkg").exists()

@@ -5,7 +5,7 @@ import numpy as np
 from sim.config.mission import MissionConfig
 from sim.mission.drives import mapped_points
 from sim.mission.fleet import drive_folders
-from sim.mission.fleet_ties import TIES_FILE, tied_drives
+from sim.mission.fleet_ties import TIES_FILE, n_ties, tied_drives
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from survey import Trajectory
@@ -42,6 +42,7 @@ def test_rovers_are_tied_by_the_places_in_the_file(tmp_path):
     off = np.array([0.3, -0.2, 0.1])
     tie = DriveTies([moments[0]], [0], [1], [moments[1]], [other - one - off], [1e-4 * np.eye(3)])
     tie.write(tmp_path / TIES_FILE)
+    assert (n_ties(localized, 2), n_ties(tmp_path, 2)) == ([0, 0], [1, 1])
     tied = tied_drives(drives, paths, tmp_path, mission)
     assert tied.shift is not None
     first, second = tied.shift[middle[0]], tied.shift[len(drives.time_s[0]) + middle[1]]

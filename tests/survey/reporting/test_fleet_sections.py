@@ -31,6 +31,7 @@ def rover(site, ending: str) -> RoverDrive:
         energy_j=450_000.0,
         horizontal_rms_m=0.4,
         vertical_rms_m=0.2,
+        n_ties=3,
     )
 
 
@@ -53,6 +54,7 @@ def test_the_table_of_rovers_has_time_energy_and_ending(fleet, site):
     assert second[5] == "stalled"
     assert first[3].split() == ["900", "s"]
     assert first[4].split() == ["450", "kJ"]
+    assert first[-1] == "3"
     assert fleet_rows(None, site.route) == []
 
 
