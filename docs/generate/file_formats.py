@@ -6,7 +6,7 @@ from dataclasses import fields
 from generate.models import unit_by_name
 from generate.tables import code, table
 from survey.data.parts.point_columns import COVARIANCE, ORIGIN, SIGMA
-from survey.data.sensors import aiding, loop_closures, stakes
+from survey.data.sensors import aiding, drive_ties, loop_closures, stakes
 from survey.data.sensors.records import SensorRecords
 from survey.data.trajectory import _COLUMNS as TRAJECTORY
 from survey.interchange.route_readers import READERS
@@ -29,7 +29,7 @@ Names of columns end in their unit. Coordinates in degrees are projected to thei
 """
 _RECORDS = (
     aiding.GpsFixes, aiding.Barometer, aiding.Wheels, aiding.Inertial, aiding.Compass, aiding.Weather,
-    stakes.StakeSightings, loop_closures.LoopClosures,
+    stakes.StakeSightings, loop_closures.LoopClosures, drive_ties.DriveTies,
 )  # fmt: skip
 
 _LIDAR = """\
