@@ -64,7 +64,7 @@ def tie_drives(
         )
     gate = (config or LocalizationConfig()).tie_gate
     at_rest = np.zeros(drives.path.n_unknowns)
-    constraints = gate_constraints(_constraints(drives, paths, ties), drives.path, at_rest, gate)
+    constraints = gate_constraints(_constraints(drives, drives.path, paths, ties), drives.path, at_rest, gate)
     return _updated(drives, drives.path, constraints) if len(constraints) else drives
 
 
@@ -78,15 +78,17 @@ def _updated(drives: SeveralDrives, error: PathError, constraints: PoseConstrain
     return drives._replace(points=_moved(drives.points, tied, found), path=tied, shift=shift)
 
 
-def _constraints(drives: SeveralDrives, paths: Sequence[Trajectory], ties: DriveTies) -> PoseConstraints:
+def _constraints(
+    drives: SeveralDrives, error: PathError, paths: Sequence[Trajectory], ties: DriveTies
+) -> PoseConstraints:
     """Return the equations of ties for the errors of the paths."""
     first, second = ties.first.astype(np.int64), ties.second.astype(np.int64)
     moved = _positions(paths, second, ties.second_s) - _positions(paths, first, ties.time_s)
     by_second = np.tile(np.eye(3, POSE), (len(ties), 1, 1))
     by_first = by_second.copy()
     by_first[:, :, 3] = np.cross([0.0, 0.0, 1.0], ties.offset)
-    rows = _rows(drives.path, _keyframes(drives, second, ties.second_s), by_second)
-    rows = rows - _rows(drives.path, _keyframes(drives, first, ties.time_s), by_first)
+    rows = _rows(error, _keyframes(drives, second, ties.second_s), by_second)
+    rows = rows - _rows(error, _keyframes(drives, first, ties.time_s), by_first)
     noise = np.asarray(sparse.block_diag(list(ties.covariance)).toarray())
     return PoseConstraints(sparse.csr_array(rows), (moved - ties.offset).ravel(), noise)
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -131,7 +131,7 @@ def _near(first: SeenPath, second: SeenPath) -> Iterator[tuple[int, int]]:
     """Yield pairs of poses of two drives that may be at one place."""
     one, other = spaced_poses(first.mosaics.travel_m)[::_EVERY], spaced_poses(second.mosaics.travel_m)
     widest_m = float(reach_m(first.sigma_m.max(), second.sigma_m.max()))
-    near = cKDTree(first.position[one, :2]).query_ball_point(
+    near: Any = cKDTree(first.position[one, :2]).query_ball_point(
         second.position[other, :2], widest_m, return_sorted=True
     )
     for pose, candidates in zip(other.tolist(), near, strict=True):
