@@ -24,8 +24,6 @@ N_SEARCHED = 640
 LONGEST_SHARE = 1.5
 """Longest landforms over the extent of the points: longer ones are planes, and would take waves that the others need."""
 _N_CLUSTERS = 16
-# Longest further parts over the extent: a longer one is a plane.
-_LONGEST_FURTHER = 0.5
 # Stretch and directions [deg] of the start of an anisotropic kernel, and the strongest stretch.
 _STRETCH, _MOST_STRETCHED = 3.0, 40.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -196,20 +194,16 @@ class KernelFit:
             if self.landform_share > 0.0 and name[-1] not in "23":
                 low, high = self.landform_share * self.extent_m, LONGEST_SHARE * self.extent_m
                 return float(np.log(low)), float(np.log(high))
-            # A further part that is longer than half the site would take waves that the others need.
-            longest = _LONGEST_FURTHER if name[-1] in "23" else 3.0
+            # A further part that is longer than half the site is a plane, and would take waves that the others need.
+            longest = 0.5 if name[-1] in "23" else 3.0
             return float(np.log(2e-3 * self.extent_m)), float(np.log(longest * self.extent_m))
         if "angle" in name:
             return value - np.pi, value + np.pi
         if "anisotropy" in name:
-            return -float(np.log(self._widest(name))), float(np.log(_MOST_STRETCHED))
+            # With landforms the length has limits, so it is the longer one of the two directions.
+            widest = 1.0 if self.landform_share > 0.0 else _MOST_STRETCHED
+            return -float(np.log(widest)), float(np.log(_MOST_STRETCHED))
         return value - np.log(1e4), value + np.log(1e4)
-
-    def _widest(self, name: str) -> float:
-        """Return how much longer a part may be across than along: with landforms, up to the longest of these."""
-        if self.landform_share == 0.0:
-            return _MOST_STRETCHED
-        return LONGEST_SHARE / _LONGEST_FURTHER if name[-1] in "23" else 1.0
 
     def _negative(self, theta: FloatArray, kernel: Kernel) -> tuple[float, FloatArray]:
         """Negative log likelihood (Eq. 9) and its gradient, ½ tr((K⁻¹ − αα') dK)."""
