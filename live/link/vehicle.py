@@ -16,7 +16,8 @@ ARDUPILOT, PX4 = 3, 12
 _TYPE_GCS, _AUTOPILOT_INVALID, _STATE_ACTIVE = 6, 8, 4
 _HEARTBEAT_S = 1.0
 _WAIT_S = 0.05
-_NAMES = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
+NAMES = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
+"""Autopilots by that value."""
 
 
 class LinkLostError(InputError):
@@ -87,7 +88,7 @@ class Vehicle:
     @property
     def name(self) -> str:
         """Autopilot and system id in words."""
-        return f"{_NAMES.get(self.autopilot, 'the autopilot')} of system {self.system}"
+        return f"{NAMES.get(self.autopilot, 'the autopilot')} of system {self.system}"
 
     def wait_for_heartbeat(self) -> None:
         """Wait for the heartbeat of an autopilot.
@@ -160,7 +161,7 @@ def opened(address: LinkAddress) -> Any:
     Raises
     ------
     InputError
-        A port that is in use, a device that is missing, or a host that refuses.
+        A port that is in use, a device that is missing, a host that refuses, or a serial line without pyserial.
     """
     os.environ.setdefault("MAVLINK20", "1")
     from pymavlink import mavutil
@@ -173,6 +174,10 @@ def opened(address: LinkAddress) -> Any:
             source_component=GROUND_STATION_COMPONENT,
             retries=1,
         )
+    except ModuleNotFoundError as error:  # pymavlink loads its serial driver when a serial line is opened
+        raise InputError(
+            f"{address.text} needs the package pyserial, which is not installed; run `pip install pyserial`."
+        ) from error
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(

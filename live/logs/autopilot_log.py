@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pyproj import CRS
 
 from live.logs.columns import LogColumns
@@ -14,11 +15,12 @@ from survey.core.files.reading import existing_file
 from survey.data.recording import Recording
 
 LOG_ENDINGS = (".bin", ".tlog", ".ulg")
+_TOPICS = ("vehicle_gps_position", "sensor_gps", "sensor_combined", "vehicle_attitude")
 _MICRO, _MILLI, _PER_DEGREE = 1e-6, 1e-3, 1e7
 
 
 def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> tuple[Recording, tuple[str, ...]]:
-    """Read fixes with their quality, wheels and inertial readings from the log of an autopilot.
+    """Read fixes with their quality, wheels, inertial readings and headings from the log of an autopilot.
 
     Parameters
     ----------
@@ -39,8 +41,9 @@ def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> tuple[
 
     Notes
     -----
-    Wheels are read from ArduPilot (WENC, WHEEL_DISTANCE); PX4 logs angles of wheels without their radius. The attitude that
-    an autopilot estimated is not read: localization estimates it from the inertial readings.
+    Wheels are read from ArduPilot (WENC, WHEEL_DISTANCE); PX4 logs angles of wheels without their radius. The yaw that an
+    autopilot estimated counts as its compass. Its roll and pitch are not read: localization estimates them from the inertial
+    readings.
     """
     file = existing_file(path, "the log")
     reader = _READERS.get(file.suffix.lower())
@@ -112,11 +115,21 @@ def _take_highres_imu(message: Any, columns: LogColumns) -> None:
     columns.inertial.append((message.time_usec * _MICRO, *rates, message.xacc, message.yacc, message.zacc))
 
 
+def _take_attitude(message: Any, columns: LogColumns) -> None:
+    columns.headings.append((message.TimeUS * _MICRO, math.radians(message.Yaw)))
+
+
+def _take_link_attitude(message: Any, columns: LogColumns) -> None:
+    columns.headings.append((message.time_boot_ms * _MILLI, message.yaw))
+
+
 _TAKEN: dict[str, Callable[[Any, LogColumns], None]] = {
     "GPS": _take_gps,
     "GPA": _take_accuracy,
     "WENC": _take_wheels,
     "IMU": _take_imu,
+    "ATT": _take_attitude,
+    "ATTITUDE": _take_link_attitude,
     "GPS_RAW_INT": _take_raw_fix,
     "WHEEL_DISTANCE": _take_wheel_distance,
     "HIGHRES_IMU": _take_highres_imu,
@@ -127,17 +140,26 @@ def _read_ulog(file: Path) -> LogColumns:
     from pyulog import ULog
 
     columns = LogColumns()
-    for dataset in ULog(str(file), ["vehicle_gps_position", "sensor_gps", "sensor_combined"]).data_list:
+    for dataset in ULog(str(file), list(_TOPICS)).data_list:
         data = dataset.data
         if dataset.multi_id != 0:
             continue
-        if dataset.name == "sensor_combined":
+        if dataset.name == "vehicle_attitude":
+            columns.headings += _ulog_headings(data)
+        elif dataset.name == "sensor_combined":
             names = [f"gyro_rad[{k}]" for k in range(3)] + [f"accelerometer_m_s2[{k}]" for k in range(3)]
             rows = zip(data["timestamp"] * _MICRO, *(data[name] for name in names), strict=True)
             columns.inertial += [tuple(map(float, row)) for row in rows]
         elif not columns.fixes:
             columns.fixes += _ulog_fixes(data)
     return columns
+
+
+def _ulog_headings(data: dict[str, Any]) -> list[tuple[float, ...]]:
+    """Return yaws from quaternions (w, x, y, z) that turn forward, right, down into north, east, down."""
+    w, x, y, z = (data[f"q[{k}]"].astype(np.float64) for k in range(4))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
+    return list(zip((data["timestamp"] * _MICRO).tolist(), yaw.tolist(), strict=True))
 
 
 def _ulog_fixes(data: dict[str, Any]) -> list[tuple[float, ...]]:

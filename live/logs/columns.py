@@ -12,13 +12,16 @@ from survey.core.crs.choice import chosen_crs
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.data.recording import Recording
-from survey.data.sensors.aiding import GpsFixes, Inertial, Wheels
+from survey.data.sensors.aiding import Compass, GpsFixes, Inertial, Wheels
 from survey.io.degrees import WGS84
 
 LEAST_FIX = 3
 # Horizontal errors of fixes by their type, where the receiver states none: 3-D, differential, RTK float, RTK fixed [m].
 _SIGMA_M = {3: 1.1, 4: 0.6, 5: 0.3, 6: 0.02}
 _BEST_TYPE = 6
+_NORTHWARD_DEG = 1e-3
+# Headings farther from the fixes than this were stamped by another clock.
+_APART_S = 60.0
 
 
 @dataclass
@@ -33,11 +36,14 @@ class LogColumns:
         Time [s], distance of the left and of the right side [m].
     inertial : list
         Time [s], rates [rad/s] and specific force [m/s²] forward, right, down.
+    headings : list
+        Time [s], yaw that the autopilot estimated, clockwise from true north [rad].
     """
 
     fixes: list[tuple[float, ...]] = field(default_factory=list)
     wheels: list[tuple[float, ...]] = field(default_factory=list)
     inertial: list[tuple[float, ...]] = field(default_factory=list)
+    headings: list[tuple[float, ...]] = field(default_factory=list)
 
     def recording(self, path: Path, crs: CRS | str | None) -> tuple[Recording, tuple[str, ...]]:
         """Return the recording, and what was left out or assumed.
@@ -80,6 +86,7 @@ class LogColumns:
             start_is_surveyed=False,
             wheels=None if len(wheels) == 0 else Wheels(*wheels.T),
             inertial=None if len(inertial) == 0 else _in_body_frame(inertial),
+            compass=_compass(_table(self.headings, 2), rows, target),
         )
         return recording, notes
 
@@ -111,3 +118,14 @@ def _in_body_frame(rows: FloatArray) -> Inertial:
     """Turn forward, right, down into forward, left, up."""
     turned = rows[:, 1:] * np.tile([1.0, -1.0, -1.0], 2)
     return Inertial(rows[:, 0], turned[:, :3], turned[:, 3:])
+
+
+def _compass(headings: FloatArray, fixes: FloatArray, crs: CRS) -> Compass | None:
+    """Turn headings clockwise from true north into those counter-clockwise from grid east, by the convergence at the start."""
+    is_near = (headings[:, 0] >= fixes[0, 0] - _APART_S) & (headings[:, 0] <= fixes[-1, 0] + _APART_S)
+    if not is_near.any():
+        return None
+    ends = fixes[0, 1:3] + np.array([[0.0, 0.0], [0.0, _NORTHWARD_DEG]])
+    east, north = np.diff(transformed(ends, WGS84, crs, "the fixes"), axis=0)[0]
+    heading = np.arctan2(north, east) - headings[is_near, 1]
+    return Compass(headings[is_near, 0], (heading + np.pi) % (2.0 * np.pi) - np.pi)

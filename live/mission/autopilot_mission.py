@@ -85,11 +85,16 @@ class AutopilotMission:
         """
         reader = _read_wpl if path.suffix.lower() == ".waypoints" else _read_qgc_plan
         try:
-            return reader(path.read_text(encoding="utf-8"))
+            mission = reader(path.read_text(encoding="utf-8"))
         except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
             raise InputError(
                 f"the mission {path} is damaged or not what its ending says ({error}); save it again."
             ) from error
+        if not any(LinkItem.of(item).is_waypoint for item in mission.items):
+            raise InputError(
+                f"the mission {path} has {len(mission.items)} items and no waypoint; draw a route in it and save it again."
+            )
+        return mission
 
     def link_items(self, autopilot: int) -> list[LinkItem]:
         """Return the items for a vehicle; those of ArduPilot begin with the home position, which is no waypoint.

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from live.link.address import LinkAddress
-from live.link.vehicle import ARDUPILOT, Vehicle
+from live.link.vehicle import Vehicle
 from live.mission.items import MISSION
+from live.mission.limits import n_home_items
 from live.mission.transfer import fetch_items
 from survey.core.arrays import FloatArray, Progress
 from survey.core.crs.checks import projected_crs
@@ -54,11 +55,12 @@ def downloaded_route(
     """
     with Vehicle.connected(address, patience_s, system) as vehicle:
         items = fetch_items(vehicle, MISSION, progress)
-        first = 1 if vehicle.autopilot == ARDUPILOT else 0  # home
-        places = np.array([item.degrees for item in items[first:] if item.is_waypoint])
+        mission = items[n_home_items(vehicle.autopilot) :]
+        places = np.array([item.degrees for item in mission if item.is_waypoint])
         if len(places) < 2:
             raise InputError(
-                f"{vehicle.name} holds {len(items)} items with {len(places)} waypoints; at least two waypoints are needed."
+                f"{vehicle.name} holds {len(items)} items with {len(places)} waypoints, and a route needs at least two; "
+                "upload a mission to it first."
             )
     return _route(places[:, ::-1], crs)
 

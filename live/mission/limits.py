@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from live.link.vehicle import ARDUPILOT, PX4
-from live.mission.items import KIND_NAMES, MISSION, LinkItem
+from live.mission.items import FENCE, KIND_NAMES, MISSION, LinkItem
 from survey.core.errors import InputError
 
 _MOST_ON_LINK = 65_535
@@ -19,6 +19,10 @@ class Limits(NamedTuple):
     fence_corners: int
 
 
+_FEWER = {
+    MISSION: "plan fewer or straighter swaths or divide the route",
+    FENCE: "give the outline of the area and its no-go zones fewer corners",
+}
 _LIMITS = {ARDUPILOT: Limits(724, 70), PX4: Limits(2000, 64)}
 
 
@@ -33,7 +37,18 @@ def limits_of(autopilot: int) -> Limits:
     return _LIMITS.get(autopilot, Limits(_MOST_ON_LINK, _MOST_ON_LINK))
 
 
-def require_storable(items: Sequence[LinkItem], kind: int, most: int) -> None:
+def n_home_items(autopilot: int) -> int:
+    """Return how many items of a mission are the vehicle's home, which it replaces by its own: 1 of ArduPilot.
+
+    Examples
+    --------
+    >>> n_home_items(3), n_home_items(12)
+    (1, 0)
+    """
+    return int(autopilot == ARDUPILOT)
+
+
+def require_storable(items: Sequence[LinkItem], kind: int, most: int, n_home: int = 0) -> None:
     """Refuse items that an autopilot cannot hold.
 
     Parameters
@@ -44,6 +59,8 @@ def require_storable(items: Sequence[LinkItem], kind: int, most: int) -> None:
         `MISSION` or `FENCE`.
     most : int
         Largest number of items.
+    n_home : int
+        How many of the first items are the home position, which may be the first waypoint.
 
     Raises
     ------
@@ -54,13 +71,13 @@ def require_storable(items: Sequence[LinkItem], kind: int, most: int) -> None:
     name = KIND_NAMES[kind]
     if len(items) > most:
         raise InputError(
-            f"the {name} has {len(items)} items, and this autopilot holds {most}; plan fewer or straighter swaths, "
-            "divide the route, or name with --most-items what the board holds."
+            f"the {name} has {len(items)} items, and this autopilot holds {most}; {_FEWER[kind]}, or name with "
+            "--most-items what the board holds."
         )
     for index, item in enumerate(items):
         _require_sound(index, item, name)
     if kind == MISSION:
-        _require_apart(items)
+        _require_apart(items[n_home:])
 
 
 def _require_sound(index: int, item: LinkItem, name: str) -> None:

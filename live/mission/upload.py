@@ -7,7 +7,7 @@ from live.link.address import LinkAddress
 from live.link.vehicle import LinkLostError, Vehicle
 from live.mission.autopilot_mission import AutopilotMission
 from live.mission.items import FENCE, KIND_NAMES, MISSION, LinkItem, first_difference
-from live.mission.limits import limits_of, require_storable
+from live.mission.limits import limits_of, n_home_items, require_storable
 from live.mission.start import start_mission
 from live.mission.transfer import fetch_items, send_items
 from survey.core.arrays import Progress
@@ -78,19 +78,24 @@ def upload(
         A mission that the vehicle cannot hold or refuses, a link that stays lost, or items that come back different.
     """
     with Vehicle.connected(address, patience_s, system) as vehicle:
-        limits = limits_of(vehicle.autopilot)
+        limits, n_home = limits_of(vehicle.autopilot), n_home_items(vehicle.autopilot)
         items, fence = mission.link_items(vehicle.autopilot), mission.fence_items
-        require_storable(items, MISSION, most_items or limits.items)
+        require_storable(items, MISSION, most_items or limits.items, n_home)
         require_storable(fence, FENCE, most_items or limits.fence_corners)
-        transfers = _until_equal(vehicle, fence, FENCE, progress) if fence else 0
-        transfers += _until_equal(vehicle, items, MISSION, progress)
+        transfers = _until_equal(vehicle, fence, FENCE, 0, progress) if fence else 0
+        transfers += _until_equal(vehicle, items, MISSION, n_home, progress)
         if starts:
             start_mission(vehicle)
         return UploadReport(vehicle.name, len(items), len(fence), transfers)
 
 
-def _until_equal(vehicle: Vehicle, items: Sequence[LinkItem], kind: int, progress: Progress | None) -> int:
-    """Send items until the vehicle reports them equal; return the number of transfers."""
+def _until_equal(
+    vehicle: Vehicle, items: Sequence[LinkItem], kind: int, n_home: int, progress: Progress | None
+) -> int:
+    """Send items until the vehicle reports them equal; return the number of transfers.
+
+    The first `n_home` items are not compared: the vehicle has a home position of its own.
+    """
     index: int | None = None
     for transfer in range(1, _MOST_TRANSFERS + 1):
         try:
@@ -101,9 +106,10 @@ def _until_equal(vehicle: Vehicle, items: Sequence[LinkItem], kind: int, progres
                 raise
             vehicle.wait_for_heartbeat()
             continue
-        index = first_difference(items, found)
+        index = first_difference(items[n_home:], found[n_home:])
         if index is None:
             return transfer
+        index += n_home
     assert index is not None
     raise InputError(_difference(items, found, index, kind, vehicle))
 

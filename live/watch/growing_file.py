@@ -1,6 +1,8 @@
-"""Samples from a file that grows while a rover drives: a table of points, or NMEA of a receiver."""
+"""Samples from a file that grows while a rover drives: a table of points, the log of a receiver, or a recording."""
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
@@ -10,11 +12,18 @@ import numpy as np
 from pyproj import CRS
 
 from live.watch.sample import Sample
+from survey.core.arrays import FloatArray
+from survey.core.crs.agreement import equal_crs
+from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
+from survey.data.recording import Recording
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.tables import table_file
 from survey.data.surface_points import SurfacePoints
 from vision_slam.io.gps_files import read_gps
 
 _POLL_S = 1.0
+_HEADER = "recording.json"
 _NMEA = (".nmea", ".txt", ".log", ".ubx")
 _DEFAULT_SIGMA_M = 0.05
 # Standard deviation of a height over the horizontal one that a receiver states.
@@ -29,8 +38,9 @@ def file_entries(
     Parameters
     ----------
     path : pathlib.Path
-        Table of points (``.csv``, as ``firnline reconstruct`` reads them; with a column ``time_s`` or one second apart) or
-        the log of a receiver (``.nmea``, ``.txt``, ``.log``, ``.ubx``).
+        Table of points (``.csv``, as ``firnline reconstruct`` reads them; with a column ``time_s`` or one second apart),
+        the log of a receiver (``.nmea``, ``.txt``, ``.log``, ``.ubx``), or the folder of a recording, whose fixes count
+        as the ground below the antenna.
     crs : CRS
         Of the samples.
     follows : bool
@@ -44,16 +54,28 @@ def file_entries(
         Samples.
     """
     n_read, size = 0, -1
+    file = _required_table(path) if path.is_dir() else path
     while True:
-        if path.stat().st_size != size:
-            size = path.stat().st_size
-            samples = _samples(path, crs, least_sigma_m)
+        if file.stat().st_size != size:
+            size = file.stat().st_size
+            samples = _samples(file, crs, least_sigma_m)
             for sample in samples[n_read:]:
                 yield {"in": "sample", "sample": list(sample)}
             n_read = len(samples)
         if not follows:
             return
         sleep(_POLL_S)
+
+
+def _required_table(folder: Path) -> Path:
+    """Return the table of fixes of a recording's folder."""
+    file = folder / table_file("gps")
+    if not file.is_file() or not (folder / _HEADER).is_file():
+        raise InputError(
+            f"{folder} is no recording ({_HEADER} and {file.name} were expected); name the folder of a recording, a table of "
+            "points or the log of a receiver."
+        )
+    return file
 
 
 def _samples(path: Path, crs: CRS, least_sigma_m: float) -> list[Sample]:
@@ -63,15 +85,28 @@ def _samples(path: Path, crs: CRS, least_sigma_m: float) -> list[Sample]:
         content = path.read_bytes()
         copy.write_bytes(content[: content.rfind(b"\n") + 1])
         try:
-            return (
-                _fixes(copy, crs, least_sigma_m)
-                if path.suffix in _NMEA
-                else _points(copy, crs, least_sigma_m)
-            )
+            return _reader(path)(copy, crs, least_sigma_m)
         except InputError:
             if content.count(b"\n") > 2:
                 raise
             return []
+
+
+def _reader(path: Path) -> Callable[[Path, CRS, float], list[Sample]]:
+    """Return the function that reads a file."""
+    if (header := path.parent / _HEADER).is_file() and path.name == table_file("gps"):
+        return partial(_recorded, header)
+    return _fixes if path.suffix in _NMEA else _points
+
+
+def _recorded(header: Path, path: Path, crs: CRS, least_sigma_m: float) -> list[Sample]:
+    """Read the fixes of a recording, less the height of its antenna."""
+    shutil.copy(header, path.with_name(_HEADER))
+    recording = Recording.read(path.parent)
+    places = recording.gps.position
+    if not equal_crs(recording.crs, crs):
+        places = np.column_stack([transformed(places[:, :2], recording.crs, crs, "the fixes"), places[:, 2]])
+    return _of_fixes(recording.gps, places - [0.0, 0.0, recording.antenna_height_m], least_sigma_m)
 
 
 def _points(path: Path, crs: CRS, least_sigma_m: float) -> list[Sample]:
@@ -85,7 +120,12 @@ def _points(path: Path, crs: CRS, least_sigma_m: float) -> list[Sample]:
 
 def _fixes(path: Path, crs: CRS, least_sigma_m: float) -> list[Sample]:
     fixes, _ = read_gps(path).fixes(crs)
+    return _of_fixes(fixes, fixes.position, least_sigma_m)
+
+
+def _of_fixes(fixes: GpsFixes, places: FloatArray, least_sigma_m: float) -> list[Sample]:
+    """Return samples of the ground at places (N, 3) [m]."""
     stated = np.full(len(fixes.time_s), _DEFAULT_SIGMA_M) if fixes.sigma_m is None else fixes.sigma_m
     sigma = np.maximum(_VERTICAL_SHARE * stated, least_sigma_m)
-    rows = np.column_stack([fixes.time_s, fixes.position, sigma]).tolist()
+    rows = np.column_stack([fixes.time_s, places, sigma]).tolist()
     return [Sample(*row) for row in rows]

@@ -39,6 +39,12 @@ class SurveyWatch:
         Distance between updates of the map [m].
     grid_m : float, optional
         Step of the map [m]; a sixtieth of the longer side by default.
+    advice : Advice, optional
+        That of the last swath.
+    samples : list of Sample
+        One for each step.
+    latest_map : tuple of ndarray, optional
+        Height and standard deviation (H, W) [m] on `grid` after the last update.
     """
 
     area: SurveyArea
@@ -48,6 +54,7 @@ class SurveyWatch:
     grid_m: float | None = None
     advice: Advice | None = None
     samples: list[Sample] = field(default_factory=list)
+    latest_map: tuple[FloatArray, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         west, south, east, north = self.area.bounds
@@ -162,7 +169,7 @@ class SurveyWatch:
     def _mapped(self, time_s: float) -> Event:
         """Update the map; return its figures."""
         self._mapped_m = self.progress.driven_m
-        _, std = self.map()
+        _, std = self.latest_map = self.map()
         inside = self.area.contains(self.grid.xy).reshape(self.grid.shape)
         sigma = std[inside] if inside.any() else std.ravel()
         rmse = float(np.sqrt(np.mean(sigma**2)))

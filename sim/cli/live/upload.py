@@ -75,8 +75,7 @@ def upload(request: UploadRequest) -> None:
 
         address, mission = LinkAddress.parsed(request.url), _mission(request)
         if request.dry_run:
-            facts = {"items": len(mission.items), "fence corners": len(mission.fence)}
-            end_dry_run([], facts | {"would be sent to": address.text})
+            end_dry_run([], _storable_facts(mission, request.most_items) | {"would be sent to": address.text})
         _print(*_upload(request, mission, address), as_json=request.as_json)
 
 
@@ -91,6 +90,24 @@ def _mission(request: UploadRequest) -> "AutopilotMission":
         return AutopilotMission.read(existing_file(request.source, "the mission"))
     route, around = route_with_surroundings(request.source, request)
     return AutopilotMission.of_route(part_of_rover(route, request.rover), around)
+
+
+def _storable_facts(mission: "AutopilotMission", most_items: int | None) -> dict[str, object]:
+    """Return the numbers of items, and which autopilots hold them; refuse what no vehicle would hold."""
+    from live.link.vehicle import ARDUPILOT, NAMES, PX4
+    from live.mission.items import FENCE, MISSION
+    from live.mission.limits import limits_of, require_storable
+
+    items, fence = mission.link_items(0), mission.fence_items
+    require_storable(items, MISSION, most_items or limits_of(0).items)
+    require_storable(fence, FENCE, most_items or limits_of(0).fence_corners)
+    facts: dict[str, object] = {"items": len(items), "fence corners": len(fence)}
+    for autopilot in (ARDUPILOT, PX4):
+        most = limits_of(autopilot)
+        holds = len(mission.link_items(autopilot)) <= most.items and len(fence) <= most.fence_corners
+        words = f"at most {most.items} items and {most.fence_corners} fence corners by default"
+        facts[NAMES[autopilot]] = f"{'holds it' if holds else 'does not hold it'}: {words}"
+    return facts
 
 
 def _upload(

@@ -27,7 +27,7 @@ class WatchRequest:
         str | None,
         typer.Argument(
             help="Telemetry (udp://HOST:PORT, udpin://…, tcp://…, serial:///dev/…), or a file that grows: points (.csv) or the "
-            "log of a receiver (.nmea .txt .ubx)."
+            "log of a receiver (.nmea .txt .ubx), or the folder of a recording."
         ),
     ] = None
     area: Annotated[Path | None, typer.Option("--area", help="Area that is mapped.")] = None
@@ -61,6 +61,12 @@ class WatchRequest:
     ] = None
     next_route: Annotated[
         Path | None, typer.Option("--next", help="Route file that is replaced by each next swath.")
+    ] = None
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", help="GeoTIFF of the map and its standard deviation that is replaced by each update."
+        ),
     ] = None
     once: Annotated[bool, typer.Option("--once", help="End with the file instead of waiting for more.")] = (
         False
@@ -127,9 +133,20 @@ def _entries(request: WatchRequest, stack: ExitStack) -> Iterator[dict[str, Any]
         yield entry
         for event in entered(watching, entry):
             yield event
+            _write_map(request, watching, event)
             yield from _sent_on(request, watching, event)
         if watching.is_stopped:
             return
+
+
+def _write_map(request: WatchRequest, watching: "SurveyWatch", event: dict[str, Any]) -> None:
+    """Write the map and its standard deviation after an update."""
+    if event["event"] != "map" or request.map_file is None or watching.latest_map is None:
+        return
+    from survey.io.raster.writing import write_raster
+
+    bands = dict(zip(("elevation", "sigma"), watching.latest_map, strict=True))
+    write_raster(request.map_file, bands, watching.grid.transform, watching.grid.crs)
 
 
 def _sent_on(
@@ -178,7 +195,8 @@ def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) ->
         from live.watch.growing_file import file_entries
         from survey.core.files.reading import existing_file
 
-        yield from file_entries(existing_file(source, "the samples"), crs, follows=not request.once)
+        file = Path(source) if Path(source).is_dir() else existing_file(source, "the samples")
+        yield from file_entries(file, crs, follows=not request.once)
         return
     with needs_live_extra():
         from live.link.address import LinkAddress

@@ -15,6 +15,7 @@ from survey.core.errors import InputError
 
 N = 40
 LATITUDE, LONGITUDE, HEIGHT_M = 58.4, -135.0, 900.0
+YAW_RAD = 0.5
 
 
 def place(k: int) -> tuple[float, float]:
@@ -43,7 +44,8 @@ def write_tlog(path: Path) -> None:
             0,
         )
         wheels = common.MAVLink_wheel_distance_message(1_000_000 * k + 1, 2, [1.1 * k, 1.1 * k, *[0.0] * 14])
-        for message in (fix, wheels):
+        attitude = common.MAVLink_attitude_message(1_000 * k, 0.1, 0.2, YAW_RAD, 0.0, 0.0, 0.0)
+        for message in (fix, wheels, attitude):
             content += struct.pack(">Q", 1_000_000 * k) + message.pack(sender)
     path.write_bytes(content)
 
@@ -53,6 +55,7 @@ def write_bin(path: Path) -> None:
     formats[129] = ("GPS", "QBLLf", "TimeUS,Status,Lat,Lng,Alt", 3 + 8 + 1 + 4 + 4 + 4)
     formats[130] = ("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ", 3 + 8 + 24)
     formats[131] = ("WENC", "Qff", "TimeUS,Dist0,Dist1", 3 + 8 + 8)
+    formats[132] = ("ATT", "Qcc", "TimeUS,Pitch,Yaw", 3 + 8 + 4)
     content = b""
     for kind, (name, form, columns, length) in formats.items():
         content += b"\xa3\x95\x80" + struct.pack(
@@ -63,6 +66,8 @@ def write_bin(path: Path) -> None:
         content += b"\xa3\x95\x81" + struct.pack("<QBiif", 1_000_000 * k, 5, latitude, longitude, HEIGHT_M)
         content += b"\xa3\x95\x82" + struct.pack("<Qffffff", 1_000_000 * k, 0.1, 0.2, 0.3, 0.0, 1.0, -9.8)
         content += b"\xa3\x95\x83" + struct.pack("<Qff", 1_000_000 * k, 1.1 * k, 1.1 * k)
+        yaw = round(100.0 * np.degrees(YAW_RAD))
+        content += b"\xa3\x95\x84" + struct.pack("<Qhh", 1_000_000 * k, 0, yaw)
     path.write_bytes(content)
 
 
@@ -75,9 +80,13 @@ def write_ulog(path: Path) -> None:
     content += message(b"B", bytes(40))
     content += message(b"F", b"vehicle_gps_position:" + fields.encode())
     content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_gps_position")
+    content += message(b"F", b"vehicle_attitude:uint64_t timestamp;float[4] q;")
+    content += message(b"A", struct.pack("<BH", 0, 1) + b"vehicle_attitude")
     for k in range(N):
         row = struct.pack("<QdddBf", 1_000_000 * k, *place(k), HEIGHT_M, 6, 0.05)
         content += message(b"D", struct.pack("<H", 0) + row)
+        turned = struct.pack("<Qffff", 1_000_000 * k, np.cos(0.5 * YAW_RAD), 0.0, 0.0, np.sin(0.5 * YAW_RAD))
+        content += message(b"D", struct.pack("<H", 1) + turned)
     path.write_bytes(content)
 
 
@@ -95,6 +104,14 @@ def test_a_log_becomes_a_recording_with_the_quality_of_its_fixes(name, tmp_path)
     np.testing.assert_allclose(recording.gps.sigma_m, SIGMA_M[name], atol=1e-6)
     assert any("works in" in note for note in notes)
     assert (recording.wheels is None) == (name == "a.ulg")
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_yaw_of_the_autopilot_is_a_heading_from_grid_east(name, tmp_path):
+    WRITERS[name](tmp_path / name)
+    recording, _ = read_autopilot_log(tmp_path / name, "EPSG:32609")
+    convergence = np.radians(LONGITUDE + 129.0) * np.sin(np.radians(LATITUDE))
+    np.testing.assert_allclose(recording.compass.heading_rad, 0.5 * np.pi - YAW_RAD + convergence, atol=2e-3)
 
 
 def test_inertial_readings_are_turned_to_forward_left_up(tmp_path):

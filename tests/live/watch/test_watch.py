@@ -4,9 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import rasterio
 from typer.testing import CliRunner
 
+from live.watch.growing_file import file_entries
 from live.watch.log import heading_of, line_of, replayed, watch_of
+from live.watch.progress import LegProgress
 from live.watch.sample import Sample, SampleGate
 from live.watch.survey_watch import SurveyWatch
 from live.watch.warnings import RoverWarnings
@@ -14,6 +17,8 @@ from planners.guarantee.adaptive_state import AdaptiveConfig
 from sim.cli.main import app
 from survey import Route, SurveyArea
 from survey.data.legs import Leg
+from survey.data.recording import Recording
+from survey.data.sensors.aiding import GpsFixes
 
 CRS = "EPSG:32608"
 SIDE_M = 120.0
@@ -99,9 +104,16 @@ def test_the_command_watches_a_file_and_replays_its_log(tmp_path, monkeypatch):
     )
     run = ["watch", "points.csv", "--area", "site.gpkg", "--route", "route.geojson", "--require", "0.8"]
     result = CliRunner().invoke(
-        app, [*run, "--noise", "0.02", "--once", "--log", "a.jsonl", "--next", "next.geojson"]
+        app,
+        [
+            *run,
+            *["--noise", "0.02", "--once", "--log", "a.jsonl", "--next", "next.geojson", "--map", "map.tif"],
+        ],
     )
     assert result.exit_code in (0, 5), result.output
+    with rasterio.open("map.tif") as written:
+        assert written.descriptions == ("elevation", "sigma")
+        assert 0.0 < written.read(2).min() < 1.0
     assert "swaths driven" in result.output
     again = CliRunner().invoke(app, ["watch", "--replay", "a.jsonl", "--log", "b.jsonl", "--quiet"])
     assert again.exit_code == result.exit_code, again.output
@@ -154,3 +166,22 @@ def test_stuck_silent_and_short_of_charge_are_each_said_once():
     assert [event["about"] for event in said].count("stuck") == 1
     assert [event["about"] for event in said].count("battery") == 1
     assert [event["about"] for event in said].count("silent") == 1
+
+
+def test_a_leg_whose_end_lies_between_two_fixes_is_driven():
+    progress = LegProgress(legs((10.0, 40.0, 75.0)), near_m=3.0)
+    places = [(2.0, 10.0), (60.0, 10.0), (117.0, 12.0), (118.0, 20.0), (118.0, 39.0), (90.0, 40.0)]
+    assert [progress.moved(np.array(place)) for place in places] == [(), (), (0,), (), (1,), ()]
+    assert progress.moved(np.array([30.0, 40.0])) == ()
+    assert progress.moved(np.array([0.0, 42.0])) == (2,)
+
+
+def test_the_fixes_of_a_growing_recording_are_samples_of_the_ground(tmp_path):
+    places = np.column_stack([np.arange(5.0), np.full(5, 3.0), np.full(5, 102.0)])
+    fixes = GpsFixes(np.arange(5.0), places, np.full(5, 0.02))
+    Recording(CRS, places[0], fixes, antenna_height_m=1.5).write(tmp_path / "drive")
+    file = tmp_path / "drive" / "gps.csv"
+    file.write_text(file.read_text()[:-4])
+    found = [entry["sample"] for entry in file_entries(tmp_path / "drive", AREA.crs, follows=False)]
+    assert len(found) == 4
+    assert found[0][:5] == pytest.approx([0.0, 0.0, 3.0, 100.5, 0.03])
