@@ -17,6 +17,7 @@ from benchmarks.report import Row
 from live.link.address import LinkAddress
 from live.link.vehicle import Vehicle
 from live.mission.autopilot_mission import AutopilotMission
+from live.mission.start import start_mission
 from live.mission.upload import upload
 from live.rover.drive import RoverSettings
 from live.watch.log import entered
@@ -120,7 +121,7 @@ def looped(index: int) -> Loop:
     with rover(RoverKind(settings=settings, terrain=lifted, hasten=_HASTEN)) as one:
         while not watch.is_stopped:
             mission = AutopilotMission.of_route(route, Surroundings(site.area))
-            upload(mission, one.address, patience_s=_PATIENCE_S, starts=True)
+            upload(mission, one.address, patience_s=_PATIENCE_S)
             _follow(one.address, watch)
             advice = watch.advice
             assert advice is not None
@@ -131,9 +132,10 @@ def looped(index: int) -> Loop:
 
 
 def _follow(address: LinkAddress, watch: SurveyWatch) -> None:
-    """Give the telemetry of a drive to the watch until all legs are driven or the survey is stopped."""
+    """Start the mission, and give the telemetry to the watch until all legs are driven or the survey is stopped."""
     until = monotonic() + _MOST_DRIVE_S
     with Vehicle.connected(address, _PATIENCE_S) as vehicle:
+        start_mission(vehicle)
         for entry in telemetry_entries(vehicle, TelemetryReader(watch.area.crs)):
             entered(watch, entry)
             if watch.is_stopped or watch.progress.n_driven == len(watch.legs):

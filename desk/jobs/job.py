@@ -65,9 +65,19 @@ class Job:
         CancelledError
             The job was given up.
         """
+        self.require_wanted()
+        self._add({"kind": kind, **values})
+
+    def require_wanted(self) -> None:
+        """End a job that was given up.
+
+        Raises
+        ------
+        CancelledError
+            The job was given up.
+        """
         if self._is_cancelled:
             raise CancelledError
-        self._add({"kind": kind, **values})
 
     def progress(self, what: str, done: int, total: int) -> None:
         """Report progress; the callback of planners and guarantees."""

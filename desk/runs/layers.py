@@ -90,19 +90,35 @@ def map_layers(map_: Reconstruction) -> dict[str, dict[str, Any]]:
     dict of str to dict
         ``elevation`` and ``sigma``, as for `run_layer`.
     """
-    return {"elevation": _elevation(map_), "sigma": _sigma(map_)}
+    return layers_of(map_.mean, map_.std)
 
 
-def _elevation(map_: Reconstruction) -> dict[str, Any]:
-    low, high = (float(limit) for limit in np.nanpercentile(map_.mean.elevation, [1.0, 99.0]))
+def layers_of(mean: Dem, std: Dem) -> dict[str, dict[str, Any]]:
+    """Return elevation and standard deviation as pictures.
+
+    Parameters
+    ----------
+    mean, std : Dem
+        Heights and their standard deviations [m].
+
+    Returns
+    -------
+    dict of str to dict
+        ``elevation`` and ``sigma``, as for `run_layer`.
+    """
+    return {"elevation": _elevation(mean), "sigma": _sigma(std)}
+
+
+def _elevation(mean: Dem) -> dict[str, Any]:
+    low, high = (float(limit) for limit in np.nanpercentile(mean.elevation, [1.0, 99.0]))
     ends = [f"{low:.1f} m", f"{high:.1f} m"]
-    return picture(map_.mean, ELEVATION, low, high) | {"title": "Elevation of the map", "ends": ends}
+    return picture(mean, ELEVATION, low, high) | {"title": "Elevation of the map", "ends": ends}
 
 
-def _sigma(map_: Reconstruction) -> dict[str, Any]:
-    top = round_number(max(float(np.nanpercentile(map_.std.elevation, 98.0)) * 1.1, 1e-3))
+def _sigma(std: Dem) -> dict[str, Any]:
+    top = round_number(max(float(np.nanpercentile(std.elevation, 98.0)) * 1.1, 1e-3))
     ends = ["0 m", f"{top:g} m or more"]
-    return picture(map_.std, DEVIATION, 0.0, top) | {"title": "Standard deviation of the map", "ends": ends}
+    return picture(std, DEVIATION, 0.0, top) | {"title": "Standard deviation of the map", "ends": ends}
 
 
 def _support(map_: Reconstruction) -> dict[str, Any]:
@@ -126,7 +142,7 @@ def _signed(raster: Dem, title: str) -> dict[str, Any]:
 
 _LAYERS: dict[str, Callable[[RunFolder, Reconstruction], dict[str, Any]]] = {
     "error": _error,
-    "sigma": lambda _, map_: _sigma(map_),
-    "elevation": lambda _, map_: _elevation(map_),
+    "sigma": lambda _, map_: _sigma(map_.std),
+    "elevation": lambda _, map_: _elevation(map_.mean),
     "support": lambda _, map_: _support(map_),
 }

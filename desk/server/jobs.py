@@ -17,7 +17,7 @@ from survey.core.config import Section, validated
 class JobRequest(Section):
     """Job that the page asks for."""
 
-    kind: Literal["guarantee", "curve", "mission", "map", "next"]
+    kind: Literal["guarantee", "curve", "mission", "map", "next", "watch"]
     """What is to be computed, of the document as it stands."""
 
 

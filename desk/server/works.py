@@ -18,7 +18,7 @@ def work_of(workspace: Workspace, kind: str) -> Work:
     ----------
     workspace : Workspace
         Terrain and plan.
-    kind : {"guarantee", "curve", "mission", "map", "next"}
+    kind : {"guarantee", "curve", "mission", "map", "next", "watch"}
         What is to be computed.
 
     Returns
@@ -96,10 +96,17 @@ def _next(workspace: Workspace, document: PlanDocument, job: Job) -> dict[str, A
     return {**found, "sentence": found["sentence"] + assumed}
 
 
+def _watch(workspace: Workspace, _: PlanDocument, job: Job) -> dict[str, Any]:
+    from desk.jobs.watched import watched
+
+    return watched(workspace.folder / f"{workspace.name}.watch.jsonl", workspace.crs, job)
+
+
 _WORKS: dict[str, Callable[[Workspace, PlanDocument, Job], dict[str, Any]]] = {
     "guarantee": _guarantee,
     "curve": _curve,
     "mission": _mission,
     "map": _map,
     "next": _next,
+    "watch": _watch,
 }

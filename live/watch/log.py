@@ -129,15 +129,37 @@ def replayed(path: Path) -> Iterator[dict[str, Any]]:
     InputError
         A file that is no log.
     """
-    lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    for _, entry in replayed_states(path):
+        yield entry
+
+
+def replayed_states(path: Path) -> Iterator[tuple[SurveyWatch, dict[str, Any]]]:
+    """Yield the entries of a log as `replayed` does, each with the state of the survey.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A log; an incomplete last line is left out.
+
+    Yields
+    ------
+    tuple of SurveyWatch and dict
+        The same object each time, as it is after the input that led to the entry.
+
+    Raises
+    ------
+    InputError
+        A file that is no log.
+    """
     try:
-        entries = [json.loads(line) for line in lines]
+        entries = [json.loads(line) for line in path.read_text(encoding="utf-8").split("\n")[:-1]]
         watch = watch_of(entries[0])
-        yield entries[0]
+        yield watch, entries[0]
         for entry in entries[1:]:
             if "in" in entry:
-                yield entry
-                yield from entered(watch, entry)
+                yield watch, entry
+                for event in entered(watch, entry):
+                    yield watch, event
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise InputError(
             f"{path} is no complete log of firnline watch ({error}); name another file."

@@ -85,7 +85,8 @@ class SurveyWatch:
         self._keep(sample)
         here = np.array([sample.x_m, sample.y_m])
         completed = self.progress.moved(here)
-        events = self._warnings.of(sample, self.progress.driven_m, self.is_stopped)
+        waits = self.is_stopped or self.progress.n_driven == len(self.legs)
+        events = self._warnings.of(sample, self.progress.driven_m, waits)
         if any(self.legs[index].kind == "swath" for index in completed):
             events += self._swath_done(sample.time_s)
         if self.advice is not None and self.progress.driven_m - self._mapped_m >= self.every_m:

@@ -24,16 +24,14 @@ class RoverWarnings:
     _standing: set[str] = field(default_factory=set)
 
     def of(self, sample: Sample, driven_m: float, is_over: bool) -> list[dict[str, Any]]:
-        """Return the warnings that begin with a sample."""
+        """Return the warnings that begin with a sample; a rover that has nothing left to drive (`is_over`) is not stuck."""
         self._start = self._start or sample
-        if self._moved is None or _apart_m(self._moved, sample) > _STUCK_M:
+        if self._moved is None or is_over or _apart_m(self._moved, sample) > _STUCK_M:
             self._moved = sample
         self._last_s = sample.time_s
         still_s = sample.time_s - self._moved.time_s
         found = [*self._when("silent", False, sample.time_s, "")]
-        found += self._when(
-            "stuck", still_s > _STUCK_S and not is_over, sample.time_s, f"no movement for {still_s:.0f} s"
-        )
+        found += self._when("stuck", still_s > _STUCK_S, sample.time_s, f"no movement for {still_s:.0f} s")
         return found + self._battery(sample, driven_m)
 
     def silent(self, time_s: float) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ import { Runs } from "./panel/runs.js";
 import { Settings } from "./panel/settings.js";
 import { Swipe } from "./map/swipe.js";
 import { createTabs } from "./panel/tabs.js";
+import { Watch } from "./panel/watch.js";
 import { Terrain } from "./map/terrain.js";
 import { Tools } from "./map/tools.js";
 
@@ -137,6 +138,7 @@ async function begin() {
   const compare = new Compare(plan);
   const files = new Files(refuse);
   const measured = new Measured(plan, map, layers, refuse);
+  const watch = new Watch(map, layers, site.name);
   const drive = new Drive(() => byId("show-drive").click());
   map.addLayer(drive.layer);
   createTabs([
@@ -146,6 +148,7 @@ async function begin() {
     { name: "compare", title: "Compare", page: compare.page },
     { name: "runs", title: "Run", page: runs },
     { name: "measured", title: "Measure", page: measured.page },
+    { name: "watch", title: "Drive", page: watch.part },
     { name: "files", title: "Files", page: files.page },
   ]);
   showHistory(plan, site);

@@ -27,13 +27,15 @@ _MISSIONS = (".plan", ".waypoints")
 class ExportRequest(RouteOptions):
     """Options of the command; None stands for an option that was not given."""
 
-    source: Annotated[Path, typer.Argument(help="File to convert, or a run folder (its route).")]
+    source: Annotated[
+        Path, typer.Argument(help="File to convert, a run folder (its route), or a log of watch (.jsonl).")
+    ]
     out: Annotated[
         Path,
         typer.Argument(
             help="File to write. Routes: .geojson .gpkg .gpx .kml .kmz .plan (QGroundControl) .waypoints .csv .wkt; "
             "maps: .tif .asc .nc; points: .csv .gpkg .las .laz .ply; tracks: .tum .txt (KITTI) .gpx .gpkg; areas: .kml .shp …; "
-            "run folders: .mcap (path, landmarks, images and map for Foxglove and rerun)."
+            "run folders and logs of watch: .mcap (path, landmarks, images and map for Foxglove and rerun)."
         ),
     ]
     rover: Annotated[
@@ -89,11 +91,11 @@ def export(request: ExportRequest) -> None:
 
     request.check()
     source, out = request.source, request.out
-    kind = None if source.is_dir() else request.holds or kind_of(source, out)
-    if source.is_dir() and out.suffix.lower() == ".mcap":
+    if out.suffix.lower() == ".mcap" and (source.is_dir() or source.suffix == ".jsonl"):
         request.refuse_stated("the file holds path, landmarks, images and map")
         _export_mcap(request)
         return
+    kind = None if source.is_dir() else request.holds or kind_of(source, out)
     if kind is None or kind == "route":
         _export_route(request)
         return

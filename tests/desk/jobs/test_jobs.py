@@ -4,10 +4,16 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+import shapely
 
 from desk.jobs.job import Job, Jobs
+from live.watch.log import heading_of, line_of
+from live.watch.survey_watch import SurveyWatch
+from planners.guarantee.adaptive_state import AdaptiveConfig
 from survey.core.errors import CapacityError, InputError
+from survey.data.legs import Leg
 
 
 def events_of(page, kind):
@@ -144,3 +150,32 @@ def test_a_fault_of_a_job_is_one_sentence(caplog):
     jobs = Jobs()
     assert "internal fault, ZeroDivisionError" in list(jobs.start(faulty).events())[-1]["error"]
     assert list(jobs.start(refused).events())[-1]["error"] == "it is wrong; correct it."
+
+
+def test_the_log_of_a_watch_is_followed_with_the_map_of_each_update(page, workspace):
+    assert "there is no log hills.watch.jsonl" in events_of(page, "watch")[-1]["error"]
+    log = workspace.folder / "hills.watch.jsonl"
+    log.write_text("{}\n")
+    assert "is no log of firnline watch" in events_of(page, "watch")[-1]["error"]
+    log.write_text("".join(line_of(entry) for entry in driven_entries(workspace)))
+    *events, last = events_of(page, "watch")
+    assert (last["kind"], last["sentence"]) == ("done", events[-1].get("text", last["sentence"]))
+    assert any("STOP" in event["text"] for event in events if event["kind"] == "watch")
+    grown = [event for event in events if event["kind"] == "grown"]
+    assert grown[0]["swaths"] == grown[0]["of"] == 2
+    assert grown[0]["sigma"]["image"]
+
+
+def driven_entries(workspace):
+    """Yield the inputs of a drive of two swaths over flat ground, whose map is good enough at once."""
+    area = workspace.store.document.survey_area(workspace.crs)
+    west, south, east, north = area.bounds
+    low, high = south + 0.25 * (north - south), south + 0.75 * (north - south)
+    corners = np.array([[west, low], [east, low], [east, high], [west, high]])
+    legs = [Leg(kind, corners[k : k + 2]) for k, kind in enumerate(("swath", "transit", "swath"))]
+    yield heading_of(SurveyWatch(area, AdaptiveConfig(50.0, 0.5, noise_m=0.1), legs, every_m=1e9))
+    line = shapely.LineString(corners)
+    for along in np.arange(0.0, line.length + 1.0, 4.0):
+        place = line.interpolate(along)
+        height = 100.0 + 0.1 * np.sin(place.x / 50.0)
+        yield {"in": "sample", "sample": [along, place.x, place.y, height, 0.05, None]}

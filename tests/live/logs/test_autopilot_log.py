@@ -79,8 +79,8 @@ def write_ulog(path: Path) -> None:
     content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
     content += message(b"B", bytes(40))
     content += message(b"F", b"vehicle_gps_position:" + fields.encode())
-    content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_gps_position")
     content += message(b"F", b"vehicle_attitude:uint64_t timestamp;float[4] q;")
+    content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_gps_position")
     content += message(b"A", struct.pack("<BH", 0, 1) + b"vehicle_attitude")
     for k in range(N):
         row = struct.pack("<QdddBf", 1_000_000 * k, *place(k), HEIGHT_M, 6, 0.05)

@@ -118,6 +118,10 @@ def test_the_command_watches_a_file_and_replays_its_log(tmp_path, monkeypatch):
     again = CliRunner().invoke(app, ["watch", "--replay", "a.jsonl", "--log", "b.jsonl", "--quiet"])
     assert again.exit_code == result.exit_code, again.output
     assert (tmp_path / "a.jsonl").read_bytes() == (tmp_path / "b.jsonl").read_bytes()
+    exported = CliRunner().invoke(app, ["export", "a.jsonl", "drive.mcap"])
+    assert exported.exit_code == 0, exported.output
+    assert "/map" in exported.output
+    assert "/rover1/samples 1" in exported.output
 
 
 def test_an_incomplete_request_and_a_damaged_log_are_refused(tmp_path):
@@ -168,12 +172,29 @@ def test_stuck_silent_and_short_of_charge_are_each_said_once():
     assert [event["about"] for event in said].count("silent") == 1
 
 
+def test_a_rover_that_waits_for_its_next_swath_is_not_stuck():
+    watch, place = RoverWarnings(), Sample(0.0, 5.0, 5.0, 100.0, 0.05)
+    waiting = [watch.of(place._replace(time_s=float(t)), 0.0, True) for t in range(300)]
+    driving = [watch.of(place._replace(time_s=float(t)), 0.0, False) for t in range(300, 400)]
+    assert not any(waiting)
+    (first,) = [k for k, events in enumerate(driving) if events]
+    assert (first, driving[first][0]["about"]) == (90, "stuck")
+
+
 def test_a_leg_whose_end_lies_between_two_fixes_is_driven():
     progress = LegProgress(legs((10.0, 40.0, 75.0)), near_m=3.0)
     places = [(2.0, 10.0), (60.0, 10.0), (117.0, 12.0), (118.0, 20.0), (118.0, 39.0), (90.0, 40.0)]
     assert [progress.moved(np.array(place)) for place in places] == [(), (), (0,), (), (1,), ()]
     assert progress.moved(np.array([30.0, 40.0])) == ()
     assert progress.moved(np.array([0.0, 42.0])) == (2,)
+
+
+def test_a_watch_that_begins_late_finds_the_rover_on_a_later_swath():
+    planned = legs((10.0, 40.0, 75.0))
+    progress = LegProgress(planned, near_m=3.0)
+    late = [sample for sample in drive(planned) if sample.time_s > 60.0]
+    done = [progress.moved(np.array([sample.x_m, sample.y_m])) for sample in late]
+    assert [legs for legs in done if legs] == [(0, 1, 2), (3,), (4,)]
 
 
 def test_the_fixes_of_a_growing_recording_are_samples_of_the_ground(tmp_path):

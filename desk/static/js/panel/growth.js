@@ -5,21 +5,22 @@ import { showPicture } from "../map/overlays.js";
 /** @typedef {{swaths: number, of: number, elevation: import("../map/overlays.js").Picture, sigma: import("../map/overlays.js").Picture}} Grown */
 
 export class Growth {
-  /** @param {any} map @param {import("../map/layers.js").Layers} layers */
-  constructor(map, layers) {
+  /** @param {any} map @param {import("../map/layers.js").Layers} layers @param {string} name Of the slider and the layers. */
+  constructor(map, layers, name = "growth") {
+    this.name = name;
     this.map = map;
     this.layers = layers;
     /** @type {Grown[]} */
     this.maps = [];
-    this.slider = /** @type {HTMLInputElement} */ (element("input", { type: "range", min: "0", max: "0", step: "1", value: "0", id: "growth", oninput: () => this.#show(Number(this.slider.value)) }));
-    this.label = element("label", { for: "growth" });
+    this.slider = /** @type {HTMLInputElement} */ (element("input", { type: "range", min: "0", max: "0", step: "1", value: "0", id: name, oninput: () => this.#show(Number(this.slider.value)) }));
+    this.label = element("label", { for: name });
     this.part = element("div", { class: "stack", hidden: true }, this.label, this.slider);
   }
 
   clear() {
     this.maps = [];
     this.part.hidden = true;
-    for (const name of ["grown-elevation", "grown-sigma"]) this.layers.remove(name);
+    for (const name of [`${this.name}-elevation`, `${this.name}-sigma`]) this.layers.remove(name);
   }
 
   /** @param {Grown} grown */
@@ -35,7 +36,7 @@ export class Growth {
   #show(index) {
     const { swaths, of, elevation, sigma } = this.maps[index];
     this.label.textContent = `Map after ${swaths} of ${of} swaths`;
-    showPicture(this.map, this.layers, "grown-elevation", "Map as it grows", elevation);
-    showPicture(this.map, this.layers, "grown-sigma", "σ as it grows", sigma);
+    showPicture(this.map, this.layers, `${this.name}-elevation`, "Map as it grows", elevation);
+    showPicture(this.map, this.layers, `${this.name}-sigma`, "σ as it grows", sigma);
   }
 }

@@ -4,7 +4,7 @@ import { runJob } from "../server/jobs.js";
 
 export class Working {
   /**
-   * @param {"guarantee"|"curve"|"mission"|"map"|"next"} kind
+   * @param {"guarantee"|"curve"|"mission"|"map"|"next"|"watch"} kind
    * @param {string} title
    * @param {(event: any) => void} follow
    */

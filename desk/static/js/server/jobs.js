@@ -5,7 +5,7 @@ import { post } from "./api.js";
 
 /**
  * Start a job and follow it.
- * @param {"guarantee"|"curve"|"mission"|"map"|"next"} kind
+ * @param {"guarantee"|"curve"|"mission"|"map"|"next"|"watch"} kind
  * @param {(event: any) => void} follow Called with each event; the last one is done, refused or cancelled.
  * @returns {Promise<Running>}
  */
