@@ -13,13 +13,14 @@ from pathlib import Path
 
 from benchmarks.live.closed_loop import loop_rows
 from benchmarks.live.fuzz import fuzz_rows
-from benchmarks.live.links import kill_rows, transfer_rows
+from benchmarks.live.links import kill_rows, loss_rows, transfer_rows
 from benchmarks.live.map_update import map_rows
 from benchmarks.report import Row, main
 from benchmarks.stored_parts import stored_rows
 
 _PARTS = {
     "transfers": transfer_rows,
+    "losses": loss_rows,
     "kills": kill_rows,
     "fuzz": fuzz_rows,
     "map": map_rows,

@@ -1,6 +1,7 @@
 """Upload of a mission and its fence, read back and compared item by item."""
 
 from collections.abc import Sequence
+from time import monotonic
 from typing import NamedTuple
 
 from live.link.address import LinkAddress
@@ -14,6 +15,8 @@ from survey.core.arrays import Progress
 from survey.core.errors import InputError
 
 _MOST_TRANSFERS = 6
+MOST_UPLOAD_S = 600.0
+"""Time after which an upload over a poor link is given up [s]."""
 
 
 class UploadReport(NamedTuple):
@@ -45,7 +48,7 @@ def upload(
     starts: bool = False,
     progress: Progress | None = None,
 ) -> UploadReport:
-    """Upload a fence and a mission, and compare them with what the vehicle reports.
+    """Upload a fence and a mission, and compare them with what the vehicle reports; give up after `MOST_UPLOAD_S`.
 
     The fence goes first, so that the vehicle never has the mission without it. A vehicle exchanges its mission when
     the last item has come; until then, and after any loss of the link, it holds the former one.
@@ -76,17 +79,35 @@ def upload(
     ------
     InputError
         A mission that the vehicle cannot hold or refuses, a link that stays lost, or items that come back different.
+        A link so poor that the upload takes too long.
     """
     with Vehicle.connected(address, patience_s, system) as vehicle:
         limits, n_home = limits_of(vehicle.autopilot), n_home_items(vehicle.autopilot)
         items, fence = mission.link_items(vehicle.autopilot), mission.fence_items
         require_storable(items, MISSION, most_items or limits.items, n_home)
         require_storable(fence, FENCE, most_items or limits.fence_corners)
+        progress = _in_time(progress, vehicle)
         transfers = _until_equal(vehicle, fence, FENCE, 0, progress) if fence else 0
         transfers += _until_equal(vehicle, items, MISSION, n_home, progress)
         if starts:
             start_mission(vehicle)
         return UploadReport(vehicle.name, len(items), len(fence), transfers)
+
+
+def _in_time(progress: Progress | None, vehicle: Vehicle) -> Progress:
+    """Return the callback of progress, which ends an upload that takes too long."""
+    until = monotonic() + MOST_UPLOAD_S
+
+    def checked(what: str, done: int, total: int) -> None:
+        if monotonic() > until:
+            raise InputError(
+                f"the upload to {vehicle.address.text} took longer than {MOST_UPLOAD_S:g} s ({what}, {done} of {total} items); "
+                "the link loses too many packets, come nearer and run the command again."
+            )
+        if progress is not None:
+            progress(what, done, total)
+
+    return checked
 
 
 def _until_equal(

@@ -173,7 +173,7 @@ def driven_entries(workspace):
     low, high = south + 0.25 * (north - south), south + 0.75 * (north - south)
     corners = np.array([[west, low], [east, low], [east, high], [west, high]])
     legs = [Leg(kind, corners[k : k + 2]) for k, kind in enumerate(("swath", "transit", "swath"))]
-    yield heading_of(SurveyWatch(area, AdaptiveConfig(50.0, 0.5, noise_m=0.1), legs, every_m=1e9))
+    yield heading_of(SurveyWatch(area, AdaptiveConfig(50.0, 0.6, noise_m=0.1), legs, every_m=1e9))
     line = shapely.LineString(corners)
     for along in np.arange(0.0, line.length + 1.0, 4.0):
         place = line.interpolate(along)

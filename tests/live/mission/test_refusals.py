@@ -165,6 +165,12 @@ def test_a_vehicle_that_refuses_is_quoted(result, words):
         upload(mission, vehicle.address, patience_s=10.0)
 
 
+def test_an_upload_that_takes_too_long_is_given_up(monkeypatch):
+    monkeypatch.setattr("live.mission.upload.MOST_UPLOAD_S", -1.0)
+    with ArduPilotLike() as vehicle, pytest.raises(InputError, match=r"took longer than .* come nearer"):
+        upload(AutopilotMission.of_route(ROUTE, Surroundings()), vehicle.address, patience_s=10.0)
+
+
 @pytest.mark.parametrize("source", [".", "none.csv", "udp://127.0.0.1:9"])
 def test_a_source_that_is_none_is_refused_by_watch(folder, source):
     SurveyArea.rectangle((*CORNER, *(CORNER + 50.0)), CRS).write("site.gpkg")
