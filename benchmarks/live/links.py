@@ -43,8 +43,9 @@ def transfer_rows(quick: bool) -> Iterator[Row]:
 def loss_rows(quick: bool) -> Iterator[Row]:
     """Yield how uploads end over a link that loses 30 % of its packets."""
     for n_items in (20,) if quick else (50, _N_ITEMS):
-        began = time.perf_counter()
         with rover(RoverKind(_LOSS, SEED)) as one:
+            with Vehicle.connected(one.address, 120.0):
+                began = time.perf_counter()
             ending = _ending(mission_of(n_items), one.address)
         name = f"{n_items} items at {_LOSS:.0%} loss"
         yield Row.of(f"{name}: equal, or ended with one sentence", float(ending is not None), "1", ">=", 1.0)
