@@ -17,7 +17,7 @@ from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
 from survey.core.executors import run_all
 from survey.core.files.reading import existing_file
-from survey.reconstruction.tiled.cells.sorting import disk_bytes
+from survey.reconstruction.tiled.cells.disk_space import disk_bytes
 from survey.reconstruction.tiled.config import TiledConfig
 from survey.reconstruction.tiled.job import Control, TiledJob
 from survey.reconstruction.tiled.relief.long_relief import coarse_nodes

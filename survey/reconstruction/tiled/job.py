@@ -8,7 +8,7 @@ import numpy.typing as npt
 from pyproj import CRS
 
 from survey.core.arrays import FloatArray
-from survey.reconstruction.tiled.cells.sorting import Piece
+from survey.reconstruction.tiled.cells.pieces import Piece
 from survey.reconstruction.tiled.config import TiledConfig
 from survey.reconstruction.tiled.layout import CellWindow, MapTile, TileLayout
 

@@ -15,7 +15,8 @@ from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
 from survey.core.documents import read_json, write_json
 from survey.core.errors import InputError
 from survey.io.points.chunks import PointFileFacts, chunked_files, point_file_facts
-from survey.reconstruction.tiled.cells.sorting import holds_class, pieces_of, require_disk
+from survey.reconstruction.tiled.cells.disk_space import require_disk
+from survey.reconstruction.tiled.cells.pieces import holds_class, pieces_of
 from survey.reconstruction.tiled.config import TiledConfig
 from survey.reconstruction.tiled.job import Control, TiledJob
 from survey.reconstruction.tiled.layout import TileLayout

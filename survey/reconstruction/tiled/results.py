@@ -12,7 +12,6 @@ from survey.io.raster.mosaic import MosaicBand, MosaicTile, write_mosaic
 from survey.io.raster.reading import NODATA
 from survey.io.raster.writing import write_raster
 from survey.reconstruction.reconstruction_file import FACTS_SHA256
-from survey.reconstruction.tiled.cells.sorting import strip_name
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
 from survey.reconstruction.tiled.layout import MapTile
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
@@ -52,8 +51,8 @@ def write_results(
             "n_tiles": len(tiles),
             "support_cells": counts.tolist(),
             "strips": shared.strips.facts(),
-            "overlaps": _overlaps(shared),
-            "n_overlap_blocks": shared.n_overlaps,
+            "overlaps": shared.pairs.facts(shared.strips),
+            "n_overlap_blocks": shared.pairs.n_blocks,
             "n_control": shared.n_control,
             "calibration": learnt.calibration.facts(),
             "withheld": test.facts(),
@@ -65,16 +64,6 @@ def write_results(
     return TiledResult(facts, test, coverage)
 
 
-def _overlaps(shared: Shared) -> list[dict[str, Any]]:
-    """Return how far each strip lies above another one at the middle of their overlap, for the record."""
-    found = []
-    for first, second, n, x, y in shared.pairs.tolist():
-        offset_m, sigma_m = shared.strips.offset_between(int(first), int(second), np.array([x, y]))
-        strips = [strip_name(int(first)), strip_name(int(second))]
-        found.append({"strips": strips, "n_blocks": int(n), "offset_m": offset_m, "offset_m_sigma": sigma_m})
-    return found
-
-
 def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:
     sizes = {f"strip_{name}": value for name, value in shared.strips.sizes._asdict().items()}
     return {
@@ -83,7 +72,6 @@ def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:
         "noise_factor": learnt.stiffness.noise_factor,
         "point_sigma_m": float(np.sqrt(shared.usual_m2)),
         "cell_sigma_m": shared.strips.cell_m,
-        "strip_inflation": shared.strips.inflation,
         **sizes,
     }
 

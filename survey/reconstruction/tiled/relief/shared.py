@@ -3,9 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files.writing import replacing
 from survey.reconstruction.lattice.calibration import LatticeCalibration
@@ -13,14 +11,10 @@ from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
 from survey.reconstruction.tiled.layout import MapTile
 from survey.reconstruction.tiled.relief.long_relief import LongRelief, long_relief, relief_arrays, relief_of
-from survey.reconstruction.tiled.strips.strip_errors import (
-    Sizes,
-    StripErrors,
-    StripPlaces,
-    as_arrays,
-    from_arrays,
-    solve_strips,
-)
+from survey.reconstruction.tiled.strips.pairs import StripPairs
+from survey.reconstruction.tiled.strips.places import StripPlaces
+from survey.reconstruction.tiled.strips.solution import solve_strips
+from survey.reconstruction.tiled.strips.strip_errors import Sizes, StripErrors, as_arrays, from_arrays
 
 _USUAL_M2 = 0.05**2
 
@@ -38,20 +32,15 @@ class Shared(NamedTuple):
         Relief longer than some blocks of cells.
     n_control : int
         Differences of strips and control points.
-    pairs : (N, 5) ndarray
-        Overlapping strips: their keys, number of blocks of cells that both have seen, and the mean place of these [m].
+    pairs : StripPairs
+        Overlapping strips.
     """
 
     strips: StripErrors
     usual_m2: float
     relief: LongRelief
     n_control: int
-    pairs: FloatArray
-
-    @property
-    def n_overlaps(self) -> int:
-        """Number of blocks of cells that two strips have seen."""
-        return int(self.pairs[:, 2].sum())
+    pairs: StripPairs
 
 
 class Learnt(NamedTuple):
@@ -87,10 +76,10 @@ def solve_shared(job: TiledJob, tiles: list[MapTile]) -> Shared:
     blocks = np.concatenate([np.asarray(each["blocks"], np.float64) for each in found])
     prior = np.load(job.prior_file) if job.prior_file.exists() else None
     relief = long_relief(job.layout, job.config.coarse_cells, blocks, strips, prior)
-    shared = Shared(strips, usual_m2, relief, len(control), _pairs(overlaps))
+    shared = Shared(strips, usual_m2, relief, len(control), StripPairs.of(overlaps))
     with replacing(job.shared_file) as draft:
         arrays: dict[str, Any] = {**as_arrays(strips), **relief_arrays(relief)}
-        np.savez(draft, numbers=np.array([usual_m2, len(control)]), pairs=shared.pairs, **arrays)
+        np.savez(draft, numbers=np.array([usual_m2, len(control)]), pairs=shared.pairs.table, **arrays)
     return shared
 
 
@@ -99,20 +88,6 @@ def read_shared(job: TiledJob) -> Shared:
     arrays = load_arrays(job.shared_file)
     usual_m2, n_control = (float(v) for v in np.asarray(arrays["numbers"], np.float64))
     numbers = {name: np.asarray(values, np.float64) for name, values in arrays.items()}
-    return Shared(from_arrays(numbers), usual_m2, relief_of(numbers), int(n_control), numbers["pairs"])
-
-
-def _pairs(overlaps: npt.NDArray[np.void]) -> FloatArray:
-    """Return keys, number of blocks and mean place of every pair of strips (N, 5)."""
-    keys = np.column_stack([overlaps["first"], overlaps["second"]]).astype(np.float64)
-    pairs, index = np.unique(keys.reshape(-1, 2), axis=0, return_inverse=True)
-    sums = [
-        np.bincount(index.ravel(), w)
-        for w in (
-            np.ones(len(keys)),
-            overlaps["n"],
-            overlaps["x"] * overlaps["n"],
-            overlaps["y"] * overlaps["n"],
-        )
-    ]
-    return np.column_stack([pairs, sums[0], sums[2] / sums[1], sums[3] / sums[1]])
+    return Shared(
+        from_arrays(numbers), usual_m2, relief_of(numbers), int(n_control), StripPairs(numbers["pairs"])
+    )

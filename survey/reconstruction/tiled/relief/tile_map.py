@@ -17,7 +17,8 @@ from survey.reconstruction.tiled.layout import CellWindow, MapTile
 from survey.reconstruction.tiled.relief.fine_relief import FineRelief, fine_relief, strip_variance
 from survey.reconstruction.tiled.relief.measurements import Measurements, measurements
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
-from survey.reconstruction.tiled.strips.strip_errors import N_TERMS, StripErrors
+from survey.reconstruction.tiled.strips.places import N_TERMS
+from survey.reconstruction.tiled.strips.strip_errors import StripErrors
 
 
 class TileMap(NamedTuple):
@@ -77,7 +78,7 @@ def _variance(
     """Return the variance of the heights [m²]: fine relief, long relief where points lack, and errors of strips."""
     variance = learnt.calibration.surface**2 * fine.variance + (fine.long_share() * found.long_std_m) ** 2
     for share in fine.shares.values():
-        variance += (share * strips.sizes.block_m) ** 2
+        variance += (share * strips.sizes.rest_m()) ** 2
     keys = np.array(list(fine.shares), np.uint32)
     if len(keys) == 0:
         return variance

@@ -56,7 +56,7 @@ def control_differences(
         for key, d, fit_m2, e, v in rows:
             variance = fit_m2 + len(rows) * sigma_m**2
             sums = (1.0, e, v, e * e, e * v, v * v, d, d * e, d * v, d * d)
-            found.append((key, 0, px, py, variance, variance, *sums))
+            found.append((key, 0, px, py, variance, variance, d, 0.0, *sums))
     return np.array(found, OVERLAP)
 
 

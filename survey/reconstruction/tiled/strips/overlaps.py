@@ -15,12 +15,13 @@ its products with the slopes, its square."""
 OVERLAP = np.dtype(
     [
         *(("first", "<u4"), ("second", "<u4"), ("x", "<f8"), ("y", "<f8")),
-        *(("scatter", "<f8"), ("sampling", "<f8")),
+        *(("scatter", "<f8"), ("sampling", "<f8"), ("raw", "<f8"), ("placed", "<f8")),
         *((name, "<f8") for name in SUMS),
     ]
 )
 """A block of cells that two strips have seen: keys of the strips, mean place [m], robust variance of the cells'
-differences first minus second [m²], the part of it that their points' scatter explains [m²], and `SUMS`."""
+differences first minus second [m²], the part of it that their points' scatter explains [m²], sums over the cells of the
+difference of mean heights [m] and of the part of it that other places of the points in the cell make [m], and `SUMS`."""
 BLOCK_CELLS = 32
 _LEAST_CELLS = 8
 _OUTLIER_SIGMAS = 4.0
@@ -83,8 +84,9 @@ def overlaps(
     for a, b in _pairs(cells):
         difference = level[a] - level[b]
         sampling = point_variance_m2[a] / cells["n"][a] + point_variance_m2[b] / cells["n"][b]
-        values = np.column_stack([difference, sampling, slope[a] / cell_m])[np.abs(difference) < _LARGEST_M]
+        raw = cells["z"][a] - cells["z"][b]
         near = np.abs(difference) < _LARGEST_M
+        values = np.column_stack([difference, sampling, slope[a] / cell_m, raw])[near]
         found += list(_blocks(cells[a[near]], cells["strip"][b[near]], values, cell_m))
     found.sort(key=lambda block: block[:4])
     return np.array(found, OVERLAP)
@@ -112,7 +114,7 @@ def _pairs(cells: npt.NDArray[np.void]) -> Iterator[tuple[IntArray, IntArray]]:
 def _blocks(
     cells: npt.NDArray[np.void], other: npt.NDArray[np.uint32], values: FloatArray, cell_m: float
 ) -> Iterator[tuple[float, ...]]:
-    """Yield the blocks of cells; the columns of `values` are difference, sampling variance and slopes."""
+    """Yield the blocks of cells; the columns of `values` are difference, sampling variance, slopes, raw difference."""
     row, column = cells["row"] // BLOCK_CELLS, cells["column"] // BLOCK_CELLS
     order = np.lexsort((column, row, other, cells["strip"]))
     keys = np.column_stack([cells["strip"], other, row, column])[order]
@@ -125,9 +127,15 @@ def _blocks(
 
 
 def _summed(values: FloatArray) -> tuple[float, ...]:
-    """Return scatter, sampling variance and `SUMS` of a block, without its outliers."""
+    """Return scatter, sampling variance, sums of raw differences and `SUMS` of a block, without its outliers."""
     middle = np.median(values[:, 0])
     sigma = _MAD_TO_SIGMA * np.median(np.abs(values[:, 0] - middle))
-    d, sampling, e, v = values[np.abs(values[:, 0] - middle) <= _OUTLIER_SIGMAS * sigma].T
+    d, sampling, e, v, raw = values[np.abs(values[:, 0] - middle) <= _OUTLIER_SIGMAS * sigma].T
     sums = (len(d), e.sum(), v.sum(), e @ e, e @ v, v @ v, d.sum(), d @ e, d @ v, d @ d)
-    return float(sigma**2), float(sampling.mean()), *map(float, sums)
+    return (
+        float(sigma**2),
+        float(sampling.mean()),
+        float(raw.sum()),
+        float((raw - d).sum()),
+        *map(float, sums),
+    )

@@ -4,14 +4,10 @@ import numpy as np
 import pytest
 
 from survey.reconstruction.tiled.strips.overlaps import OVERLAP
-from survey.reconstruction.tiled.strips.strip_errors import (
-    Sizes,
-    StripErrors,
-    StripPlaces,
-    as_arrays,
-    from_arrays,
-    solve_strips,
-)
+from survey.reconstruction.tiled.strips.pairs import StripPairs
+from survey.reconstruction.tiled.strips.places import StripPlaces
+from survey.reconstruction.tiled.strips.solution import solve_strips
+from survey.reconstruction.tiled.strips.strip_errors import Sizes, StripErrors, as_arrays, from_arrays
 
 EXPECTED = Sizes(0.2, 0.1)
 N_STRIPS, N_BLOCKS, N_CELLS = 5, 40, 400
@@ -27,7 +23,7 @@ def block(
 ) -> tuple[float, ...]:
     e, v = slope.T
     sums = (len(d), e.sum(), v.sum(), e @ e, e @ v, v @ v, d.sum(), d @ e, d @ v, d @ d)
-    return (first, second, *xy, variance, variance, *sums)
+    return (first, second, *xy, variance, variance, d.sum(), 0.0, *sums)
 
 
 def drawn(seed: int, n_control: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -96,14 +92,45 @@ def test_without_overlap_the_errors_are_as_uncertain_as_expected() -> None:
     assert np.sqrt(np.diag(found.covariance))[:3] == pytest.approx([0.2, 0.1, 0.1])
 
 
-def test_errors_that_wander_over_hundreds_of_metres_inflate_the_covariance() -> None:
-    _, blocks, _ = drawn(1)
-    steady = solve_strips(PLACES, blocks, np.zeros(0, OVERLAP), EXPECTED).inflation
-    wave = 0.1 * np.sin(blocks["y"] / 150.0)
-    blocks["dd"] += 2.0 * wave * blocks["d"] + wave**2 * blocks["n"]
+def with_errors(blocks: np.ndarray, error_m: np.ndarray) -> np.ndarray:
+    """Return blocks of cells that have one more error each [m]."""
+    found = blocks.copy()
+    found["dd"] += 2.0 * error_m * blocks["d"] + error_m**2 * blocks["n"]
     for name, sums in (("d", "n"), ("de", "e"), ("dv", "v")):
-        blocks[name] += wave * blocks[sums]
-    assert solve_strips(PLACES, blocks, np.zeros(0, OVERLAP), EXPECTED).inflation > max(1.2, steady)
+        found[name] += error_m * blocks[sums]
+    return found
+
+
+def test_strips_that_wander_are_as_uncertain_as_they_wander() -> None:
+    _, blocks, _ = drawn(1)
+    none = np.zeros(0, OVERLAP)
+    steady = solve_strips(PLACES, blocks, none, EXPECTED)
+    rng = np.random.default_rng(5)
+    wander = (
+        0.05 * rng.standard_normal((N_STRIPS, 8))[blocks["first"] - 1, (blocks["y"] // 256.0).astype(int)]
+    )
+    found = solve_strips(PLACES, with_errors(blocks, wander), none, EXPECTED)
+    assert steady.sizes.wander_m < 0.01
+    assert 0.03 < found.sizes.wander_m < 0.07
+    at = np.array([200.0, 1000.0])
+    assert found.offset_between(1, 2, at)[1] > 3.0 * steady.offset_between(1, 2, at)[1]
+
+
+def test_errors_of_blocks_are_found_apart_from_wander() -> None:
+    _, blocks, _ = drawn(4)
+    found = solve_strips(PLACES, blocks, np.zeros(0, OVERLAP), EXPECTED)
+    assert 0.007 < found.sizes.block_m < 0.013
+
+
+def test_the_difference_of_two_rasters_follows_from_the_errors_and_the_places_of_points() -> None:
+    _, blocks, _ = drawn(3)
+    blocks["placed"] = 0.015 * blocks["n"]
+    blocks["raw"] = blocks["d"] + blocks["placed"]
+    found = StripPairs.of(blocks).facts(solve_strips(PLACES, blocks, np.zeros(0, OVERLAP), EXPECTED))
+    for pair in found:
+        difference_m = pair["cell_difference_m"] - pair["expected_cell_difference_m"]
+        assert abs(difference_m) < 3.0 * pair["expected_cell_difference_m_sigma"] < 0.03
+    assert [pair["strips"] for pair in found] == [[str(k), str(k + 1)] for k in range(1, N_STRIPS)]
 
 
 def test_stored_errors_are_the_same() -> None:
