@@ -1,7 +1,6 @@
 """``firnline reconstruct --tiles``: a map of point files that do not fit the memory, tile by tile."""
 
 import shutil
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from sim.cli.progress import counted
 from sim.cli.rasters import read_about
 from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
-from survey.core.executors import run_all
+from survey.core.executors import open_workers
 from survey.core.files.reading import existing_file
 from survey.reconstruction.tiled.cells.disk_space import disk_bytes
 from survey.reconstruction.tiled.config import TiledConfig
@@ -54,8 +53,8 @@ def map_tiled(options: ReconstructOptions) -> None:
     if not options.quiet:
         typer.echo(fact_line("work", "; ".join(facts.values())), err=True)
     engine: Any = "dask" if options.scheduler else "serial" if options.workers == 1 else "processes"
-    run: Any = partial(run_all, engine=engine, workers=options.workers, scheduler=options.scheduler)
-    with counted(quiet=options.quiet) as progress:
+    workers = open_workers(engine, options.workers, options.scheduler)
+    with workers as run, counted(quiet=options.quiet) as progress:
         result = map_in_tiles(job, run, progress)
     _draw(result, options.out)
     _print(result, job, options)

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from survey.core.arrays import FloatArray, Progress
 from survey.core.errors import InputError
-from survey.reconstruction.tiled.cells.sorting import present_tiles, sort_piece
+from survey.reconstruction.tiled.cells.sorting import present_tiles, sort_piece, sorted_points
 from survey.reconstruction.tiled.job import TiledJob
 from survey.reconstruction.tiled.layout import MapTile
 from survey.reconstruction.tiled.relief.learning import Run, learn
@@ -37,7 +37,7 @@ def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) 
     job : TiledJob
         From `survey.reconstruction.tiled.request.tiled_job`.
     run : callable
-        Runs a function on pieces, in any order, such as `survey.core.executors.run_all` with its engine.
+        Runs a function on pieces, in any order, such as what `survey.core.executors.open_workers` yields.
     progress : callable
         Progress callback: what is being done, how many of it are done, and how many there are.
 
@@ -58,14 +58,24 @@ def map_in_tiles(job: TiledJob, run: Run, progress: Progress = lambda *_: None) 
         sort = partial(sort_piece, job.layout, job.sorted_folder)
         counts = _counted(run, sort, job.pieces, "points sorted", progress)
         tiles = present_tiles(job.sorted_folder, list(job.pieces), job.layout)
-        _counted(run, partial(summarise, job), tiles, "tiles averaged", progress)
+        by_size = _largest_first(job, tiles)
+        _counted(run, partial(summarise, job), by_size, "tiles averaged", progress)
         with threadpool_limits(limits=1, user_api="blas"):
             shared = solve_shared(job, tiles)
             learnt = learn(job, shared, tiles, run)
-        _counted(run, partial(_map_tile, job, learnt), tiles, "tiles mapped", progress)
+        _counted(run, partial(_map_tile, job, learnt), by_size, "tiles mapped", progress)
         result = write_results(job, tiles, shared, learnt, sum(counts.values()))
     shutil.rmtree(job.work)
     return result
+
+
+def _largest_first(job: TiledJob, tiles: Sequence[MapTile]) -> list[MapTile]:
+    """Return the tiles by falling number of points, so that no worker begins a large one last."""
+    n_bytes = {
+        tile: sum(f.stat().st_size for f in sorted_points(job.sorted_folder, list(job.pieces), tile))
+        for tile in tiles
+    }
+    return sorted(tiles, key=lambda tile: -n_bytes[tile])
 
 
 def _map_tile(job: TiledJob, learnt: Learnt, tile: MapTile) -> int:

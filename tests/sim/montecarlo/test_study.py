@@ -244,7 +244,7 @@ def greet(listener, words):
 
 def test_a_listener_that_is_no_scheduler_is_refused(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("survey.core.executors._REACH_S", 0.5)
+    monkeypatch.setattr("survey.core.executors.dask_cluster._REACH_S", 0.5)
     # One that waits to be spoken to, as a web server does, and one that speaks another tongue.
     for words, reason in ((b"", "no dask scheduler answers"), (b"220 mail.example", "is no dask scheduler")):
         with socket.create_server(("127.0.0.1", 0)) as listener:

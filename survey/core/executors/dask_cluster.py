@@ -1,130 +1,30 @@
-"""Execution of independent pieces of work: in this process, in local processes, or on a dask cluster.
-
-An engine yields results as they are done, in any order, each with its piece. A piece may be done twice when a
-worker dies; the result is the same.
-"""
+"""Workers of a dask cluster: one that a scheduler names, or one on this machine."""
 
 import asyncio
 import logging
-import multiprocessing
-import os
-import signal
 import socket
-import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from itertools import islice
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 from urllib.parse import urlparse
 
 from survey.core.errors import ConfigError, InputError
+from survey.core.executors.processes import MOST_DEATHS
 
-Engine = Literal["serial", "processes", "dask"]
 P = TypeVar("P", bound=Hashable)
 R = TypeVar("R")
 
-_PATIENCE = 8
-"""Deaths of workers in a row, without a piece finished, after which the work itself is to blame."""
 _REACH_S = 5.0
 """Seconds within which a scheduler must answer."""
 _LONGEST_GREETING = 100_000
 """Bytes with which a scheduler may greet; it takes some hundred."""
 
 
-def run_all(
-    work: Callable[[P], R],
-    pieces: Sequence[P],
-    *,
-    engine: Engine = "processes",
-    workers: int | None = None,
-    scheduler: str | None = None,
-) -> Iterator[tuple[P, R]]:
-    """Run every piece, and yield it with its result as soon as it is done.
-
-    Parameters
-    ----------
-    work : callable
-        A function of a module, or a `functools.partial` of one, so that workers can be sent it.
-    pieces : sequence
-        Arguments of `work`, one call each.
-    engine : {"serial", "processes", "dask"}
-        In this process; in new processes of this machine; or through dask.distributed.
-    workers : int, optional
-        Number of processes; as many as this process may use cores. A scheduler has its own.
-    scheduler : str, optional
-        Address of a dask scheduler, ``tcp://host:port``; without one, engine dask starts a cluster here.
-
-    Raises
-    ------
-    ConfigError
-        dask is asked for and not installed; a number of workers below 1.
-    InputError
-        The scheduler does not answer or stops answering; workers die again and again without finishing anything.
-    """
-    n = workers if workers is not None else len(os.sched_getaffinity(0))
-    if n < 1:
-        raise ConfigError(f"{n} workers were asked for; at least 1 is needed.")
-    if engine == "serial":
-        yield from ((piece, work(piece)) for piece in pieces)
-    elif engine == "processes":
-        yield from _in_processes(work, pieces, n)
-    else:
-        yield from _by_dask(work, pieces, n, scheduler)
-
-
-def _in_processes(work: Callable[[P], R], pieces: Sequence[P], workers: int) -> Iterator[tuple[P, R]]:
-    left = dict.fromkeys(pieces)
-    deaths = 0
-    while left:
-        n = min(workers, len(left))
-        with ProcessPoolExecutor(n, multiprocessing.get_context("spawn"), settled) as pool:
-            try:
-                for piece, result in _as_completed(pool.submit, work, list(left), 2 * n):
-                    del left[piece]
-                    deaths = 0
-                    yield piece, result
-            except BrokenProcessPool as error:
-                deaths += 1
-                if deaths >= _PATIENCE:
-                    raise InputError(
-                        f"workers died {deaths} times in a row and finished nothing; they may lack memory, take fewer workers."
-                    ) from error
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _as_completed(
-    submit: Callable[[Callable[[P], R], P], "Future[R]"], work: Callable[[P], R], pieces: list[P], ahead: int
-) -> Iterator[tuple[P, R]]:
-    """Keep a few pieces submitted ahead, so that memory does not grow with their number."""
-    rest = iter(pieces)
-    running = {submit(work, piece): piece for piece in islice(rest, ahead)}
-    while running:
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
-            piece = running.pop(future)
-            result = future.result()
-            running |= {submit(work, following): following for following in islice(rest, 1)}
-            yield piece, result
-
-
-def settled() -> None:
-    """Let a worker ignore interrupts, and end when its parent process has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_follow, args=(parent,), daemon=True).start()
-
-
-def _follow(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
-
-
-def _by_dask(
-    work: Callable[[P], R], pieces: Sequence[P], workers: int, scheduler: str | None
-) -> Iterator[tuple[P, R]]:
+@contextmanager
+def dask_client(workers: int, scheduler: str | None) -> Iterator[Any]:
+    """Yield a client of a scheduler, or of a cluster of this machine that ends with the block."""
     try:
         import dask
         import distributed
@@ -133,11 +33,13 @@ def _by_dask(
     dask_of: Any = distributed  # carries no types
     if scheduler is not None:
         _require_answer(scheduler)
-        with (
-            _connection_errors_refused(scheduler),
-            dask_of.Client(scheduler, timeout=_REACH_S, set_as_default=False) as client,
-        ):
-            yield from run_on_dask(client, work, pieces)
+        with _connection_errors_refused(scheduler):
+            client = dask_of.Client(scheduler, timeout=_REACH_S, set_as_default=False)
+        try:
+            yield client
+        finally:
+            with suppress(OSError, asyncio.CancelledError, CancelledError):
+                client.close()
         return
     settings = {
         "distributed.scheduler.allowed-failures": 1000,
@@ -150,14 +52,22 @@ def _by_dask(
         dask_of.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
         dask_of.Client(cluster, set_as_default=False) as client,
     ):
-        yield from run_on_dask(client, work, pieces)
+        yield client
 
 
 def run_on_dask(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Iterator[tuple[P, R]]:
     """Run every piece on the workers of a dask client; a piece whose worker died is run again."""
+    address = client.scheduler.address
+    with _connection_errors_refused(address):
+        yield from _as_completed(client, work, pieces, address)
+
+
+def _as_completed(
+    client: Any, work: Callable[[P], R], pieces: Sequence[P], address: str
+) -> Iterator[tuple[P, R]]:
+    """Keep some pieces submitted ahead, and yield each with its result as it is done."""
     import distributed
 
-    address = client.scheduler.address
     rest = iter(pieces)
     ahead = 2 * max(sum(client.nthreads().values()), 4)
     running = {_submitted(client, work, piece): piece for piece in islice(rest, ahead)}
@@ -170,7 +80,7 @@ def run_on_dask(client: Any, work: Callable[[P], R], pieces: Sequence[P]) -> Ite
             raise _lost_scheduler(address)
         if _died_with_its_worker(future):
             deaths += 1
-            if deaths >= _PATIENCE:
+            if deaths >= MOST_DEATHS:
                 raise InputError(
                     f"the cluster's workers died {deaths} times in a row and finished nothing; look into their logs."
                 )
