@@ -99,6 +99,8 @@ class MadeSurvey(NamedTuple):
         high = min(error.middle[0] - _WEST_M + 0.5 * _WIDTH_M, west + width)
         rng = stream(self.seed, "made survey", "points", k, int(west), int(south))
         n = int(max(high - low, 0.0) * height * self.density)
+        if n == 0:
+            return np.zeros((0, 3)), np.zeros(0, np.uint16)
         x, y = rng.uniform(low, high, n) + _WEST_M, rng.uniform(south, south + height, n) + _SOUTH_M
         along = (x - error.middle[0]) / error.half_m * error.tilt_m[0] + (
             y - error.middle[1]

@@ -1,5 +1,6 @@
 """Convert rasters, points, tracks and areas from one file format to another, values and CRS unchanged."""
 
+import math
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,15 @@ from survey.data.parts.point_columns import projected_table
 from survey.data.trajectory import Trajectory
 from survey.io.points.formats import read_point_table, write_point_table
 from survey.io.pose_files import write_kitti, write_tum
-from survey.io.raster import band_count, band_names, read_raster, write_raster
+from survey.io.raster import (
+    LARGEST_CELLS,
+    band_count,
+    band_names,
+    raster_header,
+    read_raster,
+    write_raster,
+)
+from survey.io.raster.large.conversion import convert_in_windows
 from survey.io.tracks import write_track
 
 FileKind = Literal["raster", "points", "track", "area"]
@@ -51,6 +60,10 @@ def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = N
 
 
 def _raster(source: str | Path, out: str | Path, crs: Any) -> None:
+    header = raster_header(source)
+    if math.prod(header.shape) > LARGEST_CELLS:
+        convert_in_windows(source, out, projected_crs(_one(header.crs, crs, source), str(source)))
+        return
     first = read_raster(source)
     names = band_names(source)
     bands = [first.values] + [read_raster(source, band=k).values for k in range(2, band_count(source) + 1)]

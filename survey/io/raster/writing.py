@@ -29,15 +29,17 @@ from survey.io.raster.reading import (
     checksum_parts,
 )
 
-_COG = {
+COG_OPTIONS = {
     "driver": "COG",
     "compress": "deflate",
     "predictor": "yes",
     "overview_resampling": "average",
     "num_threads": "1",
 }
+"""How GDAL writes Cloud-Optimized GeoTIFFs."""
 # Nine significant digits bring every float32 back exactly.
-_ASCII = {"driver": "AAIGrid", "significant_digits": 9, "force_cellsize": "true"}
+ASCII_OPTIONS = {"driver": "AAIGrid", "significant_digits": 9, "force_cellsize": "true"}
+"""How GDAL writes Esri ASCII grids."""
 
 
 def write_raster(
@@ -76,13 +78,13 @@ def write_raster(
     if suffix == ".nc":
         from survey.io.raster.netcdf import write_netcdf
 
-        write_netcdf(path, bands, transform, _written_crs(crs, vertical_datum), vertical_datum)
+        write_netcdf(path, bands, transform, written_crs(crs, vertical_datum), vertical_datum)
         return
     if suffix == ".asc" and len(bands) != 1:
         raise InputError(f"{path}: an ASCII grid holds one band, not {len(bands)}; write them one by one.")
-    options = _ASCII if suffix == ".asc" else _COG
+    options = ASCII_OPTIONS if suffix == ".asc" else COG_OPTIONS
     written = (
-        projected_crs(crs, "the raster to write") if suffix == ".asc" else _written_crs(crs, vertical_datum)
+        projected_crs(crs, "the raster to write") if suffix == ".asc" else written_crs(crs, vertical_datum)
     )
     _write_gdal(
         Path(path), bands, {**options, "transform": transform, "crs": written.to_wkt()}, crs, vertical_datum
@@ -113,12 +115,12 @@ def write_bytes_raster(
         When the raster is not north-up with square cells, or the file cannot be written.
     """
     check_transform(transform)
-    written = _written_crs(crs, UNSTATED).to_wkt()
+    written = written_crs(crs, UNSTATED).to_wkt()
     options = {"dtype": "uint8", "nodata": None, "overview_resampling": "mode"}
     _write_gdal(
         path,
         {name: codes.astype(np.float64)},
-        {**_COG, **options, "transform": transform, "crs": written},
+        {**COG_OPTIONS, **options, "transform": transform, "crs": written},
         crs,
         UNSTATED,
     )
@@ -200,7 +202,21 @@ def reprojected(raster: Raster, crs: CRS, step_m: float) -> Raster:
     return Raster(values, transform, crs, raster.vertical_datum)
 
 
-def _written_crs(crs: CRS, vertical_datum: str) -> CRS:
+def written_crs(crs: CRS, vertical_datum: str) -> CRS:
+    """Return the CRS that a file states: with its vertical part where the datum has a code.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+        Projected.
+    vertical_datum : str
+        Name of the surface that heights count from.
+
+    Returns
+    -------
+    pyproj.CRS
+        Projected or compound.
+    """
     horizontal = projected_crs(crs, "the raster to write")
     # GDAL writes the vertical part of a CRS only when it has a code of its own.
     code = VERTICAL_CRS.get(vertical_datum)

@@ -69,6 +69,7 @@ def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:
     return {
         "stiffness": learnt.stiffness.stiffness,
         "range_m": learnt.stiffness.range_m,
+        "variance_within_cells": learnt.within_cells,
         "noise_factor": learnt.stiffness.noise_factor,
         "point_sigma_m": float(np.sqrt(shared.usual_m2)),
         "cell_sigma_m": shared.strips.cell_m,

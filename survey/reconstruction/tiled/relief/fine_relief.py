@@ -6,7 +6,8 @@ The solution is linear in the heights, so an error that a strip makes at a place
 and an error of the long relief with the share g_0 of the prior.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,9 @@ _MEAN_TOLERANCE, _SHARE_TOLERANCE, _DRAW_TOLERANCE = 0.01, 0.02, 0.05
 # Nodes as far from the points have alike variances, which are averaged over so many nodes a side.
 _AVERAGED = 5
 _FARTHEST_CLASS = 4
+# Two places between 0 and 1/2, and their weights, at which a mean over that range is exact for cubic functions.
+_GAUSS_PLACES = (0.25 - 0.25 / np.sqrt(3.0), 0.25 + 0.25 / np.sqrt(3.0))
+_GAUSS_WEIGHTS = (0.5, 0.5)
 
 
 class CellPoints(NamedTuple):
@@ -108,10 +112,7 @@ def fine_relief(
     n_draws : int
         Draws from which the variance is taken.
     """
-    information = Information.empty(window.shape, 0)
-    information.add(points.rows(points.residual))
-    ratio = stiffness._replace(stiffness=stiffness.stiffness * stiffness.noise_factor**2)
-    operator = Operator(information.stencil, ratio.weights(cell_m))
+    information, operator = _equations(points, window, cell_m, stiffness)
     by = VCyclePreconditioner(operator)
     start = np.zeros(window.shape)
     height = solve(operator, information.rhs, start, tolerance=_MEAN_TOLERANCE, preconditioner=by).z
@@ -126,23 +127,81 @@ def fine_relief(
     return FineRelief(height, _averaged(variance, away), shares, away)
 
 
+def _equations(
+    points: CellPoints, window: CellWindow, cell_m: float, stiffness: Stiffness
+) -> tuple[Information, Operator]:
+    """Return what the points say of the nodes, and the matrix A."""
+    information = Information.empty(window.shape, 0)
+    information.add(points.rows(points.residual))
+    ratio = stiffness._replace(stiffness=stiffness.stiffness * stiffness.noise_factor**2)
+    return information, Operator(information.stencil, ratio.weights(cell_m))
+
+
+def variance_within_cells(
+    points: CellPoints, window: CellWindow, cell_m: float, stiffness: Stiffness, n_draws: int
+) -> float:
+    """Return the variance of the bilinear field, averaged over measured cells, as a share of that at their middles.
+
+    The middles are the nodes of the lattice, where the field is least certain: between them it is a mean of nodes.
+
+    Parameters
+    ----------
+    points, window, cell_m, stiffness, n_draws
+        See `fine_relief`.
+    """
+    information, operator = _equations(points, window, cell_m, stiffness)
+    measured = information.stencil[0] > 0.0
+    nodes, cells = 0.0, 0.0
+    for drawn in _draws(operator, VCyclePreconditioner(operator), points, window, n_draws):
+        nodes += float(np.sum(drawn[measured] ** 2))
+        cells += float(np.sum(_mean_square_over_cells(drawn)[measured]))
+    return cells / nodes if nodes > 0.0 else 1.0
+
+
+def _mean_square_over_cells(values: FloatArray) -> FloatArray:
+    """Return the mean square of bilinear node values (H, W) over the cells about the nodes."""
+    padded = np.pad(values, 1, mode="edge")
+    total = np.zeros(values.shape)
+    quadrants = ((j, i) for j in (-1, 1) for i in (-1, 1))
+    for j, i in quadrants:
+        corners = [
+            [
+                padded[1 + b * j : padded.shape[0] - 1 + b * j, 1 + a * i : padded.shape[1] - 1 + a * i]
+                for a in (0, 1)
+            ]
+            for b in (0, 1)
+        ]
+        for (s, p), (t, q) in product(enumerate(_GAUSS_WEIGHTS), repeat=2):
+            v, u = _GAUSS_PLACES[s], _GAUSS_PLACES[t]
+            south, north = ((1.0 - u) * row[0] + u * row[1] for row in corners)
+            total += p * q * ((1.0 - v) * south + v * north) ** 2
+    return 0.25 * total
+
+
 def _variance(
     operator: Operator, by: VCyclePreconditioner, points: CellPoints, window: CellWindow, n_draws: int
 ) -> FloatArray:
     """Return the diagonal of A⁻¹: 1/A_ii, and the mean square over draws of what the neighbours add (Rao–Blackwell)."""
     own = operator.stencil[0] + prior_diagonal(operator.weights, operator.soft, operator.shape)
+    total = np.zeros(operator.shape)
+    for drawn in _draws(operator, by, points, window, n_draws):
+        total += ((operator.apply(drawn) - own * drawn) / own) ** 2
+    variance: FloatArray = total / n_draws + 1.0 / own
+    return variance
+
+
+def _draws(
+    operator: Operator, by: VCyclePreconditioner, points: CellPoints, window: CellWindow, n_draws: int
+) -> Iterator[FloatArray]:
+    """Yield draws (H, W) with the covariance A⁻¹."""
     signs, start = np.empty((N_LAYERS, *operator.shape)), np.zeros(operator.shape)
     rows, cells = points.rows(points.residual), np.column_stack([points.column, points.row])
-    total = np.zeros(operator.shape)
     for draw in range(n_draws):
         error = np.zeros(operator.shape)
         add_point_errors(rows, cells, points.strip, draw, error)
         place_signs(window.west, window.south, draw, signs)
         prior_noise(operator.weights, operator.soft, signs, error)
-        drawn = solve(operator, error, start, tolerance=_DRAW_TOLERANCE, preconditioner=by).z
-        total += ((operator.apply(drawn) - own * drawn) / own) ** 2
-    variance: FloatArray = total / n_draws + 1.0 / own
-    return variance
+        yield solve(operator, error, start, tolerance=_DRAW_TOLERANCE, preconditioner=by).z
 
 
 def _averaged(variance: FloatArray, away: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from survey.reconstruction.nodes import bilinear
 from survey.reconstruction.tiled.cells.statistics import cells_in
 from survey.reconstruction.tiled.job import TiledJob
 from survey.reconstruction.tiled.layout import CellWindow, MapTile
-from survey.reconstruction.tiled.relief.fine_relief import fine_relief
+from survey.reconstruction.tiled.relief.fine_relief import fine_relief, variance_within_cells
 from survey.reconstruction.tiled.relief.measurements import Measurements, measurements
 from survey.reconstruction.tiled.relief.shared import Learnt, Shared
 
@@ -23,6 +23,7 @@ Run = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[Any, Any]]]
 _N_PATCHES, _N_PILOTS, _PILOT_CELLS = 16, 6, 160
 _MOST_TRIES = 100
 _LEAST_POINTS = 60
+_CELL_DRAWS = 8
 _RANGES_IN_CELLS = (60.0, 30.0, 15.0, 8.0)
 _WITHHELD_OF_PILOTS = 0.1
 # Where nothing can be learnt: gentle ground.
@@ -54,9 +55,12 @@ def learn(job: TiledJob, shared: Shared, tiles: Sequence[MapTile], run: Run) -> 
     ranges = [n * job.layout.cell_m for n in _RANGES_IN_CELLS]
     stiffness = likeliest_of(patches, ranges) if patches else _FALLBACK
     pilots = _places(job, tiles, _PILOT_CELLS, _N_PILOTS)
+    if not pilots:
+        return Learnt(stiffness, LatticeCalibration())
     found = dict(run(partial(_pilot, job, shared, stiffness), pilots))
-    errors = np.concatenate([found[place] for place in pilots])
-    return Learnt(stiffness, likeliest_factors(*errors.T) if len(errors) else LatticeCalibration())
+    errors = np.concatenate([found[place][0] for place in pilots])
+    within_cells = float(np.mean([found[place][1] for place in pilots]))
+    return Learnt(stiffness, likeliest_factors(*errors.T), within_cells)
 
 
 def _places(job: TiledJob, tiles: Sequence[MapTile], side: int, n: int) -> list[Place]:
@@ -92,10 +96,15 @@ def _patches(job: TiledJob, shared: Shared, places: Sequence[Place]) -> list[Lat
     return patches
 
 
-def _pilot(job: TiledJob, shared: Shared, stiffness: Stiffness, place: Place) -> FloatArray:
-    """Return errors [m], variances of the surface and of the cells [m²] (N, 3) at the withheld cells of a window."""
+def _pilot(job: TiledJob, shared: Shared, stiffness: Stiffness, place: Place) -> tuple[FloatArray, float]:
+    """Return errors [m], variances of the surface and of the cells [m²] (N, 3) at the withheld cells of a window.
+
+    The second value is that of `variance_within_cells`.
+    """
     found = measurements(job, shared, place.tile, place.window, _WITHHELD_OF_PILOTS)
-    return withheld_errors(found, place.window, job.layout.cell_m, stiffness, job.config.n_draws)
+    setting = place.window, job.layout.cell_m, stiffness
+    errors = withheld_errors(found, *setting, job.config.n_draws)
+    return errors, variance_within_cells(found.points, *setting, _CELL_DRAWS)
 
 
 def withheld_errors(

@@ -4,12 +4,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files.writing import replacing
 from survey.reconstruction.lattice.calibration import LatticeCalibration
 from survey.reconstruction.lattice.stiffness import Stiffness
 from survey.reconstruction.tiled.job import TiledJob, load_arrays
 from survey.reconstruction.tiled.layout import MapTile
+from survey.reconstruction.tiled.relief.fine_relief import FineRelief
 from survey.reconstruction.tiled.relief.long_relief import LongRelief, long_relief, relief_arrays, relief_of
 from survey.reconstruction.tiled.strips.pairs import StripPairs
 from survey.reconstruction.tiled.strips.places import StripPlaces
@@ -44,10 +46,27 @@ class Shared(NamedTuple):
 
 
 class Learnt(NamedTuple):
-    """Prior of the fine relief, and factors on the standard deviations by withheld cells."""
+    """Prior of the fine relief, and factors on the standard deviations by withheld cells.
+
+    Parameters
+    ----------
+    stiffness : Stiffness
+        Prior of the fine relief.
+    calibration : LatticeCalibration
+        Factors by withheld cells.
+    within_cells : float
+        Variance of a height in a measured cell as a share of that at its middle, see `variance_within_cells`.
+    """
 
     stiffness: Stiffness
     calibration: LatticeCalibration
+    within_cells: float = 1.0
+
+    def surface_variance(self, fine: FineRelief) -> FloatArray:
+        """Return the variance (H, W) of the fine relief [m²] with the factors."""
+        share = np.where(fine.away < 1.0, self.within_cells, 1.0)
+        variance: FloatArray = self.calibration.surface**2 * share * fine.variance
+        return variance
 
 
 def solve_shared(job: TiledJob, tiles: list[MapTile]) -> Shared:

@@ -76,7 +76,7 @@ def _variance(
     cell_m: float,
 ) -> FloatArray:
     """Return the variance of the heights [m²]: fine relief, long relief where points lack, and errors of strips."""
-    variance = learnt.calibration.surface**2 * fine.variance + (fine.long_share() * found.long_std_m) ** 2
+    variance = learnt.surface_variance(fine) + (fine.long_share() * found.long_std_m) ** 2
     for share in fine.shares.values():
         variance += (share * strips.sizes.rest_m()) ** 2
     keys = np.array(list(fine.shares), np.uint32)
