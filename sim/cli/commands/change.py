@@ -1,5 +1,6 @@
 """``firnline change``: elevation, volume and mass change between two surveys."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -60,6 +61,7 @@ def change(request: ChangeRequest) -> None:
 
 def _end_dry_run(request: ChangeRequest) -> NoReturn:
     """Read surveys and outlines, and print what would be compared."""
+    from sim.cli.scoring.surveys import surveys_of
     from survey import Dem
     from survey.scoring.change.outlines import read_outlines
 
@@ -67,8 +69,8 @@ def _end_dry_run(request: ChangeRequest) -> NoReturn:
     surveys = {"later": request.later, "earlier": request.earlier}
     if all(source.suffix == ".npz" for source in surveys.values()):
         end_dry_run(writes)
-    read = {name: _surface(source, request.crs) for name, source in surveys.items()}
-    dems = {name: one if isinstance(one, Dem) else one.mean for name, one in read.items()}
+    *read, _ = surveys_of(request.later, request.earlier, request.crs)
+    dems = dict(zip(surveys, (one if isinstance(one, Dem) else one.mean for one in read), strict=True))
     facts = {name: "{} × {} cells".format(*dem.shape) for name, dem in dems.items()}
     outlines = read_outlines(request.outline, dems["later"].crs)
     end_dry_run(writes, {**facts, "outlines": ", ".join(outlines)})
@@ -96,13 +98,14 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
     """Compare two terrain models by their posteriors, anything else by the unchanged ground."""
     import shapely
 
+    from sim.cli.scoring.surveys import surveys_of
     from survey import Dem
     from survey.scoring.change.change import change as compare
     from survey.scoring.change.outlines import read_outlines
 
     if request.later.suffix == request.earlier.suffix == ".npz":
         return _models_compared(request.later, request.earlier, request.outline, request.step_m)
-    new, old = (_surface(source, request.crs) for source in (request.later, request.earlier))
+    new, old, note = surveys_of(request.later, request.earlier, request.crs)
     crs = (new if isinstance(new, Dem) else new.mean).crs
     outlines = read_outlines(request.outline, crs)
     ground = None
@@ -119,7 +122,7 @@ def _compared(request: ChangeRequest) -> tuple["Change", dict[str, Any]]:
         flow=flow,
         thickness=thickness,
     )
-    return found, outlines
+    return replace(found, notes=(*found.notes, *note)), outlines
 
 
 def _flow(
@@ -157,19 +160,6 @@ def _models_compared(
     outlines = read_outlines(outline, crs)
     bounds = shapely.union_all(list(outlines.values())).bounds
     return change_of_models(new, old, outlines, Grid.over(bounds, step_m, crs)), outlines
-
-
-def _surface(source: Path, crs: str | None) -> "Reconstruction | Dem":
-    """Read a map that is no terrain model."""
-    from sim.cli.scoring.maps import map_of
-
-    if source.suffix == ".npz":
-        from survey.core.errors import InputError
-
-        raise InputError(
-            f"{source} is a terrain model and the other survey is none; compare two models, or two maps."
-        )
-    return map_of(source, crs)
 
 
 def _print_change(facts: dict[str, Any], out: Path) -> None:
