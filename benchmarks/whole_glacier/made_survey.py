@@ -43,6 +43,14 @@ class MadeSurvey(NamedTuple):
         """Number of strips, which run northwards."""
         return max(round(self.width_m / _SPACING_M), 1)
 
+    @property
+    def n_points(self) -> int:
+        """Number of points of all strips."""
+        return sum(
+            int(max(high - low, 0.0) * self.height_m * self.density)
+            for low, high in (self._extent(error, 0.0, self.width_m) for error in self.strip_errors())
+        )
+
     def strip_errors(self) -> list[StripError]:
         """Return the true errors of all strips."""
         rng = stream(self.seed, "made survey", "strips")
@@ -90,13 +98,17 @@ class MadeSurvey(NamedTuple):
         las.write(str(draft), do_compress=True)
         draft.rename(file)
 
+    def _extent(self, error: StripError, west: float, east: float) -> tuple[float, float]:
+        """Return the western and the eastern edge of a strip between two eastings [m]."""
+        middle = error.middle[0] - _WEST_M
+        return max(middle - 0.5 * _WIDTH_M, west), min(middle + 0.5 * _WIDTH_M, east)
+
     def _strip_points(
         self, k: int, error: StripError, west: float, south: float
     ) -> tuple[FloatArray, FloatArray]:
         """Return the points (N, 3) of a strip in a file, with its errors, and its number (N,)."""
         width, height = min(_FILE_M, self.width_m - west), min(_FILE_M, self.height_m - south)
-        low = max(error.middle[0] - _WEST_M - 0.5 * _WIDTH_M, west)
-        high = min(error.middle[0] - _WEST_M + 0.5 * _WIDTH_M, west + width)
+        low, high = self._extent(error, west, west + width)
         rng = stream(self.seed, "made survey", "points", k, int(west), int(south))
         n = int(max(high - low, 0.0) * height * self.density)
         if n == 0:

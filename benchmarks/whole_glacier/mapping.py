@@ -1,7 +1,7 @@
 """Maps of made surveys, compared with their ground."""
 
 import json
-import resource
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -57,12 +57,13 @@ def command(files: list[Path], out: Path, *options: str) -> list[str]:
 
 
 def used_by(arguments: list[str]) -> Used:
-    """Run a command, and return what it used."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Used(cpu_s, after.ru_maxrss * 1024 / 1e6)
+    """Run a command, and return what it and its own processes used."""
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise subprocess.CalledProcessError(process.returncode, arguments)
+    return Used(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024 / 1e6)
 
 
 def judged(made: MadeSurvey, mosaic: Path) -> Judged:
@@ -93,11 +94,13 @@ def _truth(made: MadeSurvey, transform: rasterio.Affine, window: Window) -> Floa
     return made.heights(x.ravel(), y.ravel()).reshape(x.shape)
 
 
-def offset_of(out: Path, strips: list[str]) -> tuple[float, float]:
-    """Return how far a strip lies above another one by a map's record, and the standard deviation [m]."""
+def overlap_of(out: Path, strips: list[str]) -> dict[str, float]:
+    """Return what a map's record says of the overlap of two strips."""
     facts = json.loads((out / "reconstruction.json").read_text(encoding="utf-8"))
-    own = next(pair for pair in facts["diagnostics"]["overlaps"] if pair["strips"] == strips)
-    return own["offset_m"], own["offset_m_sigma"]
+    own: dict[str, float] = next(
+        pair for pair in facts["diagnostics"]["overlaps"] if pair["strips"] == strips
+    )
+    return own
 
 
 def above_triangles_m(file: Path, first: int, second: int) -> float:

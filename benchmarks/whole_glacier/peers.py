@@ -1,14 +1,18 @@
 """Programs that a user would take instead: gdal_grid by inverse distances and by triangles."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import laspy
 import numpy as np
 import rasterio
 
+from benchmarks.report import Row
 from benchmarks.whole_glacier.made_survey import MadeSurvey
-from benchmarks.whole_glacier.mapping import Used, used_by
+from benchmarks.whole_glacier.mapping import Used, command, control_file, judged, used_by
+
+_SEED = 103
 
 _ALGORITHMS = {
     "inverse distances": "invdist:power=2:radius1=3:radius2=3:max_points=12:nodata=-9999",
@@ -18,6 +22,27 @@ _ALGORITHMS = {
 
 class PeerError(RuntimeError):
     """gdal_grid is not installed."""
+
+
+def beside_gdal(folder: Path, density: float) -> Iterator[Row]:
+    """Yield error and CPU time beside gdal_grid's."""
+    made = MadeSurvey(_SEED, 500.0, 500.0, density)
+    files = made.write(folder / "peers")
+    control = str(control_file(made, folder))
+    used = used_by(command(files, folder / "own", "--workers", "1", "--control", control))
+    own = judged(made, folder / "own" / "dem.vrt")
+    try:
+        found = gdal_grid(made, files, folder)
+    except PeerError:
+        return
+    for name, (rmse_m, peer_used) in found.items():
+        yield Row(f"gdal_grid, {name}: RMSE", rmse_m, "m")
+        yield Row.of(f"RMSE over that of gdal_grid, {name}", own.rmse_m / rmse_m, "", "<=", 0.9)
+        ratio = used.cpu_s / peer_used.cpu_s
+        if name == "triangles":
+            yield Row.of(f"CPU time over that of gdal_grid, {name}", ratio, "", "<=", 2.0)
+        else:
+            yield Row(f"CPU time over that of gdal_grid, {name}", ratio, "")
 
 
 def gdal_grid(made: MadeSurvey, files: list[Path], folder: Path) -> dict[str, tuple[float, Used]]:
