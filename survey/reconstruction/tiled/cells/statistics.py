@@ -1,6 +1,8 @@
 """Statistics of cells: number, mean place, mean height and variance of the points of each strip in each cell."""
 
+from bisect import bisect_left
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -109,12 +111,13 @@ def write_cells(path: Path, cells: npt.NDArray[np.void]) -> None:
         np.save(draft.with_suffix(".npy"), cells)
 
 
-def read_cells(path: Path) -> npt.NDArray[np.void]:
-    """Return the cells of a tile; none where the tile has no file."""
+def read_rows(path: Path, first: int, last: int) -> npt.NDArray[np.void]:
+    """Return the cells of a tile in rows from `first` to before `last`, read from the disk; none where there is no file."""
     if not path.exists():
         return np.zeros(0, CELL)
-    cells: npt.NDArray[np.void] = np.load(path)
-    return cells
+    cells: npt.NDArray[np.void] = np.load(path, mmap_mode="r")
+    begin, end = (bisect_left(cells, row, key=itemgetter("row")) for row in (first, last))
+    return np.array(cells[begin:end])
 
 
 def cells_in(folder: Path, layout: TileLayout, tile: MapTile, window: CellWindow) -> npt.NDArray[np.void]:
@@ -124,8 +127,7 @@ def cells_in(folder: Path, layout: TileLayout, tile: MapTile, window: CellWindow
     north = window.south + window.rows - layout.window(tile).south - layout.window(tile).rows
     found = []
     for other in layout.near(tile, max(reach, east, north)):
-        cells = read_cells(folder / f"{other.name}.npy")
-        row, column = cells["row"] - window.south, cells["column"] - window.west
-        inside = (row >= 0) & (row < window.rows) & (column >= 0) & (column < window.columns)
-        found.append(cells[inside])
+        cells = read_rows(folder / f"{other.name}.npy", window.south, window.south + window.rows)
+        column = cells["column"] - window.west
+        found.append(cells[(column >= 0) & (column < window.columns)])
     return np.concatenate(found)
