@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import FloatArray
+from survey.reconstruction.tiled.cells.sorting import STEP_M
 from survey.reconstruction.tiled.job import Control
 from survey.reconstruction.tiled.strips.overlaps import OVERLAP
 
@@ -56,7 +57,9 @@ def control_differences(
         for key, d, fit_m2, e, v in rows:
             variance = fit_m2 + len(rows) * sigma_m**2
             sums = (1.0, e, v, e * e, e * v, v * v, d, d * e, d * v, d * d)
-            found.append((key, 0, px, py, variance, variance, d, 0.0, *sums))
+            # Each control point is a block of its own.
+            number = round(py / STEP_M), round(px / STEP_M)
+            found.append((key, 0, px, py, *number, variance, variance, d, 0.0, *sums))
     return np.array(found, OVERLAP)
 
 

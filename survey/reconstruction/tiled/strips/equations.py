@@ -98,18 +98,28 @@ def differences(places: StripPlaces, rows: npt.NDArray[np.void]) -> Differences:
     places : StripPlaces
         Middles and half-lengths.
     rows : (N,) ndarray of OVERLAP
-        Blocks of cells, and control points with `second` 0.
+        Blocks of cells, and control points with `second` 0. The parts of a block that lie in several tiles are put together,
+        so that the tiles make no difference.
     """
-    square = [np.floor(rows[axis] / STRETCH_M) for axis in ("x", "y")]
-    keys = np.column_stack([rows["first"], rows["second"], *square])
+    stretch = [np.floor(rows[axis] / STRETCH_M) for axis in ("x", "y")]
+    names = ("first", "second", "block_row", "block_column")
+    keys = np.column_stack([rows[names[0]], rows[names[1]], *stretch, *(rows[name] for name in names[2:])])
     order = np.lexsort(keys.T[::-1])
-    changes = (np.diff(keys[order], axis=0) != 0).any(axis=1)
-    starts = np.flatnonzero(np.concatenate([[True], changes])) if len(rows) else np.zeros(0, np.int64)
-    return Differences(_block_sums(places, rows[order]), starts)
+    keys = keys[order]
+    blocks = _starts(keys)
+    return Differences(_part_sums(places, rows[order]).joined(blocks), _starts(keys[blocks, :4]))
 
 
-def _block_sums(places: StripPlaces, rows: npt.NDArray[np.void]) -> GroupSums:
-    """Return the sums of blocks, whose moments are those of h = (1, slope east, slope north)."""
+def _starts(keys: FloatArray) -> IntArray:
+    """Return where runs of equal rows (N, K) begin."""
+    if len(keys) == 0:
+        return np.zeros(0, np.int64)
+    changes = (np.diff(keys, axis=0) != 0).any(axis=1)
+    return np.flatnonzero(np.concatenate([[True], changes]))
+
+
+def _part_sums(places: StripPlaces, rows: npt.NDArray[np.void]) -> GroupSums:
+    """Return the sums of parts of blocks, whose moments are those of h = (1, slope east, slope north)."""
     is_pair = rows["second"] > 0
     first = places.numbers(rows["first"])
     second = np.where(is_pair, places.numbers(rows["second"]), first)

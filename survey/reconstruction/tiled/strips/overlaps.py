@@ -15,11 +15,19 @@ its products with the slopes, its square."""
 OVERLAP = np.dtype(
     [
         *(("first", "<u4"), ("second", "<u4"), ("x", "<f8"), ("y", "<f8")),
-        *(("scatter", "<f8"), ("sampling", "<f8"), ("raw", "<f8"), ("placed", "<f8")),
+        *(
+            ("block_row", "<i8"),
+            ("block_column", "<i8"),
+            ("scatter", "<f8"),
+            ("sampling", "<f8"),
+            ("raw", "<f8"),
+            ("placed", "<f8"),
+        ),
         *((name, "<f8") for name in SUMS),
     ]
 )
-"""A block of cells that two strips have seen: keys of the strips, mean place [m], robust variance of the cells'
+"""A block of cells that two strips have seen, as far as it lies in a tile: keys of the strips, mean place [m], number of the
+block, robust variance of the cells'
 differences first minus second [m²], the part of it that their points' scatter explains [m²], sums over the cells of the
 difference of mean heights [m] and of the part of it that other places of the points in the cell make [m], and `SUMS`."""
 BLOCK_CELLS = 32
@@ -123,7 +131,16 @@ def _blocks(
         if len(rows) < _LEAST_CELLS:
             continue
         x, y = ((cells[a][rows].mean() + 0.5) * cell_m for a in ("column", "row"))
-        yield int(cells["strip"][rows[0]]), int(other[rows[0]]), float(x), float(y), *_summed(values[rows])
+        first = rows[0]
+        number = int(row[first]), int(column[first])
+        yield (
+            int(cells["strip"][first]),
+            int(other[first]),
+            float(x),
+            float(y),
+            *number,
+            *_summed(values[rows]),
+        )
 
 
 def _summed(values: FloatArray) -> tuple[float, ...]:

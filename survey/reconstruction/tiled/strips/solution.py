@@ -14,7 +14,8 @@ from survey.reconstruction.tiled.strips.places import N_TERMS, StripPlaces
 from survey.reconstruction.tiled.strips.strip_errors import Sizes, StripErrors
 
 _LOG_SD = 0.7
-_MOST_EVALUATIONS = 300
+# Sizes are searched within a factor of a thousand.
+_MOST_LOG = 7.0
 
 
 def solve_strips(
@@ -60,8 +61,8 @@ def _sizes(found: Differences, n_strips: int, expected: Sizes) -> Sizes:
         own += 2.0 * float(np.log(np.diag(lower)).sum())
         return 0.5 * float(own) + 0.5 * float(np.sum(((logs - start) / _LOG_SD) ** 2))
 
-    options = {"xatol": 0.02, "fatol": 0.02, "maxfev": _MOST_EVALUATIONS}
-    best = minimize(negative, start, method="Nelder-Mead", options=options)
+    bounds = [(log - _MOST_LOG, log + _MOST_LOG) for log in start]
+    best = minimize(negative, start, method="L-BFGS-B", bounds=bounds)
     return Sizes(*map(float, np.exp(best.x)))
 
 
@@ -75,4 +76,7 @@ def _shared_in_cells(blocks: npt.NDArray[np.void]) -> float:
     """Return the standard deviation of a strip's height in a cell beyond what its points' scatter explains [m]."""
     if len(blocks) == 0:
         return 0.0
-    return float(np.sqrt(max(0.0, 0.5 * float(np.median(blocks["scatter"] - blocks["sampling"])))))
+    excess = blocks["scatter"] - blocks["sampling"]
+    order = np.argsort(excess)
+    share = np.cumsum(blocks["n"][order]) / blocks["n"].sum()
+    return float(np.sqrt(max(0.0, 0.5 * excess[order][np.searchsorted(share, 0.5)])))

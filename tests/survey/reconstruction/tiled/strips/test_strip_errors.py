@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from survey.reconstruction.tiled.strips.overlaps import OVERLAP
+from survey.reconstruction.tiled.strips.overlaps import OVERLAP, SUMS
 from survey.reconstruction.tiled.strips.pairs import StripPairs
 from survey.reconstruction.tiled.strips.places import StripPlaces
 from survey.reconstruction.tiled.strips.solution import solve_strips
@@ -23,7 +23,7 @@ def block(
 ) -> tuple[float, ...]:
     e, v = slope.T
     sums = (len(d), e.sum(), v.sum(), e @ e, e @ v, v @ v, d.sum(), d @ e, d @ v, d @ d)
-    return (first, second, *xy, variance, variance, d.sum(), 0.0, *sums)
+    return (first, second, *xy, *np.round(1e3 * xy).astype(int), variance, variance, d.sum(), 0.0, *sums)
 
 
 def drawn(seed: int, n_control: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -140,3 +140,14 @@ def test_stored_errors_are_the_same() -> None:
     assert (again.errors == found.errors).all()
     assert (again.covariance == found.covariance).all()
     assert again.facts() == found.facts()
+
+
+def test_blocks_that_tiles_cut_count_as_one() -> None:
+    _, blocks, control = drawn(6, 8)
+    one = solve_strips(PLACES, blocks, control, EXPECTED)
+    half = blocks.copy()
+    for name in ("raw", "placed", *SUMS):
+        half[name] *= 0.5
+    cut = solve_strips(PLACES, np.concatenate([half, half]), control, EXPECTED)
+    np.testing.assert_allclose(cut.errors, one.errors, atol=1e-6)
+    np.testing.assert_allclose(cut.covariance, one.covariance, atol=1e-8)
