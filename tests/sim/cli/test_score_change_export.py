@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from sim.cli.main import app
 from survey import Dem, Grid, InputError
 from survey.io.vector import write_features
+from survey.scoring.change import large_surveys
 
 UTM = "EPSG:32608"
 
@@ -169,3 +170,12 @@ def test_a_gnss_export_is_judged_by_its_usual_columns_or_by_a_mapping(site: Path
         "score", "map.tif", "--checkpoints", "odd.csv", "--columns", "x=q", code=3
     )
     assert "key=column" in output_of("score", "map.tif", "--checkpoints", "odd.csv", "--columns", "q", code=4)
+
+
+def test_large_surveys_are_averaged_before_they_are_compared(
+    site: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(large_surveys, "LARGEST_CELLS", 2_000)
+    monkeypatch.setattr(large_surveys, "_AVERAGED_CELLS", 1_000)
+    assert "averaged over squares of about 19" in output_of(*_surveys(site))
+    assert Dem.read("out/change.tif").step_m == 20.0

@@ -1,6 +1,6 @@
 """Conversion of a raster that does not fit the memory to another format, window by window."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -99,7 +99,7 @@ def _windows(raster: Any) -> Iterator[Any]:
             yield Window(column, row, min(_WINDOW_CELLS, raster.width - column), height)
 
 
-def _copy(source: Path, draft: Path, options: dict[str, str]) -> None:
+def _copy(source: Path, draft: Path, options: Mapping[str, Any]) -> None:
     """Copy a GeoTIFF by GDAL, which reads it in blocks."""
     import rasterio
     import rasterio.shutil
