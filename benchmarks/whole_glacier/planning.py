@@ -14,7 +14,7 @@ from benchmarks.whole_glacier.mapping import used_by
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 
-_SIDE_M, _STEP_M, _MARGIN_M = 10_000.0, 30.0, 300.0
+_SIDE_M, _STEP_M, _MARGIN_M = 10_000.0, 30.0, 310.0
 _SEED = 101
 _MOST_S, _MOST_MB = 600.0, 4000.0
 _PLANS = {
