@@ -3,10 +3,11 @@
 Run with ``python -m benchmarks.fleet``. Seeds 7101 to 7110 were used for nothing else; sizes were chosen on seeds 41
 to 43, and on 51 to 60 for probabilities of slopes. Sites of 300 × 300 m are surveyed by six swaths with gravity and
 barometer, in the statistical fidelity; the terrain is of five kinds in turn. Slopes over 2 m are judged on ground of
-0.5 m, everything else on ground of 2 m. Parts are stored as they finish (``FIRNLINE_FLEET`` names the folder, which
-belongs to one state of the code), and a run that was broken off continues; ``FIRNLINE_FLEET_PART`` (joint, payload,
-hazard, lost, rehearsal or images) computes one part alone and shows its rows. The part of images drives three swaths
-of 60 m; `benchmarks.fleet_in_images` drives eight of 600 m.
+0.5 m, everything else on ground of 2 m. The figures of each part (joint, payload, hazard, lost,
+rehearsal and images) are a table of their own, ``fleet_joint.json`` and so on, stored when the part is complete;
+``FIRNLINE_FLEET_PART`` computes one part alone. Sites are stored as they finish (``FIRNLINE_FLEET`` names the folder, which
+belongs to one state of the code), and a run that was broken off continues. The part of images drives three swaths of 60 m;
+`benchmarks.fleet_in_images` drives eight of 600 m.
 """
 
 import os
@@ -24,27 +25,14 @@ from benchmarks.stored_parts import code_digest, stored
 _PART = os.environ.get("FIRNLINE_FLEET_PART")
 FIRST_SEED, N_SITES, N_HAZARD, N_LOST = 7101, 5, 10, 2
 _SOURCES = ("survey", "planners", "vision_slam", "sim", "benchmarks/fleet")
-
-
-def measure(quick: bool) -> Iterator[Row]:
-    """Yield the rows."""
-    parts: dict[str, Callable[[bool], Iterator[Row]]] = {
-        "joint": _joint_rows,
-        "payload": _payload_rows,
-        "hazard": _hazard_rows,
-        "lost": _lost_rows,
-        "rehearsal": _rehearsal_rows,
-        "images": lambda _: image_missions.rows(FIRST_SEED, image_missions.SHORT, _folder()),
-    }
-    for name, rows in parts.items():
-        if _PART in (None, name):
-            yield from rows(quick)
+_TABLES = ("__main__.py",)
+"""Files of this folder that summarize stored sites, and compute none."""
 
 
 def _folder() -> Path:
     """Return the folder of the parts of this state of the code."""
     named = os.environ.get("FIRNLINE_FLEET")
-    return Path(named or tempfile.gettempdir()) / f"firnline-fleet-{code_digest(_SOURCES)}"
+    return Path(named or tempfile.gettempdir()) / f"firnline-fleet-{code_digest(_SOURCES, without=_TABLES)}"
 
 
 def _outcomes(name: str, make: Callable[[int], Any], n: int) -> list[Any]:
@@ -140,5 +128,22 @@ def _rehearsal_rows(quick: bool) -> Iterator[Row]:
     yield Row("rehearsal: share of runs that meet the class", met / n_runs, "1")
 
 
+def _image_rows(_quick: bool) -> Iterator[Row]:
+    yield from image_missions.rows(FIRST_SEED, image_missions.SHORT, _folder())
+
+
+PARTS: dict[str, Callable[[bool], Iterator[Row]]] = {
+    "joint": _joint_rows,
+    "payload": _payload_rows,
+    "hazard": _hazard_rows,
+    "lost": _lost_rows,
+    "rehearsal": _rehearsal_rows,
+    "images": _image_rows,
+}
+"""Rows of each part, by its name."""
+
+
 if __name__ == "__main__":
-    main("Fleet", measure, ("numpy", "scipy", "numba"), is_complete=_PART is None)
+    for name, rows in PARTS.items():
+        if _PART in (None, name):
+            main(f"Fleet {name}", rows, ("numpy", "scipy", "numba"))
