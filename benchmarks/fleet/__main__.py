@@ -13,6 +13,7 @@ belongs to one state of the code), and a run that was broken off continues. The 
 import os
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def _folder() -> Path:
 
 def _outcomes(name: str, make: Callable[[int], Any], n: int) -> list[Any]:
     return [
-        stored(_folder() / f"{name}-{seed}.json", lambda seed=seed: make(seed))
+        stored(_folder() / f"{name}-{seed}.json", partial(make, seed))
         for seed in range(FIRST_SEED, FIRST_SEED + n)
     ]
 
