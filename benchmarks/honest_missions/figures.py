@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.honest_missions.chance import chance_of_worst
 from benchmarks.honest_missions.maps import NONE, PRIORS, REAL, UNBIASED
 from benchmarks.honest_missions.missions import PATTERNS, SINGLE
 from benchmarks.report import Row
@@ -50,6 +51,9 @@ def _coverage(prior: str, n_stakes: int, mine: Outcomes) -> Iterator[Row]:
     shown = f"{name}: coverage of 95 %, worst mission"
     if n_stakes in _BARRED_STAKES[prior] and prior in _WORST:
         yield Row.of(shown, worst, "1", ">=", _WORST[prior])
+        shares = [(one["offset_sigma_m"] / one["claimed_m"]) ** 2 for one in mine]
+        chance = chance_of_worst(shares, _WORST[prior])
+        yield Row(f"{shown}, chance of {_WORST[prior]:g} or more with levels as stated", chance, "1")
     else:
         yield Row(shown, worst, "1")
     single = [one["coverage"] for one in mine if one["seed"] == SINGLE]

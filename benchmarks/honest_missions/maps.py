@@ -17,7 +17,7 @@ from benchmarks.honest_missions.missions import (
 from benchmarks.image_surveys import Survey
 from benchmarks.report import cpu_seconds
 from survey.data.dem import Dem
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.base import CLAIM, Reconstruction
 from survey.reconstruction.checks.predictive import PredictiveScores
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.joint.checked_map import checked_map
@@ -38,12 +38,14 @@ _FAR_M = 5.0
 class Outcome:
     """Error, claim and coverage of one map [m], its certificates, and its swaths left out beyond 5 m of other points.
 
-    ``kernel_s`` is the CPU time of the fit of the kernels [s].
+    ``offset_sigma_m`` is the stated standard deviation of the map's level [m], ``kernel_s`` the CPU time of the fit of the
+    kernels [s].
     """
 
     rmse_m: float
     claimed_m: float
     offset_m: float
+    offset_sigma_m: float
     coverage: float
     n_certified: int
     n_false: int
@@ -90,6 +92,7 @@ def _judged(solution: JointSolution, survey: Survey, kernel_s: float) -> Outcome
         rmse,
         float(np.sqrt(np.mean(result.std.elevation**2))),
         float(error.mean()),
+        float(result.diagnostics[CLAIM]["offset_sigma_m"]),
         float(np.mean(np.abs(error) <= 1.959964 * result.std.elevation)),
         n_certified,
         n_false,

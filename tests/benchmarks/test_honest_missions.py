@@ -2,12 +2,15 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
+from benchmarks.honest_missions.chance import chance_of_worst, coverage_at
 from benchmarks.honest_missions.figures import rows
 from benchmarks.honest_missions.maps import NONE, PRIORS, REAL, UNBIASED
 from benchmarks.honest_missions.missions import PATTERNS, mission_of
 from benchmarks.report import Row
+from survey.core.streams import stream
 
 
 def outcomes(**changed: Any) -> list[dict[str, Any]]:
@@ -15,6 +18,7 @@ def outcomes(**changed: Any) -> list[dict[str, Any]]:
     facts = {
         "rmse_m": 0.2,
         "claimed_m": 0.2,
+        "offset_sigma_m": 0.1,
         "coverage": 0.95,
         "n_certified": 1,
         "n_false": 0,
@@ -66,3 +70,15 @@ def test_patterns_survey_the_same_site() -> None:
     lawnmower, wandering = (mission_of(pattern, 41) for pattern in PATTERNS)
     assert lawnmower.terrain == wandering.terrain
     assert lawnmower.area == wandering.area
+
+
+def test_maps_without_an_error_of_the_level_hold_95_per_cent() -> None:
+    assert coverage_at(3.0, 0.0) == pytest.approx(0.95)
+    assert chance_of_worst([0.0] * 10, 0.94) == 1.0
+
+
+def test_the_chance_of_the_worst_map_is_that_of_drawn_levels() -> None:
+    level = stream(1, "levels").standard_normal((2000, 5))
+    worst = np.vectorize(coverage_at)(level, 0.5).min(axis=1)
+    # Four standard deviations of a share of 2,000 draws.
+    assert chance_of_worst([0.5] * 5, 0.85) == pytest.approx(np.mean(worst >= 0.85), abs=0.043)
