@@ -18,7 +18,7 @@ from live.solve.path_segments import PathSegments, path_segments
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import PathError
 from survey.reconstruction.joint.design_rows import JointSystem
-from survey.reconstruction.joint.joint_solve import NormalEquations, waves_at
+from survey.reconstruction.joint.joint_solve import JointEquations, waves_at
 
 INTERPOLATION_M = 1e-4
 """Standard deviation of the error by which nodes stand for points [m]."""
@@ -53,7 +53,7 @@ class SegmentElimination:
             system, order, weighted.tocsr()[:, unknowns], system.information.tocsr()[unknowns][:, unknowns]
         )
 
-    def equations(self) -> NormalEquations:
+    def equations(self) -> JointEquations:
         """Return the normal equations of the waves and the unknowns at knots; all others are eliminated."""
         n_modes, first = self.system.basis.n_modes, len(self.order.interior)
         shared = self.information[first:, first:].toarray()
@@ -68,7 +68,7 @@ class SegmentElimination:
             right_weights += information[n:-1, -1] @ waves
             informative.append(_root(information[n:-1, n:-1], self.system.strengths) @ waves)
         weights = _identity_plus_square(np.concatenate(informative))
-        return NormalEquations(weights, coupling, shared, right_weights, right_shared)
+        return JointEquations(weights, coupling, shared, right_weights, right_shared)
 
     def _reduced(self, index: int) -> Reduced:
         """Eliminate what only one segment touches."""

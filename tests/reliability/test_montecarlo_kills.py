@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from benchmarks.small_inputs import SECOND_PATTERN
 from benchmarks.small_inputs import STUDY as SMALL_STUDY
+from benchmarks.whole_glacier.kills import workers_of
 from sim.cli.main import app
 from sim.montecarlo.blocks import blocks_of
 from sim.montecarlo.config import read_study
@@ -36,20 +37,6 @@ def started(folder: Path) -> subprocess.Popen[bytes]:
     """Start the study in two processes."""
     command = [*MONTECARLO, "--workers", "2"]
     return subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-
-
-def workers_of(pid: int) -> list[int]:
-    """Return the processes that do the work of a study, as far as they live."""
-    found = []
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(status.read_text().rsplit(")", 1)[1].split()[1])
-            line = (status.parent / "cmdline").read_bytes()
-        except (OSError, IndexError):
-            continue
-        if parent == pid and b"spawn_main" in line:
-            found.append(int(status.parent.name))
-    return found
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:

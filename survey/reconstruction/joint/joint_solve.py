@@ -68,14 +68,14 @@ class JointPosterior:
         functionals: Functionals | None = None,
     ) -> Self:
         """Solve; `shared` are the sparse rows U (N, S) and the sparse prior information Λ (S, S)."""
-        equations = NormalEquations.of_points(basis, amplitudes, data, *shared)
+        equations = JointEquations.of_points(basis, amplitudes, data, *shared)
         if functionals is not None:
             equations.add(functionals)
         return cls.solved(basis, amplitudes, equations, factorized(equations.shared))
 
     @classmethod
     def solved(
-        cls, basis: FourierBasis, amplitudes: FloatArray, equations: "NormalEquations", factor: Any
+        cls, basis: FourierBasis, amplitudes: FloatArray, equations: "JointEquations", factor: Any
     ) -> Self:
         """Solve normal equations, whose weights' block is overwritten; `factor` solves with G."""
         reach = factor.solve(equations.coupling)
@@ -150,7 +150,7 @@ def unit_rows(first: int, n: int, n_shared: int) -> Any:
 
 
 @dataclass
-class NormalEquations:
+class JointEquations:
     """The blocks of the normal equations: of the weights (lower triangle), Bᵀ (S, m), and G; with both right sides."""
 
     weights: FloatArray
@@ -162,7 +162,7 @@ class NormalEquations:
     @classmethod
     def of_points(
         cls, basis: FourierBasis, amplitudes: FloatArray, data: NoisyValues, rows: Any, information: Any
-    ) -> "NormalEquations":
+    ) -> "JointEquations":
         """Return the equations of points alone; `rows` (N, S) and `information` (S, S) are sparse."""
         sums = PointSums.of(basis, data, 0.0)
         weighted = sparse.csr_array(rows.multiply((1.0 / data.noise_m2)[:, None]))

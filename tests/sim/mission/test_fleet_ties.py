@@ -12,16 +12,7 @@ from survey import Trajectory
 from survey.core.config import validated
 from survey.data.sensors.drive_ties import DriveTies
 from survey.reconstruction.joint.several_drives import SeveralDrives
-
-TWO = {
-    "schema_version": 1,
-    "name": "two",
-    "fidelity": "statistical",
-    "terrain": {"source": "random", "size_m": 150.0, "step_m": 3.0, "origin_m": (500000.0, 6700000.0)},
-    "area": {"starts_m": ((500010.0, 6700010.0),)},
-    "planner": {"pattern": "lawnmower", "swaths": 2},
-    "fleet": {"rovers": 2},
-}
+from tests.sim.mission.test_fleet import TWO
 
 
 def test_rovers_are_tied_by_the_places_in_the_file(tmp_path):
