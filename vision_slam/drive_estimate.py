@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray
+from survey.data.ice.motion import IceMotion
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
+from survey.reconstruction.motion.fixed_frame import in_fixed_frame
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.localization import Localization
 from vision_slam.odometry.odometer import VisualOdometry
@@ -42,6 +44,8 @@ class DriveEstimate:
         Corrections of the input and assumptions about it, one sentence each.
     n_fixes, n_fixes_refused : int
         Fixes within the time of the path, and those of them that failed the innovation gate.
+    ice_motion : IceMotion, optional
+        Motion of the ice, where it was estimated; path and landmarks are then those of its epoch.
     """
 
     time_s: FloatArray
@@ -57,6 +61,7 @@ class DriveEstimate:
     notes: tuple[str, ...] = ()
     n_fixes: int = 0
     n_fixes_refused: int = 0
+    ice_motion: IceMotion | None = None
 
     @classmethod
     def in_crs(cls, result: Localization) -> "DriveEstimate":
@@ -87,6 +92,7 @@ class DriveEstimate:
             result.notes,
             result.n_fixes,
             result.n_fixes_refused,
+            result.ice_motion,
         )
 
     @classmethod
@@ -120,6 +126,13 @@ class DriveEstimate:
             notes=visual.notes,
             own_covariance=covariance,
         )
+
+    @property
+    def fixed_trajectory(self) -> Trajectory | None:
+        """Path in fixed coordinates, each pose at its own time; None without a CRS."""
+        if self.trajectory is None or self.ice_motion is None:
+            return self.trajectory
+        return in_fixed_frame(self.trajectory, self.ice_motion)
 
     @property
     def T_body_tracked(self) -> FloatArray:

@@ -12,6 +12,7 @@ from survey.core.config import validated, with_overrides
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
+from survey.data.ice.motion import IceMotion
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.trajectory import Trajectory
@@ -24,9 +25,10 @@ from vision_slam.fusion.visual_scale import refuse_untracked
 from vision_slam.io.gps_files import is_receiver_file, read_gps
 from vision_slam.io.references import is_kitti, read_poses
 from vision_slam.io.sequence import ImageSequence
+from vision_slam.moving_ice.estimate import localize_on_ice
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
-from vision_slam.pipeline import image_config, localize
+from vision_slam.pipeline import image_config, localize, process_images
 
 _UNIT = 1e-6
 
@@ -128,10 +130,12 @@ class RecordedDrive:
         progress: Progress | None = None,
         *,
         visual_config: VisualOdometryConfig | None = None,
+        motion: IceMotion | None = None,
     ) -> DriveEstimate:
         """Estimate path and landmarks.
 
-        With fixes this is `vision_slam.localize`; without, the path is that of visual odometry.
+        With fixes this is `vision_slam.localize`, or `vision_slam.localize_on_ice`; without, the path is that of visual
+        odometry.
 
         Parameters
         ----------
@@ -141,6 +145,8 @@ class RecordedDrive:
             Progress callback (stage, done, total).
         visual_config : VisualOdometryConfig, optional
             Settings of visual odometry.
+        motion : IceMotion, optional
+            Prior of the motion of the ice, at the epoch of the result; without it the ground rests.
 
         Returns
         -------
@@ -152,6 +158,8 @@ class RecordedDrive:
         InputError
             The images or the fixes do not suffice.
         """
+        if motion is not None:
+            return self._localized_on_ice(motion, config, progress, visual_config)
         if isinstance(self.records, Recording):
             return DriveEstimate.in_crs(
                 localize(self.records, config, visual_config=visual_config, progress=progress)
@@ -166,6 +174,21 @@ class RecordedDrive:
         scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT
         errors = errors.model_copy(update={"scale_sigma": scale_sigma})
         return DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
+
+    def _localized_on_ice(
+        self,
+        motion: IceMotion,
+        config: LocalizationConfig | None,
+        progress: Progress | None,
+        visual_config: VisualOdometryConfig | None,
+    ) -> DriveEstimate:
+        """Estimate path, landmarks and the motion of the ice; refuse images without fixes."""
+        if not isinstance(self.records, Recording):
+            raise InputError(
+                "the recording has no fixes, and the motion of the ice is one relative to them; add --gps, or leave --epoch out."
+            )
+        visual = process_images(self.records, visual_config, progress)
+        return DriveEstimate.in_crs(localize_on_ice(self.records, motion, config, visual=visual))
 
     def compare(
         self, estimate: DriveEstimate, reference: Trajectory | ReferencePoses | None
@@ -186,7 +209,8 @@ class RecordedDrive:
             common pose, and beside a path in a CRS by heading and shift onto the path.
         """
         if isinstance(reference, Trajectory):
-            return None if estimate.trajectory is None else compare_in_crs(estimate.trajectory, reference)
+            path = estimate.fixed_trajectory
+            return None if path is None else compare_in_crs(path, reference)
         if reference is not None:
             return self._compare_own_poses(estimate, reference)
         if estimate.trajectory is not None or self.reference is None or self.reference_time_s is None:

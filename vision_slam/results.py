@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from survey.core.arrays import FloatArray
 from survey.core.files.writing import replacing
+from survey.data.ice.motion_file import ICE_MOTION, write_motion
 from survey.data.sensors.aiding import GpsFixes
 from survey.figures import error_over_distance, path_map, png_bytes
 from survey.io.pose_files import write_tum
@@ -28,6 +29,7 @@ OWN_FILES = (
         "online_trajectory.csv",
         "track.gpkg",
     ),
+    *("trajectory_fixed.csv", ICE_MOTION),
     *("health.csv", "landmarks.csv", "landmarks.gpkg", "map.png", "tracks.png", "errors.png"),
 )
 """Names of all files that a localization consists of."""
@@ -38,7 +40,8 @@ def write_localization(folder: Path, estimate: DriveEstimate) -> None:
 
     With a CRS there are also ``trajectory.csv`` with covariances, ``online_trajectory.csv``
     with the causal path, ``track.gpkg`` and ``landmarks.gpkg``; without, ``path.csv`` has the
-    standard deviations of the positions relative to the first.
+    standard deviations of the positions relative to the first. On moving ice they are those of the
+    epoch; ``trajectory_fixed.csv`` is the path in fixed coordinates, ``ice_motion.json`` the motion.
 
     Parameters
     ----------
@@ -60,6 +63,9 @@ def write_localization(folder: Path, estimate: DriveEstimate) -> None:
         columns = dict(zip(("x_m", "y_m", "z_m"), estimate.position.T, strict=True))
         columns |= dict(zip(("sigma_x_m", "sigma_y_m", "sigma_z_m"), sigma_m.T, strict=True))
         write_table(folder / "path.csv", {"time_s": estimate.time_s} | columns)
+    if estimate.ice_motion is not None and estimate.fixed_trajectory is not None:
+        write_motion(estimate.ice_motion, folder / ICE_MOTION)
+        estimate.fixed_trajectory.write(folder / "trajectory_fixed.csv")
     if estimate.online is not None:
         estimate.online.write(folder / "online_trajectory.csv")
     _write_landmarks(folder, estimate)

@@ -16,7 +16,6 @@ from benchmarks.report import Row, main
 from benchmarks.stored_parts import stored
 from sim.simulate.statistical import simulate_statistical
 from sim.world.moving_ice import moving_ice
-from survey.data.dem import Dem
 from survey.reconstruction.motion.volume import area_mean
 from vision_slam import localize_on_ice
 
@@ -48,17 +47,12 @@ def _pair(seed: int) -> dict[str, float]:
 
 def _later(early: Drive, seed: int) -> Drive:
     """Return a survey of the same site 30 days later, with other errors."""
-    terrain = _terrain_after(early)
+    terrain = early.ice.terrain_at(early.start_terrain, DAYS * 86400.0)
     mission = mission_of(Case(VELOCITY, HOURS, 4, seed)).model_copy(update={"seed": seed + 100_000})
     recording, truth = simulate_statistical(terrain, early.route, mission)
     ice = moving_ice(mission, terrain)
     assert ice is not None
     return replace(early, mission=mission, recording=recording, terrain=truth.dem, ice=ice)
-
-
-def _terrain_after(early: Drive) -> Dem:
-    """Return the terrain of the site 30 days after the first survey."""
-    return early.ice.terrain_at(early.start_terrain, DAYS * 86400.0)
 
 
 def _mean_height(drive: Drive) -> tuple[float, float]:

@@ -1,6 +1,10 @@
-"""Surveys of one site on moving ice and on still ice, mapped with and without the motion of the ice."""
+"""Surveys of one site on moving ice and on still ice, mapped with and without the motion of the ice.
 
-from dataclasses import asdict, dataclass
+A survey on moving ice is that on still ice with the same errors: what is measured relative to the ice stays as it is, and
+fixes, barometer and stakes are carried by the flow. Differences between the two are then those of the motion alone.
+"""
+
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +28,7 @@ from survey.reconstruction.motion.refinement import refined_motion
 from vision_slam import localize, localize_on_ice
 from vision_slam.localization import Localization
 
-SIDE_M, EDGE_M, SWATHS = 150.0, 40.0, 6
+SIDE_M, EDGE_M, SWATHS = 100.0, 40.0, 4
 _WEST, _SOUTH = 526000.0, 6478000.0
 _POSES = 1440
 _Z95 = 1.959964
@@ -140,13 +144,35 @@ class Drive:
 def drive_of(case: Case) -> Drive:
     """Simulate the survey of a case."""
     mission = mission_of(case)
+    at_rest = mission_of(replace(case, velocity=0.0))
     world = build_world(mission)
     route = plan(world.area, world.prior, mission.planner, rover=mission.rover)
-    recording, truth = simulate_statistical(world.terrain, route, mission)
+    recording, _ = simulate_statistical(world.terrain, route, at_rest)
     ice = moving_ice(mission, world.terrain)
     assert ice is not None
+    carried = recording_on(ice, recording)
+    terrain = ice.terrain_at(world.terrain, epoch_of(carried, mission))
     nodes = Grid.over(world.area.bounds, SIDE_M / 50.0, world.area.crs)
-    return Drive(mission, recording, truth.dem, ice, nodes, route, world.terrain)
+    return Drive(mission, carried, terrain, ice, nodes, route, world.terrain)
+
+
+def recording_on(ice: MovingIce, still: Recording) -> Recording:
+    """Return a recording on still ice as that on ice that carries rover and stakes; the base station stands on rock."""
+    gps, barometer, surveys = still.gps, still.barometer, still.stake_surveys
+    assert barometer is not None
+    places = np.column_stack(
+        [np.interp(barometer.time_s, gps.time_s, axis) for axis in gps.position[:, :2].T]
+    )
+    risen = ice.displacement(places, barometer.time_s)[:, 2]
+    if surveys is not None:
+        moved = ice.displacement(surveys.position[:, :2], surveys.time_s)
+        surveys = replace(surveys, position=surveys.position + moved)
+    return replace(
+        still,
+        gps=replace(gps, position=gps.position + ice.displacement(gps.position[:, :2], gps.time_s)),
+        barometer=replace(barometer, height_m=barometer.height_m + risen),
+        stake_surveys=surveys,
+    )
 
 
 def outcomes_of(case: Case) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 The drives of several rovers are put together in `sim.mission.fleet`.
 """
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +26,13 @@ from sim.world.moving_ice import epoch_of
 from sim.world.site import World
 from survey.core.documents import write_json
 from survey.core.streams import stream
-from survey.data.ice.motion_file import read_motion, write_motion
+from survey.data.ice.motion_file import ICE_MOTION, read_motion, write_motion
 from survey.data.recording import Recording
 from survey.data.sensors.tables import table_file
 from survey.data.truth import Truth
 from survey.reconstruction.method import MappedTerrain
+from survey.reconstruction.motion.epoch import with_age
 from survey.reconstruction.motion.fixed_frame import in_fixed_frame
-from survey.reconstruction.motion.map_age import AGE, MapAge
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from vision_slam.localization import Localization
@@ -43,8 +42,6 @@ DRIVE_FILE = "drive.json"
 """How a drive ended, with its length, time and energy."""
 LANDMARKS, SCAN_POINTS = "surface_points.gpkg", "scan_points.gpkg"
 """Points that a drive is localized with, and those of its LiDAR scans."""
-ICE_MOTION = "ice_motion.json"
-"""Motion of the ice, of which path and points are those of the epoch."""
 
 
 def drive(world: World, route: survey.Route, mission: MissionConfig, folder: Path, workers: int = 1) -> None:
@@ -209,9 +206,7 @@ def with_ice_motion(localized: Path, mapped: MappedTerrain, folder: Path) -> Map
         return mapped
     motion = refined_motion(read_motion(localized / ICE_MOTION), mapped.solution)
     write_motion(motion, folder / ICE_MOTION)
-    result = mapped.reconstruction
-    facts = {AGE: MapAge.of(result.mean, result.std, motion).facts()}
-    return mapped._replace(reconstruction=replace(result, diagnostics={**result.diagnostics, **facts}))
+    return mapped._replace(reconstruction=with_age(mapped.reconstruction, motion))
 
 
 def register_scans(

@@ -14,6 +14,7 @@ from sim.cli.outcome import with_exit_codes
 from sim.cli.request import with_options_of
 
 if TYPE_CHECKING:
+    from survey.data.ice.motion import IceMotion
     from vision_slam.comparison import Comparison
     from vision_slam.drive_estimate import DriveEstimate
     from vision_slam.recorded_drive import RecordedDrive
@@ -38,6 +39,8 @@ def localize(request: LocalizeRequest) -> None:
 
       firnline localize my-images --gps track.gpx --set localization.landmark_thinning=information
 
+      firnline localize glacier-drive --gps log.ubx --epoch 14400
+
       firnline localize drive.bag --topic /left/image_raw --viewer drive.rrd
 
     Written are trajectory.tum and health.csv, landmarks.csv, the pictures map.png and tracks.png,
@@ -50,10 +53,11 @@ def localize(request: LocalizeRequest) -> None:
     """
     request.check_outputs()
     drive = request.open()
+    motion = request.prior_motion(drive)
     judge = None if request.reference is None else drive.read_reference(request.reference)
     if request.dry_run:
         _end_dry_run(drive, request)
-    estimate, seconds = _timed(drive, request.overrides, quiet=request.quiet)
+    estimate, seconds = _timed(drive, request.overrides, motion, quiet=request.quiet)
     comparison = drive.compare(estimate, judge)
     _write(request.out, request.viewer, drive, estimate, comparison)
     notes = (*drive.notes, *estimate.notes)
@@ -71,14 +75,16 @@ def _end_dry_run(drive: "RecordedDrive", request: LocalizeRequest) -> NoReturn:
     end_dry_run([request.out], facts | {f"note {k}": note for k, note in enumerate(drive.notes, start=1)})
 
 
-def _timed(drive: "RecordedDrive", settings: list[str], *, quiet: bool) -> "tuple[DriveEstimate, float]":
+def _timed(
+    drive: "RecordedDrive", settings: list[str], motion: "IceMotion | None", *, quiet: bool
+) -> "tuple[DriveEstimate, float]":
     """Return path and landmarks, and the seconds that they took."""
     from sim.cli.progress import counted
 
     config, visual_config = drive.config(settings), drive.visual_config(settings)
     began = perf_counter()
     with counted(quiet=quiet) as progress:
-        estimate = drive.localize(config, progress, visual_config=visual_config)
+        estimate = drive.localize(config, progress, visual_config=visual_config, motion=motion)
     return estimate, perf_counter() - began
 
 
@@ -140,6 +146,21 @@ def _summary(estimate: "DriveEstimate", comparison: "Comparison | None", seconds
         summary["poses_lost"] = int(estimate.is_lost.sum())
     if estimate.trajectory is not None:
         summary |= {"fixes": estimate.n_fixes, "fixes_refused": estimate.n_fixes_refused}
+    if estimate.ice_motion is not None:
+        summary |= _motion_figures(estimate.ice_motion)
     if comparison is not None:
         summary |= comparison.figures
     return summary
+
+
+def _motion_figures(motion: "IceMotion") -> dict[str, float]:
+    """Return speed and lowering where changes of velocity count from, with their standard deviations."""
+    import numpy as np
+
+    (east, north, rise), sigma = (one(motion.origin_m[None])[0] for one in (motion.rates, motion.rates_sigma))
+    return {
+        "ice_speed_m_per_day": float(np.hypot(east, north)),
+        "ice_speed_sigma_m_per_day": float(sigma[:2].max()),
+        "ice_lowering_m_per_day": float(-rise),
+        "ice_lowering_sigma_m_per_day": float(sigma[2]),
+    }

@@ -45,14 +45,14 @@ def score(request: ScoreRequest) -> None:
     if request.checkpoints is None:
         score_against_raster(request)
     else:
-        score_at_checkpoints(request, map_of(request.source, request.crs))
+        score_at_checkpoints(request, map_of(request.source, request.crs, request.epoch_s))
 
 
 def _end_dry_run(request: ScoreRequest) -> NoReturn:
     """Read the map and what it is judged by, and print both."""
     from survey import Dem
 
-    map_ = map_of(request.source, request.crs)
+    map_ = map_of(request.source, request.crs, request.epoch_s)
     dem = map_ if isinstance(map_, Dem) else map_.mean
     facts = {"map": "{} × {} cells".format(*dem.shape)}
     if request.checkpoints is None:

@@ -8,7 +8,10 @@ import typer
 
 from sim.cli.options import DryRun, Json, Quiet, columns_option
 
+_ICE = "ice."
+
 if TYPE_CHECKING:
+    from survey.data.ice.motion import IceMotion
     from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -84,6 +87,14 @@ class LocalizeRequest:
             help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
         ),
     ] = field(default_factory=list)
+    epoch_s: Annotated[
+        float | None,
+        typer.Option(
+            "--epoch",
+            help="The ice moves: estimate its motion, and give path and landmarks of this time of the recording [s]. Its prior, "
+            "0 ± 3 m a day, is set by --set ice.velocity_m_per_day, ice.velocity_sigma_m_per_day and others.",
+        ),
+    ] = None
     lens: Annotated[
         Literal["auto", "given", "refine"],
         typer.Option(
@@ -102,7 +113,33 @@ class LocalizeRequest:
     @property
     def overrides(self) -> list[str]:
         """Settings as KEY=VALUE, with that of the lens."""
-        return self.settings if self.lens == "auto" else [*self.settings, f"visual.lens={self.lens}"]
+        own = [one for one in self.settings if not one.startswith(_ICE)]
+        return own if self.lens == "auto" else [*own, f"visual.lens={self.lens}"]
+
+    def prior_motion(self, drive: "RecordedDrive") -> "IceMotion | None":
+        """Return the prior of the motion of the ice; None where no epoch was named.
+
+        Raises
+        ------
+        InputError
+            Settings of the motion without an epoch, or a recording without fixes.
+        """
+        from sim.config.ice import IceAssumptions
+        from survey.core.config import validated, with_overrides
+        from survey.core.errors import InputError
+
+        stated = [one for one in self.settings if one.startswith(_ICE)]
+        if self.epoch_s is None:
+            if stated:
+                raise InputError(f"--set {stated[0]} is of moving ice; add --epoch, or leave it out.")
+            return None
+        if drive.gps is None:
+            raise InputError(
+                "--epoch estimates the motion of the ice, and the recording has no fixes; add --gps, or leave --epoch out."
+            )
+        values = with_overrides({"ice": {}}, stated)["ice"]
+        east, north = drive.gps.position[0, :2].tolist()
+        return validated(IceAssumptions, values, "--set").prior(self.epoch_s, (east, north))
 
     def check_outputs(self) -> None:
         """Refuse outputs that exist or are inputs, and a viewer's file that cannot be written."""

@@ -9,6 +9,7 @@ import survey
 from sim.cli.mapping.options import ReconstructOptions
 from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
+from survey.data.ice.motion_file import ICE_MOTION
 from survey.interchange.sensor_scans import holds_sensor_scans
 from survey.io.text_tables.spellings import parsed_columns
 from survey.reconstruction.capacity import require_nodes
@@ -41,6 +42,13 @@ class MapRequest:
     def is_registered(self) -> bool:
         """Whether the sources are scans that become points by paths of known error."""
         return _are_registered(self.options)
+
+    @property
+    def motion_file(self) -> Path | None:
+        """Motion of the ice beside the trajectory of a single drive; None where the ground rests."""
+        paths = self.options.trajectories
+        file = paths[0].with_name(ICE_MOTION) if self.method.needs_path and len(paths) == 1 else None
+        return file if file is not None and file.exists() else None
 
     @property
     def inputs(self) -> list[Path | None]:
@@ -86,6 +94,11 @@ def map_request(options: ReconstructOptions) -> MapRequest:
         )
     parsed_columns(options.columns)
     _refuse_unused(request)
+    if options.epoch_s is not None and request.motion_file is None:
+        raise InputError(
+            f"--epoch moves a map with the ice, and no {ICE_MOTION} stands beside a trajectory of the method joint; localize with "
+            "--epoch first, or leave it out."
+        )
     return request
 
 

@@ -69,6 +69,14 @@ class ReconstructOptions(RunOptions):
             "and for scans in the sensor's frame (one for each source, in their order), TUM for scans that do not state where the scanner was.",
         ),
     ] = field(default_factory=list)
+    epoch_s: Annotated[
+        float | None,
+        typer.Option(
+            "--epoch",
+            help="With --method joint on moving ice, whose motion stands beside the trajectory: the time of which the map is, in "
+            "seconds of the recording; that of localization when left out.",
+        ),
+    ] = None
     rays: Annotated[
         bool,
         typer.Option(

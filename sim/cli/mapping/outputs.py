@@ -11,11 +11,14 @@ import typer
 import survey
 from sim.cli.facts import fact_line, figure_lines
 from survey.core.files.replacing import replacing_folder
+from survey.data.ice.motion import IceMotion
+from survey.data.ice.motion_file import ICE_MOTION, write_motion
 from survey.reconstruction.base import ELEVATION
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
     *("mean.png", "sigma.png", "width.png", "support.png"),
+    ICE_MOTION,
     *("corrected_trajectory*.csv", "corrected_trajectory*.error.npz", "*.aux.xml"),
 )
 """Patterns of the files that a reconstruction consists of."""
@@ -24,12 +27,13 @@ _MOST_DRAWN_NODES = 4_000_000
 
 
 class MadeMap(NamedTuple):
-    """A map, how it was made, the area that was named, and the corrected path of each drive of a joint map."""
+    """A map, how it was made, the area that was named, the corrected path of each drive of a joint map, and the ice's motion."""
 
     reconstruction: survey.Reconstruction
     origin: str
     area: Path | None = None
     corrected: Sequence[survey.Trajectory] = ()
+    motion: IceMotion | None = None
 
 
 def write_map(made: MadeMap, out: Path, *, rays: bool, max_slope_deg: float | None) -> None:
@@ -39,6 +43,8 @@ def write_map(made: MadeMap, out: Path, *, rays: bool, max_slope_deg: float | No
         for k, path in enumerate(made.corrected, 1):
             number = "" if len(made.corrected) == 1 else f"_{k}"
             path.write(draft / f"corrected_trajectory{number}.csv")
+        if made.motion is not None:
+            write_motion(made.motion, draft / ICE_MOTION)
         _draw(made.reconstruction, draft)
         if rays:
             _mark(made.reconstruction, draft, max_slope_deg)

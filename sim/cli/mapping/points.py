@@ -11,11 +11,16 @@ from sim.cli.mapping.outputs import MadeMap
 from sim.cli.progress import counted
 from sim.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
+from survey.data.ice.motion import IceMotion
+from survey.data.ice.motion_file import read_motion
 from survey.interchange.sensor_scans import read_sensor_scans
 from survey.io.text_tables.spellings import parsed_columns
 from survey.reconstruction.base import ELEVATION
 from survey.reconstruction.joint.several_drives import SeveralDrives
 from survey.reconstruction.mapping import within
+from survey.reconstruction.method import MappedTerrain
+from survey.reconstruction.motion.epoch import at_epoch, with_age
+from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 
@@ -76,12 +81,24 @@ def map_points(request: MapRequest) -> MadeMap:
             progress=progress,
             area=area,
         )
-    result = mapped.reconstruction if area is None else within(mapped.reconstruction, area)
+    moved, motion = _on_ice(mapped, request)
+    result = moved if area is None else within(moved, area)
     corrected: list[survey.Trajectory] = []
     if mapped.correction is not None:
         parts = drives.corrections(mapped.correction)
         corrected = [part.applied(path) for part, path in zip(parts, paths, strict=True)]
-    return MadeMap(result, f"by {request.method.name}", request.options.area, corrected)
+    return MadeMap(result, f"by {request.method.name}", request.options.area, corrected, motion)
+
+
+def _on_ice(mapped: MappedTerrain, request: MapRequest) -> tuple[survey.Reconstruction, IceMotion | None]:
+    """Return the map with its age at the epoch that was named, and the motion of the ice after the map."""
+    file = request.motion_file
+    if file is None or mapped.solution is None:
+        return mapped.reconstruction, None
+    motion = refined_motion(read_motion(file), mapped.solution)
+    if request.options.epoch_s is None:
+        return with_age(mapped.reconstruction, motion), motion
+    return at_epoch(mapped.reconstruction, motion, request.options.epoch_s)
 
 
 def _prior(file: Path, grid: survey.Grid) -> survey.Dem:

@@ -7,16 +7,24 @@ if TYPE_CHECKING:
     from survey import Dem, Reconstruction
 
 
-def map_of(source: Path, crs: str | None = None) -> "Reconstruction | Dem":
-    """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation."""
+def map_of(source: Path, crs: str | None = None, epoch_s: float | None = None) -> "Reconstruction | Dem":
+    """Read firnline's own map from its folder, or anyone's raster; a second band is its standard deviation.
+
+    A map of moving ice is moved to an epoch where one is named.
+    """
     import numpy as np
 
     import survey
+    from survey.data.ice.motion_file import ICE_MOTION, read_motion
     from survey.io.raster import band_count
     from survey.reconstruction import INTERPOLATED
+    from survey.reconstruction.motion.epoch import at_epoch
 
     if source.is_dir():
-        return survey.Reconstruction.read(source)
+        own = survey.Reconstruction.read(source)
+        if epoch_s is None:
+            return own
+        return at_epoch(own, read_motion(source / ICE_MOTION), epoch_s)[0]
     mean = survey.Dem.read(source, crs=crs)
     if band_count(source) < 2:
         return mean

@@ -25,12 +25,16 @@ def score_against_raster(request: ScoreRequest) -> None:
     import survey
 
     assert request.truth is not None
-    map_, truth = map_of(request.source, request.crs), survey.Dem.read(request.truth, crs=request.crs)
+    map_, truth = (
+        map_of(request.source, request.crs, request.epoch_s),
+        survey.Dem.read(request.truth, crs=request.crs),
+    )
     area = None if request.area is None else survey.SurveyArea.read(request.area, crs=truth.crs)
     route = None if request.route is None else survey.Route.read(request.route)
     score = survey.score(map_, truth=truth, route=route, area=area)
     classes = _classes(request, map_, truth, area)
     _print(request, score, classes)
+    _print_age(request, map_)
     if request.report is not None:
         _write_report(request, (map_, truth), score, area, classes)
 
@@ -91,6 +95,16 @@ def _print(request: ScoreRequest, score: "Score", classes: Classes) -> None:
     for line in class_lines(classes):
         typer.echo(line)
     typer.echo(best_class(judged))
+
+
+def _print_age(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:
+    """Print the motion of the ice and for how long the map holds its class, where the map states them."""
+    from survey import Dem
+    from survey.scoring.standards.certificate import stated_age
+
+    age = None if isinstance(map_, Dem) or request.as_json else stated_age(map_)
+    if age is not None:
+        typer.echo(age)
 
 
 def _write_report(

@@ -74,6 +74,13 @@ class ScoreRequest(RunOptions):
             "--crs", help="CRS of rasters that carry none or a local one (LOCAL_CS), e.g. EPSG:32608."
         ),
     ] = None
+    epoch_s: Annotated[
+        float | None,
+        typer.Option(
+            "--epoch",
+            help="Move a map of moving ice (folder with ice_motion.json) to this time of its recording first [s].",
+        ),
+    ] = None
     by: Annotated[
         list[str],
         typer.Option(
@@ -110,12 +117,18 @@ class ScoreRequest(RunOptions):
             An unknown standard, language or form of report, or a column mapping that was not understood.
         """
         from survey.core.errors import InputError
+        from survey.data.ice.motion_file import ICE_MOTION
         from survey.io.text_tables.spellings import parsed_columns
         from survey.scoring.standards.standards import standard_named
 
         if self.truth is None and self.checkpoints is None:
             raise InputError(
                 f"{self.source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
+            )
+        if self.epoch_s is not None and not (self.source / ICE_MOTION).exists():
+            raise InputError(
+                f"--epoch moves a map with the ice, and {self.source} holds no {ICE_MOTION}; name the folder of a map on moving ice, "
+                "or leave --epoch out."
             )
         parsed_columns(self.columns)
         for name in self.standards:
@@ -143,6 +156,10 @@ class ScoreRequest(RunOptions):
         """
         from survey.core.errors import InputError
 
+        if self.epoch_s is not None:
+            raise InputError(
+                f"{self.source} is a mission, whose epoch is a setting of it; add --set ice.epoch_s={self.epoch_s:g} instead of --epoch."
+            )
         if self.report is not None or self.by:
             raise InputError(
                 f"{self.source} is a mission, whose page firnline report writes; --report and --by judge a map, name its raster or the "

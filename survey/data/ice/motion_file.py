@@ -8,6 +8,8 @@ from survey.core.documents import read_json, write_json
 from survey.core.errors import InputError
 from survey.data.ice.motion import IceMotion
 
+ICE_MOTION = "ice_motion.json"
+"""Name of the file beside a path or a map."""
 _FORMAT = "firnline-ice-motion-1"
 
 

@@ -108,8 +108,25 @@ def own_claim(reconstruction: Reconstruction) -> list[str]:
     check, certified = reconstruction.check, certificate(reconstruction)
     sentences = [] if check is None else [check.sentence]
     sentences += [] if certified is None else [*certified.sentences]
+    age = stated_age(reconstruction)
+    return sentences + ([] if age is None else [age])
+
+
+def stated_age(reconstruction: Reconstruction) -> str | None:
+    """Return the motion of the ice and for how long a map holds its class, as the map states them.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        A map.
+
+    Returns
+    -------
+    str or None
+        None for a map of ground at rest.
+    """
     facts = reconstruction.diagnostics.get(AGE)
-    return sentences + ([] if facts is None else [age_sentence(MapAge.from_facts(dict(facts)))])
+    return None if facts is None else age_sentence(MapAge.from_facts(dict(facts)))
 
 
 def age_sentence(age: MapAge) -> str:
