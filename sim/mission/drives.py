@@ -178,7 +178,7 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
     recording = Recording.read(simulated / "recording")
     seen = simulated / "recording" / ONBOARD
     visual = read_visual_odometry(seen) if seen.exists() else None
-    result = _localized(recording, mission, visual)
+    result = localized(recording, mission, visual)
     if result.ice_motion is not None:
         write_motion(result.ice_motion, folder / ICE_MOTION)
         in_fixed_frame(result.trajectory, result.ice_motion).write(folder / "trajectory_fixed.csv")
@@ -191,7 +191,9 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
         register_scans(recording, result.trajectory, mission).write(folder / SCAN_POINTS)
 
 
-def _localized(recording: Recording, mission: MissionConfig, visual: VisualOdometry | None) -> Localization:
+def localized(
+    recording: Recording, mission: MissionConfig, visual: VisualOdometry | None = None
+) -> Localization:
     """Localize a recording, with the motion of the ice where the mission has moving ice."""
     if mission.ice is None:
         return vision_slam.localize(recording, mission.assumed, visual=visual)

@@ -7,6 +7,7 @@ only give the slopes.
 
 from collections.abc import Iterable, Iterator
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from planners.planning import planned_on
 from planners.prediction.prior_cover import cell_centres, require_cover
 from planners.swaths.counting import count_lines
 from sim.config.mission import MissionConfig
+from sim.mission.drives import localized
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
 from sim.world.site import World
@@ -31,7 +33,6 @@ from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.gp.selection.families import likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointSolution
-from vision_slam import localize
 
 _NODES_ALONG = 20
 _BEYOND_M = 60.0
@@ -49,7 +50,8 @@ class PredictedSurvey(NamedTuple):
 
     ``swaths`` is the number of lines, ``stakes`` that of the stakes, ``rmse_m`` the expected error of the map,
     ``site_mean_m`` the standard deviation of the site's mean height, ``chance`` the probability of meeting the limit,
-    ``length_m`` the distance to drive on the ground, ``pieces`` the number of swaths that the lines are cut into.
+    ``length_m`` the distance to drive on the ground, ``pieces`` the number of swaths that the lines are cut into,
+    ``tie_lines`` the number of lines that cross the swaths.
     """
 
     swaths: int
@@ -59,10 +61,12 @@ class PredictedSurvey(NamedTuple):
     chance: float
     length_m: float
     pieces: int
+    tie_lines: int = 0
 
     def __str__(self) -> str:
         """Return one line with the numbers and the probability."""
-        stakes = f" with {self.stakes} stakes" if self.stakes else ""
+        stakes = f" and {self.tie_lines} lines across" if self.tie_lines else ""
+        stakes += f" with {self.stakes} stakes" if self.stakes else ""
         lines = (
             f"{self.swaths} swaths"
             if self.pieces == self.swaths
@@ -114,14 +118,16 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
     covariance = solution.covariance(cell_centres(world.area, _NODES_ALONG))
     n = len(covariance)
     mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
+    tie_lines = mission.planner.tie_lines if isinstance(mission.planner, _SIZED) else 0
     return PredictedSurvey(
-        count_lines(route),
+        count_lines(route) - tie_lines,
         mission.aids.stakes,
         float(np.sqrt(mean)),
         float(np.sqrt(covariance.mean())),
         float(gammainc(mean**2 / variance, mean * limit_m**2 / variance)),
         route.ground_length_m,
         len(route.swaths),
+        tie_lines,
     )
 
 
@@ -135,6 +141,9 @@ def surveys_within(
     most_swaths: int = 8,
 ) -> Iterator[PredictedSurvey]:
     """Yield, for 0, 2 and 4 stakes, the fewest swaths that meet the limit with a probability, if any do.
+
+    On moving ice the limit is that of the map at its epoch, and each is tried with two lines that cross the swaths, too:
+    places that are passed at different times show the motion.
 
     Parameters
     ----------
@@ -152,7 +161,7 @@ def surveys_within(
     Yields
     ------
     PredictedSurvey
-        At most one for each number of stakes.
+        At most one for each number of stakes and of crossing lines.
 
     Raises
     ------
@@ -169,9 +178,11 @@ def surveys_within(
     require_cover(world.area, world.prior)
     counts = range(least_swaths, most_swaths + 1)
     first = min(max(least_swaths, _FIRST_TRIED), most_swaths)
-    for stakes in (0, 2, 4):
+    crossings = (mission.planner.tie_lines,) if mission.ice is None else (0, 2)
+    for stakes, tie_lines in product((0, 2, 4), crossings):
         aids = mission.aids.model_copy(update={"stakes": stakes})
-        staked = mission.model_copy(update={"aids": aids})
+        planner = mission.planner.model_copy(update={"tie_lines": tie_lines})
+        staked = mission.model_copy(update={"aids": aids, "planner": planner})
         found = _fewest_swaths(staked, world, limit_m, probability, counts=counts, first=first)
         if found is not None:
             first, survey = found
@@ -208,8 +219,8 @@ def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Rou
     if mission.aids.way_home:
         route = with_way_home(route, world.area)
     recording, _ = simulate_statistical(ground, route, mission)
-    localized = localize(recording, mission.assumed)
-    path, points = localized.trajectory, localized.points
+    found = localized(recording, mission)
+    path, points = found.trajectory, found.points
     if path.error is None:
         raise ConfigError("the mission has no odometry, so that shared errors are not known; add it.")
     joint = mission.reconstruction.joint

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -97,7 +98,7 @@ def _motion_variance(mean: Dem, motion: IceMotion, xy: FloatArray, times: FloatA
     return variance
 
 
-def _support(result: Reconstruction, from_xy: FloatArray) -> FloatArray:
+def _support(result: Reconstruction, from_xy: FloatArray) -> npt.NDArray[np.uint8]:
     """Return the codes (H, W) of the nodes that are nearest to where the ice comes from."""
     grid = result.mean.grid()
     column = np.rint((from_xy[:, 0] - grid.x[0]) / grid.step_m).astype(np.int64)
@@ -105,4 +106,4 @@ def _support(result: Reconstruction, from_xy: FloatArray) -> FloatArray:
     rows, columns = grid.shape
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     codes = result.support[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-    return np.where(inside, codes, UNSEEN).reshape(grid.shape)
+    return np.where(inside, codes, UNSEEN).reshape(grid.shape).astype(np.uint8)

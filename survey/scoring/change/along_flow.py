@@ -84,8 +84,8 @@ class _Nodes(NamedTuple):
     def mean_divergence(self, weights: FloatArray) -> FloatArray:
         """Return the factors (2, N) of the displacements in the weighted mean (N,) of their divergence [1/m]."""
         units = np.eye(len(weights)).reshape(-1, *self.grid.shape)
-        north, east = np.gradient(units, self.grid.y, self.grid.x, axis=(1, 2))
-        return np.stack([part.reshape(len(weights), -1) @ weights for part in (east, north)])
+        slopes = np.asarray(np.gradient(units, self.grid.y, self.grid.x, axis=(1, 2)))
+        return np.stack([part.reshape(len(weights), -1) @ weights for part in slopes[::-1]])
 
     def std_of(self, weights: FloatArray) -> float:
         """Return the standard deviation of a sum of the displacements weighted by (2, N)."""
@@ -149,8 +149,7 @@ def change_along_flow(
             found.volumes, ComparedGround.of(raster.grid(), outlines, None).inside, strict=True
         )
     ]
-    fields = (part.reshape(2, *shape) for part in (shift, std))
-    return AlongFlow(followed, spread, *fields, tuple(balances))
+    return AlongFlow(followed, spread, shift.reshape(2, *shape), std.reshape(2, *shape), tuple(balances))
 
 
 def _slopes_at(dem: Dem, xy: FloatArray) -> FloatArray:

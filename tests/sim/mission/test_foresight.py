@@ -7,6 +7,7 @@ import typer
 
 from planners import RandomWanderConfig
 from sim.cli.planning.foresight import print_options_of
+from sim.config.ice import IceConfig
 from sim.config.terrain import RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, predicted_survey, surveys_within
 from sim.world.site import World
@@ -36,6 +37,30 @@ def test_the_fewest_swaths_are_found_for_each_number_of_stakes():
     found = list(surveys_within(mission_with(), world(), limit_m=10.0, probability=0.5, most_swaths=2))
     assert [(survey.swaths, survey.stakes) for survey in found] == [(2, 0), (2, 2), (2, 4)]
     assert str(found[1]).startswith("2 swaths with 2 stakes: ")
+
+
+def test_the_prediction_on_moving_ice_counts_the_uncertain_motion_and_stakes_reduce_it():
+    ice = IceConfig(pose_interval_s=60.0, stake_surveys=4)
+    slow = {"speed_m_s": 0.02}
+    at_rest = mission_with(stakes=2).model_copy(
+        update={"rover": mission_with().rover.model_copy(update=slow)}
+    )
+    errors = [
+        predicted_survey(one.model_copy(update={"ice": motion}), world(), limit_m=0.4).rmse_m
+        for one, motion in (
+            (at_rest, None),
+            (at_rest, ice),
+            (at_rest, ice.model_copy(update={"stake_surveys": 0})),
+        )
+    ]
+    assert errors[0] <= errors[1] < errors[2]
+
+
+def test_crossing_lines_are_tried_on_moving_ice():
+    moving = mission_with().model_copy(update={"ice": IceConfig()})
+    found = list(surveys_within(moving, world(), limit_m=50.0, probability=0.1, most_swaths=2))
+    assert [(one.swaths, one.stakes, one.tie_lines) for one in found[:2]] == [(2, 0, 0), (2, 0, 2)]
+    assert str(found[1]).startswith("2 swaths and 2 lines across: ")
 
 
 def test_a_concave_area_of_any_size_is_predicted_and_lines_are_counted_apart_from_pieces():
