@@ -32,7 +32,7 @@ from survey.data.sensors.tables import table_file
 from survey.data.truth import Truth
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.motion.epoch import with_age
-from survey.reconstruction.motion.fixed_frame import in_fixed_frame
+from survey.reconstruction.motion.fixed_frame import in_fixed_frame, route_on_ice
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from vision_slam.localization import Localization
@@ -189,6 +189,17 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
     result.points.write(folder / LANDMARKS)
     if recording.lidar is not None:
         register_scans(recording, result.trajectory, mission).write(folder / SCAN_POINTS)
+
+
+def draw_on_ice(route: survey.Route, mission: MissionConfig) -> survey.Route:
+    """Return the planned route as it lies on the ice of the epoch, by the motion that is assumed."""
+    ice, speed_m_s = mission.ice, mission.rover.speed_m_s
+    if ice is None:
+        return route
+    middle_s = 0.5 * route.length_m / speed_m_s
+    epoch_s = middle_s if ice.epoch_s is None else ice.epoch_s
+    east, north = route.legs[0].xy[0].tolist()
+    return route_on_ice(route, ice.assumed.prior(epoch_s, (east, north)), speed_m_s)
 
 
 def localized(

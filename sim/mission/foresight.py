@@ -126,7 +126,7 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
         float(np.sqrt(covariance.mean())),
         float(gammainc(mean**2 / variance, mean * limit_m**2 / variance)),
         route.ground_length_m,
-        len(route.swaths),
+        len(route.swaths) - tie_lines,
         tie_lines,
     )
 

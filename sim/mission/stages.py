@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from sim.config.mission import MissionConfig
-from sim.mission.drives import estimate_drive, mapped_points, path_scores, with_ice_motion
+from sim.mission.drives import draw_on_ice, estimate_drive, mapped_points, path_scores, with_ice_motion
 from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet
 from sim.mission.fleet_ties import find_ties, tied_drives
 from sim.mission.hazards import map_hazards
@@ -102,6 +102,8 @@ def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     if mission.aids.way_home:
         route = with_way_home(route, world.area)
     route.write(folder / "route.geojson")
+    if mission.ice is not None:
+        draw_on_ice(route, mission).write(folder / "route_on_ice.geojson")
 
 
 def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:

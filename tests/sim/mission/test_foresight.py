@@ -7,7 +7,7 @@ import typer
 
 from planners import RandomWanderConfig
 from sim.cli.planning.foresight import print_options_of
-from sim.config.ice import IceConfig
+from sim.config.ice import IceAssumptions, IceConfig
 from sim.config.terrain import RandomTerrain, SatelliteConfig
 from sim.mission.foresight import cheapest, predicted_survey, surveys_within
 from sim.world.site import World
@@ -41,17 +41,15 @@ def test_the_fewest_swaths_are_found_for_each_number_of_stakes():
 
 def test_the_prediction_on_moving_ice_counts_the_uncertain_motion_and_stakes_reduce_it():
     ice = IceConfig(pose_interval_s=60.0, stake_surveys=4)
+    known = IceAssumptions(velocity_sigma_m_per_day=0.0, lowering_sigma_m_per_day=0.0)
     slow = {"speed_m_s": 0.02}
     at_rest = mission_with(stakes=2).model_copy(
         update={"rover": mission_with().rover.model_copy(update=slow)}
     )
+    motions = (ice.model_copy(update={"assumed": known}), ice, ice.model_copy(update={"stake_surveys": 0}))
     errors = [
-        predicted_survey(one.model_copy(update={"ice": motion}), world(), limit_m=0.4).rmse_m
-        for one, motion in (
-            (at_rest, None),
-            (at_rest, ice),
-            (at_rest, ice.model_copy(update={"stake_surveys": 0})),
-        )
+        predicted_survey(at_rest.model_copy(update={"ice": one}), world(), limit_m=0.4).rmse_m
+        for one in motions
     ]
     assert errors[0] <= errors[1] < errors[2]
 
