@@ -178,10 +178,10 @@ def surveys_within(
     require_cover(world.area, world.prior)
     counts = range(least_swaths, most_swaths + 1)
     first = min(max(least_swaths, _FIRST_TRIED), most_swaths)
-    crossings = (mission.planner.tie_lines,) if mission.ice is None else (0, 2)
-    for stakes, tie_lines in product((0, 2, 4), crossings):
+    crossings = ({},) if mission.ice is None else ({"tie_lines": 0}, {"tie_lines": 2})
+    for stakes, across in product((0, 2, 4), crossings):
         aids = mission.aids.model_copy(update={"stakes": stakes})
-        planner = mission.planner.model_copy(update={"tie_lines": tie_lines})
+        planner = mission.planner.model_copy(update=across)
         staked = mission.model_copy(update={"aids": aids, "planner": planner})
         found = _fewest_swaths(staked, world, limit_m, probability, counts=counts, first=first)
         if found is not None:

@@ -1,11 +1,13 @@
 """Scores of a survey: coverage, spread, errors, calibration of the uncertainty, map class, and change."""
 
 from survey.scoring.accuracy import Calibration, ErrorStatistics
+from survey.scoring.change.along_flow import Thickness
 from survey.scoring.change.change import change
 from survey.scoring.change.coregistration import Shift, coregister
 from survey.scoring.change.models import change_of_models
-from survey.scoring.change.results import Change, MassBalance, VolumeChange
+from survey.scoring.change.results import AlongFlow, Change, FlowBalance, MassBalance, VolumeChange
 from survey.scoring.coverage import Coverage, SampleCells, science_coverage
+from survey.scoring.motion.displacements import RasterField, SteadyField, TrackedField
 from survey.scoring.motion.tracking import TrackedMotion, track
 from survey.scoring.score import Score, score
 from survey.scoring.spread import centeredness, distribution
@@ -25,6 +27,7 @@ from survey.scoring.standards.map_classes import (
 from survey.scoring.standards.standards import Standard
 
 __all__ = [
+    "AlongFlow",
     "Assessment",
     "Calibration",
     "Certificate",
@@ -34,14 +37,19 @@ __all__ = [
     "Checkpoints",
     "Coverage",
     "ErrorStatistics",
+    "FlowBalance",
     "MapClass",
     "MassBalance",
+    "RasterField",
     "RmseInterval",
     "SampleCells",
     "Score",
     "Shift",
     "Spread",
     "Standard",
+    "SteadyField",
+    "Thickness",
+    "TrackedField",
     "TrackedMotion",
     "Verdict",
     "VolumeChange",

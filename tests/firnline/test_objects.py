@@ -25,7 +25,7 @@ from vision_slam.odometry.health import FrameHealth
 
 CRS = "EPSG:32608"
 TIMES = [0.0, 1.0]
-INTERFACES = {"ImageSource", "Minutes", "ScanModel", "Section", "PatternConfig"}
+INTERFACES = {"DisplacementField", "ImageSource", "Minutes", "ScanModel", "Section", "PatternConfig"}
 """Types that only describe others."""
 TYPES = [
     name for name in firnline.__all__ if inspect.isclass(getattr(firnline, name)) and name not in INTERFACES
@@ -143,6 +143,13 @@ def others() -> Iterator[Any]:
     yield firnline.Certificate(firnline.RmseClaim.of(np.eye(3), np.ones(3)), (), (), is_tested=True)
     yield firnline.Surroundings(speed_m_s=1.0)
     yield firnline.IceMotion(np.array([[2.0], [0.0], [0.1]]), 0.0, np.zeros(2), np.eye(3))
+    balance = firnline.FlowBalance("ice", -0.8, 0.1, 0.3, 0.2, -0.5, 0.2, 80.0)
+    flat, shift = (
+        firnline.Dem.on(firnline.Grid((0.0, 0.0, 2.0, 2.0), 1.0), np.zeros((3, 3))),
+        np.zeros((2, 3, 3)),
+    )
+    yield firnline.AlongFlow(flat, np.ones((3, 3)), shift, shift, (balance,))
+    yield from (balance, firnline.Thickness(80.0))
     camera = firnline.Camera("pinhole", 6, 4, [[4, 0, 3], [0, 4, 2], [0, 0, 1]], np.zeros(5), np.eye(4))
     returns = firnline.LidarReturns(
         *(np.zeros(1, kind) for kind in (np.uint32, np.uint16, np.uint8, np.uint32))

@@ -50,7 +50,16 @@ from survey.reporting import (
     RoverDrive,
     SurveyResults,
 )
-from survey.scoring import Checkpoints, SampleCells, TrackedMotion, map_classes, score_at
+from survey.scoring import (
+    Checkpoints,
+    RasterField,
+    SampleCells,
+    SteadyField,
+    TrackedField,
+    TrackedMotion,
+    map_classes,
+    score_at,
+)
 from survey.scoring.standards.checkpoint_errors import compare
 from survey.scoring.standards.standards import STANDARDS
 from survey.terrain import SampleSite, SatelliteDem
@@ -118,6 +127,11 @@ def judgements() -> Iterator[Any]:
     yield from (FleetResults(rovers=(drive,)), OnBoard(video=b"RIFF"))
     still = np.zeros((2, 2))
     yield TrackedMotion(still, still, np.zeros((2, 2, 2)), np.ones(2), np.zeros(2, dtype=bool))
+    yield SteadyField(firnline.IceMotion(np.ones((3, 1)), 0.0, np.zeros(2), np.eye(3)), 4.0)
+    yield RasterField(VelocityRasters(dem, dem, dem, dem), 4.0)
+    corners = np.array([[x, y] for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0, 2.0)])
+    seen = corners, 0.1 * corners, np.tile(0.01 * np.eye(2), (9, 1, 1)), np.ones(9)
+    yield TrackedField.of(TrackedMotion(*seen, np.zeros(9, dtype=bool), 1.0))
     yield HazardResults(probability=dem, max_slope_deg=20.0, facts={})
     map_ = made["Reconstruction"]
     yield PayloadResults(quantity=Quantity(name="albedo", unit="1", noise_sd=0.1), mapped=map_)
