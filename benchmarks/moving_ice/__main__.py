@@ -6,7 +6,7 @@ times, and without. Every map is judged against the terrain of its epoch, the mi
 the same survey with the same errors on still ice, and with the static estimate of the same recording. Maps have no prior
 and the kernel of the terrain, so that they differ by the motion alone; other benchmarks judge fitted kernels.
 
-Seeds 9301 to 9312 are judged, four of them for other models, and 9401 to 9500 for motions; the methods were developed on 9001, 9002, 9101 to 9104 and 9201
+Seeds 9301 to 9308 are judged, three of them for other models, and 9401 to 9460 for motions; the methods were developed on 9001, 9002, 9101 to 9104 and 9201
 to 9240, the feature tracking on another raster. Parts are stored as they finish (``FIRNLINE_MOVING_ICE`` names the folder); a run that was broken
 off continues. Real ground is read from ``FIRNLINE_DATA``, beside the checkout by default. Pairs of surveys have a command of
 their own, ``python -m benchmarks.moving_ice.mass_change``.
@@ -25,8 +25,8 @@ from benchmarks.report import Row, main
 from benchmarks.stored_parts import ROOT, stored
 
 DATA = Path(os.environ.get("FIRNLINE_DATA", ROOT.parent / "shared" / "data"))
-SEEDS, VELOCITIES = tuple(range(9301, 9313)), (0.5, 1.0, 2.0, 4.0)
-_FEWER = SEEDS[:4]
+SEEDS, VELOCITIES = tuple(range(9301, 9309)), (0.5, 1.0, 2.0, 4.0)
+_FEWER = SEEDS[:3]
 
 
 def cases(*, quick: bool) -> list[Case]:

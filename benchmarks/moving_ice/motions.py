@@ -9,7 +9,7 @@ from benchmarks.moving_ice.surveys import Case, drive_of, middle_of, real_rates
 from benchmarks.report import Row
 from vision_slam import localize_on_ice
 
-FIRST_SEED, N_SEEDS = 9401, 100
+FIRST_SEED, N_SEEDS = 9401, 60
 _VELOCITIES, _HOURS = (0.5, 1.0, 2.0, 4.0), (8.0, 24.0)
 
 

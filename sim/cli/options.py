@@ -70,3 +70,8 @@ class ExecutionOptions:
         if self.engine not in ("serial", "processes", "dask"):
             raise ConfigError(f"there is no engine {self.engine!r}; take serial, processes or dask.")
         return "dask" if self.scheduler else self.engine
+
+
+def epoch_option(help_: str) -> Any:
+    """Return the option for the moment of a map or path on moving ice."""
+    return typer.Option("--epoch", help=help_)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sim.cli.options import DryRun, Json, Quiet, columns_option
+from sim.cli.options import DryRun, Json, Quiet, columns_option, epoch_option
 
 _ICE = "ice."
 
@@ -69,6 +69,13 @@ class LocalizeRequest:
             "--scale-from", help="Without wheels and fixes: scale from the reference's first metres [m]."
         ),
     ] = None
+    epoch_s: Annotated[
+        float | None,
+        epoch_option(
+            "The ice moves: estimate its motion, and give path and landmarks of this time of the recording [s]. Its prior, "
+            "0 ± 3 m a day, is set by --set ice.velocity_m_per_day, ice.velocity_sigma_m_per_day and others."
+        ),
+    ] = None
     reference: Annotated[
         Path | None,
         typer.Option(
@@ -87,14 +94,6 @@ class LocalizeRequest:
             help="Override an assumed sensor error, as in a mission file, e.g. localization.gps_bias_sigma_m=3.0, or a setting of visual odometry, e.g. visual.n_features=500.",
         ),
     ] = field(default_factory=list)
-    epoch_s: Annotated[
-        float | None,
-        typer.Option(
-            "--epoch",
-            help="The ice moves: estimate its motion, and give path and landmarks of this time of the recording [s]. Its prior, "
-            "0 ± 3 m a day, is set by --set ice.velocity_m_per_day, ice.velocity_sigma_m_per_day and others.",
-        ),
-    ] = None
     lens: Annotated[
         Literal["auto", "given", "refine"],
         typer.Option(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RunOptions, columns_option
+from sim.cli.options import RunOptions, columns_option, epoch_option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,10 +71,9 @@ class ReconstructOptions(RunOptions):
     ] = field(default_factory=list)
     epoch_s: Annotated[
         float | None,
-        typer.Option(
-            "--epoch",
-            help="With --method joint on moving ice, whose motion stands beside the trajectory: the time of which the map is, in "
-            "seconds of the recording; that of localization when left out.",
+        epoch_option(
+            "With --method joint on moving ice, whose motion stands beside the trajectory: the time of which the map is, in "
+            "seconds of the recording; that of localization when left out."
         ),
     ] = None
     rays: Annotated[

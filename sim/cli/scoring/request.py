@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sim.cli.options import RunOptions, columns_option
+from sim.cli.options import RunOptions, columns_option, epoch_option
 
 SLOPE = "slope"
 """Value of ``--by`` for classes of slope; anything else is a file."""
@@ -76,9 +76,8 @@ class ScoreRequest(RunOptions):
     ] = None
     epoch_s: Annotated[
         float | None,
-        typer.Option(
-            "--epoch",
-            help="Move a map of moving ice (folder with ice_motion.json) to this time of its recording first [s].",
+        epoch_option(
+            "Move a map of moving ice (folder with ice_motion.json) to this time of its recording first [s]."
         ),
     ] = None
     by: Annotated[

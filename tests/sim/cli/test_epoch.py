@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from planners import LawnmowerConfig
 from sim.cli.main import app
 from sim.config.ice import IceConfig
-from sim.config.mission import AidsConfig, MissionConfig
-from sim.config.terrain import RandomTerrain
 from sim.simulate.statistical import simulate_statistical
 from survey import Dem, Grid, Leg, Reconstruction, Route
 from survey.data.ice.motion_file import read_motion
 from survey.reconstruction.motion.map_age import AGE
+from tests.sim.small_missions import mission_with
 
 CRS = "EPSG:32608"
 
@@ -24,21 +22,14 @@ def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Dem:
     """A recording of two swaths in ten hours on ice that moves by 4 m a day; returns its terrain at 5 h."""
     grid = Grid((0.0, 0.0, 120.0, 80.0), 2.0, CRS)
     x, y = np.meshgrid(grid.x, grid.y)
-    lines = ([[30.0, 30.0], [90.0, 30.0]], [[90.0, 30.0], [90.0, 50.0]], [[90.0, 50.0], [30.0, 50.0]])
-    kinds = ("swath", "transit", "swath")
-    route = Route(
-        tuple(Leg(kind, line) for kind, line in zip(kinds, lines, strict=True)), CRS, "lawnmower", 20.0
-    )
-    mission = MissionConfig(
-        schema_version=1,
-        name="m",
-        seed=5,
-        terrain=RandomTerrain(source="random"),
-        planner=LawnmowerConfig(swaths=2),
-        aids=AidsConfig(stakes=3, recognition=1.0, base_station=True),
-        rover={"speed_m_s": 140.0 / 36000.0},
-        ice=IceConfig(velocity_m_per_day=4.0, melt_m_per_day=0.06, pose_interval_s=200.0, stake_surveys=4),
-    )
+    corners = np.array([[30.0, 30.0], [90.0, 30.0], [90.0, 50.0], [30.0, 50.0]])
+    kinds = "swath", "transit", "swath"
+    legs = [Leg(kind, ends) for kind, *ends in zip(kinds, corners, corners[1:], strict=False)]
+    route = Route(tuple(legs), CRS, "lawnmower", 20.0)
+    at_ease = mission_with(stakes=3, recognition=1.0, base_station=True)
+    ice = IceConfig(velocity_m_per_day=4.0, melt_m_per_day=0.06, pose_interval_s=200.0, stake_surveys=4)
+    rover = at_ease.rover.model_copy(update={"speed_m_s": 140.0 / 36000.0})
+    mission = at_ease.model_copy(update={"rover": rover, "ice": ice})
     terrain = Dem.on(grid, 3.0 * np.sin(x / 15.0) * np.cos(y / 12.0))
     recording, truth = simulate_statistical(terrain, route, mission)
     recording.write(tmp_path / "recording")
