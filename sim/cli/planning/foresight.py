@@ -58,7 +58,9 @@ def plan_joint(request: PlanRequest) -> None:
     )
     options = list(found)
     best = _best_of(options, limit_m, request.probability, least + _MOST_FURTHER)
-    route = planners.plan(area, prior, made.config.model_copy(update={"swaths": best.swaths}))
+    route = planners.plan(
+        area, prior, made.config.model_copy(update={"swaths": best.swaths, "tie_lines": best.tie_lines})
+    )
     write_plan(request, route, drawing_of(area, prior))
     if request.as_json:
         facts = {**request.written, "limit_m": limit_m}
