@@ -22,8 +22,8 @@ _SMALL_TILES = ("--set", "tiles.tile_cells=200", "--set", "tiles.n_draws=8")
 
 
 def second_worker(folder: Path, density: float) -> Iterator[Row]:
-    """Yield the gain by a second worker on some 10⁷ points in four tiles; nothing else may run on the machine."""
-    made = MadeSurvey(_SEED, 2000.0, 2000.0, density)
+    """Yield the gain by a second worker on 3·10⁷ points in eight tiles; nothing else may run on the machine."""
+    made = MadeSurvey(_SEED, 4000.0, 2000.0, density)
     files = made.write(folder / "workers")
     seconds = []
     for n in (1, 2):

@@ -4,13 +4,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import geopandas as gpd
 import numpy as np
 import shapely
+from pyproj import CRS
 
 from benchmarks.report import Row
 from benchmarks.whole_glacier.made_survey import CRS_NAME, MadeSurvey
 from benchmarks.whole_glacier.mapping import used_by
+from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 
@@ -39,7 +40,8 @@ def _site(folder: Path) -> tuple[Path, Path]:
     """Write a square outline and a coarse raster of gentle made ground about it, and return their files."""
     west, south = 500_000.0, 6_500_000.0
     box = shapely.box(west, south, west + _SIDE_M, south + _SIDE_M)
-    gpd.GeoDataFrame(geometry=[box], crs=CRS_NAME).to_file(folder / "area.gpkg")
+    start = np.array([[west + 0.5 * _SIDE_M, south + _MARGIN_M]])
+    SurveyArea(box, CRS(CRS_NAME), starts=start).write(folder / "area.gpkg")
     about = (west - _MARGIN_M, south - _MARGIN_M, west + _SIDE_M + _MARGIN_M, south + _SIDE_M + _MARGIN_M)
     grid = Grid(about, _STEP_M, CRS_NAME)
     heights = MadeSurvey(_SEED, _SIDE_M, _SIDE_M).heights(*np.ascontiguousarray(grid.xy.T))

@@ -15,7 +15,7 @@ from benchmarks.report import Row
 from benchmarks.whole_glacier.made_survey import CRS_NAME
 from benchmarks.whole_glacier.mapping import Used, used_by
 
-_SIDES = (7000, 14000)
+_SIDES = (6500, 10_000)
 _ROWS = 1000
 _WEST_M, _NORTH_M = 500_000.0, 6_500_000.0
 _MOST_MB = 2000.0

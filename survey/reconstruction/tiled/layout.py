@@ -12,6 +12,7 @@ from survey.core.errors import CapacityError, InputError
 
 _MOST_TILES = 100_000
 _MOST_CELLS = 2**30
+_SMALLEST_SHARE = 10
 
 
 class CellWindow(NamedTuple):
@@ -86,6 +87,8 @@ class MapTile(NamedTuple):
 class TileLayout(NamedTuple):
     """Division of a map into tiles.
 
+    A rest of less than a tenth of a tile at the eastern or northern edge belongs to the tiles beside it.
+
     Parameters
     ----------
     cell_m : float
@@ -135,7 +138,9 @@ class TileLayout(NamedTuple):
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of tiles."""
-        return -(-self.whole.rows // self.tile_cells), -(-self.whole.columns // self.tile_cells)
+        rest = self.tile_cells // _SMALLEST_SHARE
+        rows, columns = (max(-(-(n - rest) // self.tile_cells), 1) for n in self.whole.shape)
+        return rows, columns
 
     @property
     def tiles(self) -> list[MapTile]:
@@ -145,12 +150,13 @@ class TileLayout(NamedTuple):
 
     def window(self, tile: MapTile) -> CellWindow:
         """Return the cells of a tile."""
-        n, whole = self.tile_cells, self.whole
+        n, whole, (rows, columns) = self.tile_cells, self.whole, self.shape
+        south, west = tile.row * n, tile.column * n
         return CellWindow(
-            whole.west + tile.column * n,
-            whole.south + tile.row * n,
-            min(n, whole.columns - tile.column * n),
-            min(n, whole.rows - tile.row * n),
+            whole.west + west,
+            whole.south + south,
+            n if tile.column < columns - 1 else whole.columns - west,
+            n if tile.row < rows - 1 else whole.rows - south,
         )
 
     def near(self, tile: MapTile, cells: int) -> Iterator[MapTile]:
@@ -167,5 +173,7 @@ class TileLayout(NamedTuple):
         whole = self.whole
         column, row = cells[:, 0] - whole.west, cells[:, 1] - whole.south
         inside = (column >= 0) & (row >= 0) & (column < whole.columns) & (row < whole.rows)
-        number = row // self.tile_cells * self.shape[1] + column // self.tile_cells
+        rows, columns = self.shape
+        row_of_tile = np.minimum(row // self.tile_cells, rows - 1)
+        number = row_of_tile * columns + np.minimum(column // self.tile_cells, columns - 1)
         return np.where(inside, number, -1)

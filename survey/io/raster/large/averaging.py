@@ -15,7 +15,7 @@ from survey.io.raster.georeference import check_transform
 from survey.io.raster.reading import Raster
 from survey.io.raster.strips import opened_raster, read_window
 
-_CELLS_AT_ONCE = 8_000_000
+_CELLS_AT_ONCE = 4_000_000
 
 
 def read_averaged(path: str | Path, cells: int, bands: Sequence[int] = (1,)) -> list[Raster]:

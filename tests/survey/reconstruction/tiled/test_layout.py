@@ -40,3 +40,11 @@ def test_bounds_without_extent_are_refused() -> None:
 def test_files_that_lie_far_apart_are_refused() -> None:
     with pytest.raises(CapacityError, match="tiles of 100 m"):
         TileLayout.over((0.0, 0.0, 4e5, 4e5), 1.0, 100)
+
+
+def test_a_narrow_rest_belongs_to_the_tiles_beside_it() -> None:
+    layout = TileLayout.over((0.0, 0.0, 2001.0, 1120.0), 1.0, 1000)
+    assert layout.shape == (2, 2)
+    assert layout.window(MapTile(1, 1)) == (1000, 1000, 1001, 120)
+    assert layout.tile_numbers(np.array([[2000, 1119], [999, 999], [2001, 0]])).tolist() == [3, 0, -1]
+    assert TileLayout.over((0.0, 0.0, 90.0, 1099.0), 1.0, 1000).shape == (1, 1)
