@@ -21,7 +21,7 @@ _MOST_S, _MOST_MB = 600.0, 4000.0
 _PLANS = {
     "plan, swaths of 100 m": ("--spacing", "100"),
     "plan, ten rovers": ("--spacing", "100", "--rovers", "10"),
-    "guarantee of 1 m": ("--require", "1.0", "--max-swaths", "100"),
+    "guarantee of 2 m": ("--require", "2.0", "--max-swaths", "100"),
 }
 
 
