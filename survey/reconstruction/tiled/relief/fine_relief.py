@@ -154,12 +154,18 @@ def variance_within_cells(
     nodes, cells = 0.0, 0.0
     for drawn in _draws(operator, VCyclePreconditioner(operator), points, window, n_draws):
         nodes += float(np.sum(drawn[measured] ** 2))
-        cells += float(np.sum(_mean_square_over_cells(drawn)[measured]))
+        cells += float(np.sum(mean_square_over_cells(drawn)[measured]))
     return cells / nodes if nodes > 0.0 else 1.0
 
 
-def _mean_square_over_cells(values: FloatArray) -> FloatArray:
-    """Return the mean square of bilinear node values (H, W) over the cells about the nodes."""
+def mean_square_over_cells(values: FloatArray) -> FloatArray:
+    """Return the mean square of bilinear node values (H, W) over the cells about the nodes.
+
+    Examples
+    --------
+    >>> mean_square_over_cells(np.full((2, 2), 3.0)).round(6).tolist()
+    [[9.0, 9.0], [9.0, 9.0]]
+    """
     padded = np.pad(values, 1, mode="edge")
     total = np.zeros(values.shape)
     quadrants = ((j, i) for j in (-1, 1) for i in (-1, 1))
