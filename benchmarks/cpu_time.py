@@ -1,8 +1,8 @@
 """CPU time of the two demos and of the test suite, from compiled loops that are not stored yet, as in a fresh clone.
 
 With ``--quick`` the demos alone, and a second time with the loops that the first run stored. Processors differ: where
-``FIRNLINE_EARLIER`` names a checkout of commit e7dc4dd with an environment of its own, its demos run in turn with
-today's, for the ratio.
+``FIRNLINE_EARLIER`` names a checkout of commit e7dc4dd with an environment of its own, its demos and its test suite run
+in turn with today's, for the ratio.
 """
 
 import os
@@ -35,28 +35,41 @@ TODAY = Code(ROOT, Path(sys.executable))
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the CPU time of demos and suite."""
+    earlier = None if EARLIER is None else Code(Path(EARLIER), Path(EARLIER) / ".venv/bin/python")
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        first = [_demo_s(TODAY, demo, folder / "first", folder / "loops") for demo in DEMOS]
-        yield from (Row(f"{demo}, first run", spent, "s") for demo, spent in zip(DEMOS, first, strict=True))
-        yield Row.of("both demos, first run", sum(first), "s", "<=", DEMOS_S)
-        if EARLIER is not None:
-            yield from _ratio(
-                Code(Path(EARLIER), Path(EARLIER) / ".venv/bin/python"), sum(first), folder / "earlier"
-            )
-        again = [_demo_s(TODAY, demo, folder / "again", folder / "loops") for demo in DEMOS]
-        yield Row("both demos, compiled before", sum(again), "s")
+        yield from _demos(folder, earlier)
         if not quick:
-            spent, code = _measured(TODAY, SUITE, ROOT, folder / "suite")
-            yield Row.of("test suite, first run", spent, "s", "<=", SUITE_S)
-            yield Row.of("test suite, exit code", code, "1", "<=", 0.0)
+            yield from _suites(folder, earlier)
 
 
-def _ratio(earlier: Code, today_s: float, folder: Path) -> Iterator[Row]:
-    """Yield the CPU time of the demos of an earlier checkout, and that of today's over it."""
-    spent_s = sum(_demo_s(earlier, demo, folder, folder / "loops") for demo in DEMOS)
-    yield Row("both demos of e7dc4dd, first run", spent_s, "s")
-    yield Row.of("both demos, first run, over those of e7dc4dd", today_s / spent_s, "x", "<=", 1.0)
+def _demos(folder: Path, earlier: Code | None) -> Iterator[Row]:
+    """Yield the CPU time of the demos, of those of an earlier checkout, and of a second run."""
+    first = [_demo_s(TODAY, demo, folder / "first", folder / "loops") for demo in DEMOS]
+    yield from (Row(f"{demo}, first run", spent, "s") for demo, spent in zip(DEMOS, first, strict=True))
+    yield Row.of("both demos, first run", sum(first), "s", "<=", DEMOS_S)
+    if earlier is not None:
+        place = folder / "earlier"
+        before = [_demo_s(earlier, demo, place, place / "loops") for demo in DEMOS]
+        yield from _ratio("both demos", sum(first), sum(before))
+    again = [_demo_s(TODAY, demo, folder / "again", folder / "loops") for demo in DEMOS]
+    yield Row("both demos, compiled before", sum(again), "s")
+
+
+def _suites(folder: Path, earlier: Code | None) -> Iterator[Row]:
+    """Yield the CPU time of the test suite, and of that of an earlier checkout."""
+    spent, code = _measured(TODAY, SUITE, ROOT, folder / "suite")
+    yield Row.of("test suite, first run", spent, "s", "<=", SUITE_S)
+    yield Row.of("test suite, exit code", code, "1", "<=", 0.0)
+    if earlier is not None:
+        before, _ = _measured(earlier, SUITE, earlier.root, folder / "earlier-suite")
+        yield from _ratio("test suite", spent, before)
+
+
+def _ratio(what: str, today_s: float, before_s: float) -> Iterator[Row]:
+    """Yield the CPU time of an earlier checkout, and that of today's over it."""
+    yield Row(f"{what} of e7dc4dd, first run", before_s, "s")
+    yield Row.of(f"{what}, first run, over e7dc4dd", today_s / before_s, "x", "<=", 1.0)
 
 
 def _demo_s(code: Code, demo: str, runs: Path, loops: Path) -> float:

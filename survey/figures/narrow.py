@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec, SubplotSpec
 from matplotlib.legend import Legend
 from matplotlib.text import Text
+from PIL.Image import Image
 
 from survey.figures.cartography.layout import COLOUR_BAR, MAP
-from survey.figures.style import page_png_bytes, styled
+from survey.figures.style import page_image, styled
 
 NARROW_IN = 4.0
 """Width of a narrow figure [in]; a phone shows 90 CSS pixels per inch."""
@@ -24,8 +25,8 @@ _LETTERS = 40
 
 
 @styled
-def narrow_png(figure: Figure) -> bytes:
-    """Render a wide figure for a phone; the figure itself stays as it is.
+def narrow_image(figure: Figure) -> Image:
+    """Draw a wide figure for a phone; the figure itself stays as it is.
 
     Parameters
     ----------
@@ -34,11 +35,11 @@ def narrow_png(figure: Figure) -> bytes:
 
     Returns
     -------
-    bytes
-        A PNG file, `NARROW_IN` wide.
+    PIL.Image.Image
+        RGB, `NARROW_IN` wide.
     """
     with _narrowed(figure):
-        return page_png_bytes(figure)
+        return page_image(figure)
 
 
 @contextmanager

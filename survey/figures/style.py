@@ -9,8 +9,10 @@ import matplotlib.style
 import numpy as np
 import numpy.typing as npt
 from cmcrameri import cm
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+from PIL.Image import Image, frombuffer
 
 FULL_IN = 9.0
 """Width of a figure over the full page [in]; the report shows 120 CSS pixels per inch."""
@@ -19,8 +21,7 @@ HALF_IN = 4.4
 DPI = 144
 SHARP_DPI = 240
 """Pixels per inch of figures in pages: two for each CSS pixel."""
-# Level of the PNG compression: of figures, and of those of pages, a third faster and 5 % larger.
-_COMPRESSION, _PAGE_COMPRESSION = 6, 4
+_COMPRESSION = 6
 
 INK = "#1d2a35"
 MUTED = "#66727c"
@@ -103,34 +104,41 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     bytes
         A PNG file.
     """
-    return _png(figure, dpi, _COMPRESSION)
+    buffer = io.BytesIO()
+    settings: dict[str, Any] = {
+        "metadata": {"Software": None},
+        "pil_kwargs": {"compress_level": _COMPRESSION},
+    }
+    figure.savefig(buffer, format="png", dpi=dpi, **settings)
+    return buffer.getvalue()
 
 
 @styled
-def page_png_bytes(figure: Figure) -> bytes:
-    """Render a figure for a page: two pixels for each CSS pixel; the same figure gives the same bytes.
+def page_image(figure: Figure) -> Image:
+    """Draw a figure for a page: two pixels for each CSS pixel.
+
+    `Figure.savefig` draws a figure with a layout engine twice; here it is laid out and drawn at once, with the same
+    pixels. Canvas and resolution of the figure stay as they are.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        Any figure of this package.
+        Any figure of this package, of an opaque background.
 
     Returns
     -------
-    bytes
-        A PNG file.
+    PIL.Image.Image
+        RGB.
     """
-    return _png(figure, SHARP_DPI, _PAGE_COMPRESSION)
-
-
-def _png(figure: Figure, dpi: int, compression: int) -> bytes:
-    buffer = io.BytesIO()
-    settings: dict[str, Any] = {
-        "metadata": {"Software": None},
-        "pil_kwargs": {"compress_level": compression},
-    }
-    figure.savefig(buffer, format="png", dpi=dpi, **settings)
-    return buffer.getvalue()
+    canvas, dpi = figure.canvas, figure.dpi
+    drawn = FigureCanvasAgg(figure)
+    try:
+        figure.set_dpi(SHARP_DPI)
+        drawn.draw()
+        return frombuffer("RGBA", drawn.get_width_height(), drawn.buffer_rgba()).convert("RGB")
+    finally:
+        figure.set_dpi(dpi)
+        figure.set_canvas(canvas)
 
 
 def symmetric_limits(errors: npt.ArrayLike) -> Normalize:

@@ -7,7 +7,7 @@ from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.figures.cartography.field_plot import probability_plot, quantity_plot, uncertainty_plot
-from survey.reporting.picture import Picture, picture_of
+from survey.reporting.picture import Picture, animation_of, picture_of
 from survey.reporting.surveyed import (
     FleetResults,
     HazardResults,
@@ -212,7 +212,7 @@ def _camera_pictures(on_board: OnBoard) -> dict[str, Picture]:
     pictures = {}
     if on_board.video is not None:
         alt = "Images of the drive, one after the other"
-        pictures["video"] = Picture(on_board.video, alt, "Images of the camera, from start to end.")
+        pictures["video"] = animation_of(on_board.video, alt, "Images of the camera, from start to end.")
     if on_board.tracks is not None:
         pictures["tracks"] = picture_of(
             (on_board.tracks),

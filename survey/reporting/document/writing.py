@@ -7,10 +7,9 @@ from survey.core.errors import ConfigError
 from survey.core.files.replacing import replacing_folder
 from survey.core.files.writing import replacing
 from survey.figures.sheets.pages import pdf_bytes
-from survey.figures.style import page_png_bytes
 from survey.reporting.document.content import Document
 from survey.reporting.document.pdf import document_pages
-from survey.reporting.picture import picture_of
+from survey.reporting.picture import Picture, picture_of
 from survey.reporting.rendering import rendered
 
 OUTPUTS = ("index.html", "report.pdf", "figures", "figures/*", "tables", "tables/*")
@@ -77,9 +76,17 @@ def write_document(target: str | Path, document: Document) -> Path:
     return path
 
 
-def html_page(document: Document, *, is_alone: bool = True) -> str:
+def html_page(document: Document) -> str:
+    """Return the HTML page, which holds its downloads."""
+    return _page(document, _pictures(document), is_alone=True)
+
+
+def _pictures(document: Document) -> dict[str, Picture]:
+    return {it.name: picture_of(it.figure, it.alt, it.caption) for it in document.figures}
+
+
+def _page(document: Document, pictures: dict[str, Picture], *, is_alone: bool) -> str:
     """Return the HTML page; alone it holds its downloads, else they are files beside it."""
-    pictures = {it.name: picture_of(it.figure, it.alt, it.caption) for it in document.figures}
     tables = {table.name: _table_source(table.csv) for table in document.tables}
     links = (
         {**{name: it.file_source for name, it in pictures.items()}, **tables}
@@ -90,14 +97,15 @@ def html_page(document: Document, *, is_alone: bool = True) -> str:
 
 
 def _write_folder(folder: Path, document: Document) -> Path:
+    pictures = _pictures(document)
     with replacing_folder(folder, own=OUTPUTS) as draft:
         for place in ("figures", "tables"):
             (draft / place).mkdir()
-        for drawn in document.figures:
-            (draft / "figures" / f"{drawn.name}.png").write_bytes(page_png_bytes(drawn.figure))
+        for name, picture in pictures.items():
+            (draft / "figures" / f"{name}.png").write_bytes(picture.image)
         for table in document.tables:
             (draft / "tables" / f"{table.name}.csv").write_text(table.csv, encoding="utf-8", newline="\n")
-        (draft / "index.html").write_text(html_page(document, is_alone=False), encoding="utf-8")
+        (draft / "index.html").write_text(_page(document, pictures, is_alone=False), encoding="utf-8")
         (draft / "report.pdf").write_bytes(_pdf(document))
     return folder / "index.html"
 

@@ -1,15 +1,12 @@
 """Narrow versions of wide figures: one column, and the wide figure unchanged."""
 
-import io
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
 
 from survey import Dem, Grid, SurveyArea
 from survey.figures import path_map, survey_map
-from survey.figures.narrow import NARROW_IN, narrow_png
+from survey.figures.narrow import NARROW_IN, narrow_image
 from survey.figures.style import SHARP_DPI, png_bytes
 
 GRID = Grid((0.0, 0.0, 60.0, 30.0), 5.0, "EPSG:32608")
@@ -39,12 +36,10 @@ def a_path() -> Figure:
 def test_a_narrow_figure_leaves_the_wide_one_as_it_was(draw) -> None:
     figure = draw()
     before = png_bytes(figure, 60)
-    with Image.open(io.BytesIO(narrow_png(figure))) as image:
-        assert image.width == round(SHARP_DPI * NARROW_IN)
+    assert narrow_image(figure).width == round(SHARP_DPI * NARROW_IN)
     assert png_bytes(figure, 60) == before
 
 
 def test_panels_stand_below_one_another_each_as_tall_as_before() -> None:
     figure = panels()
-    with Image.open(io.BytesIO(narrow_png(figure))) as image:
-        assert image.height == 2 * SHARP_DPI * 3
+    assert narrow_image(figure).height == 2 * SHARP_DPI * 3

@@ -1,11 +1,14 @@
 """Style of figures: settings of the user, bytes of pictures, limits of colours."""
 
+from io import BytesIO
+
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
-from survey.figures.style import DPI, png_bytes, styled, symmetric_limits
+from survey.figures.style import DPI, SHARP_DPI, page_image, png_bytes, styled, symmetric_limits
 
 
 @styled
@@ -28,6 +31,24 @@ def test_a_picture_has_the_size_of_its_figure_and_no_date():
     assert (width, height) == (2 * DPI, DPI)
     assert b"Software" not in content
     assert b"Creation" not in content
+
+
+def panels() -> Figure:
+    figure = Figure(figsize=(2.0, 1.0), layout="constrained")
+    for axes in figure.subplots(1, 2):
+        axes.imshow([[0.0, 1.0], [2.0, 3.0]])
+        axes.set_title("Panel")
+    return figure
+
+
+@pytest.mark.parametrize("draw", [drawn, styled(panels)])
+def test_the_image_of_a_page_has_the_pixels_of_the_saved_figure(draw):
+    figure = draw()
+    canvas, dpi = figure.canvas, figure.dpi
+    image = page_image(figure)
+    assert (figure.canvas, figure.dpi) == (canvas, dpi)
+    with Image.open(BytesIO(png_bytes(draw(), SHARP_DPI))) as saved:
+        assert np.array_equal(image, saved.convert("RGB"))
 
 
 @pytest.mark.parametrize("values", [[-0.5, 0.1], [0.2, 0.5], [0.0, 0.0], [np.nan, -0.1]])

@@ -11,7 +11,7 @@ from PIL import Image
 from survey.core.errors import InputError
 from survey.reporting import SurveyResults, write_report
 from survey.reporting.page import _write
-from survey.reporting.picture import Picture
+from survey.reporting.picture import animation_of
 
 FIGURES = {
     "map", "terrain", "std", "support", "landmarks", "error", "profile", "calibration", "histogram", "distance", "trajectory", "path", "path_error",
@@ -156,9 +156,10 @@ def test_a_video_is_shown_at_its_own_size():
     video = BytesIO()
     images = [Image.new("RGB", (40, 30), (grey, grey, grey)) for grey in (0, 120, 240)]
     images[0].save(video, "WEBP", save_all=True, append_images=images[1:])
-    shown = Picture(video.getvalue(), "images of a drive", "What the camera saw.")
-    assert shown.size == (40, 30)
-    assert shown.source.startswith("data:image/webp;base64,")
+    picture = animation_of(video.getvalue(), "images of a drive", "Images of the camera.")
+    assert picture.shown.size == (40, 30)
+    assert picture.shown.source == picture.file_source
+    assert picture.file_source.startswith("data:image/webp;base64,")
 
 
 def test_a_folder_without_parent_is_refused(tmp_path, site, scored):
