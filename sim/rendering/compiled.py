@@ -35,16 +35,26 @@ class _NoAlias(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
 
 
-_FAST: dict[str, Any] = {"cache": True, "fastmath": True, "error_model": "numpy"}
+# Nothing calls these loops from C.
+_FAST: dict[str, Any] = {
+    "cache": True,
+    "fastmath": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+}
 
-scalar = njit(**_FAST)
 inlined = njit(**_FAST, inline="always")
 by_share = njit(**_FAST, nogil=True)
 """For loops over rows of which each thread takes every n-th block: `kernel(worker, n_workers, ...)`."""
-# Without the flag, which is internal to numba, frames take 2.6 times as long and look the same.
-row_loop = njit(**_FAST, pipeline_class=_NoAlias) if "noalias" in dir(Flags) else scalar
 
-_EXACT: dict[str, Any] = _FAST | {"fastmath": {"contract", "nnan", "ninf", "nsz"}}
+# Compiled functions call the following; Python cannot. The wrapper for Python, which unpacks tuples of dozens of arrays,
+# takes as long to compile as many a function.
+_INNER = _FAST | {"no_cpython_wrapper": True}
+scalar = njit(**_INNER)
+# Without the flag, which is internal to numba, frames take 2.6 times as long and look the same.
+row_loop = njit(**_INNER, pipeline_class=_NoAlias) if "noalias" in dir(Flags) else scalar
+
+_EXACT: dict[str, Any] = _INNER | {"fastmath": {"contract", "nnan", "ninf", "nsz"}}
 row_loop_in_order = njit(**_EXACT, pipeline_class=_NoAlias) if "noalias" in dir(Flags) else njit(**_EXACT)
 """The same, but sums are made in the order in which they are written."""
 

@@ -170,14 +170,15 @@ def _paint_sky(
     painted: Floats,
 ) -> int:
     """Paint the sky's pixels, list the others, and return how many those are."""
-    n, n_sky = 0, 0
+    n = 0
     for c in range(rays.fate.size):
         if rays.fate[c] != SKY:
             ground[n] = c
             n += 1
         else:
-            sky[n_sky] = c
-            n_sky += 1
+            sky[c - n] = c
+    # A counter that starts at the literal 0 would have `backdrop_row` compiled twice.
+    n_sky = rays.fate.size - n
     for k in range(n_sky):
         depth[u32(sky[k])] = f32(-1)
     if shaded and n_sky:

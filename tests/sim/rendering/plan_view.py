@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.rendering.compiled import Floats, scalar
+from sim.rendering.compiled import Floats, by_share
 from sim.rendering.footprint import Aim, Footprints
 from sim.rendering.light import shade
 from sim.rendering.renderer import Renderer
@@ -38,7 +38,7 @@ def plan_view(
     return np.ascontiguousarray(radiance[::-1])
 
 
-@scalar
+@by_share
 def _fill(scene: RenderScene, corner: FloatArray, texel_m: float, radiance: Floats) -> None:
     rows, columns = radiance.shape
     f, n = np.zeros((26, columns), np.float32), np.zeros((10, columns), np.int32)
