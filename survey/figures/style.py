@@ -131,7 +131,7 @@ def page_image(figure: Figure) -> Image:
         RGB.
     """
     canvas, dpi = figure.canvas, figure.dpi
-    drawn = FigureCanvasAgg(figure)
+    drawn: Any = FigureCanvasAgg(figure)
     try:
         figure.set_dpi(SHARP_DPI)
         drawn.draw()
