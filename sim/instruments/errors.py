@@ -1,5 +1,6 @@
 """Errors that all instruments share: reading times, clock offsets, lost readings, correlated noise."""
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -108,9 +109,8 @@ def _propagated(value: FloatArray, decay: FloatArray, noise: FloatArray) -> Floa
     driven = np.sqrt(1.0 - decay**2)[:, None] * noise
     a = float(decay[-1])
     if np.allclose(decay, a, rtol=_EQUAL):
-        from scipy.signal import lfilter  # slow to import, and ideal clocks need none
-
-        series: FloatArray = lfilter([1.0], [1.0, -a], driven, axis=0, zi=a * value[None])[0]
+        columns = zip(value.tolist(), driven.T.tolist(), strict=True)
+        series: FloatArray = np.column_stack([_filtered(first, column, a) for first, column in columns])
         return series
     for k, share in enumerate(decay):
         value = share * value + driven[k]
@@ -137,3 +137,8 @@ class RandomWalkNoise:
         self._bias = bias[-1]
         error: FloatArray = bias + self._white * draws[:, 0]
         return error
+
+
+def _filtered(first: float, driven: list[float], decay: float) -> list[float]:
+    """Return y of ``y[k] = decay y[k - 1] + driven[k]``, the bits of `scipy.signal.lfilter`, which imports slowly."""
+    return list(accumulate(driven, lambda last, new: decay * last + new, initial=first))[1:]

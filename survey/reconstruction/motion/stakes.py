@@ -8,7 +8,7 @@ The positions are eliminated by weighted means over each stake: the residuals ab
 """
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -86,7 +86,7 @@ def _widening(design: FloatArray, value: FloatArray, n_eliminated: int) -> float
         return 1.0
     residual = value - design @ np.linalg.lstsq(design, value)[0] if design.size else value
     squared = float(residual @ residual)
-    return squared / n_left if chi2.sf(squared, n_left) < _UNLIKELY else 1.0
+    return squared / n_left if chdtrc(n_left, squared) < _UNLIKELY else 1.0
 
 
 def _about_means(surveys: StakeSurveys, values: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from survey.core.arrays import FloatArray
 from survey.reconstruction.prior.error_sizes import Innovations
@@ -122,7 +122,7 @@ def misfit_chance(innovations: Innovations) -> float:
     """
     value: FloatArray = innovations.value_m
     squared = float(value @ cho_solve(cho_factor(innovations.covariance, lower=True), value))
-    return float(chi2.sf(squared, len(value)))
+    return float(chdtrc(len(value), squared))
 
 
 def misfit_log_likelihood(innovations: Innovations) -> float:

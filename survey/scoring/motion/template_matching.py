@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
-from scipy.signal import fftconvolve
 
 from survey.core.arrays import FloatArray, IntArray
 
@@ -137,6 +136,8 @@ def normalized_correlation(window: FloatArray, area: FloatArray) -> FloatArray:
     (m - n + 1, m - n + 1) ndarray
         Between -1 and 1; 0 where the area is flat.
     """
+    from scipy.signal import fftconvolve  # slow to import, and scores of maps need none
+
     about, ones = window - window.mean(), np.ones_like(window)
     shifted = area - area.mean()
     cross = fftconvolve(shifted, about[::-1, ::-1], mode="valid")
@@ -177,5 +178,7 @@ def _covariance(residual: FloatArray, gradient: FloatArray) -> FloatArray:
 
 def _correlated(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the sums of products of two images for every lag."""
+    from scipy.signal import fftconvolve
+
     correlated: FloatArray = fftconvolve(a, b[::-1, ::-1], mode="full")
     return correlated

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from sim.config.sensors import InstrumentConfig
 from sim.instruments.errors import Clock, GaussMarkov, RandomWalkNoise, gauss_markov
@@ -42,3 +43,11 @@ def test_a_random_walk_goes_on_from_call_to_call():
     # Steps have σ = 1, also across the cut; 6 standard deviations of the largest of 3.
     assert np.abs(joined[50] - joined[49]).max() < 6.0
     assert np.diff(joined, axis=0).std() == pytest.approx(1.0, rel=0.3)
+
+
+def test_even_steps_give_the_bits_of_a_linear_filter():
+    noise = np.random.default_rng(5).standard_normal((2000, 3))
+    series = gauss_markov(np.full(1999, 0.01), 7.0, 1.0, np.random.default_rng(5), 3)
+    a = float(np.exp(-0.01 / 7.0))
+    driven = np.sqrt(1.0 - a**2) * noise[1:]
+    assert np.array_equal(series[1:], lfilter([1.0], [1.0, -a], driven, axis=0, zi=a * noise[:1])[0])
