@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import Writer
 
-from live.export.mcap_messages import AT_ORIGIN, McapMessages, packed, xyz
+from live.export.mcap_messages import AT_ORIGIN, McapMessages, packed_points, xyz
 from live.watch.log import replayed_states
 from live.watch.survey_watch import SurveyWatch
 from survey.core.errors import InputError
@@ -64,5 +64,5 @@ def _write_drive(mcap: McapMessages, watch: SurveyWatch) -> None:
     time_s = watch.samples[-1].time_s
     mcap.add("/rover1/path", "PosesInFrame", time_s, {"poses": poses})
     rows = np.column_stack([places, [sample.sigma_m for sample in watch.samples]]).astype("<f4")
-    content = {"pose": AT_ORIGIN, **packed(rows, ("x", "y", "z", "sigma_z"))}
+    content = {"pose": AT_ORIGIN, **packed_points(rows, ("x", "y", "z", "sigma_z"))}
     mcap.add("/rover1/samples", "PointCloud", time_s, content)

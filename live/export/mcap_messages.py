@@ -89,7 +89,7 @@ class McapMessages:
         rows = np.column_stack([grid.xy, *(field.ravel() for field in fields)])
         rows = rows[np.isfinite(rows).all(axis=1)]
         rows[:, :3] -= self.origin
-        content = {"pose": AT_ORIGIN, **packed(rows.astype("<f4"), ("x", "y", "z", "sigma"))}
+        content = {"pose": AT_ORIGIN, **packed_points(rows.astype("<f4"), ("x", "y", "z", "sigma"))}
         self.add("/map", "PointCloud", time_s, content)
 
 
@@ -104,7 +104,7 @@ def xyz(position: FloatArray) -> dict[str, float]:
     return dict(zip("xyz", position.tolist(), strict=True))
 
 
-def packed(rows: Any, names: Sequence[str]) -> dict[str, Any]:
+def packed_points(rows: Any, names: Sequence[str]) -> dict[str, Any]:
     """Return rows (N, K) of single precision as the fields of a point cloud."""
     size = rows.dtype.itemsize
     described = [{"name": name, "offset": size * k, "type": _FLOAT32} for k, name in enumerate(names)]

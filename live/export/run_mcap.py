@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import Writer
 
-from live.export.mcap_messages import AT_ORIGIN, McapMessages, packed, xyz
+from live.export.mcap_messages import AT_ORIGIN, McapMessages, packed_points, xyz
 from sim.mission.fleet import drive_folders
 from survey.core.files.writing import replacing
 from survey.core.runs.store import RunFolder
@@ -77,7 +77,7 @@ def _write_landmarks(mcap: McapMessages, topic: str, place: Path, drive: Traject
     points = SurfacePoints.read(file)
     stated = points.sigma_m if points.covariance is None else np.sqrt(points.covariance[:, 2, 2])
     rows = np.column_stack([points.xyz - mcap.origin, np.asarray(stated, dtype=np.float64)]).astype("<f4")
-    content = {"pose": AT_ORIGIN, **packed(rows, ("x", "y", "z", "sigma_z"))}
+    content = {"pose": AT_ORIGIN, **packed_points(rows, ("x", "y", "z", "sigma_z"))}
     mcap.add(topic, "PointCloud", float(drive.time_s[-1]), content)
 
 

@@ -76,16 +76,17 @@ class SegmentElimination:
             slice(*bounds[index : index + 2]) for bounds in (self.order.bounds, self.order.point_bounds)
         )
         columns = self._touched(inside, here)
-        u, v = _dense(self.rows[here], inside, columns)
-        a, f = _dense(self.information[inside], inside, columns)
+        rows, prior = self.rows[here], self.information[inside]
+        u, a = rows[:, inside], prior[:, inside]
         nodes, weight = self._nodes(here)
         values = self.system.data.values[self.order.points[here]]
-        w = np.concatenate([v, weight[:, None] * nodes.weights, (weight * values)[:, None]], axis=1)
+        w = np.column_stack([_dense(rows, columns), weight[:, None] * nodes.weights, weight * values])
         z = u.T @ w
-        z[:, : len(columns)] += f
+        z[:, : len(columns)] += _dense(prior, columns)
         information = w.T @ w
-        if len(a):
-            through = solve_triangular(np.linalg.cholesky(a + u.T @ u), z, lower=True, check_finite=False)
+        if z.size:
+            factor = np.linalg.cholesky((a + u.T @ u).toarray())
+            through = solve_triangular(factor, z, lower=True, check_finite=False)
             information -= through.T @ through
         return Reduced(columns - len(self.order.interior), nodes.xy, information)
 
@@ -105,16 +106,14 @@ class SegmentElimination:
         return local_nodes(xy, basis.omega, self.system.strengths, INTERPOLATION_M), weight
 
 
-def _dense(block: Any, inside: slice, columns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the columns of a few sparse rows that lie inside a segment, and some of those beyond, as dense matrices."""
+def _dense(block: Any, columns: IntArray) -> FloatArray:
+    """Return some columns (n, k), in increasing order, of a few sparse rows (n, S) as a dense matrix."""
     entries = block.tocoo()
-    is_inside = (entries.col >= inside.start) & (entries.col < inside.stop)
-    within = np.zeros((block.shape[0], inside.stop - inside.start))
-    within[entries.row[is_inside], entries.col[is_inside] - inside.start] = entries.data[is_inside]
-    beyond = np.zeros((block.shape[0], len(columns)))
-    others = ~is_inside
-    beyond[entries.row[others], np.searchsorted(columns, entries.col[others])] = entries.data[others]
-    return within, beyond
+    place = np.minimum(np.searchsorted(columns, entries.col), max(len(columns) - 1, 0))
+    chosen = columns[place] == entries.col if len(columns) else np.zeros(len(place), dtype=bool)
+    dense = np.zeros((block.shape[0], len(columns)))
+    dense[entries.row[chosen], place[chosen]] = entries.data[chosen]
+    return dense
 
 
 def _root(information: FloatArray, strengths: FloatArray) -> FloatArray:
