@@ -5,6 +5,7 @@ depends on the machine, so that distances differ by metres between runs. Develop
 """
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from time import monotonic
 
@@ -22,7 +23,7 @@ from live.mission.upload import upload
 from live.rover.drive import RoverSettings
 from live.watch.log import entered
 from live.watch.survey_watch import SurveyWatch
-from live.watch.telemetry import TelemetryReader, telemetry_entries
+from live.watch.telemetry import TelemetryReader, buffered_entries
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import first_swaths
 from planners.guarantee.adaptive_state import AdaptiveConfig
@@ -42,7 +43,7 @@ _SIDE_M, _CRS, _WEST, _SOUTH = 300.0, "EPSG:32608", 526_000.0, 6_478_000.0
 _KINDS = (("squared-exponential", 47.0), ("matern-5/2", 60.0), ("matern-3/2", 100.0))
 _LIMIT_M, _ASKED, _NOISE_M, _SHARED_M, _STEP_M = 0.4572, 0.95, 0.1, 0.05, 10.0
 _SPEED_M_S, _HASTEN, _PATIENCE_S = 2.0, 100.0, 60.0
-_MOST_DRIVE_S = 300.0
+_MOST_DRIVE_S = 900.0
 _MOST_DISTANCE = 0.85
 
 
@@ -136,14 +137,13 @@ def _follow(address: LinkAddress, watch: SurveyWatch) -> None:
     until = monotonic() + _MOST_DRIVE_S
     with Vehicle.connected(address, _PATIENCE_S) as vehicle:
         start_mission(vehicle)
-        for entry in telemetry_entries(vehicle, TelemetryReader(watch.area.crs)):
-            entered(watch, entry)
-            if watch.is_stopped or watch.progress.n_driven == len(watch.legs):
-                return
-            if monotonic() > until:
-                raise RuntimeError(
-                    f"leg {watch.progress.n_driven + 1} was not driven in {_MOST_DRIVE_S:g} s."
-                )
+        with closing(buffered_entries(vehicle, TelemetryReader(watch.area.crs))) as entries:
+            for entry in entries:
+                entered(watch, entry)
+                if watch.is_stopped or watch.progress.n_driven == len(watch.legs):
+                    return
+                if monotonic() > until:
+                    raise RuntimeError(f"leg {watch.progress.n_driven + 1} was not driven in time.")
 
 
 def _judged(site: Site, wanted: MapRequirement, watch: SurveyWatch) -> Loop:

@@ -1,6 +1,8 @@
 """Samples from the telemetry of a vehicle: fixes of its receiver, less the height of the antenna."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from queue import SimpleQueue
+from threading import Event, Thread
 from time import monotonic
 from typing import Any
 
@@ -101,3 +103,49 @@ def telemetry_entries(vehicle: Vehicle, reader: TelemetryReader) -> Iterator[dic
         if sample is not None:
             last_s = sample.time_s
             yield {"in": "sample", "sample": list(sample)}
+
+
+def buffered_entries(vehicle: Vehicle, reader: TelemetryReader) -> Generator[dict[str, Any], None, None]:
+    """Yield what `telemetry_entries` does, received by a thread, so that nothing is lost while an advice is computed.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That sends telemetry; its connection stays open until the generator is closed.
+    reader : TelemetryReader
+        Of its messages.
+
+    Yields
+    ------
+    dict
+        Samples and silences.
+    """
+    arrived: SimpleQueue[dict[str, Any] | Exception] = SimpleQueue()
+    over = Event()
+    thread = Thread(target=_receive, args=(vehicle, reader, arrived, over), daemon=True)
+    thread.start()
+    try:
+        while True:
+            entry = arrived.get()
+            if isinstance(entry, Exception):
+                raise entry
+            yield entry
+    finally:
+        over.set()
+        thread.join()
+
+
+def _receive(
+    vehicle: Vehicle,
+    reader: TelemetryReader,
+    arrived: "SimpleQueue[dict[str, Any] | Exception]",
+    over: Event,
+) -> None:
+    """Put what arrives into a queue; an error as well, which ends it."""
+    try:
+        for entry in telemetry_entries(vehicle, reader):
+            if over.is_set():
+                return
+            arrived.put(entry)
+    except Exception as error:  # raised again where the entries are taken
+        arrived.put(error)

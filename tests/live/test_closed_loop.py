@@ -1,6 +1,7 @@
 """From plan to stop over the link: upload and start, telemetry of the simulated rover, watch, next swath, until stopped."""
 
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from live.mission.autopilot_mission import AutopilotMission
 from live.mission.upload import upload
 from live.watch.log import entered, heading_of, legs_as_lists, line_of, replayed
 from live.watch.survey_watch import SurveyWatch
-from live.watch.telemetry import TelemetryReader, telemetry_entries
+from live.watch.telemetry import TelemetryReader, buffered_entries, telemetry_entries
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from sim.cli.main import app
 from survey import Dem, Grid, Route, SurveyArea
@@ -59,8 +60,12 @@ def test_the_survey_is_driven_swath_by_swath_until_it_is_stopped(start_rover, tm
 
 def driven(address: LinkAddress, watch: SurveyWatch, log: list[str]) -> list[Leg]:
     """Follow the telemetry until an advice comes after the last leg; return the legs to drive next."""
-    with Vehicle.connected(address, 60.0) as vehicle:
-        for entry in telemetry_entries(vehicle, TelemetryReader(AREA.crs)):
+    reader = TelemetryReader(AREA.crs)
+    with (
+        Vehicle.connected(address, 60.0) as vehicle,
+        closing(buffered_entries(vehicle, reader)) as entries,
+    ):
+        for entry in entries:
             events = entered(watch, entry)
             log += [line_of(one) for one in (entry, *events)]
             if watch.progress.n_driven == len(watch.legs):

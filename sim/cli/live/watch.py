@@ -1,7 +1,7 @@
 """``firnline watch``: the map, its class and the next swath while a rover drives."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -201,8 +201,10 @@ def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) ->
     with needs_live_extra():
         from live.link.address import LinkAddress
         from live.link.vehicle import Vehicle
-        from live.watch.telemetry import TelemetryReader, telemetry_entries
+        from live.watch.telemetry import TelemetryReader, buffered_entries
 
         link = Vehicle.connected(LinkAddress.parsed(source), request.patience_s, request.system)
         vehicle = stack.enter_context(link)
-        yield from telemetry_entries(vehicle, TelemetryReader(crs, request.antenna_m))
+        yield from stack.enter_context(
+            closing(buffered_entries(vehicle, TelemetryReader(crs, request.antenna_m)))
+        )
