@@ -42,8 +42,8 @@ def landmarks(path: PathError, n: int) -> SurfacePoints:
     xy = origin[:, :2] + rng.uniform(-20.0, 20.0, (n, 2))
     z = 2.0 * np.sin(xy[:, 0] / 40.0) * np.cos(xy[:, 1] / 50.0) + 0.05 * rng.standard_normal(n)
     own = np.tile(np.diag([1e-6, 1e-6, 0.05**2]), (n, 1, 1))
-    fields = {"origins": origin, "own_covariance": own, "keyframe": keyframe, "heading_rad": np.zeros(n)}
-    return SurfacePoints(np.column_stack([xy, z]), covariance=own + 0.1 * np.eye(3), crs=CRS, **fields)
+    seen = {"keyframe": keyframe, "heading_rad": np.zeros(n), "origins": origin}
+    return SurfacePoints(np.column_stack([xy, z]), own + 0.1 * np.eye(3), crs=CRS, own_covariance=own, **seen)
 
 
 @pytest.mark.parametrize(
