@@ -45,10 +45,10 @@ def test_each_rover_has_a_row_with_its_swaths_and_its_driven_distance(route):
     heading, first, second = fleet_rows(FleetResults(rovers=rovers), route)
     assert heading == list(HEADINGS)
     assert [cell.replace("\u00a0", " ") for cell in first] == [
-        "Rover 1", "2", "200 m", "60 s", "2 kJ", "arrived", "0.25 m", "–",
+        "Rover 1", "2", "200 m", "60 s", "2 kJ", "arrived", "0.25 m", "–", "0",
     ]  # fmt: skip
     assert second[:3] == ["Rover 2", "1", "40\u00a0m"]
-    assert second[5:] == ["stalled", "–", "–"]
+    assert second[5:] == ["stalled", "–", "–", "0"]
 
 
 def test_a_survey_without_fleet_or_payload_has_no_rows(route):
