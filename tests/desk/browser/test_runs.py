@@ -26,7 +26,7 @@ def test_runs_are_watched_listed_and_compared(opened):
     page.focus("#growth")
     page.keyboard.press("Home")
     assert "Map after 1 of 2 swaths" in page.inner_text("label[for=growth]")
-    assert page.is_checked("#show-grown-sigma")
+    assert page.is_checked("#show-growth-sigma")
     with page.context.expect_page() as report:
         page.click("#mission-result a")
     report.value.wait_for_load_state()
