@@ -112,9 +112,17 @@ def _kill_an_upload(address: LinkAddress, n_items: int, after: float) -> None:
 
 
 def _held(address: LinkAddress) -> int:
-    """Return how many items the rover holds, all of which have to be those of one mission."""
+    """Return how many items the rover holds, all of which have to be those of one mission; -1 where they are not.
+
+    An upload that was complete when it was killed may take its place while the items are read. They are read twice then.
+    """
     with Vehicle.connected(address, 60.0) as vehicle:
-        items = fetch_items(vehicle, MISSION)
+        return next((n for n in (_n_items(vehicle) for _ in range(2)) if n >= 0), -1)
+
+
+def _n_items(vehicle: Vehicle) -> int:
+    """Return how many items a reading of the mission gives; -1 where they are not those of one mission."""
+    items = fetch_items(vehicle, MISSION)
     expected = [LinkItem.of(item) for item in mission_of(len(items)).items]
     return len(items) if all(a.agrees_with(b) for a, b in zip(expected, items, strict=True)) else -1
 
