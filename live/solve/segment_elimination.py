@@ -18,7 +18,8 @@ from live.solve.path_segments import PathSegments, path_segments
 from survey.core.arrays import FloatArray, IntArray
 from survey.data.path_error import PathError
 from survey.reconstruction.joint.design_rows import JointSystem
-from survey.reconstruction.joint.joint_solve import JointEquations, waves_at
+from survey.reconstruction.joint.joint_solve import JointEquations
+from survey.reconstruction.joint.terrain_posterior import waves_at
 
 INTERPOLATION_M = 1e-4
 """Standard deviation of the error by which nodes stand for points [m]."""

@@ -47,7 +47,7 @@ def segment_map(
     Returns
     -------
     tuple of ndarray
-        Equal to those of `JointSolution.fields` but for the error of interpolation within segments.
+        Equal to those of `TerrainPosterior.fields` but for the error of interpolation within segments.
 
     Raises
     ------
@@ -60,5 +60,5 @@ def segment_map(
     factor = _DenseFactor(cho_factor(equations.shared, lower=True, check_finite=False))
     posterior = JointPosterior.solved(system.basis, system.strengths, equations, factor)
     first = int(np.searchsorted(elimination.order.knots, system.shared.rows.shape[1]))
-    mean, variance = posterior.fields(grid, system.trend, first, system.datum_m)
-    return mean, np.sqrt(np.maximum(variance + system.tail_m2 + nugget_m**2, 0.0))
+    finer_m2 = system.tail_m2 + nugget_m**2
+    return posterior.terrain(system.trend, first, system.datum_m, finer_m2).fields(grid)

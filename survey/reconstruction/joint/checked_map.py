@@ -68,4 +68,4 @@ def _claim(solution: JointSolution, result: Reconstruction, area: SurveyArea | N
     if area is not None:
         inside = area.contains(grid.xy).reshape(grid.shape)
     rows = sampled_nodes(inside if inside.any() else np.ones_like(inside))
-    return RmseClaim.of(solution.covariance(grid.xy[rows]), result.std.elevation.ravel()[rows])
+    return RmseClaim.of(solution.terrain.covariance(grid.xy[rows]), result.std.elevation.ravel()[rows])

@@ -1,7 +1,7 @@
 """Joint estimate of map and path: set-up of the linear system from points, path and satellite cells."""
 
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_block
 from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.joint.shared_relief import with_shared_relief
 from survey.reconstruction.joint.solution import JointMap, JointSolution
+from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
 from survey.reconstruction.prior.products import PriorErrors
 from survey.reconstruction.terrain_model import local_datum_m
 
@@ -111,8 +112,11 @@ class JointTerrain:
         """Fit kernels to the points, without the prior, or take those that are given."""
         residuals = PlaneResiduals(points, self.path, self._landmarks(points), self.config)
         fitted = residuals.candidates() if candidates is None else candidates
-        solve = partial(self._solution, cells=None)
-        return PointsOnly(points, bounds, residuals.slope, fitted, solve, cache(residuals.lengths))
+
+        def solve(found: Hyperparameters) -> TerrainPosterior:
+            return self._solution(points, bounds, found, residuals.slope, None).terrain
+
+        return PointsOnly(points, bounds, residuals.slope, fitted, cache(solve), cache(residuals.lengths))
 
     def completed(self, alone: PointsOnly) -> JointSolution:
         """Choose a kernel with the prior's cells, and solve with them."""
@@ -122,9 +126,9 @@ class JointTerrain:
         if cells is not None:
             found, cells, conflicts = chosen(alone, cells, errors)
             if not errors.white.is_known:
-                slope = alone.solution(found).gradient(points.xy)
+                slope = alone.terrain(found).gradient(points.xy)
         for _ in range(self.joint.slope_passes - 1):
-            rough = self._solution(points, bounds, found, slope, cells)
+            rough = self._solution(points, bounds, found, slope, cells).terrain
             slope = rough.gradient(points.xy)
             cells = None if cells is None else cells.with_slope(rough.gradient(cells.centre))
         solution = self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
@@ -141,10 +145,11 @@ class JointTerrain:
             return None
         longest = max((found, *rivals), key=lambda one: one.kernel.length_scales_m[1])
         given, memory_mb = (alone.points, alone.bounds), 0.5 * self.joint.memory_mb
-        solved = {longest: self._solution(*given, longest, slope, cells, memory_mb=memory_mb)}
+        solved = {longest: self._solution(*given, longest, slope, cells, memory_mb=memory_mb).terrain}
+        basis = solved[longest].weights.basis
         for one in (found, *rivals):
             if one not in solved:
-                solved[one] = self._solution(*given, one, slope, cells, basis=solved[longest].basis)
+                solved[one] = self._solution(*given, one, slope, cells, basis=basis).terrain
         return MapAverage(solved[found], tuple(solved[one] for one in rivals), weights)
 
     @cached_property

@@ -15,19 +15,18 @@ its covariance, and the map of the variance, come out as they do without shared 
 from dataclasses import dataclass
 from typing import Any, Self
 
-import numba
 import numpy as np
 from scipy import sparse
 from scipy.linalg import blas
 
-from survey.core.arrays import FloatArray, IntArray
-from survey.data.grid import Grid
-from survey.data.path_error import factorized
+from survey.core.arrays import FloatArray
+from survey.core.sparse_factor import SparseFactor
 from survey.reconstruction.gp.engines.fourier.mean_solver import PointSums
 from survey.reconstruction.gp.engines.fourier.weight_posterior import WeightPosterior, precision
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
+from survey.reconstruction.joint.terrain_posterior import TerrainPosterior, fill_waves
 
 # Points whose waves are evaluated at once: bounds the memory.
 _AT_ONCE = 512
@@ -71,7 +70,7 @@ class JointPosterior:
         equations = JointEquations.of_points(basis, amplitudes, data, *shared)
         if functionals is not None:
             equations.add(functionals)
-        return cls.solved(basis, amplitudes, equations, factorized(equations.shared))
+        return cls.solved(basis, amplitudes, equations, SparseFactor.of(equations.shared))
 
     @classmethod
     def solved(
@@ -79,36 +78,33 @@ class JointPosterior:
     ) -> Self:
         """Solve normal equations, whose weights' block is overwritten; `factor` solves with G."""
         reach = factor.solve(equations.coupling)
-        active = np.flatnonzero(np.abs(equations.coupling).max(axis=1) > 0.0)
+        active = np.flatnonzero(equations.coupling.any(axis=1))
         _add_product(equations.weights, equations.coupling[active], reach[active], -0.5)
         alone = factor.solve(equations.right_shared)
         weights = WeightPosterior.inverted(basis, amplitudes, equations.weights)
         mean = weights.times(equations.right_weights - equations.coupling.T @ alone)
         return cls(weights, mean, alone - reach @ mean, factor, reach)
 
-    def fields(
-        self, grid: Grid, trend: PolynomialTrend, first: int, datum_m: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return height and variance (H, W) of the retained waves and the trend, above a datum.
+    def terrain(
+        self, trend: PolynomialTrend, first: int, datum_m: float, finer_m2: float
+    ) -> TerrainPosterior:
+        """Return the posterior of the terrain, without the unknowns of the path.
 
-        `first` is the index of the trend's first coefficient among the shared unknowns.
+        Parameters
+        ----------
+        trend : PolynomialTrend
+            Plane below the waves.
+        first : int
+            Index of its first coefficient among the shared unknowns.
+        datum_m : float
+            Height that heights are counted from [m].
+        finer_m2 : float
+            Variance of the relief that the waves leave out [m²].
         """
-        box, n_columns = self.weights.basis.box, trend.n_columns
-        rows = unit_rows(first, n_columns, len(self.shared))
-        columns = trend.columns(np.stack(np.meshgrid(grid.x, grid.y), axis=-1))
-        mean = box.evaluate_on_axes(grid.x, grid.y, self.coefficients(self.mean))
-        mean += columns @ self.shared[first : first + n_columns] + datum_m
-        variance = box.evaluate_on_axes(grid.x, grid.y, self.weights.variance_coefficients())
-        cross = self.cross_weights(rows)
-        fields = [box.evaluate_on_axes(grid.x, grid.y, self.coefficients(c)) for c in cross.T]
-        variance += 2.0 * np.sum(columns * np.stack(fields, axis=-1), axis=-1)
-        variance += np.einsum("hwi,ij,hwj->hw", columns, self.shared_covariance(rows), columns)
-        return mean, variance
-
-    def coefficients(self, whitened: FloatArray) -> Any:
-        """Return the coefficients of a field, as `FourierBox.evaluate` takes them, from whitened weights (m,)."""
-        basis = self.weights.basis
-        return basis.coefficients_of(basis.doubled(self.weights.amplitudes) * whitened)
+        rows = unit_rows(first, trend.n_columns, len(self.shared))
+        plane = self.shared[first : first + trend.n_columns]
+        covariance, cross = self.shared_covariance(rows), self.cross_weights(rows)
+        return TerrainPosterior(self.weights, self.mean, trend, plane, covariance, cross, datum_m, finer_m2)
 
     def shared_covariance(self, rows: Any) -> FloatArray:
         """Return the covariance (M, M) of linear functions of the shared unknowns, given by rows (M, S)."""
@@ -223,31 +219,3 @@ def _coupling(basis: FourierBasis, amplitudes: FloatArray, xy: FloatArray, weigh
         fill_waves(x[here], y[here], basis.lattice, amplitudes, waves)
         total[touched] += dense.T @ waves[: len(here)]
     return total
-
-
-def waves_at(xy: FloatArray, basis: FourierBasis, amplitudes: FloatArray) -> FloatArray:
-    """Return the whitened waves (N, m) at places (N, 2) [m], for few places."""
-    waves = np.empty((len(xy), basis.n_modes))
-    fill_waves(*basis.box.phases(xy), basis.lattice, amplitudes, waves)
-    return waves
-
-
-@numba.njit(cache=True, fastmath=True)
-def fill_waves(x: FloatArray, y: FloatArray, lattice: IntArray, d: FloatArray, out: FloatArray) -> None:
-    """Write the whitened waves at points (N, m): cosines, then sines, by turning unit vectors step by step."""
-    n = lattice.shape[0]
-    half_p = lattice[:, 0].max()
-    half_q = np.abs(lattice[:, 1]).max()
-    turn_x = np.empty(half_p + 1, dtype=np.complex128)
-    turn_y = np.empty(2 * half_q + 1, dtype=np.complex128)
-    for i in range(x.size):
-        for p in range(half_p + 1):
-            turn_x[p] = complex(np.cos(p * x[i]), np.sin(p * x[i]))
-        for q in range(half_q + 1):
-            turn_y[half_q + q] = complex(np.cos(q * y[i]), np.sin(q * y[i]))
-            turn_y[half_q - q] = turn_y[half_q + q].conjugate()
-        for k in range(n):
-            a, b = turn_x[lattice[k, 0]], turn_y[lattice[k, 1] + half_q]
-            out[i, k] = d[k] * (a.real * b.real - a.imag * b.imag)
-            if k > 0:
-                out[i, n + k - 1] = d[k] * (a.real * b.imag + a.imag * b.real)

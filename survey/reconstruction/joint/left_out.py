@@ -18,7 +18,6 @@ from survey.core.arrays import FloatArray, IntArray
 from survey.core.streams import stream
 from survey.reconstruction.checks.predictive import HeldOut, HeldOutGroups, PredictiveCheck
 from survey.reconstruction.checks.swaths import groups_of, swaths_of
-from survey.reconstruction.joint.joint_solve import waves_at
 from survey.reconstruction.joint.solution import JointSolution
 
 # Points that are left out in total.
@@ -111,7 +110,7 @@ def _solved(solution: JointSolution, rows: IntArray) -> _Block:
     posterior, points = solution.posterior, solution.points
     noise = solution.total_m2[rows]
     shared = solution.rows[rows]
-    waves = waves_at(points.xy[rows], solution.basis, posterior.weights.amplitudes) - shared @ posterior.reach
+    waves = solution.terrain.waves_at(points.xy[rows]) - shared @ posterior.reach
     seen = posterior.seen(waves)
     known = waves @ seen + _known_shared(posterior.factor, shared)
     residual = solution.residual_m[rows]

@@ -1,6 +1,7 @@
 """Terrain and path after one solve of the joint estimate: heights, slopes, covariances, and the record."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +18,12 @@ from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.polynomial_trend import PolynomialTrend
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.correction import PathCorrection
-from survey.reconstruction.joint.joint_solve import JointPosterior, unit_rows, waves_at
+from survey.reconstruction.joint.joint_solve import JointPosterior, unit_rows
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.map_average import MapAverage
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, side_by_side
+from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
 from survey.reconstruction.support import support_codes
 
 _EXTREME = 4.0
@@ -57,41 +59,23 @@ class JointSolution:
     conflicts: tuple[str, ...] = ()
     average: MapAverage | None = None
 
+    @cached_property
+    def terrain(self) -> TerrainPosterior:
+        """Posterior of the terrain alone."""
+        first = self.shared.rows.shape[1]
+        return self.posterior.terrain(self.trend, first, self.datum_m, self.finer_m2)
+
+    @property
+    def finer_m2(self) -> float:
+        """Variance of the relief that the map leaves out [m²]."""
+        return self.tail_m2 + self.found.nugget_m**2
+
     @property
     def residual_m(self) -> FloatArray:
         """What map and path leave of the points' heights (N,) [m]."""
-        waves = self.basis.box.evaluate(self.points.xy, self.posterior.coefficients(self.posterior.mean))
+        waves = self.terrain.waves(self.points.xy)
         left: FloatArray = self.points.z - self.datum_m - waves - self.rows @ self.posterior.shared
         return left
-
-    def height(self, xy: FloatArray) -> FloatArray:
-        """Return the most likely height (M,) [m]."""
-        waves = self.basis.box.evaluate(xy, self.posterior.coefficients(self.posterior.mean))
-        return waves + self.trend.columns(xy) @ self._plane + self.datum_m
-
-    def gradient(self, xy: FloatArray) -> FloatArray:
-        """Return the slope (M, 2) of the most likely surface [m/m]."""
-        box, coefficients = self.basis.box, self.posterior.coefficients(self.posterior.mean)
-        slopes = [box.evaluate(xy, box.derivative(coefficients, axis)) for axis in (0, 1)]
-        gradient: FloatArray = np.stack(slopes, axis=-1) + self.trend.gradient @ self._plane
-        return gradient
-
-    def cell_means(self, cells: SatelliteCells) -> tuple[FloatArray, FloatArray]:
-        """Return the mean heights (C,) of cells [m] and their covariance (C, C) [m²]."""
-        waves = cells.features(self.basis, self.posterior.weights.amplitudes)
-        columns = self.trend.columns(cells.centre)
-        means: FloatArray = waves @ self.posterior.mean + columns @ self._plane + self.datum_m
-        return means, self._covariance(waves, columns)
-
-    def covariance(self, xy: FloatArray) -> FloatArray:
-        """Return the covariance (M, M) of the heights at places (M, 2) [m²], relief finer than the map included.
-
-        It depends on where points lie and how they err, on no height that was measured.
-        """
-        waves = waves_at(xy, self.basis, self.posterior.weights.amplitudes)
-        covariance = self._covariance(waves, self.trend.columns(xy))
-        covariance[np.diag_indices(len(xy))] += self.tail_m2 + self.found.nugget_m**2
-        return covariance
 
     def slopes(self, xy: FloatArray, base_m: float) -> tuple[FloatArray, FloatArray]:
         """Return slopes over a base to the east and to the north (M, 2) [m/m], and their covariance (M, 2, 2).
@@ -99,26 +83,11 @@ class JointSolution:
         A slope is the difference of two heights half a base before and behind the place, over the base; relief
         finer than the map is part of its covariance.
         """
-        strengths, posterior = self.posterior.weights.amplitudes, self.posterior
         steps = 0.5 * base_m * np.eye(2)
-        waves = [
-            waves_at(xy + step, self.basis, strengths) - waves_at(xy - step, self.basis, strengths)
-            for step in steps
-        ]
-        columns = np.array([self.trend.columns(2.0 * step[None])[0] for step in steps])
-        columns -= self.trend.columns(np.zeros((1, 2)))
-        rises = np.stack([w @ posterior.mean for w in waves], axis=1) + columns @ self._plane
-        cross = posterior.cross_weights(self._plane_rows) @ columns.T
-        covariance = np.tile(
-            columns @ posterior.shared_covariance(self._plane_rows) @ columns.T, (len(xy), 1, 1)
-        )
-        seen = [posterior.seen(w) for w in waves]
-        for a in (0, 1):
-            for b in (0, 1):
-                covariance[:, a, b] += np.einsum("mi,im->m", waves[a], seen[b])
-                covariance[:, a, b] += waves[a] @ cross[:, b] + waves[b] @ cross[:, a]
-            finer = self._finer_m2(steps[a], waves[a])
-            covariance[:, a, a] += finer
+        waves = [self.terrain.waves_between(xy, step) for step in steps]
+        rises, covariance = self.terrain.rises(steps, waves)
+        for axis in (0, 1):
+            covariance[:, axis, axis] += self._finer_m2(steps[axis], waves[axis])
         return rises / base_m, covariance / base_m**2
 
     def _finer_m2(self, half: FloatArray, waves: FloatArray) -> FloatArray:
@@ -128,16 +97,9 @@ class JointSolution:
         left: FloatArray = 2.0 * (apart[0] - apart[1]) - np.sum(waves**2, axis=1)
         return np.maximum(left, 0.0) + 2.0 * self.found.nugget_m**2
 
-    def _covariance(self, waves: FloatArray, columns: FloatArray) -> FloatArray:
-        """Return the covariance of functionals of waves (M, m) and plane (M, 3)."""
-        posterior = self.posterior
-        cross = waves @ posterior.cross_weights(self._plane_rows) @ columns.T
-        plane: FloatArray = columns @ posterior.shared_covariance(self._plane_rows) @ columns.T
-        return waves @ posterior.seen(waves) + cross + cross.T + plane
-
     def on(self, grid: Grid) -> JointMap:
         """Return the map on a grid, and the path's correction."""
-        mean, std = self.fields(grid)
+        mean, std = self.terrain.fields(grid)
         if self.average is not None:
             mean, std = self.average.applied(grid, mean, std)
         nearest = np.asarray(cKDTree(self.points.xy).query(grid.xy)[0]).reshape(grid.shape)
@@ -159,13 +121,6 @@ class JointSolution:
             diagnostics=self.diagnostics(),
         )
         return JointMap(result, self.correction(), self)
-
-    def fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
-        """Return height and standard deviation (H, W) [m], relief finer than the map included."""
-        first = self.shared.rows.shape[1]
-        mean, variance = self.posterior.fields(grid, self.trend, first, self.datum_m)
-        variance += self.tail_m2 + self.found.nugget_m**2
-        return mean, np.sqrt(np.maximum(variance, 0.0))
 
     def correction(self) -> PathCorrection:
         """Return the path's error, as the map found it."""
@@ -248,12 +203,3 @@ class JointSolution:
     @property
     def _n_shared(self) -> int:
         return len(self.posterior.shared)
-
-    @property
-    def _plane_rows(self) -> Any:
-        return unit_rows(self.shared.rows.shape[1], self.trend.n_columns, self._n_shared)
-
-    @property
-    def _plane(self) -> FloatArray:
-        first = self.shared.rows.shape[1]
-        return self.posterior.shared[first : first + self.trend.n_columns]

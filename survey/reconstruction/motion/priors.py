@@ -82,7 +82,7 @@ class VelocityRasters(NamedTuple):
 
 
 def motion_from_rasters(
-    rasters: VelocityRasters, bounds: Bounds, *, lowering_sigma: float, epoch_s: float
+    rasters: VelocityRasters, bounds: Bounds, *, lowering_sigma: float, epoch_s: float, lowering: float = 0.0
 ) -> IceMotion:
     """Return the motion that velocity rasters state for a site: a constant and planes of each component.
 
@@ -93,9 +93,11 @@ def motion_from_rasters(
     bounds : (xmin, ymin, xmax, ymax)
         Extent of the site [m]; cells about it, as far as it is wide, count too.
     lowering_sigma : float
-        Standard deviation of the lowering, whose mean is 0 [m/day].
+        Standard deviation of the lowering [m/day].
     epoch_s : float
         Epoch [s].
+    lowering : float
+        Expected lowering [m/day].
 
     Returns
     -------
@@ -125,7 +127,7 @@ def motion_from_rasters(
     for k in (0, 1):
         part = slice(3 * k, 3 * k + 3)
         coefficients[k], covariance[part, part] = _plane(basis, values[inside, k], values[inside, 2 + k])
-    covariance[6, 6] = lowering_sigma**2
+    coefficients[2, 0], covariance[6, 6] = lowering, lowering_sigma**2
     return IceMotion.of(coefficients, covariance, epoch_s=epoch_s, origin_m=middle)
 
 

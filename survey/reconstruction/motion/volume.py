@@ -34,7 +34,7 @@ def area_mean(solution: JointSolution, grid: Grid) -> tuple[float, float]:
     The change between two epochs has the standard deviation ``hypot(sigma_early_m, sigma_late_m)`` where the surveys share
     no receiver error.
     """
-    mean, _ = solution.fields(grid)
+    mean, _ = solution.terrain.fields(grid)
     step = max(int(np.ceil(np.sqrt(mean.size / _MOST_NODES))), 1)
     places = grid.xy.reshape(*grid.shape, 2)[::step, ::step].reshape(-1, 2)
-    return float(mean.mean()), float(np.sqrt(solution.covariance(places).mean()))
+    return float(mean.mean()), float(np.sqrt(solution.terrain.covariance(places).mean()))

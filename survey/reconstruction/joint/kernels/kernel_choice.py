@@ -5,7 +5,7 @@ them in the gaps: a kernel that reverts to the mean too soon, or smooths across 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from survey.core.arrays import Bounds, FloatArray
 from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
-from survey.reconstruction.joint.solution import JointSolution
+from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
 from survey.reconstruction.prior.conflict import conflicts, level, misfit_log_likelihood
 from survey.reconstruction.prior.error_sizes import likeliest_sizes
 from survey.reconstruction.prior.products import PriorErrors
@@ -43,8 +43,8 @@ class PointsOnly:
         Slope of the plane through the points at each of them.
     candidates : list of Hyperparameters
         Fits to the points, the best first.
-    solve : callable
-        Solves for terrain and path from points, bounds, hyperparameters and slope.
+    terrain : callable
+        Returns the terrain with a kernel, from the points alone.
     lengths : callable
         Returns kernels of equally probable lengths of landforms for one of the fits.
     """
@@ -53,15 +53,8 @@ class PointsOnly:
     bounds: Bounds
     slope: FloatArray
     candidates: list[Hyperparameters]
-    solve: Callable[[SurfacePoints, Bounds, Hyperparameters, FloatArray], JointSolution]
+    terrain: Callable[[Hyperparameters], TerrainPosterior]
     lengths: Callable[[Hyperparameters], list[Hyperparameters]]
-    solutions: dict[Hyperparameters, JointSolution] = field(default_factory=dict)
-
-    def solution(self, found: Hyperparameters) -> JointSolution:
-        """Return the map with a kernel from the points alone."""
-        if found not in self.solutions:
-            self.solutions[found] = self.solve(self.points, self.bounds, found, self.slope)
-        return self.solutions[found]
 
 
 def probable(
@@ -86,7 +79,7 @@ def probable(
     logs = np.array([one.score for one in kernels])
     if cells is not None:
         logs += [
-            misfit_log_likelihood(cells.misfits(*alone.solution(one).cell_means(cells))) for one in kernels
+            misfit_log_likelihood(cells.misfits(*alone.terrain(one).cell_means(cells))) for one in kernels
         ]
     weights = softmax(logs)
     kept = np.flatnonzero(weights >= _LEAST_WEIGHT)
@@ -127,7 +120,7 @@ def _judged(
     found: Hyperparameters, cells: SatelliteCells, errors: PriorErrors, alone: PointsOnly
 ) -> ChosenKernel:
     """Estimate the sizes of the cells' errors from a kernel's map, with a free level where prior and points disagree."""
-    expected, covariance = alone.solution(found).cell_means(cells)
+    expected, covariance = alone.terrain(found).cell_means(cells)
     innovations = cells.innovations(expected, covariance)
     sized = cells.with_sizes(likeliest_sizes(innovations, errors))
     own = innovations._replace(covariance=innovations.covariance + sized.covariance)

@@ -65,8 +65,8 @@ def solved(points: SurfacePoints, joint: JointConfig) -> JointSolution:
 def normalised(solution: JointSolution) -> np.ndarray:
     """Errors of the map in its own standard deviations, where landmarks lie."""
     place = np.column_stack([np.tile(np.linspace(15.0, 110.0, 20), 5), np.repeat([20.0, 30, 40, 50, 60], 20)])
-    sigma = np.sqrt(np.diag(solution.covariance(place)))
-    result: np.ndarray = (solution.height(place) - hill(place)) / sigma
+    sigma = np.sqrt(np.diag(solution.terrain.covariance(place)))
+    result: np.ndarray = (solution.terrain.height(place) - hill(place)) / sigma
     return result
 
 

@@ -10,9 +10,9 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.joint_solve import waves_at
 from survey.reconstruction.joint.left_out import _solved, check_by_swaths
 from survey.reconstruction.joint.solution import JointSolution
+from survey.reconstruction.joint.terrain_posterior import waves_at
 from tests.survey.reconstruction.joint.test_joint_map import GRID, KNOWN, TWO_M, cells_of, hill, path_error
 
 

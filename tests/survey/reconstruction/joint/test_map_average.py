@@ -12,6 +12,7 @@ from survey.reconstruction.gp.config import GaussianProcessConfig
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.map_average import MapAverage
+from survey.reconstruction.joint.solution import JointSolution
 from survey.reconstruction.prior.conflict import misfit_log_likelihood
 from survey.reconstruction.prior.error_sizes import Innovations
 from tests.survey.reconstruction.joint.test_joint_map import CRS, KNOWN, path_error
@@ -68,9 +69,24 @@ def swath_of(kernel: SquaredExponential, seed: int, n: int = 160) -> tuple[Surfa
     return points, z[n:].reshape(GRID.shape)
 
 
-def test_the_map_beside_a_single_swath_claims_what_an_unknown_kernel_leaves_open() -> None:
+@pytest.fixture(scope="module")
+def solution() -> JointSolution:
+    """Joint estimate beside a single swath, with kernels that are fitted."""
     points, _ = swath_of(SquaredExponential(1.0, 40.0), seed=5)
-    solution = JointTerrain(path_error(0.01)).solved(points, GRID.bounds)
+    return JointTerrain(path_error(0.01)).solved(points, GRID.bounds)
+
+
+def test_maps_with_other_kernels_retain_nothing_of_the_path(solution: JointSolution) -> None:
+    assert solution.average is not None
+    n_shared = len(solution.posterior.shared)
+    for terrain in solution.average.others:
+        sizes = {np.shape(value)[0] for value in vars(terrain).values() if np.ndim(value)}
+        assert n_shared not in sizes
+
+
+def test_the_map_beside_a_single_swath_claims_what_an_unknown_kernel_leaves_open(
+    solution: JointSolution,
+) -> None:
     plain = replace(solution, average=None).on(GRID).reconstruction.std.elevation
     averaged = solution.on(GRID).reconstruction.std.elevation
     assert averaged[0].mean() > 1.05 * plain[0].mean()  # 35 m from the swath

@@ -27,7 +27,7 @@ def test_slopes_are_differences_of_the_heights_of_the_map():
     solution = solved()
     rises, _ = solution.slopes(PLACES, BASE_M)
     for axis, step in enumerate(0.5 * BASE_M * np.eye(2)):
-        difference = solution.height(PLACES + step) - solution.height(PLACES - step)
+        difference = solution.terrain.height(PLACES + step) - solution.terrain.height(PLACES - step)
         np.testing.assert_allclose(rises[:, axis], difference / BASE_M, rtol=1e-9)
 
 
@@ -36,7 +36,7 @@ def test_the_covariance_of_slopes_is_that_of_the_heights_they_are_made_of():
     _, covariance = solution.slopes(PLACES, BASE_M)
     for k, place in enumerate(PLACES):
         ends = np.vstack([place + s * step for step in 0.5 * BASE_M * np.eye(2) for s in (1.0, -1.0)])
-        heights = solution.covariance(ends) - solution.tail_m2 * np.eye(4)
+        heights = solution.terrain.covariance(ends) - solution.tail_m2 * np.eye(4)
         rise = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]]) / BASE_M
         expected = rise @ heights @ rise.T
         # The waves that the map leaves out add less than their variance.

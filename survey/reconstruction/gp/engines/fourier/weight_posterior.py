@@ -12,7 +12,7 @@ the whole map is one trigonometric polynomial, whose coefficients are sums over 
 
 import mmap
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
 import numba
 import numpy as np
@@ -21,6 +21,10 @@ from scipy.linalg import blas, lapack, solve_triangular
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.errors import InputError
 from survey.reconstruction.gp.engines.fourier_basis import ComplexArray, FourierBasis
+
+# Nothing calls these loops from C, and Python does not call the inner one.
+_LOOP: dict[str, Any] = {"cache": True, "fastmath": True, "no_cfunc_wrapper": True}
+_INNER_LOOP = _LOOP | {"no_cpython_wrapper": True}
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,7 @@ def _half_used_matrix(size: int) -> FloatArray:
     return np.ndarray((size, size), order="F", buffer=mmap.mmap(-1, 8 * size**2))
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(**_LOOP)
 def fill_precision(  # noqa: PLR0917 - compiled functions take no keywords
     rows: FloatArray, gram_c: FloatArray, gram_s: FloatArray, lattice: IntArray, runs: IntArray, d: FloatArray
 ) -> None:
@@ -210,7 +214,7 @@ def fill_precision(  # noqa: PLR0917 - compiled functions take no keywords
             sine_row[n + b - 1] += 1.0
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(**_LOOP)
 def scatter_covariance(  # noqa: PLR0917
     rows: FloatArray,
     cosines: FloatArray,
@@ -259,7 +263,7 @@ def scatter_covariance(  # noqa: PLR0917
         cosines[2 * p_b + c_p, 2 * q_b + c_q] += sign * (cosine - sine)
 
 
-@numba.njit(cache=True, fastmath=True, inline="always")
+@numba.njit(**_INNER_LOOP)
 def _add(  # noqa: PLR0917
     out: FloatArray, row: FloatArray, weights: FloatArray, first: int, skip: int, factor: float
 ) -> None:
