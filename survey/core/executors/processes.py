@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -43,6 +44,7 @@ class Processes:
                     deaths = 0
                     yield piece, result
             except BrokenProcessPool as error:
+                self._kill()
                 self.close()
                 deaths += 1
                 if deaths >= MOST_DEATHS:
@@ -54,6 +56,13 @@ class Processes:
         if self._pool is None:
             self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), settled)
         return self._pool.submit(work, piece)
+
+    def _kill(self) -> None:
+        """Kill the processes of a broken pool: it waits for those that started while it broke, which wait for ever."""
+        if self._pool is not None:
+            for process in list(self._pool._processes.values()):
+                with suppress(ProcessLookupError):
+                    process.kill()
 
     def close(self) -> None:
         """End the processes when they have finished the pieces that run."""

@@ -2,6 +2,9 @@
 
 import os
 import signal
+import time
+from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +21,25 @@ def test_workers_stay_until_the_block_ends_and_dead_ones_are_replaced() -> None:
         assert numbers[0] == numbers[1] != str(os.getpid())
         os.kill(int(numbers[0]), signal.SIGKILL)
         assert dict(run(os.readlink, OWN_NUMBER))["/proc/self"] != numbers[0]
+
+
+def _hindered_once(folder: Path, piece: str) -> str:
+    """Die, or wait for a minute and refuse to end; a second time return at once."""
+    marker = folder / piece
+    if not marker.exists():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        marker.touch()
+        while piece == "waits" or not (folder / "waits").exists():
+            time.sleep(60.0 if piece == "waits" else 0.01)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return piece
+
+
+def test_a_worker_that_does_not_end_with_a_dead_one_is_killed(tmp_path: Path) -> None:
+    began = time.monotonic()
+    done = run_all(partial(_hindered_once, tmp_path), ["waits", "dies"], workers=2)
+    assert dict(done) == {"waits": "waits", "dies": "dies"}
+    assert time.monotonic() - began < 50.0
 
 
 def test_the_serial_engine_runs_in_this_process() -> None:
