@@ -22,7 +22,8 @@ class Drive:
     """Recording with odometry, and everything the steps of the pipeline pass on.
 
     ``visual`` is None where the odometry was processed elsewhere; ``used`` (M,) are the fixes to use
-    where these are others than the filter accepted.
+    where these are others than the filter accepted; ``undelayed`` is the drive with the fixes at their recorded
+    times, where a delay was corrected.
     """
 
     recording: OdometryRecording
@@ -30,6 +31,7 @@ class Drive:
     visual: VisualOdometry | None = None
     notes: tuple[str, ...] = ()
     used: BoolArray | None = None
+    undelayed: "Drive | None" = None
 
     @cached_property
     def path(self) -> FloatArray:

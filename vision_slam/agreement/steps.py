@@ -85,13 +85,15 @@ def _shifted(drive: Drive, delay_s: float) -> Drive:
     gps = replace(drive.recording.gps, time_s=drive.recording.gps.time_s - delay_s)
     moved = align_drive(replace(drive, recording=replace(drive.recording, gps=gps)))
     late = "late and were moved back" if delay_s > 0.0 else "early and were moved on"
+    moved = replace(moved, undelayed=drive)
     return moved.noted(f"the fixes are about {abs(delay_s):.1f} s {late} in time")
 
 
 def widen_errors(drive: Drive) -> Drive:
     """Widen the errors of the odometry where it and the fixes disagree beyond both claims.
 
-    Images of others, of which not even lens and mounting are certain, may be worse than none.
+    Images of others, of which not even lens and mounting are certain, may be worse than none. A delay of the fixes
+    that was found with such images is undone.
     """
     if drive.is_interrupted:
         return drive
@@ -101,12 +103,10 @@ def widen_errors(drive: Drive) -> Drive:
         agreement = _with_all_fixes(drive, agreement)
     if np.array_equal(agreement.used, drive.online.accepted) and agreement.gain == 0.0:
         return drive
-    widened = replace(drive, config=agreement.config, used=agreement.used)
-    if agreement.gain == 0.0:
-        return widened
     if is_foreign and is_worse_than_fixes(drive.recording, drive.path, agreement.config):
-        return follow_fixes(drive)
-    return widened.noted(agreement.note)
+        return follow_fixes(drive) if drive.undelayed is None else widen_errors(drive.undelayed)
+    widened = replace(drive, config=agreement.config, used=agreement.used)
+    return widened if agreement.gain == 0.0 else widened.noted(agreement.note)
 
 
 def _with_all_fixes(drive: Drive, agreement: Agreement) -> Agreement:

@@ -9,12 +9,14 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from vision_slam.agreement.disagreement import reconcile
 from vision_slam.agreement.drive import Drive
-from vision_slam.agreement.steps import note_delay, widen_errors
+from vision_slam.agreement.steps import align_drive, note_delay, scale_to_fixes, widen_errors
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
 from vision_slam.odometry.odometer import VisualOdometry
+from vision_slam.pipeline import image_config
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +45,38 @@ def test_images_of_others_that_are_worse_than_none_are_replaced_by_lines_between
     assert "lines between the fixes" in found.notes[-1]
     path = dead_reckoning(found.recording.odometry, found.recording.start)
     assert np.abs(path[::5] - wandering.recording.gps.position).max() < 1e-6
+
+
+def test_a_delay_found_with_images_worse_than_the_fixes_is_undone(wandering: Drive) -> None:
+    gps = wandering.recording.gps
+    moved = replace(wandering.recording, gps=replace(gps, time_s=gps.time_s + 1.1))
+    found = widen_errors(replace(wandering, recording=moved, undelayed=wandering).noted("1.1 s early"))
+    np.testing.assert_array_equal(found.recording.gps.time_s, gps.time_s)
+    assert len(found.notes) == 1
+    path = dead_reckoning(found.recording.odometry, found.recording.start)
+    assert np.abs(path[::5] - gps.position).max() < 1e-6
+
+
+def test_images_that_no_wider_error_fits_are_replaced_too() -> None:
+    """51 images of a turn of 98 degrees at 10 m/s, of which the odometry makes a straight line that slows down."""
+    east = np.array([0.0, 8.38, 17.07, 26.32, 34.42, 40.58])
+    north = np.array([0.0, 4.16, 3.24, -0.51, -8.87, -18.51])
+    up = np.array([0.0, 2.14, 0.69, 3.07, 0.66, 1.32])
+    fixes = GpsFixes(np.arange(6.0), np.column_stack([east, north, up]))
+    steps = np.column_stack([0.4 + 2.2 * np.exp(-np.arange(50) / 12.0), np.zeros((50, 2))])
+    attitude = np.tile([0.0, 0.0, np.radians(64.0)], (51, 1))
+    odometry = Odometry(0.1 * np.arange(51), steps, attitude)
+    sightings = Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
+    recording = OdometryRecording(
+        "EPSG:32608", np.zeros(3), fixes, odometry=odometry, sightings=sightings, start_is_surveyed=False
+    )
+    visual = VisualOdometry(odometry, sightings, (), np.zeros(51, dtype=np.bool_))
+    config = image_config(
+        LocalizationConfig(start="unknown", clock_sigma_s=0.5, gps_correlation_time_s=500.0), 0.052
+    )
+    drive = align_drive(scale_to_fixes(Drive(recording, config, visual)))
+    assert reconcile(drive.recording, drive.path, drive.config, drive.online).gain == 0.0
+    assert "lines between the fixes" in widen_errors(drive).notes[-1]
 
 
 def test_a_surveyed_recording_keeps_its_odometry(wandering: Drive) -> None:
