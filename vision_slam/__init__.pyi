@@ -9,3 +9,5 @@ from vision_slam.odometry.config import VisualOdometryConfig as VisualOdometryCo
 from vision_slam.odometry.visual_odometry import visual_odometry as visual_odometry
 from vision_slam.odometry.visual_slam import VisualSlam as VisualSlam
 from vision_slam.pipeline import localize as localize
+from vision_slam.places.drive_ties import SeenDrive as SeenDrive
+from vision_slam.places.drive_ties import detect_drive_ties as detect_drive_ties

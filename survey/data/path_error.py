@@ -8,11 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from survey.core.arrays import FloatArray, IntArray, checked
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
+from survey.core.sparse_factor import SparseFactor
 from survey.io.arrays_file import read_npz, write_npz
 
 POSE = 6
@@ -215,8 +215,8 @@ class PathError(DataObject):
         return before, keyframe - before
 
     @cached_property
-    def _factor(self) -> Any:
-        return factorized(self.information)
+    def _factor(self) -> SparseFactor:
+        return SparseFactor.of(self.information)
 
     def solve(self, sides: FloatArray) -> FloatArray:
         """Return Λ⁻¹ times right-hand sides (unknowns,) or (unknowns, R).
@@ -231,8 +231,7 @@ class PathError(DataObject):
         ndarray
             Of the shape of `sides`.
         """
-        solved: FloatArray = self._factor.solve(sides)
-        return solved
+        return self._factor.solve(sides)
 
     def covariance(self, rows: Any) -> FloatArray:
         """Return the covariance (N, N) of linear functions of the error, given by sparse rows (N, unknowns).
@@ -348,14 +347,3 @@ def _keyframes_first(n_of_keyframes: list[int], n_unknowns: list[int]) -> IntArr
     ]
     order: IntArray = np.concatenate([*keyframes, *others])
     return order
-
-
-def factorized(information: Any) -> Any:
-    """Return the sparse factorization of a symmetric positive definite matrix, to solve with."""
-    options = {"SymmetricMode": True}
-    return splu(
-        sparse.csc_matrix(information),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options=options,
-    )

@@ -73,7 +73,8 @@ class LocalizeRequest:
         float | None,
         epoch_option(
             "The ice moves: estimate its motion, and give path and landmarks of this time of the recording [s]. Its prior, "
-            "0 ± 3 m a day, is set by --set ice.velocity_m_per_day, ice.velocity_sigma_m_per_day and others."
+            "0 ± 3 m a day, is set by --set ice.velocity_m_per_day, ice.velocity_sigma_m_per_day, ice.velocity_files (four rasters) "
+            "and others."
         ),
     ] = None
     reference: Annotated[
@@ -124,21 +125,24 @@ class LocalizeRequest:
             Settings of the motion without an epoch, or a recording without fixes.
         """
         from sim.config.ice import IceAssumptions
+        from sim.world.assumed_motion import assumed_motion
         from survey.core.config import validated, with_overrides
         from survey.core.errors import InputError
+        from survey.data.recording import Recording
 
         stated = [one for one in self.settings if one.startswith(_ICE)]
         if self.epoch_s is None:
             if stated:
                 raise InputError(f"--set {stated[0]} is of moving ice; add --epoch, or leave it out.")
             return None
-        if drive.gps is None:
+        if not isinstance(drive.records, Recording):
             raise InputError(
                 "--epoch estimates the motion of the ice, and the recording has no fixes; add --gps, or leave --epoch out."
             )
         values = with_overrides({"ice": {}}, stated)["ice"]
-        east, north = drive.gps.position[0, :2].tolist()
-        return validated(IceAssumptions, values, "--set").prior(self.epoch_s, (east, north))
+        assumed = validated(IceAssumptions, values, "--set")
+        records = drive.records
+        return assumed_motion(assumed, self.epoch_s, records.gps.position[:, :2], records.crs)
 
     def check_outputs(self) -> None:
         """Refuse outputs that exist or are inputs, and a viewer's file that cannot be written."""

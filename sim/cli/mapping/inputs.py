@@ -53,7 +53,8 @@ class MapRequest:
     @property
     def inputs(self) -> list[Path | None]:
         """Every file and folder that is read."""
-        return [*self.options.sources, self.options.prior, self.options.area, *self.options.trajectories]
+        options = self.options
+        return [*options.sources, options.prior, options.area, options.ties, *options.trajectories]
 
     def read_area(self, crs: CRS) -> survey.SurveyArea | None:
         """Return the area to map, in the points' CRS."""
@@ -142,6 +143,11 @@ def _refuse_unused(request: MapRequest) -> None:
     if request.options.columns and (request.is_of_scans or request.is_registered):
         raise InputError("--columns chooses columns of tables of points, and scans have none; leave it out.")
     _refuse_paths(request)
+    if request.options.ties is not None and len(request.options.trajectories) < 2:
+        raise InputError(
+            "--ties names places that two drives share, and there are not two; name the points and the trajectory of each "
+            "drive, or leave --ties out."
+        )
     if request.config.rays and method.sight_lines == "none":
         raise InputError(
             f"the method {method.name} uses no lines of sight; take field or carving, or leave --rays out."

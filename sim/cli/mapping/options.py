@@ -69,6 +69,14 @@ class ReconstructOptions(RunOptions):
             "and for scans in the sensor's frame (one for each source, in their order), TUM for scans that do not state where the scanner was.",
         ),
     ] = field(default_factory=list)
+    ties: Annotated[
+        Path | None,
+        typer.Option(
+            "--ties",
+            help="With --method joint and several drives: places that two of them saw from above (ties.csv); drives are "
+            "numbered from 0 in the order of the sources.",
+        ),
+    ] = None
     epoch_s: Annotated[
         float | None,
         epoch_option(

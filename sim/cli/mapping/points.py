@@ -13,6 +13,7 @@ from sim.cli.rasters import own_crs, read_about
 from survey.core.errors import InputError
 from survey.data.ice.motion import IceMotion
 from survey.data.ice.motion_file import read_motion
+from survey.data.sensors.drive_ties import DriveTies
 from survey.interchange.sensor_scans import read_sensor_scans
 from survey.io.text_tables.spellings import parsed_columns
 from survey.reconstruction.base import ELEVATION
@@ -23,6 +24,7 @@ from survey.reconstruction.motion.epoch import at_epoch, with_age
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.policy import map_landmarks
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
+from vision_slam.fusion.drive_ties import tie_drives
 
 
 class PointInputs(NamedTuple):
@@ -60,6 +62,8 @@ def read_inputs(request: MapRequest) -> PointInputs:
         paths = [_path(file, part.crs) for file, part in zip(options.trajectories, parts, strict=False)]
     errors = [path.error for path in paths] or [None]
     drives = SeveralDrives.of(list(zip(parts, errors, strict=True)))
+    if options.ties is not None:
+        drives = tie_drives(drives, paths, DriveTies.read(options.ties))
     points = drives.points
     area = request.read_area(points.crs)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)

@@ -13,6 +13,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
+from survey.data.sensors.drive_ties import DriveTies
 from survey.data.surface_points import SurfacePoints
 from survey.data.trajectory import Trajectory
 from survey.reconstruction.base import Reconstruction
@@ -107,6 +108,29 @@ def test_the_drives_of_two_rovers_are_mapped_together(folder: Path) -> None:
         assert Trajectory.read(f"reconstruction/corrected_trajectory_{k}.csv", CRS).error is None
     code, said = run(*drives, "--grid", 4, *GP, "--force")
     assert (code, "2 sources of points and 1 trajectories" in said) == (3, True)
+
+
+def test_ties_move_the_path_of_one_drive_onto_the_other(folder: Path) -> None:
+    path = Trajectory.read("trajectory.csv", CRS)
+    off = np.array([0.06, 0.0, 0.0])
+    moment, offset = path.time_s[:1], (path.position[1] - path.position[0] - off)[None]
+    DriveTies(moment, [0], [1], path.time_s[1:], offset, [1e-8 * np.eye(3)]).write("ties.csv")
+    drives = ("points.gpkg", "points.gpkg", "--method", "joint", "--trajectory", "trajectory.csv")
+    drives += ("--trajectory", "trajectory.csv", "--grid", 4, *GP)
+    easting = {}
+    for name, more in (("apart", ()), ("tied", ("--ties", "ties.csv"))):
+        code, said = run(*drives, *more, "-o", name)
+        assert code == 0, said
+        parts = [Trajectory.read(f"{name}/corrected_trajectory_{k}.csv", CRS) for k in (1, 2)]
+        easting[name] = [parts[0].position[0, 0], parts[1].position[1, 0]]
+    assert np.ptp(easting["apart"]) == pytest.approx(40.0, abs=0.02)
+    assert np.ptp(easting["tied"]) == pytest.approx(40.0 - off[0], abs=0.005)
+
+
+def test_ties_of_one_drive_are_refused(folder: Path) -> None:
+    drive = ("points.gpkg", "--method", "joint", "--trajectory", "trajectory.csv")
+    code, said = run(*drive, "--ties", "ties.csv")
+    assert (code, "there are not two" in said) == (3, True)
 
 
 def test_the_joint_map_names_what_is_missing(folder: Path) -> None:
