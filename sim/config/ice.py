@@ -18,13 +18,25 @@ class IceAssumptions(Section):
     """Its standard deviation on each axis [m/day]."""
     velocity_change_sigma_m_per_day_km: NonNegativeFloat = 0.0
     """Standard deviation of its change over a kilometre [m/day/km]; 0 for one velocity everywhere."""
+    velocity_files: tuple[str, str, str, str] | None = None
+    """Rasters of the velocity to the east and to the north and of their standard deviations [m/day], in the CRS of the
+    survey, instead of one velocity; paths count from the mission file."""
     lowering_m_per_day: float = 0.0
     """Expected lowering of the surface [m/day]."""
     lowering_sigma_m_per_day: NonNegativeFloat = 0.05
     """Its standard deviation [m/day]."""
 
+    @model_validator(mode="after")
+    def _has_one_velocity(self) -> "IceAssumptions":
+        stated = sorted(name for name in self.model_fields_set if name.startswith("velocity_"))
+        if self.velocity_files is not None and len(stated) > 1:
+            raise ValueError(
+                f"velocity_files and {', '.join(n for n in stated if n != 'velocity_files')} exclude one another, give one of them"
+            )
+        return self
+
     def prior(self, epoch_s: float, origin_m: tuple[float, float]) -> IceMotion:
-        """Return the prior at an epoch.
+        """Return the prior of one velocity at an epoch; `sim.world.assumed_motion` reads rasters, too.
 
         Parameters
         ----------
@@ -76,6 +88,8 @@ class IceConfig(Section):
     """Time between poses and readings of the statistical fidelity [s]; longer for slow drives of many hours."""
     stake_surveys: NonNegativeInt = 0
     """Number of times that every stake is surveyed, evenly from the start of the drive to its end."""
+    swath_order: Literal["adjacent", "alternate"] = "adjacent"
+    """Whether neighbouring swaths follow one another, or every second one is driven first and the others on the way back."""
     epoch_s: float | None = None
     """Time after the start of the drive of which the map is made and judged [s]; the middle of the drive by default."""
     assumed: IceAssumptions = IceAssumptions()

@@ -6,6 +6,7 @@ The drives of several rovers are put together in `sim.mission.fleet`.
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import shapely
 
 import planners
@@ -22,6 +23,7 @@ from sim.simulate.payload import record_payload
 from sim.simulate.sensed_attitude import sensed_attitude
 from sim.simulate.simulated_drive import ONBOARD, Ending
 from sim.simulate.statistical import simulate_statistical
+from sim.world.assumed_motion import assumed_motion
 from sim.world.moving_ice import epoch_of
 from sim.world.site import World
 from survey.core.documents import write_json
@@ -32,7 +34,7 @@ from survey.data.sensors.tables import table_file
 from survey.data.truth import Truth
 from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.motion.epoch import with_age
-from survey.reconstruction.motion.fixed_frame import in_fixed_frame, route_on_ice
+from survey.reconstruction.motion.fixed_frame import in_fixed_frame
 from survey.reconstruction.motion.refinement import refined_motion
 from survey.reconstruction.registration.scan_points import BeamErrors, scan_points
 from vision_slam.localization import Localization
@@ -191,25 +193,16 @@ def estimate_drive(mission: MissionConfig, simulated: Path, folder: Path) -> Non
         register_scans(recording, result.trajectory, mission).write(folder / SCAN_POINTS)
 
 
-def draw_on_ice(route: survey.Route, mission: MissionConfig) -> survey.Route:
-    """Return the planned route as it lies on the ice of the epoch, by the motion that is assumed."""
-    ice, speed_m_s = mission.ice, mission.rover.speed_m_s
-    if ice is None:
-        return route
-    middle_s = 0.5 * route.length_m / speed_m_s
-    epoch_s = middle_s if ice.epoch_s is None else ice.epoch_s
-    east, north = route.legs[0].xy[0].tolist()
-    return route_on_ice(route, ice.assumed.prior(epoch_s, (east, north)), speed_m_s)
-
-
 def localized(
     recording: Recording, mission: MissionConfig, visual: VisualOdometry | None = None
 ) -> Localization:
     """Localize a recording, with the motion of the ice where the mission has moving ice."""
     if mission.ice is None:
         return vision_slam.localize(recording, mission.assumed, visual=visual)
-    east, north, _ = recording.start.tolist()
-    prior = mission.ice.assumed.prior(epoch_of(recording, mission), (east, north))
+    places = np.vstack([recording.start, recording.gps.position])[:, :2]
+    prior = assumed_motion(
+        mission.ice.assumed, epoch_of(recording, mission), places, recording.crs, path_of=mission.path
+    )
     return vision_slam.localize_on_ice(recording, prior, mission.assumed, visual=visual)
 
 

@@ -22,6 +22,7 @@ from planners.prediction.prior_cover import cell_centres, require_cover
 from planners.swaths.counting import count_lines
 from sim.config.mission import MissionConfig
 from sim.mission.drives import localized
+from sim.mission.ice_route import in_ice_order
 from sim.simulate.aiding import with_way_home
 from sim.simulate.statistical import simulate_statistical
 from sim.world.site import World
@@ -51,7 +52,7 @@ class PredictedSurvey(NamedTuple):
     ``swaths`` is the number of lines, ``stakes`` that of the stakes, ``rmse_m`` the expected error of the map,
     ``site_mean_m`` the standard deviation of the site's mean height, ``chance`` the probability of meeting the limit,
     ``length_m`` the distance to drive on the ground, ``pieces`` the number of swaths that the lines are cut into,
-    ``tie_lines`` the number of lines that cross the swaths.
+    ``tie_lines`` the number of lines that cross the swaths, ``order`` that of the swaths (``ice.swath_order``).
     """
 
     swaths: int
@@ -62,11 +63,13 @@ class PredictedSurvey(NamedTuple):
     length_m: float
     pieces: int
     tie_lines: int = 0
+    order: str = "adjacent"
 
     def __str__(self) -> str:
         """Return one line with the numbers and the probability."""
         stakes = f" and {self.tie_lines} lines across" if self.tie_lines else ""
         stakes += f" with {self.stakes} stakes" if self.stakes else ""
+        stakes += ", every second swath first" if self.order == "alternate" else ""
         lines = (
             f"{self.swaths} swaths"
             if self.pieces == self.swaths
@@ -115,7 +118,7 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
             "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
         )
     solution, route = _rehearsed(mission, world)
-    covariance = solution.covariance(cell_centres(world.area, _NODES_ALONG))
+    covariance = solution.terrain.covariance(cell_centres(world.area, _NODES_ALONG))
     n = len(covariance)
     mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
     tie_lines = mission.planner.tie_lines if isinstance(mission.planner, _SIZED) else 0
@@ -128,6 +131,7 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
         route.ground_length_m,
         len(route.swaths) - tie_lines,
         tie_lines,
+        "adjacent" if mission.ice is None else mission.ice.swath_order,
     )
 
 
@@ -142,8 +146,8 @@ def surveys_within(
 ) -> Iterator[PredictedSurvey]:
     """Yield, for 0, 2 and 4 stakes, the fewest swaths that meet the limit with a probability, if any do.
 
-    On moving ice the limit is that of the map at its epoch, and each is tried with two lines that cross the swaths, too:
-    places that are passed at different times show the motion.
+    On moving ice the limit is that of the map at its epoch, and each is tried with two lines that cross the swaths, too, and
+    with every second swath driven first: ground that is seen at different times shows the motion.
 
     Parameters
     ----------
@@ -161,7 +165,7 @@ def surveys_within(
     Yields
     ------
     PredictedSurvey
-        At most one for each number of stakes and of crossing lines.
+        At most one for each number of stakes, and on moving ice of crossing lines and for each order.
 
     Raises
     ------
@@ -178,15 +182,29 @@ def surveys_within(
     require_cover(world.area, world.prior)
     counts = range(least_swaths, most_swaths + 1)
     first = min(max(least_swaths, _FIRST_TRIED), most_swaths)
-    crossings = ({},) if mission.ice is None else ({"tie_lines": 0}, {"tie_lines": 2})
-    for stakes, across in product((0, 2, 4), crossings):
+    for stakes, way in product((0, 2, 4), _ways(mission, world)):
         aids = mission.aids.model_copy(update={"stakes": stakes})
-        planner = mission.planner.model_copy(update=across)
-        staked = mission.model_copy(update={"aids": aids, "planner": planner})
+        staked = way.model_copy(update={"aids": aids})
         found = _fewest_swaths(staked, world, limit_m, probability, counts=counts, first=first)
         if found is not None:
             first, survey = found
             yield survey
+
+
+def _ways(mission: MissionConfig, world: World) -> list[MissionConfig]:
+    """Return the ways to drive that are compared: on moving ice without and with lines across, and every second swath first."""
+    if mission.ice is None:
+        return [mission]
+    ways = []
+    for tie_lines, order in ((0, "adjacent"), (2, "adjacent"), (0, "alternate")):
+        planner = mission.planner.model_copy(update={"tie_lines": tie_lines})
+        ice = mission.ice.model_copy(update={"swath_order": order})
+        ways.append(mission.model_copy(update={"planner": planner, "ice": ice}))
+    try:
+        _planned(ways[-1], world)
+    except ConfigError:
+        return ways[:-1]
+    return ways
 
 
 def _fewest_swaths(
@@ -215,9 +233,7 @@ def cheapest(surveys: Iterable[PredictedSurvey]) -> PredictedSurvey | None:
 def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Route]:
     """Drive the mission over the prior, localize, and solve for the covariance of the map."""
     ground = _read_beyond(world.prior, world.area.bounds)
-    route = planned_on(drivable(world.area), world.area, mission.planner, crew=Crew(dem=world.prior))
-    if mission.aids.way_home:
-        route = with_way_home(route, world.area)
+    route = _planned(mission, world)
     recording, _ = simulate_statistical(ground, route, mission)
     found = localized(recording, mission)
     path, points = found.trajectory, found.points
@@ -232,6 +248,13 @@ def _rehearsed(mission: MissionConfig, world: World) -> tuple[JointSolution, Rou
     prior = world.prior if mission.reconstruction.use_prior else None
     model = JointTerrain(path.error, prior, config, joint.model_copy(update={"satellite": stated}))
     return model.solved(points, world.area.bounds), route
+
+
+def _planned(mission: MissionConfig, world: World) -> Route:
+    """Return the route of a mission on ground that can be driven everywhere."""
+    route = planned_on(drivable(world.area), world.area, mission.planner, crew=Crew(dem=world.prior))
+    route = in_ice_order(route, mission, world)
+    return with_way_home(route, world.area) if mission.aids.way_home else route
 
 
 def _covariance_of(

@@ -17,10 +17,11 @@ from threadpoolctl import threadpool_limits
 import planners
 import survey
 from sim.config.mission import MissionConfig
-from sim.mission.drives import draw_on_ice, estimate_drive, mapped_points, path_scores, with_ice_motion
+from sim.mission.drives import estimate_drive, mapped_points, path_scores, with_ice_motion
 from sim.mission.fleet import drive_alone, drive_fleet, drive_folders, estimate_fleet
 from sim.mission.fleet_ties import find_ties, tied_drives
 from sim.mission.hazards import map_hazards
+from sim.mission.ice_route import in_ice_order, write_on_ice
 from sim.mission.payload import map_payloads, score_payloads
 from sim.mission.versions import refuse_other_versions
 from sim.simulate.aiding import with_way_home
@@ -99,11 +100,12 @@ def plan(mission: MissionConfig, run: RunFolder, folder: Path) -> None:
     world.area.write(folder / "area.gpkg")
     world.prior.write(folder / "prior.tif")
     route = planners.plan(world.area, world.prior, mission.planner, rover=mission.rover, fleet=mission.fleet)
+    route = in_ice_order(route, mission, world)
     if mission.aids.way_home:
         route = with_way_home(route, world.area)
     route.write(folder / "route.geojson")
     if mission.ice is not None:
-        draw_on_ice(route, mission).write(folder / "route_on_ice.geojson")
+        write_on_ice(route, mission, folder)
 
 
 def simulate(mission: MissionConfig, run: RunFolder, folder: Path, *, workers: int = 1) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.rendering.compiled import Doubles, Floats, by_share, entry, f32, i32, row_loop
+from sim.rendering.compiled import Doubles, Floats, by_share, entry, f32, i32, row_loop, scalar
 from sim.rendering.surface import Surface
 
 NEAR_HORIZON = 0.15
@@ -121,7 +121,7 @@ def sweep(
             _to_border(eye[0], cx, (columns - 1) * surface.step_m),
             _to_border(eye[1], cy, (rows - 1) * surface.step_m),
         )
-        n = np.searchsorted(ranges, f32(border))
+        n = _n_nearer(ranges, f32(border))
         _profile(
             n,
             flat,
@@ -136,6 +136,19 @@ def sweep(
             heights,
         )
         _running_horizon(n, ranges, heights, slopes, table[c])
+
+
+@scalar
+def _n_nearer(ranges: Floats, border: float) -> int:
+    """Return how many ascending ranges are below a border; NumPy's search takes half a second to compile."""
+    first, last = 0, ranges.size
+    while first < last:
+        middle = (first + last) // 2
+        if ranges[middle] < border:
+            first = middle + 1
+        else:
+            last = middle
+    return first
 
 
 @row_loop

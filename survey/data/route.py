@@ -21,13 +21,14 @@ from survey.core.mappings import ReadOnlyMapping
 from survey.data.conversions import to_geodataframe
 from survey.data.legs import Leg, RouteSamples
 from survey.data.plots import draw_lines, html_table
-from survey.io.vector import read_features, write_features
+from survey.io.vector import Layer, layer_names, read_features, write_layers
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from matplotlib.axes import Axes
 
 _ENDINGS = (".geojson", ".json", ".gpkg")
+_LAYER = "route"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,7 +178,7 @@ class Route(DataObject):
         """All legs as one multi-line geometry."""
         return shapely.multilinestrings([LineString(leg.xy) for leg in self.legs])
 
-    def write(self, path: str | Path) -> None:
+    def write(self, path: str | Path, *, also: Mapping[str, "Route"] | None = None) -> None:
         """Write the legs with rover, order, kind and what `read` reads back.
 
         Parameters
@@ -185,6 +186,8 @@ class Route(DataObject):
         path : str or pathlib.Path
             Ends in ``.geojson``, ``.json`` or ``.gpkg``. A GeoJSON of a CRS without a registered code holds
             degrees and names the CRS in a column; both formats preserve the CRS.
+        also : mapping of str to Route, optional
+            Other routes in the same CRS, as further layers of a GeoPackage; `read` reads this one.
 
         Raises
         ------
@@ -199,8 +202,11 @@ class Route(DataObject):
                 f"For other tools use survey.interchange.write_plan(route, {str(path)!r}) or firnline export, "
                 "which also write .gpx, .kml, .csv, .wkt, .plan and .waypoints."
             )
-        lines = [LineString(leg.xy) for leg in self.legs]
-        write_features(path, lines, self._columns(), self.crs, layer="route")
+        layers = {name: route._layer() for name, route in {_LAYER: self, **(also or {})}.items()}
+        write_layers(path, layers, self.crs)
+
+    def _layer(self) -> Layer:
+        return Layer([LineString(leg.xy) for leg in self.legs], self._columns())
 
     def _columns(self) -> dict[str, Any]:
         """Return the attributes of the legs, one value for each leg."""
@@ -285,7 +291,7 @@ class Route(DataObject):
         InputError
             Missing, damaged, or without the columns that `write` writes.
         """
-        features = read_features(path, what="the route")
+        features = read_features(path, layer=_own_layer(path), what="the route")
         columns = features.attributes
         missing = {"order", "kind", "rover", "pattern", "spacing_m"} - set(columns)
         if missing:
@@ -314,3 +320,11 @@ class Route(DataObject):
             None if spacing is None or np.isnan(spacing) else float(spacing),
             prediction,
         )
+
+
+def _own_layer(path: str | Path) -> str | None:
+    """Return the layer of the route where a GeoPackage holds others beside it."""
+    if Path(path).suffix.lower() != ".gpkg":
+        return None
+    names = layer_names(path, what="the route")
+    return _LAYER if len(names) > 1 and _LAYER in names else None

@@ -22,17 +22,23 @@ def flow_of(named: str, days: float | None, later: "Dem", earlier: "Dem") -> "Di
     Raises
     ------
     ConfigError
-        A velocity without the time between the surveys, or another number of rasters than four.
+        Another number of rasters than four.
+    InputError
+        A velocity without the time between the surveys, or displacements with one.
     """
     from survey.scoring.motion.displacements import TrackedField
     from survey.scoring.motion.tracked_file import read_tracked
 
-    if named == TRACKED:
-        return _tracked(later, earlier)
     if "," in named:
         return _of_rasters(named, _days(days), later.crs)
     if Path(named).suffix.lower() == ".json":
         return _of_motion(Path(named), _days(days))
+    if days is not None:
+        raise InputError(
+            f"--flow {named} names displacements between the surveys, not velocities; leave --days out."
+        )
+    if named == TRACKED:
+        return _tracked(later, earlier)
     return TrackedField.of(read_tracked(Path(named), later.crs))
 
 
@@ -47,7 +53,7 @@ def thickness_of(named: str | None, error: float) -> "Thickness | None":
         value = float(named)
     except ValueError:
         return Thickness(Dem.read(named), error)
-    if not value > 0.0:
+    if not 0.0 < value < float("inf"):
         raise ConfigError(f"--thickness is {named} m; give a positive number, or a raster.")
     return Thickness(value, error)
 

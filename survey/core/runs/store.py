@@ -6,15 +6,13 @@ list is not done. The run's name is a digest of its configuration and its input 
 edited mission gets a folder of its own.
 """
 
-import fcntl
 import hashlib
 import json
 import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,8 +22,8 @@ from survey.core.files.exchange import exchange
 from survey.core.files.links import resolved
 from survey.core.files.writing import replacing, synced, write_refusal
 from survey.core.runs.manifest import file_sha256, read_manifest, write_manifest
+from survey.core.runs.stage_files import check_files, files_of, locked, sync_tree
 
-_SYNCED_AT_ONCE = 16
 STAGES = ("plan", "simulate", "localize", "reconstruct", "score", "report")
 
 
@@ -166,9 +164,7 @@ class RunFolder:
         InputError
             ``config.toml`` is missing or was changed.
         """
-        self._check_files(
-            self.path, self.manifest["files_sha256"], "the run was begun; run again with --fresh"
-        )
+        check_files(self.path, self.manifest["files_sha256"], "the run was begun; run again with --fresh")
         return (self.path / "config.toml").read_text(encoding="utf-8")
 
     def folder(self, stage: str) -> Path:
@@ -252,10 +248,10 @@ class RunFolder:
                 f"the stage {stage} of the run {self.path} is not done; finish it with firnline run."
             )
         folder = self.folder(stage)
-        self._check_files(
+        check_files(
             folder, record["files_sha256"], f"the stage {stage} wrote it; run again with --from {stage}"
         )
-        added = _files_of(folder) - set(record["files_sha256"])
+        added = files_of(folder) - set(record["files_sha256"])
         if added:
             raise InputError(
                 f"{folder / min(added)} was added after the stage {stage} was done; remove it, or run again with --from {stage}."
@@ -333,8 +329,8 @@ class RunFolder:
     def _finish(self, name: str, draft: Path, began: float) -> None:
         """Put the draft in the place of the stage and list it in the manifest, without the stages after it."""
         try:
-            _sync_tree(draft)
-            files = {file: file_sha256(draft / file) for file in sorted(_files_of(draft))}
+            sync_tree(draft)
+            files = {file: file_sha256(draft / file) for file in sorted(files_of(draft))}
             self._unlist_from(name, {})
             exchange(draft, self.folder(name))
             synced(self.path)
@@ -354,30 +350,12 @@ class RunFolder:
         if listed or facts:
             write_manifest(self._manifest_file, {**manifest, **facts})
 
-    @contextmanager
-    def _held(self) -> Iterator[None]:
-        """Keep other processes out of the run; the lock of a killed process is released."""
-        folder = os.open(self.path, os.O_RDONLY)
-        try:
-            self._lock(folder)
-            yield
-        finally:
-            os.close(folder)
-
-    def _lock(self, folder: int) -> None:
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(
-                f"another process is working on the run {self.path}; wait for it, stop it, or choose another place with --runs."
-            ) from error
-
-    @staticmethod
-    def _check_files(folder: Path, expected: Mapping[str, str], remedy: str) -> None:
-        for name, digest in expected.items():
-            file = folder / name
-            if not file.is_file() or file_sha256(file) != digest:
-                raise InputError(f"{file} is missing or was changed after {remedy}.")
+    def _held(self) -> AbstractContextManager[None]:
+        """Keep other processes out of the run."""
+        return locked(
+            self.path,
+            f"another process is working on the run {self.path}; wait for it, stop it, or choose another place with --runs.",
+        )
 
     def _point_latest(self) -> None:
         link = self.path.parent / "latest"
@@ -389,15 +367,3 @@ class RunFolder:
 
 def _digest(config_text: str, inputs: Mapping[str, str]) -> str:
     return hashlib.sha256(json.dumps([config_text, dict(sorted(inputs.items()))]).encode()).hexdigest()
-
-
-def _files_of(folder: Path) -> set[str]:
-    return {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
-
-
-def _sync_tree(folder: Path) -> None:
-    """Put all files on the disk; many requests at once take a twentieth of the time of one after the other."""
-    with ThreadPoolExecutor(_SYNCED_AT_ONCE) as pool:
-        for _ in pool.map(synced, folder.rglob("*")):
-            pass
-    synced(folder)

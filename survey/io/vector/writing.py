@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,21 @@ _SHAPEFILE_NAME = 10
 _GDAL_UTC = 100
 # Shapefiles carry the day of their last change; a fixed one keeps equal content equal to the byte.
 _DRIVER_OPTIONS = {"ESRI Shapefile": {"DBF_DATE_LAST_UPDATE": "2000-01-01"}}
+
+
+class Layer(NamedTuple):
+    """Features of one layer.
+
+    Parameters
+    ----------
+    geometry : sequence of shapely.Geometry
+        Shapes, one per feature.
+    attributes : mapping of str to (N,) array_like
+        Columns by name.
+    """
+
+    geometry: Sequence[Any] | npt.NDArray[Any]
+    attributes: Mapping[str, Any]
 
 
 def write_features(
@@ -63,34 +78,67 @@ def write_features(
     indexed : bool
         Whether a GeoPackage gets a spatial index.
     """
+    write_layers(path, {layer: Layer(geometry, attributes)}, crs, kind=kind, indexed=indexed)
+
+
+def write_layers(
+    path: str | Path,
+    layers: Mapping[str, Layer],
+    crs: CRS,
+    *,
+    kind: str | None = None,
+    indexed: bool = True,
+) -> None:
+    """Write layers of features to one file, or leave what was there; a GeoPackage alone holds several.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file; its suffix names the format.
+    layers : mapping of str to Layer
+        Layers by name.
+    crs : pyproj.CRS
+        Of the shapes.
+    kind, indexed
+        As for `write_features`.
+
+    Raises
+    ------
+    InputError
+        Another format, or several layers in one that holds one layer.
+    """
     target = Path(path)
     driver = _DRIVERS.get(target.suffix.lower())
     if driver is None:
         raise InputError(
             f"{target.name} ends in {target.suffix!r}; one of {', '.join(sorted(_DRIVERS))} was expected."
         )
-    shapes = np.asarray(geometry, dtype=object)
-    if driver == "ESRI Shapefile":
-        _check_for_shapefile(target, shapes, attributes)
-    shapes, attributes, crs = _for_driver(driver, shapes, attributes, crs, target)
-    columns = [np.asarray(column) for column in attributes.values()]
+    if len(layers) > 1 and driver != "GPKG":
+        raise InputError(f"{target.name} holds one layer, not {len(layers)}; write .gpkg.")
+    options = {**_DRIVER_OPTIONS.get(driver, {}), **({} if indexed else {"SPATIAL_INDEX": "NO"})}
+    facts = {name: _facts(driver, layer, crs, target, kind) for name, layer in layers.items()}
     with replacing(target, stale=stale_files(target)) as draft, gdal_bindings() as gdal:
         try:
-            gdal.raw.write(
-                draft,
-                geometry=shapely.to_wkb(shapes),
-                field_data=columns,
-                fields=list(attributes),
-                geometry_type=kind or _common_type(shapes),
-                crs=crs.to_wkt(),
-                driver=driver,
-                layer=layer,
-                gdal_tz_offsets=_in_utc(attributes),
-                **_DRIVER_OPTIONS.get(driver, {}),
-                **({} if indexed else {"SPATIAL_INDEX": "NO"}),
-            )
+            for number, (name, values) in enumerate(facts.items()):
+                gdal.raw.write(draft, driver=driver, layer=name, append=number > 0, **values, **options)
         except gdal_faults() as error:
             raise unwritable(target, error) from error
+
+
+def _facts(driver: str, layer: Layer, crs: CRS, target: Path, kind: str | None) -> dict[str, Any]:
+    """Return what GDAL writes of a layer."""
+    shapes = np.asarray(layer.geometry, dtype=object)
+    if driver == "ESRI Shapefile":
+        _check_for_shapefile(target, shapes, layer.attributes)
+    shapes, attributes, crs = _for_driver(driver, shapes, layer.attributes, crs, target)
+    return {
+        "geometry": shapely.to_wkb(shapes),
+        "field_data": [np.asarray(column) for column in attributes.values()],
+        "fields": list(attributes),
+        "geometry_type": kind or _common_type(shapes),
+        "crs": crs.to_wkt(),
+        "gdal_tz_offsets": _in_utc(attributes),
+    }
 
 
 def _for_driver(

@@ -124,7 +124,7 @@ def change_along_flow(
     Raises
     ------
     InputError
-        A flow or a thickness with gaps.
+        A flow or a thickness with gaps, or a flow that carries all ice beyond the later survey.
 
     Notes
     -----
@@ -136,6 +136,11 @@ def change_along_flow(
     shift = np.stack([nodes.on(xy, part) for part in nodes.shift])
     std = np.stack([nodes.on(xy, np.sqrt(np.diag(part))) for part in nodes.covariance])
     moved = later.at(xy + shift.T) - later.at(xy)
+    if not np.isfinite(moved + raster.elevation.ravel()).any():
+        raise InputError(
+            f"the flow of up to {np.hypot(*shift).max():.0f} m carries all ice beyond the later survey; check the units of the "
+            "velocity and the time between the surveys."
+        )
     followed = Dem.on(raster.grid(), raster.elevation + moved.reshape(shape), raster.vertical_datum)
     slope = _slopes_at(later, xy + shift.T)
     spread = np.sqrt(found.std_m**2 + np.sum((slope * std) ** 2, axis=0).reshape(shape))

@@ -57,7 +57,7 @@ def read_tracked(path: str | Path, crs: CRS) -> TrackedMotion:
     Raises
     ------
     InputError
-        A file of other columns or in another CRS.
+        A file of other columns or in another CRS, or displacements that are not finite and not flagged.
     """
     features = read_features(path, what="the tracked displacements")
     lacking = [name for name in _COLUMNS if name not in features.attributes]
@@ -74,7 +74,19 @@ def read_tracked(path: str | Path, crs: CRS) -> TrackedMotion:
     xy = shapely.get_coordinates(features.geometry)
     is_outlier = (outlier != 0.0) | ~np.isfinite(covariance).all(axis=(1, 2))
     shift = np.column_stack([east, north])
+    _require_finite(path, shift[~is_outlier], window)
     return TrackedMotion(xy, shift, covariance, correlation, is_outlier, float(window[0]))
+
+
+def _require_finite(path: str | Path, shift: FloatArray, window: FloatArray) -> None:
+    """Refuse displacements or windows that are not finite."""
+    n_bad = int((~np.isfinite(shift).all(axis=1)).sum())
+    if n_bad:
+        raise InputError(
+            f"{path} holds {n_bad} displacements that are NaN or infinite and not flagged; set their column outlier to 1."
+        )
+    if not np.isfinite(window).all():
+        raise InputError(f"{path} has windows whose window_m is NaN or infinite; track again.")
 
 
 def _numbers(values: FloatArray) -> FloatArray:

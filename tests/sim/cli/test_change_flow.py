@@ -97,6 +97,9 @@ def test_a_file_of_tracked_displacements_gives_the_melt_along_the_flow() -> None
         (["--flow", "east.tif,north.tif", "--days", "4"], "name four with commas"),
         (["--days", "4"], "belongs to --flow"),
         (["--flow", "ice_motion.json", "--days", "4", "--thickness", "-3"], "positive number"),
+        (["--flow", "ice_motion.json", "--days", "4", "--thickness", "inf"], "positive number"),
+        (["--flow", "ice_motion.json", "--days", "4000"], "carries all ice beyond the later survey"),
+        (["--flow", "track", "--days", "4"], "leave --days out"),
         (["--flow", "ice.gpkg"], "has no column east_m"),
     ],
 )

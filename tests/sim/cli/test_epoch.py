@@ -79,3 +79,14 @@ def test_path_map_and_score_are_those_of_the_epoch() -> None:
 )
 def test_an_epoch_without_a_motion_is_refused(words: list[str], sentence: str) -> None:
     assert sentence in said(*words, code=3)
+
+
+@pytest.mark.usefixtures("drive")
+def test_velocity_rasters_are_the_prior_of_localization() -> None:
+    grid = Grid((-400.0, -400.0, 500.0, 500.0), 100.0, CRS)
+    for name, value in (("vx", 4.0), ("vy", 0.0), ("sx", 0.01), ("sy", 0.01)):
+        Dem.on(grid, np.full(grid.shape, value)).write(f"{name}.tif")
+    files = 'ice.velocity_files=["vx.tif", "vy.tif", "sx.tif", "sy.tif"]'
+    said("localize", "recording", "--epoch", "18000", "--set", files, "-q")
+    motion = read_motion("localization/ice_motion.json")
+    assert (motion.rates_sigma(motion.origin_m[None])[0, :2] < 0.0101).all()

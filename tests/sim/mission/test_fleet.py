@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.small_inputs import BARE_SCENERY
 from sim.config.mission import MissionConfig
-from sim.mission.drives import drive
+from sim.mission.drives import drive, mapped_points
 from sim.mission.fleet import (
     LOSS_FILE,
     accounts,
@@ -18,10 +18,11 @@ from sim.mission.fleet import (
     route_of,
     with_drawn_losses,
 )
+from sim.mission.fleet_ties import n_ties
 from sim.mission.runs import open_run
 from sim.mission.stages import run_mission
 from sim.world.site import build_world
-from survey import Reconstruction, Route, Score, SurfacePoints
+from survey import Reconstruction, Route, Score, SurfacePoints, Trajectory
 from survey.core.config import validated
 from survey.core.documents import read_json
 from survey.core.errors import ConfigError, InputError
@@ -174,22 +175,44 @@ def test_steep_ground_is_marked_for_the_next_plan(limits, slope_deg, tmp_path):
     assert (place / "next_area.gpkg").exists()
 
 
+def in_images(**changes: object) -> MissionConfig:
+    """Return a mission of two rovers with small images on 14 × 14 m."""
+    sections = {
+        "fidelity": "vision",
+        "terrain": TWO["terrain"] | {"size_m": 30.0, "step_m": 0.5, "relief_m": 1.0},
+        "area": {
+            "bounds_m": (500008.0, 6700008.0, 500022.0, 6700022.0),
+            "starts_m": ((500009.0, 6700009.0),),
+        },
+        "satellite": {"cell_m": 10.0},
+        "planner": {"pattern": "lawnmower", "swaths": 2},
+        "rover": {"mass_kg": 18.0, "idle_w": 20.0},
+        "scenery": BARE_SCENERY,
+        "imaging": {"width": 96, "height": 72},
+        "physics": {"engine": "kinematic"},
+    }
+    return mission(**sections | changes)
+
+
+@pytest.mark.slow
+def test_rovers_in_images_share_one_map_that_holds_the_ground(tmp_path):
+    run = run_of(in_images(imaging={"width": 128, "height": 96}), tmp_path, "score")
+    assert [one["ending"] for one in accounts(run.folder("simulate"))] == ["arrived", "arrived"]
+    localized, mapped = run.folder("localize"), run.folder("reconstruct")
+    n_landmarks = [len(mapped_points(place)) for place in drive_folders(localized)]
+    facts = Reconstruction.read(mapped)
+    assert facts.diagnostics["n_points"] == sum(n_landmarks)
+    assert min(n_ties(localized, 2)) > 0
+    for place in drive_folders(mapped):
+        assert Trajectory.read(place / "corrected_trajectory.csv", "EPSG:32608").error is None
+    score = read_json(run.folder("score") / "score.json", "the score")
+    assert score["elevation"]["rmse_m"] < 0.5
+    assert score["calibration"]["coverage_95"] > 0.8
+
+
 @pytest.mark.slow
 def test_rovers_drive_with_images_and_one_that_stalls_is_replaced(tmp_path):
-    bounds = (500008.0, 6700008.0, 500022.0, 6700022.0)
-    config = mission(
-        fidelity="vision",
-        terrain=TWO["terrain"] | {"size_m": 30.0, "step_m": 0.5, "relief_m": 1.0},
-        area={"bounds_m": bounds, "starts_m": ((500009.0, 6700009.0),)},
-        satellite={"cell_m": 10.0},
-        planner={"pattern": "lawnmower", "swaths": 2},
-        rover={"mass_kg": 18.0, "idle_w": 20.0},
-        scenery=BARE_SCENERY,
-        imaging={"width": 96, "height": 72},
-        physics={"engine": "kinematic"},
-        faults=(STOPPED | {"from_s": 12.0},),
-        fleet={"rovers": 2, "on_loss": "replan"},
-    )
+    config = in_images(faults=(STOPPED | {"from_s": 12.0},), fleet={"rovers": 2, "on_loss": "replan"})
     run = run_of(config, tmp_path, "simulate")
     folder = run.folder("simulate")
     first, second = accounts(folder)

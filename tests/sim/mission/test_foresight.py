@@ -54,11 +54,13 @@ def test_the_prediction_on_moving_ice_counts_the_uncertain_motion_and_stakes_red
     assert errors[0] <= errors[1] < errors[2]
 
 
-def test_crossing_lines_are_tried_on_moving_ice():
+def test_crossing_lines_and_another_order_are_tried_on_moving_ice():
     moving = mission_with().model_copy(update={"ice": IceConfig()})
     found = list(surveys_within(moving, world(), limit_m=50.0, probability=0.1, most_swaths=2))
     assert [(one.swaths, one.stakes, one.tie_lines) for one in found[:2]] == [(2, 0, 0), (2, 0, 2)]
     assert str(found[1]).startswith("2 swaths and 2 lines across: ")
+    assert found[2].order == "alternate"
+    assert str(found[2]).startswith("2 swaths, every second swath first: ")
 
 
 def test_a_concave_area_of_any_size_is_predicted_and_lines_are_counted_apart_from_pieces():

@@ -18,6 +18,7 @@ from survey.core.documents import read_json
 from survey.core.errors import ConfigError
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
+from survey.reconstruction.gp.covariance.kernels import Matern52
 
 WARM = {"name": "air_temperature", "unit": "degC", "per_km_of_elevation": -6.5, "field_length_m": 60.0}
 MISSION = {
@@ -52,6 +53,17 @@ def straight(length_m: float) -> Truth:
     position = np.column_stack([time_s, np.full(n, 200.0), np.zeros(n)])
     turn = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
     return Truth(slope(), Trajectory(time_s, position, turn, np.zeros((n, 3, 3)), GRID.crs))
+
+
+def test_short_relief_of_every_field_is_that_of_its_covariance_function():
+    """Third differences over half a length scale: on each site as large as those of a Gaussian process."""
+    line, weights = np.column_stack([np.arange(4.0), np.zeros(4)]), np.array([1.0, -3.0, 3.0, -1.0])
+    expected = weights @ Matern52(1.0, 2.0).covariance(line, line) @ weights
+    xy = np.random.default_rng(0).uniform(5.0, 390.0, (500, 2))
+    for seed in range(4):
+        field = PayloadField(config(field_length_m=2.0, per_km_of_elevation=0.0), slope(), seed)
+        differences = sum(w * field.at(xy + step) for w, step in zip(weights, line, strict=True))
+        assert np.mean(np.square(differences)) == pytest.approx(expected, rel=0.3)
 
 
 def test_a_fleet_maps_what_its_payloads_measured(tmp_path: Path):
