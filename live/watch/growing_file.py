@@ -86,9 +86,9 @@ def _samples(path: Path, crs: CRS, least_sigma_m: float) -> list[Sample]:
         copy.write_bytes(content[: content.rfind(b"\n") + 1])
         try:
             return _reader(path)(copy, crs, least_sigma_m)
-        except InputError:
+        except InputError as error:
             if content.count(b"\n") > 2:
-                raise
+                raise InputError(str(error).replace(str(copy), str(path))) from error
             return []
 
 

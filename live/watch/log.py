@@ -151,16 +151,48 @@ def replayed_states(path: Path) -> Iterator[tuple[SurveyWatch, dict[str, Any]]]:
     InputError
         A file that is no log.
     """
-    try:
-        entries = [json.loads(line) for line in path.read_text(encoding="utf-8").split("\n")[:-1]]
-        watch = watch_of(entries[0])
-        yield watch, entries[0]
-        for entry in entries[1:]:
-            if "in" in entry:
-                yield watch, entry
-                for event in entered(watch, entry):
-                    yield watch, event
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    heading, *entries = _lines(path)
+    watch = _watch_of_file(path, heading)
+    yield watch, heading
+    for number, entry in enumerate(entries, 2):
+        if "in" not in entry:
+            continue
+        yield watch, entry
+        try:
+            events = entered(watch, entry)
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{path}, line {number}: no input of a watch ({error}); name another file."
+            ) from error
+        for event in events:
+            yield watch, event
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    """Read the complete lines of a log: one object each, the first one the heading."""
+    entries: list[dict[str, Any]] = []
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1], 1):
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            entry = None
+        if not isinstance(entry, dict):
+            raise InputError(f"{path}, line {number}: no JSON object; name a log of firnline watch.")
+        entries.append(entry)
+    if not entries:
+        raise InputError(f"{path} has no complete line; name a log of firnline watch.")
+    return entries
+
+
+def _watch_of_file(path: Path, heading: dict[str, Any]) -> SurveyWatch:
+    """Return the watch that the first line of a file states."""
+    if heading.get("firnline_watch") != VERSION:
         raise InputError(
-            f"{path} is no complete log of firnline watch ({error}); name another file."
+            f"{path}, line 1: 'firnline_watch': {VERSION} was expected; name a log of firnline watch of this version."
+        )
+    try:
+        return watch_of(heading)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}, line 1: the survey cannot be read ({error}); name another file."
         ) from error

@@ -1,15 +1,17 @@
 """``firnline watch``: the map, its class and the next swath while a rover drives."""
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sim.cli.live.options import Patience, System, needs_live_extra
-from sim.cli.live.watch_lines import text_of
+from sim.cli.live.watch_lines import closing_line, text_of
 from sim.cli.options import Quiet
 from sim.cli.outcome import NOT_MET, with_exit_codes
 from sim.cli.outputs import refuse_existing
@@ -95,21 +97,28 @@ def watch(request: WatchRequest) -> None:
     about a rover that is stuck or silent, and about the charge for the way home. Ends with exit code 5 where no further
     swath would reach the class. Telemetry needs firnline[live].
     """
-    refuse_existing([file for file in (request.log,) if file], force=request.force, inputs=[])
+    replay = [] if request.replay is None else [request.replay]
+    refuse_existing([file for file in (request.log,) if file], force=request.force, inputs=replay)
     last: dict[str, Any] = {}
+    counts: Counter[str] = Counter()
     with ExitStack() as stack:
+        entries = _entries(request, stack)
+        # Input is checked up to the first entry before a log that is there is replaced.
+        first = next(entries)
         out = (
             None
             if request.log is None
             else stack.enter_context(request.log.open("w", encoding="utf-8", newline=""))
         )
-        for entry in _entries(request, stack):
+        for entry in chain([first], entries):
             if out is not None:
                 out.write(_line(entry))
                 out.flush()
             if not request.quiet and (text := text_of(entry)):
                 typer.echo(text)
             last = entry if entry.get("event") == "advice" else last
+            counts[entry.get("event") or entry.get("in", "")] += 1
+    typer.echo(closing_line(counts))
     if last.get("do") == "give up":
         raise typer.Exit(NOT_MET)
 
@@ -128,8 +137,9 @@ def _entries(request: WatchRequest, stack: ExitStack) -> Iterator[dict[str, Any]
         yield from replayed(request.replay)
         return
     watching = _watch(request)
+    inputs = _inputs(request, watching, stack)
     yield heading_of(watching)
-    for entry in _inputs(request, watching, stack):
+    for entry in inputs:
         yield entry
         for event in entered(watching, entry):
             yield event
@@ -189,15 +199,14 @@ def _watch(request: WatchRequest) -> "SurveyWatch":
 
 
 def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) -> Iterator[dict[str, Any]]:
-    """Yield what arrives from telemetry or a file."""
+    """Return an iterator over what arrives from telemetry or a file, which is connected or found to be there."""
     source, crs = str(request.source), watching.area.crs
     if "://" not in source:
         from live.watch.growing_file import file_entries
         from survey.core.files.reading import existing_file
 
         file = Path(source) if Path(source).is_dir() else existing_file(source, "the samples")
-        yield from file_entries(file, crs, follows=not request.once)
-        return
+        return file_entries(file, crs, follows=not request.once)
     with needs_live_extra():
         from live.link.address import LinkAddress
         from live.link.vehicle import Vehicle
@@ -205,6 +214,6 @@ def _inputs(request: WatchRequest, watching: "SurveyWatch", stack: ExitStack) ->
 
         link = Vehicle.connected(LinkAddress.parsed(source), request.patience_s, request.system)
         vehicle = stack.enter_context(link)
-        yield from stack.enter_context(
+        return stack.enter_context(
             closing(buffered_entries(vehicle, TelemetryReader(crs, request.antenna_m)))
         )

@@ -1,6 +1,6 @@
 """Lines that people read about the events of a watched survey."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from survey.core.quantity_text import duration_text
@@ -28,6 +28,33 @@ def text_of(entry: dict[str, Any]) -> str:
     if kind is None:
         return ""
     return f"{duration_text(entry['time_s'])}  {_WORDS[kind](entry)}"
+
+
+def closing_line(counts: Mapping[str, int]) -> str:
+    """Return the line at the end of a watch: what arrived, and why there is no map where there is none.
+
+    Parameters
+    ----------
+    counts : mapping of str to int
+        Numbers of inputs and events by kind.
+
+    Returns
+    -------
+    str
+        Without a line feed.
+
+    Examples
+    --------
+    >>> closing_line({"sample": 300, "refused": 299})
+    'end  300 samples, 299 of them refused, 0 swaths driven; no map, as fewer swaths were driven than the first fit needs'
+    """
+    text = (
+        f"end  {counts.get('sample', 0)} samples, {counts.get('refused', 0)} of them refused, "
+        f"{counts.get('swath', 0)} swaths driven"
+    )
+    if counts.get("map"):
+        return text
+    return f"{text}; no map, as fewer swaths were driven than the first fit needs"
 
 
 def _map(entry: dict[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """Watching a survey: samples that are refused, advice after swaths, replay to the same bytes."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from live.watch.warnings import RoverWarnings
 from planners.guarantee.adaptive_state import AdaptiveConfig
 from sim.cli.main import app
 from survey import Route, SurveyArea
+from survey.core.errors import InputError
 from survey.data.legs import Leg
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
@@ -128,6 +130,63 @@ def test_an_incomplete_request_and_a_damaged_log_are_refused(tmp_path):
     assert CliRunner().invoke(app, ["watch"]).exit_code == 4
     (tmp_path / "x.jsonl").write_text("{}\n")
     assert CliRunner().invoke(app, ["watch", "--replay", str(tmp_path / "x.jsonl")]).exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "has no complete line"),
+        ("1 2 3\n", "line 1: no JSON object"),
+        ('{"a":1}\n', "line 1: 'firnline_watch': 1 was expected"),
+        ('{"firnline_watch":1}\n', "line 1: the survey cannot be read ('no_go')"),
+        ("HEADING\n{\n", "line 2: no JSON object"),
+        ('HEADING\n{"in":"sample","sample":[1.0]}\n', "line 2: no input of a watch"),
+    ],
+)
+def test_a_damaged_log_is_refused_with_its_line(content, said, tmp_path):
+    file = tmp_path / "x.jsonl"
+    heading = line_of(heading_of(SurveyWatch(AREA, LIMITS, legs((10.0, 60.0)))))
+    file.write_text(content.replace("HEADING\n", heading))
+    with pytest.raises(InputError, match=re.escape(said)):
+        list(replayed(file))
+
+
+def test_a_log_that_is_there_outlives_a_source_that_is_not(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Route(tuple(legs((10.0, 60.0))), CRS, "lawnmower").write("route.geojson")
+    AREA.write("site.gpkg")
+    (tmp_path / "a.jsonl").write_text("earlier\n")
+    run = [
+        "watch",
+        "missing.csv",
+        "--area",
+        "site.gpkg",
+        "--route",
+        "route.geojson",
+        "--log",
+        "a.jsonl",
+        "--force",
+    ]
+    assert CliRunner().invoke(app, run).exit_code == 3
+    assert (tmp_path / "a.jsonl").read_text() == "earlier\n"
+    again = CliRunner().invoke(app, ["watch", "--replay", "a.jsonl", "--log", "a.jsonl", "--force"])
+    assert again.exit_code == 3
+    assert (tmp_path / "a.jsonl").read_text() == "earlier\n"
+
+
+def test_a_file_without_a_map_ends_with_the_reason_and_names_itself(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Route(tuple(legs((10.0, 60.0))), CRS, "lawnmower").write("route.geojson")
+    AREA.write("site.gpkg")
+    (tmp_path / "far.csv").write_text("x,y,z,sigma_z_m\n5,5,100,0.1\n90,90,100,0.1\n5,90,100,0.1\n")
+    options = ["--area", "site.gpkg", "--route", "route.geojson", "--once"]
+    result = CliRunner().invoke(app, ["watch", "far.csv", *options])
+    assert "3 samples, 2 of them refused, 0 swaths driven; no map" in result.output
+    (tmp_path / "far.tif").write_text("a\nb\nc\n")
+    refused = CliRunner().invoke(app, ["watch", "far.tif", *options])
+    assert refused.exit_code == 3
+    assert str(tmp_path) not in refused.output.replace(str(tmp_path / "far.tif"), "")
+    assert "/tmp" not in refused.output.replace(str(tmp_path), "")
 
 
 GOOD = Sample(10.0, 50.0, 50.0, 100.0, 0.05)
