@@ -1,5 +1,6 @@
 """CPU time of the two demos and of the test suite, from compiled loops that are not stored yet, as in a fresh clone.
 
+Python stores the bytecode of modules, as it does unless the environment forbids it.
 With ``--quick`` the demos alone, and a second time with the loops that the first run stored. Processors differ: where
 ``FIRNLINE_EARLIER`` names a checkout of commit e7dc4dd with an environment of its own, its demos and its test suite run
 in turn with today's, for the ratio.
@@ -91,10 +92,11 @@ def _measured(code: Code, words: Sequence[str], folder: Path, loops: Path) -> tu
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
     }
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     # The output goes to stderr, where failed tests are named.
     done = subprocess.run(
-        [str(code.python), *words], cwd=folder, env=os.environ | settings, check=False, stdout=sys.stderr
+        [str(code.python), *words], cwd=folder, env=inherited | settings, check=False, stdout=sys.stderr
     )
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before, done.returncode
 

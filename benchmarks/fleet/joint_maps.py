@@ -6,6 +6,7 @@ import numpy as np
 
 import planners
 from benchmarks.fleet.sites import FAMILIES, mission_on
+from benchmarks.moving_ice.chance import drawn_coverages
 from sim.config.mission import MissionConfig
 from sim.mission.fleet import route_of
 from sim.simulate.statistical import simulate_statistical
@@ -14,8 +15,10 @@ from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
-from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.base import CLAIM, Reconstruction
+from survey.reconstruction.checks.rmse_claim import sampled_nodes
 from survey.reconstruction.joint.several_drives import SeveralDrives
+from survey.reconstruction.method import MappedTerrain
 from survey.reconstruction.policy import map_landmarks
 from vision_slam import localize
 
@@ -37,13 +40,28 @@ def outcome(seed: int) -> dict[str, Any]:
     one, fleet = (mission_on(seed, FAMILIES[seed % len(FAMILIES)], n_rovers=n) for n in (1, N_ROVERS))
     world = build_world(one)
     alone, several = drives(world, one), drives(world, fleet)
-    maps = [mapped(world, one, [drive]) for drive in several]
+    joint = {"one": mapped(world, one, alone), "joint": mapped(world, fleet, several)}
+    maps = [mapped(world, one, [drive]).reconstruction for drive in several]
     found = {
-        "one": judged(world, *fields(mapped(world, one, alone))),
-        "joint": judged(world, *fields(mapped(world, fleet, several))),
+        **{name: judged(world, *fields(one.reconstruction)) for name, one in joint.items()},
         "merged": judged(world, *merged(maps)),
     }
-    return {"seed": seed, **{name: one._asdict() for name, one in found.items()}}
+    stated = {name: _stated(one, world, seed) for name, one in joint.items()}
+    return {"seed": seed, **{name: one._asdict() for name, one in found.items()}, "stated": stated}
+
+
+def _stated(mapped: MappedTerrain, world: World, seed: int) -> dict[str, Any]:
+    """Return what a map states of its error, and coverages by chance."""
+    grid = mapped.reconstruction.mean.grid()
+    inside = world.area.contains(grid.xy).reshape(grid.shape)
+    drawn = drawn_coverages(mapped.solution, grid.xy[sampled_nodes(inside)], seed)
+    return stated_errors(mapped.reconstruction) | {"drawn": drawn}
+
+
+def stated_errors(reconstruction: Reconstruction) -> dict[str, float]:
+    """Return the standard deviation of the level of a map, and the RMSE about it that the map expects [m]."""
+    claim = reconstruction.diagnostics[CLAIM]
+    return {"level_sigma_m": claim["offset_sigma_m"], "relative_m": claim["relative"]["expected_m"]}
 
 
 def drives(world: World, mission: MissionConfig) -> list[tuple[SurfacePoints, PathError | None]]:
@@ -60,7 +78,7 @@ def drives(world: World, mission: MissionConfig) -> list[tuple[SurfacePoints, Pa
 
 def mapped(
     world: World, mission: MissionConfig, drives: list[tuple[SurfacePoints, PathError | None]]
-) -> Reconstruction:
+) -> MappedTerrain:
     """Map the landmarks of drives as a mission does."""
     several = SeveralDrives.of(drives)
     grid = Grid.over(world.area.bounds, _NODES_M, world.area.crs)
@@ -71,7 +89,7 @@ def mapped(
         prior=world.prior,
         path=several.path,
         area=world.area,
-    ).reconstruction
+    )
 
 
 def fields(reconstruction: Reconstruction) -> tuple[FloatArray, FloatArray, Grid]:

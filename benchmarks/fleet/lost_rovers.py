@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.fleet.joint_maps import judged
+from benchmarks.fleet.joint_maps import judged, stated_errors
 from benchmarks.fleet.sites import FAMILIES, mission_on
 from sim.config.faults import FaultConfig
 from sim.config.fleet import FleetConfig
@@ -49,5 +49,6 @@ def _mapped(mission: MissionConfig, fault: FaultConfig, on_loss: str, runs: Path
     return {
         **scores._asdict(),
         **classes,
+        **stated_errors(mapped),
         **{key: losses[key] for key in ("swaths_not_driven_m", "extra_time_s")},
     }

@@ -9,7 +9,7 @@ SURVEYS = (
     "vision_slam/fusion",
     "survey/reconstruction/joint",
     *(f"survey/reconstruction/motion/{name}.py" for name in ("ice_frame", "refinement", "stakes")),
-    "benchmarks/moving_ice/surveys.py",
+    *(f"benchmarks/moving_ice/{name}.py" for name in ("cases", "chance", "surveys")),
 )
 """Code that the outcomes of surveys depend on."""
 _ROOT = Path(os.environ.get("FIRNLINE_MOVING_ICE", ROOT / "results" / "runs" / "moving-ice"))

@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.moving_ice.cases import SIDE_M, Case, mission_of
+from benchmarks.moving_ice.chance import drawn_coverages
 from planners import plan
 from sim.config.mission import MissionConfig
 from sim.simulate.statistical import simulate_statistical
 from sim.world.moving_ice import MovingIce, epoch_of, moving_ice
 from sim.world.site import build_world
 from survey.core.arrays import FloatArray
-from survey.core.config import validated
+from survey.core.streams import stream
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.ice.motion import IceMotion
@@ -28,40 +30,9 @@ from survey.reconstruction.motion.refinement import refined_motion
 from vision_slam import localize, localize_on_ice
 from vision_slam.localization import Localization
 
-SIDE_M, EDGE_M, SWATHS = 100.0, 40.0, 4
-_WEST, _SOUTH = 526000.0, 6478000.0
-_POSES = 1440
 _Z95 = 1.959964
-_RTK = {"gps_bias_sigma_m": 0.02, "gps_white_sigma_m": 0.01}
-TERRAIN = GaussianProcessConfig(
-    fit=False, family="matern-5/2", variance_m2=16.0, length_scale_m=40.0, nugget_m=0.05
-)
-"""Kernel that the drawn terrain has."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A survey: velocity on the centre line [m/day], duration [h], number of stakes, flow and share of the daily cycle.
-
-    `has_rtk` gives the rover a receiver of centimetres; `fits_kernel` lets the map find its kernel, else it is the terrain's.
-    """
-
-    velocity: float
-    hours: float
-    n_stakes: int
-    seed: int
-    flow: str = "uniform"
-    diurnal_share: float = 0.0
-    has_planes: bool = False
-    has_rtk: bool = False
-    fits_kernel: bool = False
-
-    @property
-    def name(self) -> str:
-        """Name of the case's file."""
-        kind = f"{self.flow}-{self.diurnal_share:g}-{'planes' if self.has_planes else 'one'}"
-        kind += ("-rtk" if self.has_rtk else "") + ("-fitted" if self.fits_kernel else "")
-        return f"{self.velocity:g}-{self.hours:g}h-{self.n_stakes}-{kind}-{self.seed}"
+# Every so many nodes stand for the map where errors are drawn from its covariance.
+_EVERY = 7
 
 
 @dataclass(frozen=True)
@@ -71,50 +42,11 @@ class Outcome:
     rmse_m: float
     coverage: float
     claimed_m: float
+    chance: tuple[float, ...]
     velocity_scores: tuple[float, ...] = ()
     lowering_scores: tuple[float, ...] = ()
     velocity_sigma: float = 0.0
     lowering_sigma: float = 0.0
-
-
-def mission_of(case: Case) -> MissionConfig:
-    """Return the mission of a case; that of still ice has a velocity of 0."""
-    low, high = _WEST + EDGE_M, _WEST + EDGE_M + SIDE_M
-    bounds = (low, _SOUTH + EDGE_M, high, _SOUTH + EDGE_M + SIDE_M)
-    length_m = SWATHS * SIDE_M + SIDE_M
-    speed_m_s = length_m / (3600.0 * case.hours)
-    angle = np.random.default_rng(case.seed).uniform(0.0, 360.0)
-    settings: dict[str, Any] = {
-        "schema_version": 1,
-        "name": "moving-ice",
-        "seed": case.seed,
-        "terrain": {
-            "source": "random",
-            "family": "matern-5/2",
-            "length_scale_m": 40.0,
-            "size_m": SIDE_M + 2.0 * EDGE_M,
-            "relief_m": 16.0,
-            "origin_m": (_WEST, _SOUTH),
-        },
-        "area": {"bounds_m": bounds},
-        "planner": {"pattern": "lawnmower", "swaths": SWATHS},
-        "rover": {"speed_m_s": speed_m_s},
-        "aids": {"stakes": case.n_stakes, "stake_sigma_m": 0.03, "recognition": 0.5, "base_station": True},
-        "ice": {
-            "velocity_m_per_day": case.velocity,
-            "direction_deg": angle,
-            "flow": case.flow,
-            "half_width_m": 150.0,
-            "melt_m_per_day": 0.06 if case.velocity else 0.0,
-            "diurnal_share": case.diurnal_share,
-            "pose_interval_s": 3600.0 * case.hours / _POSES,
-            "stake_surveys": 4,
-            "assumed": {"velocity_change_sigma_m_per_day_km": 5.0 if case.has_planes else 0.0},
-        },
-        "sensors": _RTK if case.has_rtk else {},
-        "localization": _RTK if case.has_rtk else {},
-    }
-    return validated(MissionConfig, settings, "the mission")
 
 
 @dataclass(frozen=True)
@@ -148,12 +80,19 @@ def drive_of(case: Case) -> Drive:
     world = build_world(mission)
     route = plan(world.area, world.prior, mission.planner, rover=mission.rover)
     recording, _ = simulate_statistical(world.terrain, route, at_rest)
+    recording = with_start_error(recording, mission)
     ice = moving_ice(mission, world.terrain)
     assert ice is not None
     carried = recording_on(ice, recording)
     terrain = ice.terrain_at(world.terrain, epoch_of(carried, mission))
     nodes = Grid.over(world.area.bounds, SIDE_M / 50.0, world.area.crs)
     return Drive(mission, carried, terrain, ice, nodes, route, world.terrain)
+
+
+def with_start_error(recording: Recording, mission: MissionConfig) -> Recording:
+    """Return a recording whose start was surveyed with the error that is assumed of it."""
+    error = mission.assumed.start_sigma_m * stream(mission.seed, "start").standard_normal(3)
+    return replace(recording, start=recording.start + error)
 
 
 def recording_on(ice: MovingIce, still: Recording) -> Recording:
@@ -179,9 +118,8 @@ def outcomes_of(case: Case) -> dict[str, Any]:
     """Map the survey of a case with its motion, and by the static estimate."""
     drive = drive_of(case)
     found = localize_on_ice(drive.recording, drive.prior(), drive.mission.assumed)
-    kernel = GaussianProcessConfig() if case.fits_kernel else TERRAIN
-    moving = _judged(drive, found, kernel)
-    static = _judged(drive, localize(drive.recording, drive.mission.assumed), kernel)
+    moving = _judged(drive, found, case.kernel)
+    static = _judged(drive, localize(drive.recording, drive.mission.assumed), case.kernel)
     return {"moving": asdict(moving), "static": asdict(static)}
 
 
@@ -195,6 +133,7 @@ def _judged(drive: Drive, found: Localization, kernel: GaussianProcessConfig) ->
         float(np.sqrt(np.mean(error**2))),
         float(np.mean(np.abs(error) <= _Z95 * std)),
         float(np.sqrt(np.mean(std**2))),
+        tuple(drawn_coverages(mapped.solution, drive.nodes.xy[::_EVERY], drive.mission.seed)),
     )
     if found.ice_motion is None:
         return outcome
@@ -203,24 +142,26 @@ def _judged(drive: Drive, found: Localization, kernel: GaussianProcessConfig) ->
 
 def map_of(drive: Drive, found: Localization, kernel: GaussianProcessConfig) -> JointMap:
     """Return the joint map of a localization, without a prior."""
+    return joint_terrain(found, kernel).map(found.points, drive.nodes)
+
+
+def joint_terrain(found: Localization, kernel: GaussianProcessConfig) -> JointTerrain:
+    """Return the joint estimate of terrain and path, without a prior."""
     assert found.trajectory.error is not None
-    model = JointTerrain(found.trajectory.error, config=kernel)
-    return model.map(found.points, drive.nodes)
+    return JointTerrain(found.trajectory.error, config=kernel)
 
 
 def _with_motion(outcome: Outcome, drive: Drive, motion: IceMotion) -> Outcome:
-    """Add errors of velocity and lowering in standard deviations, at the corners and the middle of the site."""
+    """Add errors of velocity and lowering in standard deviations, in the middle of the site."""
     places = middle_of(drive.nodes)
     scores = (motion.rates(places) - real_rates(drive, places)) / motion.rates_sigma(places)
-    sigma = motion.rates_sigma(places[:1])[0]
-    return Outcome(
-        outcome.rmse_m,
-        outcome.coverage,
-        outcome.claimed_m,
-        tuple(scores[:1, :2].ravel().tolist()),
-        (float(scores[0, 2]),),
-        float(sigma[:2].max()),
-        float(sigma[2]),
+    sigma = motion.rates_sigma(places)[0]
+    return replace(
+        outcome,
+        velocity_scores=tuple(scores[0, :2].tolist()),
+        lowering_scores=(float(scores[0, 2]),),
+        velocity_sigma=float(sigma[:2].max()),
+        lowering_sigma=float(sigma[2]),
     )
 
 

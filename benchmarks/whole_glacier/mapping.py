@@ -1,25 +1,30 @@
 """Maps of made surveys, compared with their ground."""
 
 import json
-import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-import laspy
 import numpy as np
 import rasterio
 from rasterio.windows import Window
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import cKDTree
 
 from benchmarks.whole_glacier.made_survey import MadeSurvey
 from survey.core.arrays import FloatArray
 from survey.data.surface_points import SurfacePoints
 
 N_CONTROL_PER_KM2 = 4.0
-_ROWS, _NEAR_M = 500, 0.4
+_ROWS = 500
+_MEASURING = """
+import json, os, subprocess, sys
+process = subprocess.Popen(sys.argv[2:], stdout=subprocess.DEVNULL)
+_, status, used = os.wait4(process.pid, 0)
+with open(sys.argv[1], "w") as report:
+    json.dump([used.ru_utime + used.ru_stime, used.ru_maxrss], report)
+sys.exit(os.waitstatus_to_exitcode(status) != 0)
+"""
 
 
 class Judged(NamedTuple):
@@ -57,13 +62,14 @@ def command(files: list[Path], out: Path, *options: str) -> list[str]:
 
 
 def used_by(arguments: list[str]) -> Used:
-    """Run a command, and return what it and its own processes used."""
-    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
-        raise subprocess.CalledProcessError(process.returncode, arguments)
-    return Used(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024 / 1e6)
+    """Run a command, and return what it and its own processes used.
+
+    A small process starts the command: the peak of a child's memory begins with that of the process that starts it.
+    """
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8") as report:
+        subprocess.run([sys.executable, "-S", "-c", _MEASURING, report.name, *arguments], check=True)
+        cpu_s, memory_kib = json.load(report)
+    return Used(cpu_s, memory_kib * 1024 / 1e6)
 
 
 def judged(made: MadeSurvey, mosaic: Path) -> Judged:
@@ -92,23 +98,3 @@ def _truth(made: MadeSurvey, transform: rasterio.Affine, window: Window) -> Floa
     column, row = np.meshgrid(np.arange(window.width) + 0.5, window.row_off + np.arange(window.height) + 0.5)
     x, y = transform.c + transform.a * column, transform.f + transform.e * row
     return made.heights(x.ravel(), y.ravel()).reshape(x.shape)
-
-
-def overlap_of(out: Path, strips: list[str]) -> dict[str, float]:
-    """Return what a map's record says of the overlap of two strips."""
-    facts = json.loads((out / "reconstruction.json").read_text(encoding="utf-8"))
-    own: dict[str, float] = next(
-        pair for pair in facts["diagnostics"]["overlaps"] if pair["strips"] == strips
-    )
-    return own
-
-
-def above_triangles_m(file: Path, first: int, second: int) -> float:
-    """Return the median height of points of a strip above triangles of another one, where the latter has points [m]."""
-    points = laspy.read(file)
-    xyz, strip = np.column_stack([points.x, points.y, points.z]), np.asarray(points.point_source_id)
-    xyz -= xyz.min(axis=0)
-    own, other = xyz[strip == first], xyz[strip == second]
-    own = own[cKDTree(other[:, :2]).query(own[:, :2])[0] < _NEAR_M]
-    height = LinearNDInterpolator(other[:, :2], other[:, 2])(own[:, :2])
-    return float(np.nanmedian(own[:, 2] - height))

@@ -26,12 +26,14 @@ def block(
     return (first, second, *xy, *np.round(1e3 * xy).astype(int), variance, variance, d.sum(), 0.0, *sums)
 
 
-def drawn(seed: int, n_control: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def drawn(
+    seed: int, n_control: int = 0, n_strips: int = N_STRIPS
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return true errors (S, 5), blocks between neighbouring strips, and control points."""
     rng = np.random.default_rng(seed)
-    true = rng.standard_normal((N_STRIPS, 5)) * [0.2, 0.1, 0.1, 0.1, 0.1]
+    true = rng.standard_normal((n_strips, 5)) * [0.2, 0.1, 0.1, 0.1, 0.1]
     blocks, control = [], []
-    for k in range(N_STRIPS - 1):
+    for k in range(n_strips - 1):
         for y in np.linspace(0.0, 2000.0, N_BLOCKS):
             xy, slope = np.array([400.0 * k + 200.0, y]), 0.2 * rng.standard_normal((N_CELLS, 2))
             at = np.tile(xy, (N_CELLS, 1))
@@ -43,7 +45,7 @@ def drawn(seed: int, n_control: int = 0) -> tuple[np.ndarray, np.ndarray, np.nda
             blocks.append(block(k + 1, k + 2, xy, slope, d, 0.05**2))
     for _ in range(n_control):
         s, xy, slope = (
-            int(rng.integers(N_STRIPS)),
+            int(rng.integers(n_strips)),
             rng.uniform(0.0, 2000.0, (1, 2)),
             0.2 * rng.standard_normal((1, 2)),
         )
@@ -64,6 +66,18 @@ def test_errors_lie_within_their_joint_covariance() -> None:
         true, blocks, control = drawn(seed, 8)
         ratios.append(ratio(solve_strips(PLACES, blocks, control, EXPECTED), true))
     assert 0.6 < np.mean(ratios) < 1.6
+
+
+def test_the_level_of_two_strips_with_four_control_points_lies_within_its_standard_deviation() -> None:
+    two = StripPlaces(*(values[:2] for values in PLACES))
+    middle = np.tile([0.5, 0.0, 0.0, 0.0, 0.0], 2)
+    ratios = []
+    for seed in range(100, 140):
+        true, blocks, control = drawn(seed, 4, n_strips=2)
+        found = solve_strips(two, blocks[::8], control, EXPECTED)
+        ratios.append(middle @ (found.errors - true).ravel() / np.sqrt(middle @ found.covariance @ middle))
+    # The standard error of a mean square of forty normal numbers is 0.22.
+    assert 0.55 < np.mean(np.square(ratios)) < 1.45
 
 
 def test_differences_of_strips_are_known_better_than_their_level() -> None:
