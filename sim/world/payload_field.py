@@ -7,7 +7,9 @@ from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.dem import Dem
 
-_N_WAVES = 400
+# With a tenth of these waves the short ones are too few: the relief between swaths is then smoother or rougher than its
+# covariance function says, from site to site.
+_N_WAVES, _AT_ONCE = 4000, 50
 _HALF_M = 5.0
 _DEGREES = {"rough": 3.0, "medium": 5.0, "smooth": np.inf}
 
@@ -39,8 +41,9 @@ class PayloadField:
         """Return the values (N,) at places (N, 2); NaN where the terrain is not known."""
         config, middle = self._config, np.mean(self._terrain.bounds[:2])
         varied = np.zeros(len(xy))
-        for wave, phase in zip(self._wave, self._phase, strict=True):
-            varied += np.cos((xy - middle) @ wave + phase)
+        for first in range(0, _N_WAVES, _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            varied += np.cos((xy - middle) @ self._wave[part].T + self._phase[part]).sum(axis=1)
         varied *= config.field_sd * np.sqrt(2.0 / _N_WAVES)
         climbed_km = 1e-3 * (self._terrain.at(xy) - self._datum_m)
         values: FloatArray = config.mean + config.per_km_of_elevation * climbed_km + varied

@@ -64,7 +64,7 @@ from survey.scoring.standards.checkpoint_errors import compare
 from survey.scoring.standards.standards import STANDARDS
 from survey.terrain import SampleSite, SatelliteDem
 from tests.firnline.test_objects import instances, parts
-from vision_slam import LocalizationConfig, ParticleFilter
+from vision_slam import LocalizationConfig, ParticleFilter, SeenDrive
 
 PACKAGES = (
     "survey", "planners", "vision_slam", "sim", "live", "desk", "survey.terrain", "survey.scoring", "survey.figures",
@@ -105,6 +105,7 @@ def estimates() -> Iterator[Any]:
     made = instances()
     yield ParticleFilter(LocalizationConfig(), np.random.default_rng(1), n_particles=10)
     yield from (ConstantMean(1.0), DemMean(made["Dem"]), FunctionMean(np.sum), GaussianProcessTerrain())
+    yield SeenDrive(*(made[name] for name in ("Frames", "Camera", "VisualOdometry", "Trajectory")))
     yield VelocityRasters(*(made["Dem"],) * 4)
     yield SampleSite(made["Dem"], (0.0, 0.0, 1.0, 1.0))
     yield SatelliteDem(made["Dem"].elevation, made["Dem"].transform, made["Dem"].crs)

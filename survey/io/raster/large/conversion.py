@@ -23,6 +23,8 @@ from survey.io.raster.writing import ASCII_OPTIONS, COG_OPTIONS, written_crs
 
 _TILE_CELLS = 512
 _WINDOW_CELLS = 2048
+# Files of compressed cells that may exceed 4 GB have to be BigTIFF from their first byte.
+_LARGE_COG_OPTIONS = {**COG_OPTIONS, "bigtiff": "IF_SAFER"}
 
 
 def convert_in_windows(source: str | Path, out: str | Path, crs: CRS) -> None:
@@ -53,7 +55,7 @@ def convert_in_windows(source: str | Path, out: str | Path, crs: CRS) -> None:
     names = list(band_names(source))
     if target.suffix.lower() == ".asc" and len(names) != 1:
         raise InputError(f"{target}: an ASCII grid holds one band, not {len(names)}; write a GeoTIFF (.tif).")
-    options = ASCII_OPTIONS if target.suffix.lower() == ".asc" else COG_OPTIONS
+    options = ASCII_OPTIONS if target.suffix.lower() == ".asc" else _LARGE_COG_OPTIONS
     with (
         replacing(target, stale=stale_files(target)) as draft,
         TemporaryDirectory(dir=draft.parent) as folder,

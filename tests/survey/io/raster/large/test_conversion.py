@@ -52,6 +52,17 @@ def test_a_large_raster_is_written_as_ascii_grid(bands: dict[str, np.ndarray], t
     np.testing.assert_array_equal(found, bands["elevation"].astype(np.float32))
 
 
+@pytest.mark.exhaustive
+def test_a_file_that_may_exceed_4_gb_is_bigtiff(tmp_path: Path) -> None:
+    profile = {"driver": "GTiff", "height": 22_400, "width": 22_400, "count": 1, "dtype": "float32"}
+    tiles = {"tiled": True, "blockxsize": 512, "blockysize": 512, "sparse_ok": True, "nodata": -9999.0}
+    place = {"crs": "EPSG:32608", "transform": rasterio.Affine(1.0, 0.0, 500_000.0, 0.0, -1.0, 6_500_000.0)}
+    rasterio.open(tmp_path / "a.tif", "w", **profile, **tiles, **place).close()
+    conversion._copy(tmp_path / "a.tif", tmp_path / "b.tif", conversion._LARGE_COG_OPTIONS)
+    with (tmp_path / "b.tif").open("rb") as file:
+        assert file.read(4) == b"II+\0"
+
+
 def test_what_is_written_in_one_part_is_refused(bands: dict[str, np.ndarray], tmp_path: Path) -> None:
     dem = Dem.on(GRID, bands["elevation"])
     write_raster(tmp_path / "a.tif", bands, dem.transform, dem.crs)
