@@ -55,7 +55,16 @@ class Processes:
     def _submit(self, work: Callable[[P], R], piece: P) -> "Future[R]":
         if self._pool is None:
             self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), settled)
-        return self._pool.submit(work, piece)
+        future = self._pool.submit(work, piece)
+        self._notice_new_process(self._pool)
+        return future
+
+    @staticmethod
+    def _notice_new_process(pool: ProcessPoolExecutor) -> None:
+        """Wake the pool's manager: `submit` does so before it starts a process, whose death could then pass unseen."""
+        with pool._shutdown_lock:
+            if pool._executor_manager_thread_wakeup is not None:
+                pool._executor_manager_thread_wakeup.wakeup()
 
     def _kill(self) -> None:
         """Kill the processes of a broken pool: it waits for those that started while it broke, which wait for ever."""
