@@ -348,6 +348,10 @@ class MissionConfig(PlacedSection):
             "area.file": self.area.file,
             "satellite.file": self.satellite.file,
         }
-        rasters = None if self.ice is None else self.ice.velocity_files
-        named |= {f"ice.velocity_files[{k}]": file for k, file in enumerate(rasters or ())}
+        if self.ice is not None:
+            assumed = self.ice.assumed.velocity_files
+            named |= {
+                f"ice.velocity_files[{k}]": file for k, file in enumerate(self.ice.velocity_files or ())
+            }
+            named |= {f"ice.assumed.velocity_files[{k}]": file for k, file in enumerate(assumed or ())}
         return {key: self.path(file) for key, file in named.items() if file is not None}

@@ -14,7 +14,7 @@ from sim.cli.live.options import Patience, System, needs_live_extra
 from sim.cli.live.watch_lines import closing_line, text_of
 from sim.cli.options import Quiet
 from sim.cli.outcome import NOT_MET, with_exit_codes
-from sim.cli.outputs import refuse_existing
+from sim.cli.outputs import refuse_existing, with_companions
 from sim.cli.request import with_options_of
 
 if TYPE_CHECKING:
@@ -78,6 +78,12 @@ class WatchRequest:
     force: Annotated[bool, typer.Option("--force", help="Replace a log that is there.")] = False
     quiet: Quiet = False
 
+    @property
+    def inputs(self) -> list[Path | None]:
+        """The files and folders that are read."""
+        source = None if self.source is None or "://" in self.source else Path(self.source)
+        return [source, self.area, self.route, self.replay]
+
 
 @with_exit_codes
 @with_options_of(WatchRequest)
@@ -97,8 +103,10 @@ def watch(request: WatchRequest) -> None:
     about a rover that is stuck or silent, and about the charge for the way home. Ends with exit code 5 where no further
     swath would reach the class. Telemetry needs firnline[live].
     """
-    replay = [] if request.replay is None else [request.replay]
-    refuse_existing([file for file in (request.log,) if file], force=request.force, inputs=replay)
+    inputs = with_companions(request.inputs)
+    refuse_existing([file for file in (request.log,) if file], force=request.force, inputs=inputs)
+    replaced = [file for file in (request.next_route, request.map_file) if file]
+    refuse_existing(replaced, force=True, inputs=inputs)
     last: dict[str, Any] = {}
     counts: Counter[str] = Counter()
     with ExitStack() as stack:

@@ -174,6 +174,31 @@ def test_a_log_that_is_there_outlives_a_source_that_is_not(tmp_path, monkeypatch
     assert (tmp_path / "a.jsonl").read_text() == "earlier\n"
 
 
+@pytest.mark.parametrize("option", ["--log", "--next", "--map"])
+@pytest.mark.parametrize("name", ["fixes.csv", "site.gpkg", "route.geojson"])
+def test_no_output_replaces_an_input(option, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Route(tuple(legs((10.0, 60.0))), CRS, "lawnmower").write("route.geojson")
+    AREA.write("site.gpkg")
+    (tmp_path / "fixes.csv").write_text("t,x,y,z\n")
+    before = (tmp_path / name).read_bytes()
+    run = [
+        "watch",
+        "fixes.csv",
+        "--area",
+        "site.gpkg",
+        "--route",
+        "route.geojson",
+        option,
+        name,
+        "--force",
+        "--once",
+    ]
+    result = CliRunner().invoke(app, run)
+    assert (result.exit_code, (tmp_path / name).read_bytes()) == (3, before)
+    assert f"the output {name} is or contains the input" in " ".join(result.output.split())
+
+
 def test_a_file_without_a_map_ends_with_the_reason_and_names_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Route(tuple(legs((10.0, 60.0))), CRS, "lawnmower").write("route.geojson")

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
-from sim.config.ice import IceAssumptions
+from sim.config.ice import IceAssumptions, IceConfig
+from sim.mission.runs import read_mission
 from sim.world.assumed_motion import assumed_motion
 from survey import Dem, Grid
 from survey.core.config import validated
 from survey.core.errors import ConfigError, InputError
 
+MISSION = Path(__file__).parents[3] / "examples/small_survey.toml"
 UTM = CRS("EPSG:32608")
 PLACES = np.array([[500.0, 500.0], [900.0, 700.0]])
 NAMES = ("vx.tif", "vy.tif", "sx.tif", "sy.tif")
@@ -52,3 +54,9 @@ def test_rasters_and_one_velocity_exclude_one_another() -> None:
     values = {"velocity_files": NAMES, "velocity_sigma_m_per_day": 1.0}
     with pytest.raises(ConfigError, match="velocity_files and velocity_sigma_m_per_day exclude one another"):
         validated(IceAssumptions, values, "the mission")
+
+
+def test_the_files_of_a_mission_hold_the_assumed_rasters() -> None:
+    ice = IceConfig(assumed=IceAssumptions(velocity_files=NAMES))
+    mission = read_mission(MISSION).model_copy(update={"ice": ice})
+    assert {f"ice.assumed.velocity_files[{k}]" for k in range(4)} <= set(mission.input_files)
