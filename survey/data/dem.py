@@ -11,6 +11,7 @@ from pyproj import CRS
 
 from survey.core.arrays import Bounds, FloatArray, frozen, lattice_places
 from survey.core.crs.checks import projected_crs, refuse_far
+from survey.core.crs.choice import is_geographic
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
@@ -19,11 +20,14 @@ from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.georeference import check_transform
+from survey.io.raster.unmarked_cells import refuse_detached
 from survey.io.raster.warping import in_metres, window_crs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import DataArray
+
+_METRES_PER_DEGREE = 111_000.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,13 +152,14 @@ class Dem(DataObject):
         ------
         InputError
             The file is missing, damaged, rotated, empty, outside the bounds, in a unit that is
-            no length, or it is a picture or a mask.
+            no length, or it is a picture or a mask, or unknown cells hold a number that is not declared.
         CapacityError
             It has more than `survey.io.raster.LARGEST_CELLS` cells, and no `bounds` within them are named.
         """
         raster = read_raster(path, band=band, bounds=bounds, bounds_crs=window_crs(path, crs, bounds))
         if not mask:
             _refuse_mask(raster, path)
+            refuse_detached(raster.values, _step_m(raster), str(path))
         raster = in_metres(raster, crs, str(path), bounds=bounds, nearest=mask)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:
             raise InputError(
@@ -417,3 +422,8 @@ def _refuse_mask(raster: Raster, path: str | Path) -> None:
         raise InputError(
             f"{path} holds bytes of the values {values} alone, so it is a mask; a raster of elevations in metres was expected."
         )
+
+
+def _step_m(raster: Raster) -> float:
+    """Return about the width of a raster's cells [m]."""
+    return abs(raster.transform.e) * (_METRES_PER_DEGREE if is_geographic(raster.crs) else 1.0)

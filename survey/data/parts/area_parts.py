@@ -13,7 +13,7 @@ from survey.core.arrays import frozen
 from survey.core.crs.agreement import is_local
 from survey.core.crs.checks import known_crs, projected_crs, refuse_far
 from survey.core.crs.choice import chosen_crs, is_geographic
-from survey.core.crs.exchanged_axes import refuse_exchanged
+from survey.core.crs.exchanged_axes import refuse_degrees, refuse_exchanged
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.io.vector import Features
@@ -38,7 +38,7 @@ def roles_of(features: Features) -> list[str]:
 def in_crs(features: Features, crs: Any, where: str) -> Features:
     """Return the features in the named CRS, else in their own; degrees are projected, and the log states it."""
     if features.crs is not None and not is_local(features.crs):
-        _refuse_exchanged(features, known_crs(features.crs, where), where)
+        _refuse_misplaced(features, known_crs(features.crs, where), where)
     places = shapely.get_coordinates(features.geometry)
     if crs is None and len(places) and is_geographic(features.crs):
         crs = chosen_crs(places[:, 0], places[:, 1], features.crs)
@@ -59,10 +59,11 @@ def in_crs(features: Features, crs: Any, where: str) -> Features:
     return features._replace(geometry=moved, crs=target)
 
 
-def _refuse_exchanged(features: Features, crs: CRS, where: str) -> None:
-    """Refuse features in metres whose easting and northing are exchanged."""
+def _refuse_misplaced(features: Features, crs: CRS, where: str) -> None:
+    """Refuse features in metres whose easting and northing are exchanged or degrees."""
     if crs.is_projected:
         refuse_exchanged(shapely.get_coordinates(features.geometry), crs, where)
+        refuse_degrees(shapely.get_coordinates(features.geometry), crs, where)
 
 
 def polygon_parts(shape: Any, what: str) -> list[Polygon]:

@@ -10,7 +10,7 @@ from survey.core.arrays import FloatArray
 from survey.core.crs.agreement import agreed_crs, is_local, same_crs
 from survey.core.crs.checks import known_crs, projected_crs
 from survey.core.crs.choice import chosen_crs
-from survey.core.crs.exchanged_axes import refuse_exchanged
+from survey.core.crs.exchanged_axes import refuse_degrees, refuse_exchanged
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.io.point_columns import PLACE, say_projected
@@ -43,11 +43,11 @@ def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
     ------
     InputError
         A table in degrees with the sensor's places in metres of an unknown CRS, places beyond the CRS, or
-        easting and northing that are exchanged.
+        easting and northing that are exchanged or degrees.
     """
     stated = None if table.crs is None else known_crs(table.crs, where)
     if stated is None or not stated.is_geographic:
-        _refuse_exchanged(table, stated or crs, where)
+        _refuse_misplaced(table, stated or crs, where)
         return table
     if any(name in table.columns for name in ORIGIN):
         raise InputError(
@@ -60,11 +60,12 @@ def projected_table(table: PointTable, crs: Any, where: str) -> PointTable:
     return table._replace(columns={**table.columns, PLACE[0]: east, PLACE[1]: north}, crs=target)
 
 
-def _refuse_exchanged(table: PointTable, crs: Any, where: str) -> None:
-    """Refuse a table whose easting and northing are exchanged; one without a CRS is refused later."""
+def _refuse_misplaced(table: PointTable, crs: Any, where: str) -> None:
+    """Refuse a table whose easting and northing are exchanged or degrees; one without a CRS is refused later."""
     if crs is not None and not is_local(crs):
         places = np.column_stack([table.columns[name] for name in PLACE[:2]])
         refuse_exchanged(places, known_crs(crs, where), where)
+        refuse_degrees(places, known_crs(crs, where), where)
 
 
 def symmetric(columns: dict[str, FloatArray], names: Mapping[str, tuple[int, int]]) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Exchanged eastings and northings are refused in points and areas; uncommon places of a CRS are not."""
+"""Exchanged eastings and northings, and degrees, are refused in points and areas; uncommon places of a CRS are not."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import shapely
 from pyproj import CRS, Transformer
 
 from survey import SurfacePoints, SurveyArea
-from survey.core.crs.exchanged_axes import refuse_exchanged
+from survey.core.crs.exchanged_axes import refuse_degrees, refuse_exchanged
 from survey.core.errors import InputError
 from survey.io.vector import write_features
 
@@ -41,3 +41,30 @@ def test_an_exchanged_area_is_refused(tmp_path, wanted):
     write_features(tmp_path / "a.gpkg", [shape], {}, CRS("EPSG:32608"), layer="area")
     with pytest.raises(InputError, match="when the two are exchanged"):
         SurveyArea.read(tmp_path / "a.gpkg", crs=wanted)
+
+
+DEGREES = np.array([[-134.98, 60.41], [-134.95, 60.43]])
+
+
+@pytest.mark.parametrize("header", ["x,y,z,sigma_z_m", "Easting,Northing,Elevation,sigma_z_m"])
+def test_points_in_degrees_in_columns_of_metres_are_refused(tmp_path, header):
+    rows = [f"{x},{y},100,0.1" for x, y in DEGREES.tolist()]
+    (tmp_path / "p.csv").write_text("\n".join([header, *rows]) + "\n")
+    with pytest.raises(
+        InputError, match=r"p\.csv has coordinates such as -134\.98, 60\.41, which are degrees"
+    ):
+        SurfacePoints.read(tmp_path / "p.csv", crs="EPSG:32608")
+
+
+def test_an_area_in_degrees_that_names_a_projected_crs_is_refused(tmp_path):
+    write_features(
+        tmp_path / "a.gpkg", [shapely.box(*DEGREES[0], *DEGREES[1])], {}, CRS("EPSG:32608"), layer="area"
+    )
+    with pytest.raises(InputError, match="degrees and no metres"):
+        SurveyArea.read(tmp_path / "a.gpkg")
+
+
+@pytest.mark.parametrize("code", [32608, 25832, 3857, 3413])
+def test_local_coordinates_of_some_metres_are_no_degrees(code):
+    refuse_degrees(np.array([[0.0, 0.0], [60.0, 40.0]]), CRS.from_epsg(code), "the test")
+    refuse_degrees(np.array([[-135.0, 60.0], [-100.0, 80.0]]), CRS("EPSG:32608"), "the test")

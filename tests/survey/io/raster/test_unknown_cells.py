@@ -41,7 +41,7 @@ def test_a_mark_that_is_not_declared_is_refused(tmp_path, mark, dtype):
 
 
 def test_scaled_numbers_may_be_those_that_are_no_heights_in_metres(tmp_path):
-    path = written(tmp_path / "dem.tif", np.where(HEIGHTS > 240.0, 9999.0, HEIGHTS), "int16")
+    path = written(tmp_path / "dem.tif", np.where(HEIGHTS > 240.0, 9999.0, HEIGHTS + 9700.0), "int16")
     with rasterio.open(path, "r+") as target:
         target.scales = [0.1]
     assert Dem.read(path).elevation.max() == pytest.approx(999.9)

@@ -1,0 +1,48 @@
+"""Cells that hold a number for nodata which no file declares are refused; real ground is not."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from affine import Affine
+
+from survey import Dem, InputError
+
+
+def glacier(path: Path, filled: float, *, n_cells: int = 12, **kw: Any) -> Path:
+    """Write 30 x 30 cells of 10 m between 800 and 890 m, the first of them filled with a number."""
+    heights = 800.0 + np.add.outer(np.arange(30.0), 2.0 * np.arange(30.0))
+    heights.ravel()[:n_cells] = filled
+    place = Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 6_700_300.0)
+    options = {"crs": "EPSG:32608", "transform": place, "dtype": "float32"} | kw
+    with rasterio.open(path, "w", "GTiff", width=30, height=30, count=1, **options) as file:
+        file.write(heights.astype(options["dtype"]), 1)
+    return path
+
+
+@pytest.mark.parametrize("number", [0.0, -1.0, -99.0, -999.0, -10_000.0, -9999.9, 10_000.0])
+def test_a_repeated_number_far_from_all_others_is_refused(tmp_path: Path, number: float) -> None:
+    with pytest.raises(InputError, match=rf"a\.tif holds 12 cells of exactly {number:g} m.*make it nodata"):
+        Dem.read(glacier(tmp_path / "a.tif", number))
+
+
+def test_whole_metres_and_degrees_are_checked_too(tmp_path: Path) -> None:
+    whole = glacier(tmp_path / "a.tif", 0.0, dtype="int16")
+    degrees = Affine(2e-4, 0.0, -135.0, 0.0, -1e-4, 60.0)
+    for file in (whole, glacier(tmp_path / "b.tif", 0.0, crs="EPSG:4326", transform=degrees)):
+        with pytest.raises(InputError, match="cells of exactly 0 m"):
+            Dem.read(file)
+
+
+def test_a_declared_number_passes(tmp_path: Path) -> None:
+    dem = Dem.read(glacier(tmp_path / "a.tif", 0.0, nodata=0.0))
+    assert np.isnan(dem.elevation).sum() == 12
+
+
+def test_a_lake_a_pit_of_one_cell_and_cells_of_kilometres_pass(tmp_path: Path) -> None:
+    coarse = Affine(2000.0, 0.0, 500_000.0, 0.0, -2000.0, 6_700_300.0)
+    assert Dem.read(glacier(tmp_path / "lake.tif", 750.0)).elevation.min() == 750.0
+    assert Dem.read(glacier(tmp_path / "pit.tif", 0.0, n_cells=1)).elevation.min() == 0.0
+    assert Dem.read(glacier(tmp_path / "coarse.tif", 0.0, transform=coarse)).elevation.min() == 0.0
