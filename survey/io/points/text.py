@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
-from survey.io.point_columns import PLACE, in_own_columns
+from survey.io.point_columns import PLACE, in_own_columns, place_columns
 from survey.io.points.table import PointTable
 from survey.io.tables import read_table, write_table
-from survey.io.text_tables.delimited import read_text_table
+from survey.io.text_tables.delimited import TextTable, read_text_table
+from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
     metres_factor,
@@ -69,4 +71,18 @@ def _read_export(file: Path, given: Mapping[str, str]) -> PointTable:
     numbers = {own: metres_factor(name) * text.numbers(name) for name, own in names.items()}
     unused = tuple(name for name in text.header if name not in names)
     say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
-    return PointTable(*in_own_columns(numbers, text.where))
+    _refuse_places_of_text(text, known, set(numbers))
+    places, crs = in_own_columns(numbers, text.where)
+    if crs is not None:
+        refuse_hemispheres(text, *(places[name] for name in PLACE[:2]))
+    return PointTable(places, crs)
+
+
+def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: set[str]) -> None:
+    """Refuse coordinates that begin with a text by their line: a unit, or thousands with separators."""
+    try:
+        place_columns(list(numbers), text.where)
+    except InputError:
+        names = place_columns(list(known.values()), text.where).names
+        for name in (name for name, own in known.items() if own in names):
+            text.numbers(name)

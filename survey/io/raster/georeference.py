@@ -18,12 +18,17 @@ def check_transform(t: Affine) -> None:
     Raises
     ------
     InputError
-        A rotated or south-up raster, cells that are not square or smaller than 0.1 mm.
+        No georeference, a rotated or south-up raster, cells that are not square or smaller than 0.1 mm.
 
     Examples
     --------
     >>> check_transform(Affine(3.0, 0.0, 500_000.0, 0.0, -3.0, 6_700_000.0))
     """
+    if t == Affine.identity():
+        raise InputError(
+            "the raster has no georeference; assign one (gdal_edit.py -a_ullr), and in NetCDF give the axes the standard_name "
+            "projection_x_coordinate and projection_y_coordinate."
+        )
     if t.b != 0.0 or t.d != 0.0:
         raise InputError(
             "the raster is rotated; rows must run west to east, warp it to north-up first (gdalwarp does it)."

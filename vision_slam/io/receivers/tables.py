@@ -11,6 +11,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.text import printable
 from survey.io.text_tables.delimited import TextTable, read_text_table
+from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
     metres_factor,
@@ -20,6 +21,7 @@ from survey.io.text_tables.spellings import (
     renamed_header,
 )
 from survey.io.text_tables.usual_names import OWN_NAMES
+from vision_slam.io.receivers.clock_numbers import refuse_clock_numbers
 from vision_slam.io.receivers.rows import ReceiverFixes, axis_sigma_m
 
 KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
@@ -71,6 +73,8 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
             f"{table.where} holds places that are no degrees in {names[first]} and {names[second]}; "
             f"name columns of metres with --columns x={names[first]},y={names[second]}."
         )
+    if is_geodetic:
+        refuse_hemispheres(table, place[:, 0], place[:, 1])
     names |= {} if date is None else {"date": date}
     read = ColumnNames({kind: given.get(name, name) for kind, name in names.items()}, _unused(table, names))
     return ReceiverFixes(
@@ -141,6 +145,7 @@ def _times(table: TextTable, name: str, date: str | None) -> tuple[FloatArray, s
     """Return seconds (N,) of a column of numbers or dates, and what they were where not seconds."""
     if table.is_number(name, 0):
         numbers = table.numbers(name)
+        refuse_clock_numbers(numbers, f"{table.where}, column {name}")
         for least, factor, word in _UNITS:
             if numbers[0] > least:
                 return factor * numbers, f", times are Unix {word}"

@@ -45,7 +45,7 @@ def test_an_export_becomes_surface_points_and_the_log_names_its_columns(
         ("x_m,y_m,z_m,sigma_z_m\n1.0,2.0,3.0,bad\n", "'bad' in the column sigma_z_m is no number"),
         ("Easting;Northing;Elevation\n1,0;2,0;3,0\n1,0;2,0;bad\n", "line 3: 'bad' in the column Elevation"),
         ("Easting,Northing,Elevation,SDV\n1.0,2.0,3.0,bad\n", "'bad' in the column SDV is no number"),
-        ("Easting,Northing,Elevation\n1.0,2.0,bad\n", "no column of heights"),
+        ("Easting,Northing,Elevation\n1.0,2.0,bad\n", "line 2: 'bad' in the column Elevation"),
     ],
 )
 def test_what_is_no_number_is_refused(tmp_path: Path, text: str, words: str) -> None:
@@ -84,3 +84,25 @@ def test_a_mapping_of_missing_columns_or_for_other_formats_is_refused(tmp_path: 
         read_point_table(written(tmp_path, "x,y,z\n1,2,3\n"), CHOSEN)
     with pytest.raises(InputError, match="is no text table"):
         read_point_table(tmp_path / "cloud.ply", CHOSEN)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ('"500,153.546","6,700,164.878",804.0', r"line 2: '500,153\.546' in the column x is no number"),
+        ("m,m,m\n500153.5,6700164.8,804.0", "line 2: 'm' in the column x is no number"),
+    ],
+)
+def test_coordinates_that_begin_with_a_text_are_refused_by_their_line(
+    tmp_path: Path, rows: str, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        read_point_table(written(tmp_path, f"x,y,z\n{rows}\n"))
+
+
+def test_degrees_to_the_south_or_west_in_a_column_beside_them_are_refused(tmp_path: Path) -> None:
+    header = "lat,N/S,lon,E/W,elevation"
+    with pytest.raises(InputError, match="states W in the column E/W beside degrees without a sign"):
+        read_point_table(written(tmp_path, f"{header}\n60.4,N,134.9,W,804.0\n"))
+    table = read_point_table(written(tmp_path, f"{header}\n60.4,N,-134.9,W,804.0\n"))
+    assert table.columns["x_m"].tolist() == [-134.9]

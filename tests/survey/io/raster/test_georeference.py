@@ -29,3 +29,8 @@ def test_other_rasters_are_not_written(tmp_path, word, ending):
     with pytest.raises(InputError, match=word):
         write_raster(path, {"elevation": np.ones((4, 4))}, WRONG[word], CRS.from_epsg(32608))
     assert not path.exists()
+
+
+def test_a_raster_without_a_georeference_is_refused_as_such():
+    with pytest.raises(InputError, match=r"has no georeference; assign one .* standard_name"):
+        check_transform(Affine.identity())

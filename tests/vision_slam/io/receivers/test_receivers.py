@@ -222,3 +222,26 @@ def test_fixes_beyond_84_degrees_are_in_polar_stereographic(tmp_path):
         "time_s,latitude_deg,longitude_deg,height_m\n0,85,-40,1\n1,85.0001,-40,1\n"
     )
     assert read_gps(tmp_path / "north.csv").fixes()[1].to_epsg() == 3413
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("time,lat,lon,alt\n20240612100015,46,8,5\n20240612100016,46,8,5\n", "dates as one number"),
+        (
+            "time,lat,lon,alt\n100058,46,8,5\n100059,46,8,5\n100100,46,8,5\n",
+            "hours, minutes and seconds in one",
+        ),
+        ("time,lat,N/S,lon,alt\n0,46,S,8,5\n1,46,S,8,5\n", "states S in the column N/S"),
+    ],
+)
+def test_times_and_degrees_that_would_be_taken_for_others_are_refused(tmp_path, table, words):
+    (tmp_path / "fixes.csv").write_text(table)
+    with pytest.raises(InputError, match=words):
+        read_gps(tmp_path / "fixes.csv")
+
+
+def test_seconds_that_could_be_a_clock_remain_seconds(tmp_path):
+    rows = "".join(f"{t},46,8,5\n" for t in range(100000, 101000, 100))
+    (tmp_path / "fixes.csv").write_text("time,lat,lon,alt\n" + rows)
+    assert np.ptp(read_gps(tmp_path / "fixes.csv").time_s) == 900.0
