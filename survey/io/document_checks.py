@@ -104,3 +104,10 @@ def check_xml(content: bytes, root: str, where: str) -> None:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         raise InputError(f"{where} is damaged or no XML ({error}); get it again.") from error
+    except InputError:
+        raise
+    except (LookupError, ValueError) as error:
+        # Python looks up encodings that expat does not know, and refuses some itself.
+        raise InputError(
+            f"{where} states an encoding that cannot be read ({error}); save it as UTF-8."
+        ) from error

@@ -71,3 +71,10 @@ def test_a_text_that_is_too_large_to_parse_is_refused(
     monkeypatch.setattr(document_checks, "LARGEST_TEXT_BYTES", 10)
     with pytest.raises(CapacityError, match="save it as GeoPackage"):
         check_json(written(tmp_path, "a.geojson", NAMED % "EPSG:32608"), "the area")
+
+
+@pytest.mark.parametrize("encoding", ["utb-8", "utf-7", "hex", "idna"])
+def test_xml_in_an_encoding_that_cannot_be_read_is_refused(encoding: str) -> None:
+    text = f'<?xml version="1.0" encoding="{encoding}"?><kml><Document/></kml>'
+    with pytest.raises(InputError, match="states an encoding that cannot be read"):
+        check_xml(text.encode(), "kml", "the area a.kml")
