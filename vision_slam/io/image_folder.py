@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from vision_slam.io.gps_files import GpsLog
 from vision_slam.io.photos.exif import Photo
 from vision_slam.io.photos.folder import PhotoTimes, checked_photos, photo_camera, photo_fixes, photo_times
-from vision_slam.io.photos.names import times_in_names
+from vision_slam.io.photos.names import frame_numbers, times_in_names
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import (
     FORWARD,
@@ -87,13 +88,11 @@ def _listed_times(place: Path, inner: Path, files: list[Path]) -> PhotoTimes | N
             times = read_numbers(listed, 1)[:, 0]
             require_as_many(times, files, listed)
             return PhotoTimes(times, order, "")
-    if times_in_names(files) is not None:
+    if times_in_names(files) is not None or frame_numbers(files) is not None:
         return None
     try:
         times = np.array([float(file.stem) for file in files])
     except ValueError:
-        return None
-    if len(times) > 1 and np.array_equal(times, np.arange(times[0], times[0] + len(times))):
         return None
     return PhotoTimes(times, order, "")
 
@@ -105,8 +104,20 @@ def _at_rate(inner: Path, files: Sequence[Path], frame_rate_hz: float | None) ->
             f"the images in {inner} have no times in a list, in EXIF or in their names (such as {files[0].name}); name "
             "--frame-rate for those of a video, or add times.txt with one time [s] a line."
         )
-    note = f"times are those of {frame_rate_hz:g} images a second, in the order of the names"
-    return PhotoTimes(np.arange(len(files)) / frame_rate_hz, list(range(len(files))), note)
+    counted, missing = _counted(files)
+    note = f"times are those of {frame_rate_hz:g} images a second, in the order of the names{missing}"
+    return PhotoTimes(counted / frame_rate_hz, list(range(len(files))), note)
+
+
+def _counted(files: Sequence[Path]) -> tuple[FloatArray, str]:
+    """Count images from the first one, and those that are missing in the numbers of the names, and state these."""
+    numbers = frame_numbers(files)
+    if numbers is None or len(files) < 3:
+        return np.arange(float(len(files))), ""
+    steps = np.diff(numbers) / np.diff(numbers).min()
+    n_missing = int(np.rint(steps - 1.0).sum())
+    counted = np.concatenate([[0.0], np.cumsum(steps)])
+    return counted, f"; {n_missing} that their numbers leave out count as images" if n_missing else ""
 
 
 def _camera(place: Path, files: list[Path], photos: list[Photo], camera: Camera | None) -> tuple[Camera, str]:

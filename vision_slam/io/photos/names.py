@@ -13,6 +13,10 @@ _STAMP = re.compile(
     r"(?<!\d)((?:19|20)\d{2})[-_.]?(\d{2})[-_.]?(\d{2})[-_T. ]?(\d{2})[-_.h]?(\d{2})[-_.m]?(\d{2})[-_.]?(\d{3})?(?!\d)"
 )
 
+_NUMBERED = re.compile(r"(.*?)(\d+)")
+# No time since 1970 is as small, and no video has as many frames.
+_FIRST_TIME = 1e8
+
 
 def natural_key(file: Path) -> tuple[tuple[int, int, str], ...]:
     """Return the key of a file's natural order: numbers in its name count as numbers.
@@ -39,6 +43,23 @@ def times_in_names(files: Sequence[Path]) -> FloatArray | None:
     """
     times = [_time_in(file.stem) for file in files]
     return None if any(time is None for time in times) else np.array(times, dtype=np.float64)
+
+
+def frame_numbers(files: Sequence[Path]) -> FloatArray | None:
+    """Return the numbers (N,) that names differ in alone, where they count frames; None where they do not.
+
+    Examples
+    --------
+    >>> frame_numbers([Path("f8.png"), Path("f9.png"), Path("f11.png")]).tolist()
+    [8.0, 9.0, 11.0]
+    >>> frame_numbers([Path("1403636579763555584.png")]) is None
+    True
+    """
+    found = [_NUMBERED.fullmatch(file.stem) for file in files]
+    if not all(found) or len({match[1] for match in found if match}) > 1:
+        return None
+    numbers = np.array([float(match[2]) for match in found if match])
+    return numbers if (np.diff(numbers) > 0.0).all() and numbers[-1] < _FIRST_TIME else None
 
 
 def _time_in(name: str) -> float | None:

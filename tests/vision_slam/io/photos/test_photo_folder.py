@@ -98,14 +98,35 @@ def camera_file(folder):
 
 
 def test_frames_of_a_video_need_a_rate(tmp_path):
-    for k in (1, 2, 10):
+    for k in (9, 10, 11):
         photo(tmp_path / f"frame{k}.png", exif=False)
     camera_file(tmp_path)
     with pytest.raises(InputError, match="name --frame-rate for those of a video"):
         read_sequence(tmp_path)
     sequence = read_sequence(tmp_path, frame_rate_hz=10.0)
     np.testing.assert_allclose(sequence.frames.time_s, [0.0, 0.1, 0.2])
-    assert [file.stem for file in sequence.frames.images.files] == ["frame1", "frame2", "frame10"]
+    assert [file.stem for file in sequence.frames.images.files] == ["frame9", "frame10", "frame11"]
+
+
+@pytest.mark.parametrize(
+    ("names", "times", "n_missing"),
+    [
+        (["000000", "000005", "000010", "000015"], [0.0, 0.1, 0.2, 0.3], 0),
+        (["000010", "000011", "000014", "000015"], [0.0, 0.1, 0.4, 0.5], 2),
+        (["f0", "f2", "f8", "f10"], [0.0, 0.1, 0.4, 0.5], 2),
+        (["a", "b", "c", "d"], [0.0, 0.1, 0.2, 0.3], 0),
+    ],
+)
+def test_numbers_of_frames_are_no_seconds_and_count_deleted_frames(tmp_path, names, times, n_missing):
+    for name in names:
+        photo(tmp_path / f"{name}.png", exif=False)
+    camera_file(tmp_path)
+    with pytest.raises(InputError, match="name --frame-rate for those of a video"):
+        read_sequence(tmp_path)
+    sequence = read_sequence(tmp_path, frame_rate_hz=10.0)
+    np.testing.assert_allclose(sequence.frames.time_s, times)
+    stated = f"; {n_missing} that their numbers leave out count as images"
+    assert sequence.notes[0].endswith(stated if n_missing else "in the order of the names")
 
 
 def test_a_rate_beside_times_is_refused(tmp_path):
