@@ -15,6 +15,7 @@ from survey.io.point_columns import PLACE, in_own_columns, place_columns
 from survey.io.points.formats import read_point_table, refuse_marks
 from survey.io.points.table import PointTable
 from survey.io.text_tables.delimited import TextTable, read_text_table
+from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
     metres_factor,
@@ -70,7 +71,7 @@ def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | 
     elif suffix == ".gpx":
         table, names = _gpx(file, what)
     else:
-        table = read_point_table(file)
+        table = read_point_table(file, columns)
         names = _feature_names(file, what) if suffix in (".gpkg", ".geojson") else ()
     if len(set(names)) < len(names) or "" in names:
         repeated = sorted({name for name in names if names.count(name) > 1 or not name})
@@ -92,7 +93,10 @@ def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple
     names = text.texts(original[used[_NAME]]) if _NAME in used else ()
     read = {own: original[name] for own, name in used.items()}
     say_columns(text.where, ColumnNames(read, tuple(n for n in text.header if n not in read.values())))
-    return PointTable(*in_own_columns(numbers, text.where)), names
+    table = PointTable(*in_own_columns(numbers, text.where))
+    if table.crs is not None:
+        refuse_hemispheres(text, *(table.columns[name] for name in PLACE[:2]))
+    return table, names
 
 
 def _used_columns(header: list[str], where: str) -> dict[str, str]:

@@ -82,6 +82,8 @@ def _print(judged: "CheckpointScore", classes: Classes) -> None:
     typer.echo(fact_line("RMSE, 95 %", f"{low:.3f} to {high:.3f} m ({judged.interval.method})"))
     if judged.left_out:
         typer.echo(f"no height at {', '.join(judged.left_out)}")
+    if judged.n_outside:
+        typer.echo(f"{judged.n_outside} checkpoints lie outside the area that is judged and are left out")
     for line in class_lines(classes):
         typer.echo(line)
     for finding in judged.assessments:

@@ -34,6 +34,7 @@ def score_against_raster(request: ScoreRequest) -> None:
     score = survey.score(map_, truth=truth, route=route, area=area)
     classes = _classes(request, map_, truth, area)
     _print(request, score, classes)
+    _print_datums(request, map_, truth)
     _print_age(request, map_)
     if request.report is not None:
         _write_report(request, (map_, truth), score, area, classes)
@@ -95,6 +96,19 @@ def _print(request: ScoreRequest, score: "Score", classes: Classes) -> None:
     for line in class_lines(classes):
         typer.echo(line)
     typer.echo(best_class(judged))
+
+
+def _print_datums(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem") -> None:
+    """Print a note where one of map and reference alone states its vertical datum."""
+    from survey import Dem
+
+    mean = map_ if isinstance(map_, Dem) else map_.mean
+    if bool(mean.vertical_datum) != bool(truth.vertical_datum) and not request.as_json:
+        stated, unstated = ("map", "reference") if mean.vertical_datum else ("reference", "map")
+        typer.echo(
+            f"  note: the {stated} states {mean.vertical_datum or truth.vertical_datum}, and the {unstated} no vertical datum; "
+            "tens of metres can hide there"
+        )
 
 
 def _print_age(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:

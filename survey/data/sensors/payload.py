@@ -15,6 +15,8 @@ from survey.io.tables import read_table, write_table
 
 _TIME, _PLACE = "time_s", ("easting_m", "northing_m")
 _N_LEAST = 10
+# What loggers write where a sensor gave nothing.
+_MARKS = (-999.0, -6999.0, -7999.0, -9999.0, -32767.0, -32768.0, -99999.0)
 
 
 class Quantity(Section):
@@ -161,6 +163,7 @@ class PayloadLog(DataObject):
             Missing, damaged, or without one of the columns.
         """
         columns = read_table(path, (quantity.name,), what=f"the log of {quantity.name}")
+        _refuse_marks(columns[quantity.name], f"the log of {quantity.name} {path}")
         places = [columns.get(name) for name in _PLACE]
         xy: Any = None if any(place is None for place in places) else np.column_stack(places)  # type: ignore[arg-type]
         return cls(quantity, columns[quantity.name], columns.get(_TIME), xy)
@@ -177,3 +180,14 @@ class PayloadLog(DataObject):
         if self.xy is not None:
             columns |= dict(zip(_PLACE, self.xy.T, strict=True))
         write_table(path, columns | {self.quantity.name: self.value})
+
+
+def _refuse_marks(values: FloatArray, where: str) -> None:
+    """Refuse readings such as -999 that lie farther below all others than those lie apart."""
+    known = values[np.isfinite(values)]
+    lowest = float(known.min()) if known.size else 0.0
+    others = known[known > lowest]
+    if lowest in _MARKS and others.size and others.min() - lowest > np.ptp(others):
+        raise InputError(
+            f"{where} holds {lowest:g} in {int((known == lowest).sum())} rows, which stands for a missing reading; remove those rows."
+        )

@@ -13,9 +13,11 @@ from survey.io.points.table import PointTable
 from survey.io.points.text import read_csv, write_csv
 from survey.io.points.vector import read_vector, write_vector
 from survey.io.raster.values import MARKS, MARKS_IN_METRES
+from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_column, say_columns
 
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
 _LARGEST = 1e15
+_SIGMA = "sigma_z_m"
 _TEXT_TABLES = (".csv", ".txt", ".tsv")
 
 
@@ -58,7 +60,17 @@ def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
         raise InputError(
             f"{path} is no text table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
         )
-    return _format(path).read(path)
+    return _with_usual_sigma(_format(path).read(path), path)
+
+
+def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
+    """Give the standard deviation of heights its own name, where the file has a usual one."""
+    name = one_column("sigma_z", list(table.columns), f"the point file {path}")
+    if name is None or name == _SIGMA:
+        return table
+    columns = {key: column for key, column in table.columns.items() if key != name}
+    say_columns(f"the point file {path}", ColumnNames({_SIGMA: name}))
+    return table._replace(columns={**columns, _SIGMA: metres_factor(name) * table.columns[name]})
 
 
 def refuse_marks(table: PointTable, path: str | Path) -> None:

@@ -25,6 +25,8 @@ from survey.scoring.motion.displacements import DisplacementField
 ElevationSurface = Dem | Reconstruction
 # Independent surveys agree to the last digit on few cells only.
 _MOST_EQUAL = 0.5
+# Geoids and ellipsoids, or feet and metres, differ by more.
+_LARGEST_OFFSET_M = 10.0
 
 
 @check_types
@@ -138,6 +140,7 @@ def _change(
         (
             *datum_notes(levelled.vertical_datum),
             *_copy_notes(heights[known & ground.stable]),
+            *_offset_notes(offset),
             *_error_notes(n_blunders, is_levelled=is_levelled),
             *scale_notes(levelled),
         ),
@@ -187,6 +190,16 @@ def _copy_notes(stable_m: FloatArray) -> tuple[str, ...]:
 
 def _mean(values: FloatArray, weights: FloatArray, mask: BoolArray) -> float:
     return float((values[mask] * weights[mask]).sum() / weights[mask].sum())
+
+
+def _offset_notes(offset_m: float) -> tuple[str, ...]:
+    """Return a note where more was subtracted than surveys err by."""
+    if abs(offset_m) <= _LARGEST_OFFSET_M:
+        return ()
+    return (
+        f"{offset_m:+.4g} m, the mean difference of the unchanged ground, were subtracted, which is more than surveys err by; "
+        "check the units and the vertical datums of both",
+    )
 
 
 def _error_notes(n_blunders: int, *, is_levelled: bool) -> tuple[str, ...]:

@@ -179,3 +179,18 @@ def test_large_surveys_are_averaged_before_they_are_compared(
     monkeypatch.setattr(large_surveys, "_AVERAGED_CELLS", 1_000)
     assert "averaged over squares of about 19" in output_of(*_surveys(site))
     assert Dem.read("out/change.tif").step_m == 20.0
+
+
+def test_checkpoints_beyond_the_map_are_counted(site: Path) -> None:
+    with Path("all.csv").open("a") as file:
+        file.write("far,90000.0,0.0,100.0,0.02\n")
+    words = output_of("score", "map.tif", "--checkpoints", "all.csv")
+    assert "1 checkpoints lie outside the area that is judged and are left out" in words
+
+
+def test_a_vertical_datum_that_one_raster_alone_states_is_noted(site: Path) -> None:
+    dem = Dem.read("map.tif")
+    Dem(dem.elevation, dem.transform, dem.crs).write("unstated.tif")
+    words = output_of("score", "map.tif", "--truth", "unstated.tif")
+    assert "note: the map states EGM96 height, and the reference no vertical datum" in words
+    assert "vertical datum" not in output_of("score", "map.tif", "--truth", "map.tif")

@@ -208,3 +208,10 @@ def test_the_command_writes_map_table_and_figure(tmp_path: Path) -> None:
     }
     again = CliRunner().invoke(app, args)
     assert (again.exit_code, "exists" in again.stderr) == (3, True)
+
+
+def test_a_subtracted_offset_beyond_errors_of_surveys_is_stated() -> None:
+    later, earlier = pair()
+    in_feet = Dem.on(GRID, earlier.elevation / 0.3048, "EGM96 height")
+    assert "mean difference of the unchanged ground, were subtracted" in change(later, in_feet, ICE).notes[0]
+    assert not any("were subtracted" in note for note in change(later, earlier, ICE).notes)
