@@ -19,7 +19,7 @@ from survey.reconstruction.gp.engines.fourier.resolution import (
     amplitudes,
     modes_within,
     sharpest_std_m,
-    tail_variance,
+    variance_left_out,
 )
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
@@ -224,7 +224,7 @@ class JointTerrain:
         datum = local_datum_m(points.z)
         site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
         basis = basis or self._waves(found, site, points.xy, noise, memory_mb)
-        tail = tail_variance(found.kernel, basis)
+        tail = variance_left_out(found.kernel, basis)
         total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
         trend, strengths = PolynomialTrend("plane", basis.box), amplitudes(found.kernel, basis)

@@ -13,7 +13,7 @@ from survey.core.crs.transformation import transformed
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
 from survey.reconstruction.gp.config import JointConfig
-from survey.reconstruction.gp.covariance.kernels import SquaredExponential
+from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
 from survey.reconstruction.gp.engines.fourier.resolution import amplitudes, resolve
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
 from survey.reconstruction.joint.joint_map import JointTerrain
@@ -127,6 +127,18 @@ def test_a_path_without_error_gives_the_plain_map():
     far = plain.std.elevation > 0.5
     assert np.abs(joint.mean.elevation - plain.mean.elevation)[~far].max() < 3e-3
     assert np.abs(joint.std.elevation / plain.std.elevation - 1.0).max() < 0.02
+
+
+def test_a_kernel_longer_than_the_site_draws_relief_that_points_show():
+    points = seen_points(600)
+    errors = []
+    for kernel in (Matern32(4.0, 60.0), Matern32(4.0 * 10.0**3, 600.0)):
+        config = GaussianProcessConfig(fit=False, kernel=kernel, mean="plane")
+        terrain = JointTerrain(path_error(1e-3), None, config, JointConfig(memory_mb=10.0))
+        height = terrain.solved(points, GRID.bounds).terrain.height(points.xy)
+        errors.append(float(np.std(height - hill(points.xy))))
+    # Near points both have the same steepness; the longer one's waves were too long for the hills before.
+    assert errors[1] < 1.5 * errors[0]
 
 
 def test_an_offset_that_all_landmarks_share_is_not_averaged_away():

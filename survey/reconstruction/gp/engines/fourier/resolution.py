@@ -13,6 +13,10 @@ from survey.reconstruction.gp.engines.fourier_basis import FourierBasis, Fourier
 LARGEST_HALF = 256
 # A share of the prior variance in the discarded waves that is still fine relief, not terrain.
 LARGEST_TAIL = 0.02
+# Widest margin over the side of the site, where waves are few: a wider one takes waves that the relief needs.
+_WIDEST_HALO = 0.75
+# Covariance over variance below which images of a place do not count, and the most images to each side.
+_FORGOTTEN, _MOST_IMAGES = 1e-9, 200
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,20 @@ def tail_variance(kernel: Kernel, basis: FourierBasis) -> float:
     return max(kernel.variance_m2 - kept, 0.0)
 
 
+def periodic_variance(kernel: Kernel, box: FourierBox) -> float:
+    """Return the prior variance [m²] of all waves of a box: the covariances of a place with itself and all its images."""
+    largest = np.minimum(np.ceil(kernel.decay_m(_FORGOTTEN) / box.period_m), _MOST_IMAGES)
+    p, q = (np.arange(-n, n + 1) for n in largest)
+    images = np.stack(np.meshgrid(p, q), axis=-1).reshape(-1, 2)
+    return float(kernel.covariance_of_lag(images * box.period_m).sum())
+
+
+def variance_left_out(kernel: Kernel, basis: FourierBasis) -> float:
+    """Return the prior variance [m²] of the waves of the box that a basis leaves out, for boxes of any margin."""
+    kept = float(np.sum(amplitudes(kernel, basis) ** 2))
+    return max(periodic_variance(kernel, basis.box) - kept, 0.0)
+
+
 def sharpest_std_m(kernel: Kernel, xy: FloatArray, noise_variance: FloatArray) -> float:
     """Order of the smallest posterior standard deviation [m]: that of the best-measured square length scale.
 
@@ -116,10 +134,11 @@ def resolve(
     """
     box = _box(kernel, bounds, sharpest_m, tolerance_m)
     largest_tail = _largest_tail_m2(sharpest_m, tolerance_m)
-    mean_basis = _strongest(box, kernel, 1e-3 * largest_tail)
-    needed = _strongest(box, kernel, largest_tail)
+    wanted = kernel.variance_m2 - largest_tail
+    mean_basis = _strongest(box, kernel, kernel.variance_m2 - 1e-3 * largest_tail)
+    needed = _strongest(box, kernel, wanted)
     largest = modes_within(memory_mb)
-    fitting = needed if needed.n_modes <= largest else _strongest(box, kernel, largest_tail, largest)
+    fitting = needed if needed.n_modes <= largest else _strongest(box, kernel, wanted, largest)
     tail = tail_variance(kernel, fitting)
     if tail > max(LARGEST_TAIL * kernel.variance_m2, largest_tail):
         shortest, (width, height) = kernel.length_scales_m[0], box.period_m
@@ -135,9 +154,19 @@ def resolve(
 def affordable_basis(
     kernel: Kernel, bounds: Bounds, sharpest_m: float, tolerance_m: float, n_modes: int
 ) -> FourierBasis:
-    """Choose waves as `resolve` does, but never more than `n_modes`, and refuse nothing."""
-    box = _box(kernel, bounds, sharpest_m, tolerance_m)
-    return _strongest(box, kernel, _largest_tail_m2(sharpest_m, tolerance_m), n_modes)
+    """Choose waves as `resolve` does, but never more than `n_modes`, and refuse nothing.
+
+    Where they do not meet the tolerance, the margin of the box is at most three quarters of the site: landforms of a
+    length beyond the site would have a box of ten times its side, whose waves are too long for what the points show.
+    """
+    box, tail_m2 = _box(kernel, bounds, sharpest_m, tolerance_m), _largest_tail_m2(sharpest_m, tolerance_m)
+    basis = _affordable(box, kernel, tail_m2, n_modes)
+    sides = np.array([bounds[2] - bounds[0], bounds[3] - bounds[1]])
+    widest = _WIDEST_HALO * float(sides.max())
+    is_met = variance_left_out(kernel, basis) <= 1.001 * tail_m2
+    if is_met or (box.period_m - sides).max() <= widest:
+        return basis
+    return _affordable(FourierBox.around(bounds, widest), kernel, tail_m2, n_modes)
 
 
 def modes_within(memory_mb: float) -> int:
@@ -156,13 +185,17 @@ def _largest_tail_m2(sharpest_m: float, tolerance_m: float) -> float:
     return 0.08 * tolerance_m * sharpest_m
 
 
-def _strongest(box: FourierBox, kernel: Kernel, tail_m2: float, largest: int | None = None) -> FourierBasis:
-    """Strongest waves that leave out at most `tail_m2`, or those of the `largest` number of modes."""
-    lattice = _lattice(box, kernel, tail_m2, largest)
+def _affordable(box: FourierBox, kernel: Kernel, tail_m2: float, n_modes: int) -> FourierBasis:
+    return _strongest(box, kernel, periodic_variance(kernel, box) - tail_m2, n_modes)
+
+
+def _strongest(box: FourierBox, kernel: Kernel, wanted_m2: float, largest: int | None = None) -> FourierBasis:
+    """Strongest waves that hold at least `wanted_m2`, or those of the `largest` number of modes."""
+    lattice = _lattice(box, kernel, wanted_m2, largest)
     variance = kernel.spectral_density(box.omega(lattice)) / box.area_m2
     order = np.argsort(-variance, kind="stable")
     mass = np.cumsum(2 * variance[order]) - variance[0]
-    n_needed = int(np.searchsorted(mass, kernel.variance_m2 - tail_m2)) + 1
+    n_needed = int(np.searchsorted(mass, wanted_m2)) + 1
     n_kept = min(n_needed, len(order), len(order) if largest is None else (largest + 1) // 2)
     # Waves as strong as the weakest kept one stay too, so that no direction is preferred.
     kept = variance >= variance[order[n_kept - 1]] * (1 - 1e-9)
@@ -170,8 +203,8 @@ def _strongest(box: FourierBox, kernel: Kernel, tail_m2: float, largest: int | N
     return FourierBasis.of(box, lattice[kept])
 
 
-def _lattice(box: FourierBox, kernel: Kernel, tail_m2: float, largest: int | None) -> IntArray:
-    """Half plane of lattice points out to where the spectrum holds less than `tail_m2`, or amply enough."""
+def _lattice(box: FourierBox, kernel: Kernel, wanted_m2: float, largest: int | None) -> IntArray:
+    """Half plane of lattice points out to where the spectrum holds `wanted_m2`, or amply enough."""
     reach = 4.0 / kernel.length_scales_m[0]
     while True:
         half = np.minimum(np.ceil(reach * box.period_m / (2 * np.pi)), LARGEST_HALF).astype(np.int64)
@@ -179,8 +212,8 @@ def _lattice(box: FourierBox, kernel: Kernel, tail_m2: float, largest: int | Non
         lattice = np.stack([p.ravel(), q.ravel()], axis=-1)
         lattice = lattice[(lattice[:, 0] > 0) | (lattice[:, 1] >= 0)]
         variance = kernel.spectral_density(box.omega(lattice)) / box.area_m2
-        left_out = kernel.variance_m2 - (2 * variance.sum() - variance[0])
+        held = 2 * variance.sum() - variance[0]
         is_ample = largest is not None and len(lattice) > 4 * largest
-        if left_out <= tail_m2 or is_ample or np.all(half == LARGEST_HALF):
+        if held >= wanted_m2 or is_ample or np.all(half == LARGEST_HALF):
             return lattice
         reach *= 1.2
