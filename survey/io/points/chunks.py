@@ -36,7 +36,7 @@ class PointChunk(NamedTuple):
     strip : (N,) ndarray of uint16
         Number of the flight line (the point source of LAS); 0 where the file states none.
     classes : (N,) ndarray of uint8
-        Classes of LAS; 0 where the file states none.
+        Classes of LAS, withheld points as noise; 0 where the file states none.
     """
 
     xyz: FloatArray
@@ -172,9 +172,13 @@ def _las_facts(file: Path) -> PointFileFacts:
 def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
     import laspy
 
-    from survey.io.points.las import opened_las
+    from survey.io.points.las import classes_of, opened_las
 
-    wanted = laspy.DecompressionSelection.base() | laspy.DecompressionSelection.Z
+    wanted = (
+        laspy.DecompressionSelection.FLAGS
+        | laspy.DecompressionSelection.base()
+        | laspy.DecompressionSelection.Z
+    )
     wanted |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.POINT_SOURCE_ID
     with opened_las(file, decompression_selection=wanted) as reader:
         reader.seek(first)
@@ -187,5 +191,5 @@ def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
             yield PointChunk(
                 np.column_stack([np.asarray(axis, np.float64) for axis in (points.x, points.y, points.z)]),
                 np.asarray(points.point_source_id, np.uint16),
-                np.asarray(points.classification, np.uint8),
+                classes_of(points),
             )

@@ -10,8 +10,10 @@ from typing import Any
 import laspy
 import lazrs
 import numpy as np
+import numpy.typing as npt
 from pyproj.exceptions import CRSError
 
+from survey.core.arrays import BoolArray
 from survey.core.checksum import checksum, refuse_altered
 from survey.core.crs.vertical_datum import UNSTATED, vertical_datum_of
 from survey.core.errors import InputError
@@ -21,6 +23,8 @@ from survey.io.las_header import check_las_points, check_las_records
 from survey.io.point_columns import PLACE
 from survey.io.points.table import CRC, DATUM, PointTable, add_column, check_count, damaged
 
+GROUND, NOISE = 2, (7, 18)
+"""Classes of LAS."""
 # LAS stores coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
@@ -104,7 +108,35 @@ def read_las(path: Path) -> PointTable:
         elif record.user_id == _LAS_OWNER and record.record_id == _LAS_CRC:
             crc = record.record_data.decode("utf-8", "replace")
             refuse_altered(file, crc, columns.values(), f"its record {_LAS_OWNER} {_LAS_CRC}")
-    return PointTable(columns, crs, datum)
+            return PointTable(columns, crs, datum)  # without classes
+    return PointTable(columns, crs, datum, _is_ground(las))
+
+
+def _is_ground(las: Any) -> BoolArray | None:
+    """Return which points are of the ground where it is classified, else which are no noise; None for all."""
+    classes = classes_of(las)
+    found: BoolArray = ~np.isin(classes, NOISE)
+    if (classes == GROUND).any():
+        found = classes == GROUND
+    return None if found.all() else found
+
+
+def classes_of(points: Any) -> npt.NDArray[np.uint8]:
+    """Return the classes (N,) of points of laspy; withheld points count as noise.
+
+    Parameters
+    ----------
+    points : laspy.LasData or laspy.ScaleAwarePointRecord
+        Points with their flags.
+
+    Returns
+    -------
+    (N,) ndarray of uint8
+        As LAS numbers them.
+    """
+    classes: npt.NDArray[np.uint8] = np.array(points.classification, dtype=np.uint8)
+    classes[np.asarray(points.withheld, dtype=np.bool_)] = NOISE[0]
+    return classes
 
 
 def write_las(path: Path, table: PointTable) -> None:

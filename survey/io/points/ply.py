@@ -1,8 +1,10 @@
 """PLY point files."""
 
+import logging
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import plyfile
 from pyproj import CRS
 
@@ -17,6 +19,7 @@ from survey.io.point_columns import PLACE
 from survey.io.points.table import CRC, DATUM, PointTable, add_column, check_count, damaged
 
 _PLY_HEAD = 65_536
+_COARSE_M = 0.01
 
 
 def read_ply(path: Path) -> PointTable:
@@ -42,6 +45,7 @@ def read_ply(path: Path) -> PointTable:
             f"the point file {file} has vertices without {', '.join(sorted(missing))}; get it again."
         )
     columns = dict(zip(PLACE, (vertices[axis].astype(np.float64) for axis in "xyz"), strict=True))
+    _say_rounded(file, vertices)
     for name in vertices.dtype.names:
         if name not in "xyz" and np.issubdtype(vertices.dtype[name], np.number):
             add_column(columns, name, vertices[name], file)
@@ -65,6 +69,19 @@ def write_ply(path: Path, table: PointTable) -> None:
     element = plyfile.PlyElement.describe(vertices, "vertex")
     with replacing(path) as draft:
         plyfile.PlyData([element], text=False, byte_order="<", comments=comments).write(str(draft))
+
+
+def _say_rounded(file: Path, vertices: npt.NDArray[np.void]) -> None:
+    """Log how far coordinates are rounded, where numbers of 32 bits are too short for them."""
+    axes = [vertices[axis] for axis in "xyz" if vertices.dtype[axis] == np.float32]
+    step_m = max((float(np.spacing(np.abs(axis).max(initial=0.0))) for axis in axes), default=0.0)
+    if step_m > _COARSE_M:
+        logging.getLogger(__name__).warning(
+            "the point file %s stores coordinates in 32 bits, which rounds them to %.3g m; export it with properties of the "
+            "type double.",
+            file,
+            step_m,
+        )
 
 
 def _check_ply_claim(file: Path) -> None:

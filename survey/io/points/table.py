@@ -1,11 +1,12 @@
 """Points as a table: places, other columns, CRS, vertical datum; checks common to all formats."""
 
+import logging
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import first_line
@@ -19,11 +20,33 @@ _SAME_PLACE_M = 0.01
 
 
 class PointTable(NamedTuple):
-    """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them."""
+    """Columns of equal length, ``x_m``, ``y_m`` and ``z_m`` among them; CRS and datum where the file names them.
+
+    ``is_ground`` (N,) tells points of the ground from others by their classes; None where all are of the ground.
+    """
 
     columns: dict[str, FloatArray]
     crs: Any = None
     vertical_datum: str = UNSTATED
+    is_ground: BoolArray | None = None
+
+
+def ground_of(table: PointTable, where: str) -> PointTable:
+    """Return the points of the ground alone, and log how many others are left out."""
+    if table.is_ground is None:
+        return table
+    kept = table.is_ground
+    if not kept.any():
+        raise InputError(f"{where} holds noise and withheld points alone; no ground can be mapped from it.")
+    logging.getLogger(__name__).warning(
+        "%s: %d of %d points are used: those of the ground (class 2), or where it is not classified all but noise "
+        "(classes 7 and 18) and withheld ones.",
+        where,
+        int(kept.sum()),
+        len(kept),
+    )
+    columns = {name: column[kept] for name, column in table.columns.items()}
+    return table._replace(columns=columns, is_ground=None)
 
 
 def add_column(columns: dict[str, FloatArray], name: str, values: Any, path: Path) -> None:

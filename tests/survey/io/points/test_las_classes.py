@@ -1,0 +1,84 @@
+"""Classes and flags of LAS: the ground is mapped, and noise and withheld points are not."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pytest
+from pyproj import CRS
+
+from survey import SurfacePoints
+from survey.core.errors import InputError
+from survey.interchange.convert import convert
+from survey.io.points.chunks import read_chunks
+from survey.io.points.ply import read_ply
+
+N = 40
+ODD = np.arange(N) % 2 == 1
+
+
+def cloud(path: Path, classes: Any, withheld: Any = False) -> Path:
+    """Write ground at 100 m, and what is none at 150 m."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = np.full(3, 0.001)
+    header.add_crs(CRS("EPSG:32608"))
+    points = laspy.LasData(header)
+    points.x, points.y, points.z = np.arange(float(N)), np.arange(float(N)), np.where(ODD, 150.0, 100.0)
+    points.classification = np.broadcast_to(classes, N).astype(np.uint8)
+    points.withheld = np.broadcast_to(withheld, N).astype(np.uint8)
+    points.write(str(path))
+    return path
+
+
+@pytest.mark.parametrize("ending", ["las", "laz"])
+@pytest.mark.parametrize(
+    ("classes", "withheld"),
+    [
+        (np.where(ODD, 5, 2), False),
+        (np.where(ODD, 7, 1), False),
+        (np.where(ODD, 18, 0), False),
+        (0, ODD),
+        (2, ODD),
+    ],
+)
+def test_ground_alone_becomes_surface_points(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, ending: str, classes: Any, withheld: Any
+) -> None:
+    file = cloud(tmp_path / f"a.{ending}", classes, withheld)
+    with caplog.at_level(logging.WARNING):
+        points = SurfacePoints.read(file, sigma_m=0.1)
+    assert points.xyz[:, 2].tolist() == [100.0] * (N // 2)
+    assert f"{N // 2} of {N} points are used" in caplog.text
+
+
+@pytest.mark.parametrize("code", [0, 1, 2])
+def test_points_of_one_class_are_all_read(tmp_path: Path, code: int) -> None:
+    assert len(SurfacePoints.read(cloud(tmp_path / "a.las", code), sigma_m=0.1)) == N
+
+
+def test_noise_alone_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.las holds noise and withheld points alone"):
+        SurfacePoints.read(cloud(tmp_path / "a.las", 7), sigma_m=0.1)
+
+
+def test_a_conversion_keeps_every_point(tmp_path: Path) -> None:
+    convert(cloud(tmp_path / "a.las", np.where(ODD, 7, 2)), tmp_path / "a.csv", "points")
+    assert len((tmp_path / "a.csv").read_text().splitlines()) == N + 1
+
+
+@pytest.mark.parametrize("ending", ["las", "laz"])
+def test_withheld_points_are_noise_in_chunks(tmp_path: Path, ending: str) -> None:
+    (chunk,) = read_chunks(cloud(tmp_path / f"a.{ending}", 2, ODD), 0, N)
+    assert chunk.classes.tolist() == np.where(ODD, 7, 2).tolist()
+
+
+def test_coordinates_that_32_bits_round_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 1\n"
+    for kind, is_named in (("float", True), ("double", False)):
+        caplog.clear()
+        properties = "".join(f"property {kind} {axis}\n" for axis in "xyz")
+        (tmp_path / "a.ply").write_text(f"{head}{properties}end_header\n500000.3 6700000.3 800.1\n")
+        read_ply(tmp_path / "a.ply")
+        assert ("rounds them to 0.5 m" in caplog.text) is is_named
