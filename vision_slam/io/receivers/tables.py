@@ -10,6 +10,7 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.text import printable
+from survey.io.text_tables.clock_numbers import refuse_clock_numbers
 from survey.io.text_tables.delimited import TextTable, read_text_table
 from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
@@ -21,7 +22,6 @@ from survey.io.text_tables.spellings import (
     renamed_header,
 )
 from survey.io.text_tables.usual_names import OWN_NAMES
-from vision_slam.io.receivers.clock_numbers import refuse_clock_numbers
 from vision_slam.io.receivers.rows import ReceiverFixes, axis_sigma_m
 
 KEYS = {key: OWN_NAMES[key] for key in ("time", "x", "y", "z", "lon", "lat", "sigma_xy")}
