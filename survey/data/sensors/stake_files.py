@@ -7,12 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.data.sensors.stakes import StakeSurveys
+from survey.io.text_tables.clock_numbers import refuse_clock_numbers
 
 _COLUMNS = ("point", "time", "x", "y", "z")
 _LONGEST_CELL = 40
+# Stakes are not surveyed over and over within minutes, half an hour after a clock began.
+_YEARS = (1900.0, 2100.0)
 
 
 class NamedStakeSurveys(NamedTuple):
@@ -65,21 +69,47 @@ def read_stake_surveys(path: str | Path, *, sigma_m: float = 0.03, zero: float =
         raise InputError(
             f"the table of stakes {file} lacks the column {missing[0]!r}; the header must hold {', '.join(_COLUMNS)}."
         )
-    names = tuple(dict.fromkeys(str(row["point"]) for row in rows))
-    times = (
-        np.array([_seconds(row["time"], f"{file}, line {k}") for k, row in enumerate(rows, start=2)]) - zero
-    )
+    points = [str(row["point"]).strip() for row in rows]
+    names = tuple(dict.fromkeys(points))
+    times = _times([row["time"] for row in rows], file) - zero
     place = np.array(
         [[_number(row[axis], f"{file}, line {k}") for axis in "xyz"] for k, row in enumerate(rows, start=2)]
     )
     sigma = [
         _number(row.get("sigma") or str(sigma_m), f"{file}, line {k}") for k, row in enumerate(rows, start=2)
     ]
-    stake = np.array([names.index(str(row["point"])) for row in rows], dtype=np.float64)
+    stake = np.array([names.index(point) for point in points], dtype=np.float64)
     order = np.argsort(times, kind="stable")
     return NamedStakeSurveys(
         names, StakeSurveys(times[order], stake[order], place[order], np.array(sigma)[order])
     )
+
+
+def _times(cells: list[str | None], file: Path) -> FloatArray:
+    """Return the times (N,) [s] of a column of dates, or of one of seconds."""
+    times = np.array([_seconds(cell, f"{file}, line {k}") for k, cell in enumerate(cells, start=2)])
+    is_number = np.array([_is_number(cell or "") for cell in cells])
+    if not is_number.any():
+        return times
+    if not is_number.all():
+        k = int(np.flatnonzero(is_number != is_number[0])[0])
+        raise InputError(
+            f"{file}, line {k + 2}: the times begin as {'numbers' if is_number[0] else 'dates'} and go on otherwise; write all as dates."
+        )
+    refuse_clock_numbers(times, f"{file}, column time")
+    if ((times > _YEARS[0]) & (times < _YEARS[1])).all():
+        raise InputError(
+            f"{file}, column time, counts years ({times[0]:g}); write dates such as 2026-07-01T09:30:00Z, or seconds from 0."
+        )
+    return times
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _seconds(cell: str | None, where: str) -> float:

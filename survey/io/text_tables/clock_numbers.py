@@ -26,7 +26,7 @@ def refuse_clock_numbers(numbers: FloatArray, where: str) -> None:
     Raises
     ------
     InputError
-        All are dates such as 20240612100015, or they have even steps as hours, minutes and seconds alone.
+        All are dates such as 20240612 or 20240612100015, or they have even steps as hours, minutes and seconds alone.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def refuse_clock_numbers(numbers: FloatArray, where: str) -> None:
     Traceback (most recent call last):
     survey.core.errors.InputError: fixes.csv counts hours, minutes and seconds in one number (100040); ...
     """
-    if ((numbers > _CALENDAR[0]) & (numbers < _CALENDAR[1])).all():
+    if ((numbers > _CALENDAR[0]) & (numbers < _CALENDAR[1])).all() or _is_days(numbers):
         raise InputError(
             f"{where} writes dates as one number ({numbers[0]:.0f}); write them as 2024-06-12T10:00:15Z or as Unix time."
         )
@@ -44,6 +44,14 @@ def refuse_clock_numbers(numbers: FloatArray, where: str) -> None:
             f"{where} counts hours, minutes and seconds in one number ({numbers[0]:.6g}); "
             "write seconds, or dates such as 2024-06-12T10:00:15Z."
         )
+
+
+def _is_days(numbers: FloatArray) -> bool:
+    """Return whether all numbers are days such as 20240612."""
+    years, rest = np.divmod(numbers, 10000.0)
+    months, days = np.divmod(rest, 100.0)
+    is_day = (years >= 1900) & (years <= 2100) & (months >= 1) & (months <= 12) & (days >= 1) & (days <= 31)
+    return bool((is_day & (numbers == np.rint(numbers))).all())
 
 
 def _is_clock(numbers: FloatArray) -> bool:

@@ -42,3 +42,23 @@ def test_tables_that_cannot_be_read_are_refused(tmp_path, text, message):
     (tmp_path / "s.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         read_stake_surveys(tmp_path / "s.csv")
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        (("20240601", "20240611"), r"column time writes dates as one number \(20240601\)"),
+        (("2024.4167", "2024.4440"), "counts years"),
+        (("2024-06-01", "20240611"), "line 3: the times begin as dates and go on otherwise"),
+        (("0", "2024-06-11"), "line 3: the times begin as numbers and go on otherwise"),
+    ],
+)
+def test_dates_that_would_be_taken_for_seconds_are_refused(tmp_path, times, words):
+    (tmp_path / "s.csv").write_text("point,time,x,y,z\n" + "".join(f"1,{t},0,0,0\n" for t in times))
+    with pytest.raises(InputError, match=words):
+        read_stake_surveys(tmp_path / "s.csv")
+
+
+def test_blanks_around_a_name_make_no_other_stake(tmp_path):
+    (tmp_path / "s.csv").write_text("point,time,x,y,z\nA,0,0,0,0\nA ,86400,1,0,0\n")
+    assert read_stake_surveys(tmp_path / "s.csv").names == ("A",)
