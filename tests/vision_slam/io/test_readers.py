@@ -149,6 +149,12 @@ def test_a_plain_folder_takes_its_times_from_a_table_a_list_or_the_names(tmp_pat
     assert read_sequence(tmp_path).frames.time_s.tolist() == [3.0, 4.0]
 
 
+def test_names_that_differ_in_decimals_alone_are_times(tmp_path: Path) -> None:
+    _camera(tmp_path)
+    _stamped(tmp_path / "images", ["1000.25", "1000.50", "1000.75"])
+    assert read_sequence(tmp_path).frames.time_s.tolist() == [1000.25, 1000.5, 1000.75]
+
+
 @pytest.mark.parametrize("stems", [["0", "1"], ["a", "b"], ["frame000001", "frame000002"]])
 def test_a_plain_folder_without_times_is_refused(tmp_path: Path, stems: list[str]) -> None:
     _camera(tmp_path)

@@ -14,6 +14,7 @@ _STAMP = re.compile(
 )
 
 _NUMBERED = re.compile(r"(.*?)(\d+)")
+_SECONDS = re.compile(r"\d+\.\d+")
 # No time since 1970 is as small, and no video has as many frames.
 _FIRST_TIME = 1e8
 
@@ -54,7 +55,11 @@ def frame_numbers(files: Sequence[Path]) -> FloatArray | None:
     [8.0, 9.0, 11.0]
     >>> frame_numbers([Path("1403636579763555584.png")]) is None
     True
+    >>> frame_numbers([Path("7.25.png"), Path("7.50.png")]) is None  # Decimal numbers are times.
+    True
     """
+    if all(_SECONDS.fullmatch(file.stem) for file in files):
+        return None
     found = [_NUMBERED.fullmatch(file.stem) for file in files]
     if not all(found) or len({match[1] for match in found if match}) > 1:
         return None
