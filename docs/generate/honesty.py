@@ -41,6 +41,16 @@ FIGURES = {
         "SRTM windows, truthful: RMSE over that of an isotropic kernel and an exact level, without the offset of each map",
         "SRTM windows, truthful, stated so: RMSE over that of an isotropic kernel and an exact level",
     ),
+    "mismatch": (
+        "no prior, assumptions as drawn: coverage of 95 %, mean",
+        "no prior, assumptions off by up to 2: coverage of 95 %, mean",
+        "no prior, assumptions off by up to 2: coverage of 95 %, worst",
+        "no prior: RMSE over that of right assumptions, median of surveys",
+        "truthful prior, assumptions as drawn: coverage of 95 %, mean",
+        "truthful prior, assumptions off by up to 2: coverage of 95 %, mean",
+        "truthful prior, assumptions off by up to 2: coverage of 95 %, worst",
+        "truthful prior: RMSE over that of right assumptions, median of surveys",
+    ),
     "honest_missions": (
         "unbiased prior, stated so, no stakes: coverage of 95 %, mean",
         "unbiased prior, stated so, no stakes: coverage of 95 %, worst mission",
