@@ -49,7 +49,7 @@ def outcome(seed: int) -> dict[str, Any]:
         facts = _facts(recording.lidar, place)
     by_scans, map_s = cpu_seconds(lambda: mapped(world, mission, [(points, path.error)]))
     by_landmarks = mapped(world, mission, [(landmarks, path.error)])
-    maps = {"scans": by_scans, "landmarks": by_landmarks}
+    maps = {"scans": by_scans.reconstruction, "landmarks": by_landmarks.reconstruction}
     scores = {
         kind: judged(world, one.mean.elevation, one.std.elevation, one.mean.grid())._asdict()
         for kind, one in maps.items()

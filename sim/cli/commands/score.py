@@ -17,6 +17,7 @@ def score(request: ScoreRequest) -> None:
     """Judge a map against a reference or checkpoints: error statistics, coverage, map class.
 
     Large rasters are read in blocks. A standard whose conditions are not met gives no verdict.
+    The exit code is 5 where checkpoints show that a wanted class is not met.
 
     For example:
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sim.cli.facts import fact_line
+from sim.cli.outcome import NOT_MET
 from sim.cli.scoring.ground_classes import Classes, class_lines, class_values, scores_by_class
 from sim.cli.scoring.output import print_statistics, today, written
 from sim.cli.scoring.request import ScoreRequest
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") -> None:
-    """Judge a map by checkpoints, print the findings, and write the report that was asked for."""
+    """Judge a map by checkpoints, print the findings, and write the report; exit code 5 where a wanted class is not met."""
     import json
 
     import survey
@@ -40,6 +41,8 @@ def score_at_checkpoints(request: ScoreRequest, map_: "Reconstruction | Dem") ->
         _print(judged, classes)
     if request.report is not None:
         _write_report(request, dem, errors, judged, area, classes)
+    if any(finding.outcome == "not met" for finding in judged.assessments):
+        raise typer.Exit(NOT_MET)
 
 
 def read_checkpoints(request: ScoreRequest, dem: "Dem") -> "Checkpoints":

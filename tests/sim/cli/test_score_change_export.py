@@ -54,6 +54,12 @@ def test_checkpoints_are_judged_by_a_named_edition(site: Path) -> None:
     assert "tens of metres" in words
 
 
+def test_a_wanted_class_that_is_not_met_ends_with_its_exit_code_and_keeps_the_report(site: Path) -> None:
+    wanted = ("--class", "0.04", "--datum", "EGM96 height", "--report", "accuracy")
+    output_of("score", "map.tif", "--checkpoints", "all.csv", *wanted, code=5)
+    assert any(Path("accuracy").iterdir())
+
+
 def test_checkpoints_that_are_control_unknown_standards_and_other_datums_are_refused(site: Path) -> None:
     score = ("score", "map.tif", "--checkpoints", "all.csv")
     assert "within 0.1 m of control" in output_of(*score, "--control", "few.csv", code=3)
