@@ -1,1 +1,1 @@
-"""Formats of satellite receivers: Android GnssLogger, u-blox, tables of other programs."""
+"""Formats of satellite receivers: NMEA 0183, Android GnssLogger, u-blox, tables of other programs."""
