@@ -252,6 +252,40 @@ def test_nmea_without_any_fix_or_with_a_wrong_checksum_is_refused(tmp_path: Path
         read_gps(file)
 
 
+def _gga(second: int, quality: int = 1) -> str:
+    return _sentence(f"GPGGA,1200{second:02d}.00,5824.0000,N,13433.0000,W,{quality},08,0.9,100.0,M,0,M,,")
+
+
+def test_one_damaged_sentence_of_many_is_left_out_and_counted(tmp_path: Path) -> None:
+    file = tmp_path / "log.nmea"
+    sentences = [_gga(second) for second in range(20)]
+    file.write_text(
+        "\n".join(
+            [*sentences[:5], sentences[5].replace("5824", "5834"), *sentences[6:-1], sentences[-1][:40]]
+        )
+    )
+    log = read_gps(file)
+    assert len(log.time_s) == 18
+    assert log.notes == (
+        f"2 of 20 sentences are damaged and left out; the first: {file}, line 6: the checksum of the sentence is wrong; "
+        "it was cut off or damaged, remove it",
+    )
+    file.write_text("\n".join([*sentences[:5], *(sentence[:40] for sentence in sentences[5:])]))
+    with pytest.raises(InputError, match=r"line 6: the sentence has no checksum.* 15 of 20"):
+        read_gps(file)
+
+
+def test_places_of_nmea_that_no_satellites_gave_are_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "log.nmea"
+    file.write_text("\n".join(_gga(second, 6 if second >= 7 else 4) for second in range(10)))
+    log = read_gps(file)
+    assert len(log.time_s) == 7
+    assert log.notes == ("3 places that are dead reckoned, entered by hand or simulated are left out",)
+    file.write_text("\n".join(_gga(second, 7) for second in range(10)))
+    with pytest.raises(InputError, match=r"no GGA sentence with a fix of satellites .*10 dead reckoned"):
+        read_gps(file)
+
+
 def test_tables_of_fixes_in_degrees_and_in_metres(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(
         "time_s,easting_m,northing_m,height_m\n0,500000,6470000,5\n1,500001,6470000,5\n"

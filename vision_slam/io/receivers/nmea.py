@@ -1,5 +1,6 @@
 """NMEA 0183: fixes, their quality, standard deviations and dates."""
 
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -13,45 +14,105 @@ _DAY_S = 86400.0
 # Horizontal errors of RTK solutions by quality, fixed and float, and of other fixes beside them [m].
 _QUALITY_SIGMA_M = {4: 0.02, 5: 0.3}
 _USUAL_SIGMA_M = 1.1
+# Qualities of GGA sentences: dead reckoning, entered by hand, simulated.
+_NOT_MEASURED = {6, 7, 8}
+_MOST_DAMAGED = 0.1
 
 
 def read_nmea(file: Path) -> ReceiverFixes:
-    """Time since the first midnight, or Unix time where a sentence has the date, and place of the GGA sentences."""
-    rows: list[tuple[float, float, float, float]] = []
-    qualities: list[int] = []
-    stated: dict[float, float] = {}
-    n_without_fix, midnight_s = 0, None
-    for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
-        sentence = line[max(line.find("$"), 0) :]
-        kind, where = sentence[3:6], f"{file}, line {number}"
-        if kind not in {"GGA", "GST", "RMC"} or not sentence.startswith("$"):
-            continue
-        words = _checked_words(sentence, where)
+    """Return the fixes of the GGA sentences; times count from the first midnight where no RMC sentence has the date.
+
+    Damaged sentences are left out and counted, and so are places that no satellites gave: dead reckoning, places entered by
+    hand and simulated ones.
+
+    Raises
+    ------
+    InputError
+        No fix, more than a tenth of the sentences damaged, or a sentence that holds no numbers where they belong.
+    """
+    found = _Sentences()
+    damaged: list[str] = []
+    for where, sentence in _sentences(file):
+        words, fault = _words(sentence)
+        if fault:
+            damaged.append(f"{where}: {fault}")
+        else:
+            found.add(words, where)
+    n_sentences = len(damaged) + found.n
+    if damaged and len(damaged) > _MOST_DAMAGED * n_sentences:
+        raise InputError(f"{damaged[0]} {len(damaged)} of {n_sentences} sentences of the log are damaged.")
+    if not found.rows:
+        raise InputError(
+            f"{file} holds no GGA sentence with a fix of satellites ({found.n_without_fix} without a fix, "
+            f"{found.n_not_measured} dead reckoned, entered by hand or simulated); record GGA, and wait for a fix."
+        )
+    return found.fixes(_damage_note(damaged, n_sentences))
+
+
+class _Sentences:
+    """What the sentences of a log state."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, float, float, float]] = []
+        self.qualities: list[int] = []
+        self.stated: dict[float, float] = {}
+        self.midnight_s: float | None = None
+        self.n = self.n_without_fix = self.n_not_measured = 0
+
+    def add(self, words: list[str], where: str) -> None:
+        """Add a sentence; refuse one without numbers where they belong."""
+        self.n += 1
+        kind = words[0][2:]
+        last_s = self.rows[-1][0] if self.rows else 0.0
         try:
-            last_s = rows[-1][0] if rows else 0.0
             if kind == "RMC":
-                midnight_s = _midnight_s(words, last_s) if midnight_s is None else midnight_s
+                self.midnight_s = _midnight_s(words, last_s) if self.midnight_s is None else self.midnight_s
             elif kind == "GST":
-                stated |= _gst(words, last_s)
-            elif words[6] in ("", "0"):
-                n_without_fix += 1
+                self.stated |= _gst(words, last_s)
             else:
-                rows.append(_gga(words, last_s))
-                qualities.append(int(words[6]))
+                self._add_fix(words, last_s)
         except (ValueError, IndexError) as error:
             raise InputError(f"{where}: {error} in a {kind} sentence; correct or remove it.") from error
-    if not rows:
-        raise InputError(
-            f"{file} holds no GGA sentence with a fix ({n_without_fix} without one); record GGA, and wait for a fix."
+
+    def _add_fix(self, words: list[str], last_s: float) -> None:
+        quality = int(words[6] or 0)
+        if quality == 0:
+            self.n_without_fix += 1
+        elif quality in _NOT_MEASURED:
+            self.n_not_measured += 1
+        else:
+            self.rows.append(_gga(words, last_s))
+            self.qualities.append(quality)
+
+    def fixes(self, note: str) -> ReceiverFixes:
+        """Return the fixes, with a note of damaged sentences and one of places that no satellites gave."""
+        table = np.array(self.rows)
+        left_out = (
+            f"{self.n_not_measured} places that are dead reckoned, entered by hand or simulated are left out"
         )
-    table = np.array(rows)
-    return ReceiverFixes(
-        table[:, 0] + (midnight_s or 0.0),
-        table[:, 1:],
-        is_dated=midnight_s is not None,
-        n_without_fix=n_without_fix,
-        sigma_m=_sigma_m(table[:, 0], qualities, stated),
-    )
+        return ReceiverFixes(
+            table[:, 0] + (self.midnight_s or 0.0),
+            table[:, 1:],
+            is_dated=self.midnight_s is not None,
+            n_without_fix=self.n_without_fix,
+            sigma_m=_sigma_m(table[:, 0], self.qualities, self.stated),
+            notes=tuple(words for words in (note, left_out if self.n_not_measured else "") if words),
+        )
+
+
+def _sentences(file: Path) -> Iterator[tuple[str, str]]:
+    """Yield the place and the text of each sentence that is read."""
+    for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
+        sentence = line[max(line.find("$"), 0) :]
+        if sentence.startswith("$") and sentence[3:6] in {"GGA", "GST", "RMC"}:
+            yield f"{file}, line {number}", sentence
+
+
+def _damage_note(damaged: list[str], n_sentences: int) -> str:
+    """Return a note of sentences that are left out because they are damaged."""
+    if not damaged:
+        return ""
+    return f"{len(damaged)} of {n_sentences} sentences are damaged and left out; the first: {damaged[0].rstrip('.')}"
 
 
 def _gst(words: list[str], last_s: float) -> dict[float, float]:
@@ -93,25 +154,22 @@ def _midnight_s(words: list[str], last_s: float) -> float | None:
     return midnight - _DAY_S * float(np.floor(_clock_s(words[1], last_s) / _DAY_S))
 
 
-def _checked_words(line: str, where: str) -> list[str]:
-    body, star, checksum = line[1:].partition("*")
+def _words(sentence: str) -> tuple[list[str], str]:
+    """Return the fields of a sentence, and what is wrong with it; ``""`` where nothing is."""
+    body, star, checksum = sentence[1:].partition("*")
     checksum = checksum.split(",")[0]  # phones add their own time of arrival
     sum_of = 0
     for letter in body:
         sum_of ^= ord(letter)
-    if not star:
-        raise InputError(
-            f"{where}: the sentence has no checksum; log NMEA with checksums, so that damage is seen."
-        )
-    if checksum.strip().upper() != f"{sum_of & 0xFF:02X}":
-        raise InputError(
-            f"{where}: the checksum of the sentence is wrong; it was cut off or damaged, remove it."
-        )
     words = body.split(",")
     least = 9 if words[0][2:] == "GST" else 10
+    if not star:
+        return words, "the sentence has no checksum; log NMEA with checksums, so that damage is seen."
+    if checksum.strip().upper() != f"{sum_of & 0xFF:02X}":
+        return words, "the checksum of the sentence is wrong; it was cut off or damaged, remove it."
     if len(words) < least:
-        raise InputError(f"{where}: the sentence has {len(words)} fields; at least {least} were expected.")
-    return words
+        return words, f"the sentence has {len(words)} fields; at least {least} were expected."
+    return words, ""
 
 
 def _degrees(text: str, n_digits: int) -> float:
