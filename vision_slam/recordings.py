@@ -1,6 +1,7 @@
 """Recordings of any supported kind: open, check, localize, compare with a reference."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pyproj import CRS
@@ -10,6 +11,7 @@ from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import ImageFiles
 from survey.data.recording import Recording
 from vision_slam.io.bags import is_bag, read_bag
+from vision_slam.io.calibrations import read_calibration
 from vision_slam.io.gps_files import GpsLog, read_gps
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.io.readers import read_sequence
@@ -73,8 +75,9 @@ def open_recording(
         return _firnline_recording(place)
     if columns and gps is None:
         raise ConfigError("--columns names columns of a table of fixes; name the table with --gps.")
-    lens = None if camera is None else Camera.read(camera)
+    lens, lens_notes = (None, ()) if camera is None else read_calibration(camera)
     sequence = _read_images(place, topics, lens, frame_rate_hz)
+    sequence = replace(sequence, notes=(*lens_notes, *sequence.notes))
     if scale_from_m is not None:
         sequence = scale_by_reference(sequence, scale_from_m)
     log = sequence.gps if gps is None else read_gps(gps, columns)

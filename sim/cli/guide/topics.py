@@ -80,7 +80,7 @@ def _formats() -> str:
         "tracks": ".csv, .tum, .gpx, .gpkg; .txt (KITTI) is written",
         "images and sensors": "folders of images (times in names, EXIF or a list); TUM, EuRoC, KITTI, ROS 1 and ROS 2 bags",
         "fixes (localize --gps)": "NMEA, u-blox .ubx, Android GnssLogger .txt, RTKLIB .pos, .gpx, .csv (usual names, or --columns)",
-        "calibrations": "camera.toml (firnline calibrate writes one)",
+        "calibrations": "camera.toml (firnline calibrate writes one), YAML of ROS, OpenCV, Kalibr, ORB-SLAM",
         "missions and studies": ".toml (firnline init writes one)",
     }
     lines = [f"{name:<27} {endings}" for name, endings in rows.items()]
