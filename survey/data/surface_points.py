@@ -30,7 +30,7 @@ from survey.data.parts.point_columns import (
 from survey.data.plots import draw_points, html_table, value_range
 from survey.io.point_columns import PLACE
 from survey.io.points.formats import read_point_table, write_point_table
-from survey.io.points.table import PointTable, ground_of
+from survey.io.points.table import PointTable, ground_of, once_each
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -179,7 +179,8 @@ class SurfacePoints(DataObject):
         """Read points from text tables (CSV, TXT, TSV), GeoPackage, GeoJSON, LAS, LAZ or PLY.
 
         Of LAS and LAZ with classes the points of the ground (class 2) are read; where it is not classified, all but
-        noise (classes 7 and 18) and withheld points. The log states how many are left out.
+        noise (classes 7 and 18) and withheld points. Rows that repeat another in every column count once. The log states how many
+        are left out.
 
         Columns are ``x_m``, ``y_m``, ``z_m`` (the geometry, where the format has one), and
         for the uncertainty either ``sigma_z_m`` or the six ``cov_xx_m2``, ``cov_xy_m2``,
@@ -210,7 +211,8 @@ class SurfacePoints(DataObject):
             holds NaN, is in degrees or names no CRS.
         """
         try:
-            table = projected_table(ground_of(read_point_table(path, columns), str(path)), crs, str(path))
+            measured = once_each(ground_of(read_point_table(path, columns), str(path)), str(path))
+            table = projected_table(measured, crs, str(path))
             return cls._from_table(table, crs, sigma_m, vertical_datum)
         except InputError as error:
             message = str(error)

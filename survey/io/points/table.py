@@ -10,6 +10,7 @@ from survey.core.arrays import BoolArray, FloatArray
 from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import first_line
+from survey.io.point_columns import PLACE
 
 LARGEST_POINTS = 30_000_000
 """Most points that are read at once: some 3 GB from LAS with its attributes."""
@@ -47,6 +48,38 @@ def ground_of(table: PointTable, where: str) -> PointTable:
     )
     columns = {name: column[kept] for name, column in table.columns.items()}
     return table._replace(columns=columns, is_ground=None)
+
+
+def once_each(table: PointTable, where: str) -> PointTable:
+    """Return a table in which rows that repeat another in every column count once, and log how many are left out.
+
+    A point that is stored twice is one measurement: as two it would halve the variance that the map states there.
+    """
+    x, y, z = (table.columns[name] for name in PLACE)
+    order = np.lexsort((z, y, x))
+    repeats = np.zeros(len(order), dtype=np.bool_)
+    repeats[1:] = np.logical_and.reduce(
+        [_equal_neighbours(np.asarray(column)[order]) for column in table.columns.values()]
+    )
+    if not repeats.any():
+        return table
+    logging.getLogger(__name__).warning(
+        "%s: %d of %d points repeat another one exactly and are left out.",
+        where,
+        int(repeats.sum()),
+        len(order),
+    )
+    kept = np.sort(order[~repeats])
+    columns = {name: column[kept] for name, column in table.columns.items()}
+    return table._replace(
+        columns=columns, is_ground=None if table.is_ground is None else table.is_ground[kept]
+    )
+
+
+def _equal_neighbours(column: FloatArray) -> BoolArray:
+    """Return whether each value but the first equals the one before; NaN equals NaN."""
+    equal: BoolArray = (column[1:] == column[:-1]) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
+    return equal
 
 
 def add_column(columns: dict[str, FloatArray], name: str, values: Any, path: Path) -> None:

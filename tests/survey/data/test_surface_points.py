@@ -96,3 +96,16 @@ def test_a_zero_sigma_in_a_file_names_the_file(tmp_path: Path) -> None:
     path = _table(tmp_path, "x_m,y_m,z_m,sigma_z_m\n0,0,5,0\n")
     with pytest.raises(InputError, match=r"points\.csv.*variance of 0 or less"):
         SurfacePoints.read(path, crs=CRS)
+
+
+def test_points_that_a_file_repeats_count_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    rows = [
+        "x_m,y_m,z_m,sigma_z_m",
+        "500000,6000000,10,0.2",
+        "500001,6000000,11,0.2",
+        "500000,6000000,10,0.2",
+    ]
+    (tmp_path / "twice.csv").write_text("\n".join([*rows, "500001,6000000,11.5,0.2"]) + "\n")
+    points = SurfacePoints.read(tmp_path / "twice.csv", crs="EPSG:32608")
+    assert points.z.tolist() == [10.0, 11.0, 11.5]  # A place that was measured again is kept.
+    assert "1 of 4 points repeat another one exactly" in caplog.text
