@@ -40,7 +40,11 @@ def in_crs(features: Features, crs: Any, where: str) -> Features:
     if features.crs is not None and not is_local(features.crs):
         _refuse_misplaced(features, known_crs(features.crs, where), where)
     places = shapely.get_coordinates(features.geometry)
-    if crs is None and len(places) and is_geographic(features.crs):
+    if len(places) == 0:
+        raise InputError(
+            f"{where} holds empty shapes alone; close each ring (its last place is its first one) or draw it again."
+        )
+    if crs is None and is_geographic(features.crs):
         crs = chosen_crs(places[:, 0], places[:, 1], features.crs)
         logging.getLogger(__name__).warning(
             "%s is in degrees (%s); it is projected to %s.",

@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -117,3 +118,12 @@ def test_several_layers_are_refused_unless_one_is_named(tmp_path):
     with pytest.raises(InputError, match=r"has 2 layers \(mine, other\)"):
         SurveyArea.read(tmp_path / "a.gpkg")
     assert SurveyArea.read(tmp_path / "a.gpkg", layer="other").bounds[0] == 900.0
+
+
+def test_a_ring_that_is_not_closed_is_named_as_the_fault(tmp_path: Path) -> None:
+    ring = [[-134.57, 58.44], [-134.56, 58.44], [-134.56, 58.445], [-134.57, 58.445]]
+    polygon = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "properties": {}, "geometry": polygon}
+    (tmp_path / "open.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    with pytest.raises(InputError, match="empty shapes alone; close each ring"):
+        SurveyArea.read(tmp_path / "open.geojson")
