@@ -89,7 +89,7 @@ def test_real_outlines_are_read_and_broken_ones_are_named(real_data):
     # Rings of the glacier inventory's outlines touch themselves.
     with pytest.raises(InputError, match=r"oetztal.*Ring Self-intersection"):
         SurveyArea.read(real_data / "dem_oggm_glaciers" / "outlines" / "rgi_oetztal.shp", crs="EPSG:32632")
-    with pytest.raises(InputError, match="empty polygon"):
+    with pytest.raises(InputError, match="empty shapes alone"):
         SurveyArea.read(real_data / "coverage_fields2cover" / "strips.geojson", crs="EPSG:32632")
 
 
