@@ -13,7 +13,7 @@ from vision_slam.fusion.receiver.base_station import stated_errors
 from vision_slam.fusion.smoother import smooth
 
 # Refused fixes at the end of a drive that count as a contradiction.
-_LEAST_RUN = 2
+_LEAST_RUN = 1
 # Log prior of a receiver that jumps: how seldom, and over how many metres.
 _JUMPS = -15.0
 # Squared Mahalanobis distance of a refused fix that agrees after all (χ² of two dimensions, 99 %).

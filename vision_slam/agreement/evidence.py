@@ -35,15 +35,20 @@ class EvidenceComparison:
     recording: OdometryRecording
     path: FloatArray
 
+    @property
+    def length_m(self) -> float:
+        """Length of the path [m]."""
+        return float(np.linalg.norm(np.diff(self.path, axis=0), axis=1).sum())
+
     def evidence(self, config: LocalizationConfig, like: LocalizationConfig) -> float:
         """Return the log evidence of a configuration at the nodes of another, whose errors are not smaller."""
-        length_m = float(np.linalg.norm(np.diff(self.path, axis=0), axis=1).sum())
-        fine = config.model_copy(update={"node_spacing_m": node_spacing_m(length_m, like)})
+        fine = config.model_copy(update={"node_spacing_m": node_spacing_m(self.length_m, like)})
         return log_evidence(self.recording, self.path, fine)
 
-    def gain(self, wider: LocalizationConfig, config: LocalizationConfig) -> float:
-        """Return the log evidence that other errors gain, at the nodes of these."""
-        return self.evidence(wider, like=wider) - self.evidence(config, like=wider)
+    def gain(self, other: LocalizationConfig, config: LocalizationConfig) -> float:
+        """Return the log evidence that other errors gain, at the nodes of those with the closer ones."""
+        closer = min(other, config, key=lambda errors: node_spacing_m(self.length_m, errors))
+        return self.evidence(other, like=closer) - self.evidence(config, like=closer)
 
 
 def agrees_better_delayed(
@@ -124,38 +129,36 @@ def fitted_turn_sigma_m(recording: OdometryRecording, path: FloatArray, config: 
 def fitted_errors(chosen: EvidenceComparison, config: LocalizationConfig) -> tuple[LocalizationConfig, float]:
     """Return the errors of largest evidence, by coordinate ascent from the assumed ones, and their gain.
 
-    The first round leaves a setting at its first level that gains nothing; where it shows a
-    disagreement, the next ones try all levels.
+    Every round compares all levels of a setting: a slightly larger error may gain nothing where a much larger
+    one gains most.
     """
     best, total = config, 0.0
     for _ in range(_ROUNDS):
         before = total
         for setting in _LEVELS:
-            for trial in _wider(best, config, setting):
+            for trial in _others(best, config, setting):
                 gain = chosen.gain(trial, best)
                 if gain > 0.0:
                     best, total = trial, total + gain
-                elif before < CONVINCING:
-                    break
         if total == before:
             break
     return best, total
 
 
-def _wider(
+def _others(
     best: LocalizationConfig, assumed: LocalizationConfig, setting: str
 ) -> Iterator[LocalizationConfig]:
-    """Yield configurations in which one error is larger than in the best so far, level by level.
+    """Yield the best configuration so far with each other level of one error, from the assumed one upwards.
 
     Headings without a random walk keep none: with one the smoother would use the gyro too, and evidence
     over other records cannot be compared.
     """
     if setting == "heading_walk_deg_sqrt_m" and not GyroErrors.of(assumed).is_used:
         return
-    now = getattr(best, setting)
-    for level in _LEVELS[setting]:
-        if level > max(now, getattr(assumed, setting)):
+    now, least = getattr(best, setting), getattr(assumed, setting)
+    for level in (least, *(level for level in _LEVELS[setting] if level > least)):
+        if level != now:
             changed = {setting: level}
             if setting == "scale_wander_sigma":
-                changed["scale_wander_m"] = max(_WANDER_M, assumed.scale_wander_m)
+                changed["scale_wander_m"] = max(_WANDER_M, assumed.scale_wander_m) if level > least else assumed.scale_wander_m
             yield best.model_copy(update=changed)

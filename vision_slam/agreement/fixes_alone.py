@@ -20,7 +20,8 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
     """Test by cross-validation whether the smoothed path predicts fixes worse than their neighbours do.
 
     Every second fix is left out and predicted by the path smoothed with the others, and by linear
-    interpolation between the others; then the same with the other half. The path does not follow the slow error of
+    interpolation between the others; then the same with the other half. The first fix and the last are predicted by
+    the path beyond the others, and by the mean velocity of the nearest others. The path does not follow the slow error of
     the receiver, which neighbours share: what successive errors by the path have in common does not count, up to the
     assumed variance of that error.
 
@@ -45,11 +46,12 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
     by_path = by_fixes = common = slow = 0.0
     for first in (0, 1):
         held = np.zeros(len(gps), dtype=np.bool_)
-        held[1 + first : -1 : 2] = True
+        held[first::2] = True
         smoothed = smooth(replace(recording, gps=gps.select(~held)), path, config).position
         error = _errors(gps, held, poses_s, smoothed)
         by_path += float((error**2).sum())
-        by_fixes += float((_errors(gps, held, gps.time_s[~held], gps.position[~held]) ** 2).sum())
+        by_neighbours = _extended(gps.time_s, gps.select(~held))
+        by_fixes += float((_errors(gps, held, gps.time_s, by_neighbours) ** 2).sum())
         common += float((error[1:] * error[:-1]).sum())
         slow += error.size * config.gps_bias_sigma_m**2
     return by_path - min(max(common, 0.0), slow) > by_fixes
