@@ -14,10 +14,12 @@ from vision_slam.inertial.gyro import GyroErrors
 # Errors that are tried, by setting, from the assumed ones upwards.
 _LEVELS: dict[str, tuple[float, ...]] = {
     "scale_wander_sigma": (0.03, 0.06, 0.12, 0.25, 0.5),
+    "scale_wander_m": (60.0, 200.0),
     "heading_walk_deg_sqrt_m": (0.15, 0.6, 2.4, 9.6),
     "step_sigma_m": (0.05, 0.2, 0.8),
 }
-# Scale that is wrong by a lens or a focal length varies over a bend, not over steps.
+# Scale that is wrong by a lens or a focal length varies over a bend, not over steps. Scale that drifts goes on to drift
+# where no fixes are: only a long correlation length says so.
 _WANDER_M = 20.0
 # Log likelihood that a wider error must gain, also for each fix of a long drive.
 CONVINCING, MISFIT = 10.0, 0.02
@@ -83,9 +85,7 @@ def agrees_better_delayed(
     chosen = [EvidenceComparison(replace(recording, gps=fixes), path) for fixes in (common, moved)]
     fitted = [fitted_errors(comparison, config)[0] for comparison in chosen]
     widest = config.model_copy(
-        update={
-            name: max(getattr(errors, name) for errors in fitted) for name in (*_LEVELS, "scale_wander_m")
-        }
+        update={name: max(getattr(errors, name) for errors in fitted) for name in _LEVELS}
     )
     as_it_is, delayed = (
         comparison.evidence(errors, like=widest) for comparison, errors in zip(chosen, fitted, strict=True)
@@ -151,14 +151,31 @@ def _others(
     """Yield the best configuration so far with each other level of one error, from the assumed one upwards.
 
     Headings without a random walk keep none: with one the smoother would use the gyro too, and evidence
-    over other records cannot be compared.
+    over other records cannot be compared. The assumed error of scale keeps its correlation length.
     """
-    if setting == "heading_walk_deg_sqrt_m" and not GyroErrors.of(assumed).is_used:
+    is_wandering = best.scale_wander_sigma > assumed.scale_wander_sigma
+    is_fixed = {
+        "heading_walk_deg_sqrt_m": not GyroErrors.of(assumed).is_used,
+        "scale_wander_m": not is_wandering,
+    }
+    if is_fixed.get(setting, False):
         return
-    now, least = getattr(best, setting), getattr(assumed, setting)
+    least = getattr(assumed, setting)
+    if setting == "scale_wander_m":
+        least = max(_WANDER_M, least)
     for level in (least, *(level for level in _LEVELS[setting] if level > least)):
-        if level != now:
-            changed = {setting: level}
-            if setting == "scale_wander_sigma":
-                changed["scale_wander_m"] = max(_WANDER_M, assumed.scale_wander_m) if level > least else assumed.scale_wander_m
-            yield best.model_copy(update=changed)
+        if level != getattr(best, setting):
+            yield _with_level(best, assumed, setting, level)
+
+
+def _with_level(
+    best: LocalizationConfig, assumed: LocalizationConfig, setting: str, level: float
+) -> LocalizationConfig:
+    """Return the best configuration so far with another level of one error, and a correlation length that fits it."""
+    changed = {setting: level}
+    if setting == "scale_wander_sigma":
+        is_wider = level > assumed.scale_wander_sigma
+        changed["scale_wander_m"] = (
+            max(_WANDER_M, best.scale_wander_m) if is_wider else assumed.scale_wander_m
+        )
+    return best.model_copy(update=changed)
