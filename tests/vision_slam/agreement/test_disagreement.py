@@ -18,10 +18,13 @@ from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.online import filter_path, select_fixes
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.pipeline import image_config
 
 RTK = LocalizationConfig(
     gps_bias_sigma_m=0.01, gps_white_sigma_m=0.02, gps_correlation_time_s=300.0, scale_sigma=0.1
 )
+
+IMAGES = image_config(RTK.model_copy(update={"start": "unknown"}))
 
 
 def _hook(factor: float = 1.0, jump_m: float = 0.0) -> tuple[OdometryRecording, FloatArray]:
@@ -114,6 +117,49 @@ def test_a_jump_of_the_receiver_at_the_end_of_a_drive_is_not_taken_for_an_error_
     agreement = reconcile(recording, path, RTK, online)
     assert agreement.config is RTK
     assert not agreement.used[81:].any()
+
+
+def test_odometry_that_fails_before_the_last_fix_is_no_outlier_of_the_receiver() -> None:
+    """40 m at 8 m/s; steps of the last second are twice too long, so that one fix of six is refused."""
+    right, _ = _drifting(50, every=10)
+    steps = right.odometry.step.copy()
+    steps[40:] *= 2.0
+    recording = replace(right, odometry=replace(right.odometry, step=steps))
+    reckoned = dead_reckoning(recording.odometry, recording.start)
+    online = filter_path(recording, reckoned, IMAGES)
+    assert online.accepted.tolist() == [True] * 5 + [False]
+    agreement = reconcile(recording, reckoned, IMAGES, online)
+    assert agreement.used.all()
+    assert agreement.gain > 10.0
+
+
+def test_a_drift_of_scale_goes_on_where_fixes_end() -> None:
+    """Scale grows by a third over 240 m, and the fixes end half-way."""
+    recording, path = _drifting(300, every=10, factor=1.3)
+    recording = replace(recording, gps=recording.gps.select(recording.gps.time_s <= 15.0))
+    reckoned = dead_reckoning(recording.odometry, recording.start)
+    agreement = reconcile(recording, reckoned, IMAGES, filter_path(recording, reckoned, IMAGES))
+    assert agreement.config.scale_wander_m > 50.0
+    smoothed = smooth(select_fixes(recording, agreement.used), reckoned, agreement.config)
+    error, spread = (smoothed.position - path)[151:, :2], smoothed.covariance[151:, :2, :2]
+    squared = np.einsum("ni,ni->n", error, np.linalg.solve(spread, error[:, :, None])[:, :, 0])
+    assert squared.mean() < 6.0
+
+
+def _drifting(n: int, every: int, factor: float = 1.0) -> tuple[OdometryRecording, FloatArray]:
+    """Images at 10 Hz of a drive at 8 m/s in bends, whose scale grows by a factor, and RTK fixes."""
+    times = 0.1 * np.arange(n + 1.0)
+    heading = 0.5 * np.pi * np.sin(2.0 * np.pi * times / times[-1])
+    attitude = np.column_stack([np.zeros((n + 1, 2)), heading])
+    steps = np.tile([0.8, 0.0, 0.0], (n, 1))
+    path = dead_reckoning(Odometry(times, steps, attitude), np.zeros(3))
+    rng = np.random.default_rng(8)
+    counted = steps * np.linspace(1.0, factor, n)[:, None] + 0.005 * rng.standard_normal(steps.shape)
+    fixes = GpsFixes(times[::every], path[::every] + 0.02 * rng.standard_normal((n // every + 1, 3)))
+    return OdometryRecording(
+        CRS("EPSG:32608"), path[0], fixes, odometry=Odometry(times, counted, attitude),
+        sightings=Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0]), start_is_surveyed=False,
+    ), path  # fmt: skip
 
 
 @pytest.mark.parametrize("first", [0, 40])

@@ -1,5 +1,7 @@
 """Odometry that predicts fixes worse than their neighbours do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,25 @@ def test_good_odometry_predicts_fixes_better_than_their_neighbours() -> None:
 def test_wandering_odometry_predicts_fixes_worse() -> None:
     recording = _drive()
     assert is_worse_than_fixes(recording, _wandering(recording), WIDE)
+
+
+@pytest.mark.parametrize("failing", [slice(0, 10), slice(40, 50)])
+def test_odometry_that_fails_beside_the_first_fix_or_the_last_is_worse_than_fixes(failing: slice) -> None:
+    """5 s at 8 m/s with a turn of 90 degrees and a fix each second; a fifth of the steps are three times too long."""
+    times = np.arange(0.0, 5.05, 0.1)
+    heading = 0.5 * np.pi * np.clip((times - 1.75) / 1.5, 0.0, 1.0)
+    attitude = np.column_stack([np.zeros((51, 2)), heading])
+    right = Odometry(times, np.tile([0.8, 0.0, 0.0], (50, 1)), attitude)
+    places = dead_reckoning(right, np.zeros(3))
+    sightings = Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
+    fixes = GpsFixes(times[::10], places[::10])
+    recording = OdometryRecording("EPSG:32608", places[0], fixes, odometry=right, sightings=sightings)
+    precise = WIDE.model_copy(update={"gps_bias_sigma_m": 0.01, "gps_white_sigma_m": 0.02})
+    assert not is_worse_than_fixes(recording, places, precise)
+    steps = right.step.copy()
+    steps[failing] *= 3.0
+    wrong = replace(recording, odometry=replace(right, step=steps))
+    assert is_worse_than_fixes(wrong, dead_reckoning(wrong.odometry, places[0]), precise)
 
 
 def test_good_odometry_is_not_blamed_for_the_slow_error_of_the_receiver() -> None:

@@ -57,7 +57,7 @@ def test_a_delay_found_with_images_worse_than_the_fixes_is_undone(wandering: Dri
     assert np.abs(path[::5] - gps.position).max() < 1e-6
 
 
-def test_images_that_no_wider_error_fits_are_replaced_too() -> None:
+def test_images_that_only_a_much_wider_error_fits_are_replaced_too() -> None:
     """51 images of a turn of 98 degrees at 10 m/s, of which the odometry makes a straight line that slows down."""
     east = np.array([0.0, 8.38, 17.07, 26.32, 34.42, 40.58])
     north = np.array([0.0, 4.16, 3.24, -0.51, -8.87, -18.51])
@@ -75,7 +75,8 @@ def test_images_that_no_wider_error_fits_are_replaced_too() -> None:
         LocalizationConfig(start="unknown", clock_sigma_s=0.5, gps_correlation_time_s=500.0), 0.052
     )
     drive = align_drive(scale_to_fixes(Drive(recording, config, visual)))
-    assert reconcile(drive.recording, drive.path, drive.config, drive.online).gain == 0.0
+    # Each first level of a wider error gains nothing.
+    assert reconcile(drive.recording, drive.path, drive.config, drive.online).gain > 100.0
     assert "lines between the fixes" in widen_errors(drive).notes[-1]
 
 
