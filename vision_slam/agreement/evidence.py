@@ -21,6 +21,8 @@ _LEVELS: dict[str, tuple[float, ...]] = {
 # Scale that is wrong by a lens or a focal length varies over a bend, not over steps. Scale that drifts goes on to drift
 # where no fixes are: only a long correlation length says so.
 _WANDER_M = 20.0
+# Log likelihood that another correlation length must gain: few records tell two that are alike.
+_OTHER_LENGTH_GAIN = 2.0
 # Log likelihood that a wider error must gain, also for each fix of a long drive.
 CONVINCING, MISFIT = 10.0, 0.02
 _ROUNDS = 3
@@ -130,16 +132,17 @@ def fitted_errors(chosen: EvidenceComparison, config: LocalizationConfig) -> tup
     """Return the errors of largest evidence, by coordinate ascent from the assumed ones, and their gain.
 
     Every round compares all levels of a setting: a slightly larger error may gain nothing where a much larger
-    one gains most.
+    one gains most. A correlation length must gain a log likelihood of 2 over another.
     """
     best, total = config, 0.0
     for _ in range(_ROUNDS):
         before = total
         for setting in _LEVELS:
-            for trial in _others(best, config, setting):
-                gain = chosen.gain(trial, best)
-                if gain > 0.0:
-                    best, total = trial, total + gain
+            least = _OTHER_LENGTH_GAIN if setting == "scale_wander_m" else 0.0
+            gains = [(chosen.gain(trial, best), trial) for trial in _others(best, config, setting)]
+            gain, trial = max(gains, key=lambda found: found[0], default=(0.0, best))
+            if gain > least:
+                best, total = trial, total + gain
         if total == before:
             break
     return best, total

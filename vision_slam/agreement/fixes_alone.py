@@ -14,6 +14,8 @@ from vision_slam.rotation import rotations
 
 _LEAST_FIXES = 5
 _STEP_SIGMA_M = 0.3  # error of straight lines between fixes, per square root of a metre [m]
+# Columns of the errors of fixes that were left out.
+_PATH, _FIXES = slice(1, 3), slice(3, 5)
 
 
 def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: LocalizationConfig) -> bool:
@@ -21,9 +23,10 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
 
     Every second fix is left out and predicted by the path smoothed with the others, and by linear
     interpolation between the others; then the same with the other half. The first fix and the last are predicted by
-    the path beyond the others, and by the mean velocity of the nearest others. The path does not follow the slow error of
-    the receiver, which neighbours share: what successive errors by the path have in common does not count, up to the
-    assumed variance of that error.
+    the path beyond the others, and by the mean velocity of the nearest others. In a turn such a velocity is a bad
+    prediction, which excuses no path that is worse between fixes: these are compared alone too. The path does not follow
+    the slow error of the receiver, which neighbours share: what successive errors by the path have in common does not
+    count, up to the assumed variance of that error.
 
     Parameters
     ----------
@@ -37,23 +40,39 @@ def is_worse_than_fixes(recording: OdometryRecording, path: FloatArray, config: 
     Returns
     -------
     bool
-        Whether the other squared horizontal errors by the path sum to more; False for fewer than five fixes.
+        Whether the other squared horizontal errors by the path sum to more, with the first fix and the last or
+        without; False for fewer than five fixes.
     """
     time_s, poses_s = recording.gps.time_s, recording.odometry.time_s
     gps = recording.gps.select((time_s >= poses_s[0]) & (time_s <= poses_s[-1]))
     if len(gps) < _LEAST_FIXES:
         return False
-    by_path = by_fixes = common = slow = 0.0
-    for first in (0, 1):
-        held = np.zeros(len(gps), dtype=np.bool_)
-        held[first::2] = True
-        smoothed = smooth(replace(recording, gps=gps.select(~held)), path, config).position
-        error = _errors(gps, held, poses_s, smoothed)
-        by_path += float((error**2).sum())
-        by_neighbours = _extended(gps.time_s, gps.select(~held))
-        by_fixes += float((_errors(gps, held, gps.time_s, by_neighbours) ** 2).sum())
-        common += float((error[1:] * error[:-1]).sum())
-        slow += error.size * config.gps_bias_sigma_m**2
+    halves = [_held_out(replace(recording, gps=gps), path, config, first) for first in (0, 1)]
+    between = [half[(half[:, 0] > 0) & (half[:, 0] < len(gps) - 1)] for half in halves]
+    return any(_sums_to_more(errors, config) for errors in (between, halves))
+
+
+def _held_out(
+    recording: OdometryRecording, path: FloatArray, config: LocalizationConfig, first: int
+) -> FloatArray:
+    """Return the number of every second fix from the first, and its errors by the path and by its neighbours (M, 5)."""
+    gps, poses_s = recording.gps, recording.odometry.time_s
+    held = np.zeros(len(gps), dtype=np.bool_)
+    held[first::2] = True
+    others = gps.select(~held)
+    smoothed = smooth(replace(recording, gps=others), path, config).position
+    by_path = _errors(gps, held, poses_s, smoothed)
+    by_fixes = _errors(gps, held, gps.time_s, _extended(gps.time_s, others))
+    return np.column_stack([np.flatnonzero(held), by_path, by_fixes])
+
+
+def _sums_to_more(halves: list[FloatArray], config: LocalizationConfig) -> bool:
+    """Test whether squared errors by the path, without what successive ones have in common, exceed those by fixes."""
+    by_path, by_fixes = (
+        sum(float((half[:, part] ** 2).sum()) for half in halves) for part in (_PATH, _FIXES)
+    )
+    common = sum(float((half[1:, _PATH] * half[:-1, _PATH]).sum()) for half in halves)
+    slow = sum(half[:, _PATH].size * config.gps_bias_sigma_m**2 for half in halves)
     return by_path - min(max(common, 0.0), slow) > by_fixes
 
 
