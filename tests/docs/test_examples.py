@@ -26,8 +26,10 @@ INSTEAD = {
     "firnline run srtm_ridge.toml": "firnline run srtm_ridge.toml --until localize",
     "firnline run srtm_ridge.toml --set planner.swaths=8": "firnline run srtm_ridge.toml --set planner.swaths=8 --dry-run",
     "firnline run white_out.toml": "firnline run white_out.toml --until plan",
+    "firnline score 2026.tif --checkpoints gnss.csv --standard asprs-edition-2 --class 0.50": "firnline score 2026.tif --checkpoints gnss.csv --standard asprs-edition-2 --class 1.00",
 }
-"""Commands that take longer than a test should, or whose output the script wrote before, and what runs instead."""
+"""Commands that take longer than a test should, that need files the script wrote before or that judge another map, and
+what runs instead."""
 
 pytestmark = pytest.mark.timeout(1800)
 

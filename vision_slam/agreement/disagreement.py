@@ -16,6 +16,8 @@ from vision_slam.fusion.smoother import smooth
 _LEAST_RUN = 1
 # Log prior of a receiver that jumps: how seldom, and over how many metres.
 _JUMPS = -15.0
+# Correlation times of the receiver that explain a disagreement as well, over the assumed one.
+_FASTER = (0.5, 0.25, 0.125, 0.0625)
 # Squared Mahalanobis distance of a refused fix that agrees after all (χ² of two dimensions, 99 %).
 _GATE = 9.21
 
@@ -78,7 +80,10 @@ def reconcile(
         return Agreement(config, online.accepted)
     chosen = EvidenceComparison(select_fixes(recording, used), path)
     wider, gain = fitted_errors(chosen, config)
-    if not tail.any() and gain < max(CONVINCING, MISFIT * int(used.sum())):
+    least = max(CONVINCING, MISFIT * int(used.sum()))
+    if not tail.any() and gain < least:
+        return Agreement(config, used)
+    if chosen.evidence(wider, like=wider) < _of_faster_receiver(chosen, config, like=wider) + least:
         return Agreement(config, used)
     back = _jumped_back(recording, path, config, online.accepted, tail)
     if back is not None:
@@ -86,6 +91,19 @@ def reconcile(
         if jumped > chosen.evidence(wider, like=wider):
             return Agreement(config, online.accepted)
     return Agreement(wider, _readmitted(recording, path, wider, used), gain)
+
+
+def _of_faster_receiver(
+    chosen: EvidenceComparison, config: LocalizationConfig, like: LocalizationConfig
+) -> float:
+    """Return the largest evidence of the assumed odometry with a receiver whose errors vary faster than assumed.
+
+    Fixes that vary faster contradict good odometry too. The assumed correlation time remains in use then: one
+    that is too long costs little.
+    """
+    faster = [share * config.gps_correlation_time_s for share in _FASTER]
+    trials = [config.model_copy(update={"gps_correlation_time_s": memory_s}) for memory_s in faster]
+    return max(chosen.evidence(trial, like=like) for trial in trials)
 
 
 def _refused_tail(recording: OdometryRecording, online: OnlinePath) -> BoolArray:

@@ -202,6 +202,15 @@ def test_errors_of_fixes_that_last_longer_are_given_their_memory(
     assert fitted_memory_s(recording, reckoned, assumed) in expected_s
 
 
+def test_errors_of_fixes_that_vary_faster_than_assumed_are_no_errors_of_the_odometry() -> None:
+    recording, _ = _slow(memory_s=10.0)
+    assumed = LocalizationConfig(gps_bias_sigma_m=0.5, gps_white_sigma_m=0.1, gps_correlation_time_s=300.0)
+    reckoned = dead_reckoning(recording.odometry, recording.start)
+    agreement = reconcile(recording, reckoned, assumed, filter_path(recording, reckoned, assumed))
+    assert agreement.config is assumed
+    assert agreement.gain == 0.0
+
+
 def test_precise_fixes_show_that_turns_are_followed_better_than_assumed() -> None:
     recording, path = _hook()
     loose = RTK.model_copy(update={"turn_sigma_m": 0.2, "start": "unknown"})
