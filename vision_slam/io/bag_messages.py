@@ -28,6 +28,10 @@ _ENCODINGS: dict[str, tuple[int, int | None]] = {
     "rgb16": (3, cv2.COLOR_RGB2BGR),
     "bgra8": (4, cv2.COLOR_BGRA2BGR),
     "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    "yuv422": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "uyvy": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuyv": (2, cv2.COLOR_YUV2BGR_YUY2),
     "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2BGR),
     "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2BGR),
     "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2BGR),
@@ -85,6 +89,13 @@ def decode_camera(info: Any, mounted: FloatArray, place: Path) -> Camera:
         mounted,
         distortion_is_assumed=is_assumed,
     )
+
+
+def decode_fix_sigma_m(message: Any) -> float:
+    """Horizontal standard deviation in each axis [m] of a NavSatFix; 0 where it states no covariance."""
+    east_m2, north_m2 = message.position_covariance[0], message.position_covariance[4]
+    is_stated = message.position_covariance_type > 0 and east_m2 > 0.0 and north_m2 > 0.0
+    return float(np.sqrt(0.5 * (east_m2 + north_m2))) if is_stated else 0.0
 
 
 def _padded(coefficients: FloatArray, n: int) -> FloatArray:

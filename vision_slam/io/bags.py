@@ -21,6 +21,7 @@ from vision_slam.io.bag_messages import (
     COMPRESSED,
     IMAGE,
     decode_camera,
+    decode_fix_sigma_m,
     decode_pixels,
     decode_transform,
     decode_wheels,
@@ -47,7 +48,7 @@ _BASES = ("base_footprint", "base_link")
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a ROS 1 bag, or a ROS 2 bag's folder or file.
+    """Return whether a path is a ROS 1 bag, a folder of one split into files, or a ROS 2 bag's folder or file.
 
     Examples
     --------
@@ -56,14 +57,26 @@ def is_bag(path: Path) -> bool:
     """
     if path.suffix in {".bag", ".mcap", ".db3"}:
         return True
-    return (path / "metadata.yaml").is_file() and any(path.glob("*.mcap*")) | any(path.glob("*.db3*"))
+    is_second = (path / "metadata.yaml").is_file() and any(path.glob("*.mcap*")) | any(path.glob("*.db3*"))
+    return is_second or bool(_split_files(path))
+
+
+def _split_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that holds one ROS 1 recording split by rosbag, ``…_0.bag``, ``…_1.bag`` and so on."""
+    if not folder.is_dir():
+        return []
+    files = {file.stem.rpartition("_")[2]: file for file in folder.iterdir() if not file.name.startswith(".")}
+    numbers = [str(number) for number in range(len(files))]
+    is_split = set(files) == set(numbers) and all(file.suffix == ".bag" for file in files.values())
+    return [files[number] for number in numbers] if is_split else []
 
 
 def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None = None) -> ImageSequence:
     """Read a bag; topics are recognized by their type.
 
     Images are raw or compressed (`sensor_msgs`) and are decoded when they are used;
-    calibration, fixes, inertial readings and odometry are read at once. Poses of an odometry
+    calibration, fixes, inertial readings and odometry are read at once. Fixes that all state a
+    covariance have its horizontal standard deviation. Poses of an odometry
     count as wheels: only the distance between them is used. Where ``/tf_static`` has the
     mounting of camera and inertial unit on ``base_link``, both are rotated into the body frame;
     else the camera is assumed level and forward, and the inertial unit aligned with the body,
@@ -72,7 +85,7 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     Parameters
     ----------
     path : str or pathlib.Path
-        A ``.bag`` file, or the folder of a ROS 2 bag.
+        A ``.bag`` file, the folder of one that rosbag split (``…_0.bag``, ``…_1.bag``, …), or the folder of a ROS 2 bag.
     topics : sequence of str
         Which topics to take, for those kinds of which the bag has several.
     camera : Camera, optional
@@ -110,7 +123,7 @@ class _Found:
     size: tuple[int, int]
     shift: int
     calibration: Any
-    fixes: list[tuple[float, float, float, float]]
+    fixes: list[tuple[float, float, float, float, float]]
     n_without_fix: int
     inertial: list[tuple[float, ...]]
     inertial_frame: str
@@ -135,7 +148,9 @@ def _opened(place: Path) -> Iterator["AnyReader"]:
         ) from error
     damage = (AnyReaderError, FirstReaderError, SecondReaderError, sqlite3.Error, struct.error, OSError)
     try:
-        with AnyReader([place], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        with AnyReader(
+            _split_files(place) or [place], default_typestore=get_typestore(Stores.LATEST)
+        ) as reader:
             yield reader
     except damage as error:
         raise InputError(
@@ -143,25 +158,25 @@ def _opened(place: Path) -> Iterator["AnyReader"]:
         ) from error
 
 
-def _taken(connections: Sequence[Any], topics: Sequence[str], place: Path) -> dict[str, Any]:
+def _taken(connections: Sequence[Any], topics: Sequence[str], place: Path) -> dict[str, str]:
     """Choose one topic for each kind of record."""
     unknown = [topic for topic in topics if topic not in {connection.topic for connection in connections}]
     if unknown:
         have = ", ".join(sorted({connection.topic for connection in connections}))
         raise InputError(f"{place} has no topic {unknown[0]} (it has {have}); correct --topic.")
-    taken: dict[str, Any] = {}
+    taken: dict[str, str] = {}
     for kind, types in _KINDS.items():
-        fitting = {connection.topic: connection for connection in connections if connection.msgtype in types}
-        named = {topic: fitting[topic] for topic in fitting if topic in topics} or fitting
+        fitting = {connection.topic for connection in connections if connection.msgtype in types}
+        named = fitting.intersection(topics) or fitting
         if kind == "calibration" and len(named) > 1 and "images" in taken:
-            stem = taken["images"].topic.split("/image")[0]
-            named = {topic: c for topic, c in named.items() if topic.rsplit("/", 1)[0] == stem} or named
+            stem = taken["images"].split("/image")[0]
+            named = {topic for topic in named if topic.rsplit("/", 1)[0] == stem} or named
         if len(named) > 1:
             raise InputError(
                 f"{place} has {len(named)} topics of {kind} ({', '.join(sorted(named))}); choose one with --topic."
             )
         if named:
-            taken[kind] = next(iter(named.values()))
+            taken[kind] = next(iter(named))
     return taken
 
 
@@ -171,14 +186,17 @@ def _messages(reader: "AnyReader", connections: list[Any]) -> Iterator[tuple[Any
         yield connection, time_ns, reader.deserialize(raw, connection.msgtype)
 
 
-def _everything(reader: "AnyReader", taken: dict[str, Any]) -> _Found:
-    """Read everything but the images, of which only the times."""
+def _everything(reader: "AnyReader", taken: dict[str, str]) -> _Found:
+    """Read everything but the images, of which only the times.
+
+    A topic has several connections where its publisher was restarted or where the bag is split.
+    """
     found = _Found([], "", (0, 0), 0, None, [], 0, [], "", [], {})
-    kind_of = {connection.id: kind for kind, connection in taken.items()}
-    transforms = [connection for connection in reader.connections if connection.topic == "/tf_static"]
-    transforms = [connection for connection in transforms if connection.msgtype == _TRANSFORMS]
-    for connection, time_ns, message in _messages(reader, [*taken.values(), *transforms]):
-        kind = kind_of.get(connection.id, "transforms") if connection not in transforms else "transforms"
+    kind_of = {(topic, msgtype): kind for kind, topic in taken.items() for msgtype in _KINDS[kind]}
+    kind_of["/tf_static", _TRANSFORMS] = "transforms"
+    used = [one for one in reader.connections if (one.topic, one.msgtype) in kind_of]
+    for connection, time_ns, message in _messages(reader, used):
+        kind = kind_of[connection.topic, connection.msgtype]
         if kind == "transforms":
             for link in message.transforms:
                 found.mounted[link.child_frame_id.lstrip("/")] = decode_transform(link)
@@ -202,7 +220,8 @@ def _noted(found: _Found, kind: str, stamp: float, message: Any, msgtype: str) -
         if message.status.status < 0 or not np.isfinite([message.latitude, message.longitude]).all():
             found.n_without_fix += 1
         else:
-            found.fixes.append((stamp, message.longitude, message.latitude, message.altitude))
+            place = (message.longitude, message.latitude, message.altitude)
+            found.fixes.append((stamp, *place, decode_fix_sigma_m(message)))
     elif kind == "inertial":
         rate, force = message.angular_velocity, message.linear_acceleration
         found.inertial.append((stamp, rate.x, rate.y, rate.z, force.x, force.y, force.z))
@@ -213,8 +232,8 @@ def _noted(found: _Found, kind: str, stamp: float, message: Any, msgtype: str) -
         found.odometry.append((stamp, at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w))
 
 
-def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera | None) -> ImageSequence:
-    notes = [f"{kind} from {connection.topic}" for kind, connection in taken.items()]
+def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera | None) -> ImageSequence:
+    notes = [f"{kind} from {topic}" for kind, topic in taken.items()]
     if camera is None:
         if found.calibration is None:
             raise InputError(f"{place} holds no camera_info; name a calibration with --camera.")
@@ -243,7 +262,7 @@ def _sequence(place: Path, taken: dict[str, Any], found: _Found, camera: Camera 
         inertial = Inertial(rows[:, 0], rows[:, 1:4] @ turn.T, rows[:, 4:7] @ turn.T)
     return ImageSequence(
         camera,
-        Frames(np.array(found.stamps), _BagImages(place, taken["images"].topic, found.shift)),
+        Frames(np.array(found.stamps), _BagImages(place, taken["images"], found.shift)),
         wheels=decode_wheels(found.odometry) if found.odometry else None,
         inertial=inertial,
         gps=gps,
@@ -269,7 +288,11 @@ class _BagImages:
 
     def _read(self) -> Iterator[Image]:
         with _opened(self._place) as reader:
-            chosen = [connection for connection in reader.connections if connection.topic == self._topic]
+            chosen = [
+                one
+                for one in reader.connections
+                if one.topic == self._topic and one.msgtype in _KINDS["images"]
+            ]
             for number, (connection, _, message) in enumerate(_messages(reader, chosen)):
                 where = f"{self._place}, image {number} of {self._topic}"
                 yield eight_bits(decode_pixels(message, connection.msgtype, where), self._shift, where)
@@ -281,7 +304,8 @@ def _log(found: _Found, place: Path) -> GpsLog:
             f"{place} holds {found.n_without_fix} NavSatFix messages and no fix among them; record again once there is one."
         )
     rows = np.array(found.fixes)
-    return GpsLog(rows[:, 0], rows[:, 1:], True, True, found.n_without_fix, ELLIPSOIDAL)
+    sigma_m = rows[:, 4] if (rows[:, 4] > 0.0).all() else None
+    return GpsLog(rows[:, 0], rows[:, 1:4], True, True, found.n_without_fix, ELLIPSOIDAL, sigma_m)
 
 
 def _on_body(found: _Found, frame: str) -> FloatArray | None:

@@ -28,6 +28,7 @@ class Bag:
     def __init__(self, writer: Any, store: Any, *, is_first: bool) -> None:
         self.writer, self.store, self.is_first = writer, store, is_first
         self.topics: dict[str, Any] = {}
+        self.caller = "first"
         links = "tf2_msgs/msg/TFMessage"
         if links not in store.types:
             store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", links))
@@ -44,7 +45,8 @@ class Bag:
     def add(self, topic: str, second: float, message: Any) -> None:
         kind = message.__msgtype__
         if topic not in self.topics:
-            self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
+            named = {"callerid": self.caller} if self.is_first else {}
+            self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store, **named)
         to_bytes = self.store.serialize_ros1 if self.is_first else self.store.serialize_cdr
         self.writer.write(self.topics[topic], int(second * 1e9), bytes(to_bytes(message, kind)))
 
@@ -93,7 +95,7 @@ class Bag:
     def turn(self, x: float, y: float, z: float, w: float) -> Any:
         return self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
-    def fix(self, second: float, latitude: float, status: int) -> None:
+    def fix(self, second: float, latitude: float, status: int, sigma_m: float = 0.0) -> None:
         fix_status = self.make("sensor_msgs/msg/NavSatStatus", status=status, service=1)
         message = self.make(
             "sensor_msgs/msg/NavSatFix",
@@ -102,8 +104,8 @@ class Bag:
             latitude=latitude,
             longitude=-135.0,
             altitude=7.0,
-            position_covariance=np.zeros(9),
-            position_covariance_type=0,
+            position_covariance=np.diag([sigma_m**2, sigma_m**2, 4.0 * sigma_m**2]).ravel(),
+            position_covariance_type=2 if sigma_m > 0.0 else 0,
         )
         self.add("/gps/fix", second, message)
 
@@ -196,6 +198,64 @@ def test_a_bag_gives_back_what_was_written(tmp_path: Path, kind: str) -> None:
     assert recording.crs.to_epsg() == 32608
     assert recording.vertical_datum == "ellipsoidal height"
     assert len(recording.gps) == 3
+
+
+def test_fixes_that_state_a_covariance_keep_it(tmp_path: Path) -> None:
+    for name, sigmas_m in (("stated", (0.02, 0.3)), ("partly", (0.02, 0.0))):
+        with second_bag(tmp_path / name) as bag:
+            bag.calibration("/camera_info")
+            bag.image("/image", 1.0, NOISE[0], "mono8")
+            for k, sigma_m in enumerate(sigmas_m):
+                bag.fix(1.0 + k, 58.4, 0, sigma_m)
+    stated, partly = (read_bag(tmp_path / name).gps for name in ("stated", "partly"))
+    assert stated is not None
+    assert stated.sigma_m is not None
+    assert stated.sigma_m.tolist() == pytest.approx([0.02, 0.3])
+    assert partly is not None
+    assert partly.sigma_m is None
+
+
+@pytest.mark.parametrize("is_split", [False, True])
+def test_publishers_that_were_restarted_and_split_bags_lose_no_message(
+    tmp_path: Path, is_split: bool
+) -> None:
+    parts = ["drive_2024-06-12_0.bag", "drive_2024-06-12_1.bag"] if is_split else ["drive_3.bag"]
+    for number, part in enumerate(parts):
+        with first_bag(tmp_path / part) as bag:
+            bag.calibration("/camera_info")
+            for k in range(2 * number, 4 if not is_split else 2 * number + 2):
+                if k == 2:
+                    bag.topics, bag.caller = {}, "restarted"
+                bag.image("/image", 1.0 + k, NOISE[k], "mono8")
+                bag.fix(1.0 + k, 58.4, 0)
+    path = tmp_path if is_split else tmp_path / "drive_3.bag"
+    assert is_bag(path)
+    sequence = read_bag(path)
+    assert sequence.frames.time_s.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert all(np.array_equal(sequence.frames[k], NOISE[k]) for k in range(4))
+    assert sequence.gps is not None
+    assert len(sequence.gps.time_s) == 4
+
+
+def test_a_folder_of_other_bags_is_no_split_bag(tmp_path: Path) -> None:
+    (tmp_path / "morning.bag").touch()
+    (tmp_path / "evening.bag").touch()
+    assert not is_bag(tmp_path)
+
+
+@pytest.mark.parametrize("encoding", ["yuv422", "yuv422_yuy2"])
+def test_images_of_usb_cameras_become_blue_green_red(tmp_path: Path, encoding: str) -> None:
+    is_first = encoding == "yuv422"
+    pixels = np.full((12, 16, 2), 128, np.uint8)
+    pixels[..., 1 if is_first else 0] = 81
+    pixels[:, 1::2, 0 if is_first else 1] = 240
+    pixels[:, 0::2, 0 if is_first else 1] = 90
+    with second_bag(tmp_path / "drive") as bag:
+        bag.calibration("/camera_info")
+        bag.image("/image", 1.0, pixels, encoding)
+    red = read_bag(tmp_path / "drive").frames[0]
+    assert red.shape == (12, 16, 3)
+    assert np.abs(red[0, 0].astype(int) - [0, 0, 255]).max() <= 3
 
 
 @pytest.mark.parametrize("encoding", ["bgr8", "rgb8", "bgra8", "mono16", "png"])
