@@ -103,7 +103,7 @@ class _Sentences:
 def _sentences(file: Path) -> Iterator[tuple[str, str]]:
     """Yield the place and the text of each sentence that is read."""
     for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
-        sentence = line[max(line.find("$"), 0) :]
+        sentence = line[max(line.rfind("$"), 0) :]
         if sentence.startswith("$") and sentence[3:6] in {"GGA", "GST", "RMC"}:
             yield f"{file}, line {number}", sentence
 

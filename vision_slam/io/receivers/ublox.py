@@ -1,5 +1,6 @@
-"""Binary logs of u-blox receivers: the positions of UBX-NAV-PVT messages."""
+"""Binary logs of u-blox receivers: the positions of UBX-NAV-PVT messages, or of NMEA sentences between the messages."""
 
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -8,18 +9,22 @@ import numpy as np
 
 from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
+from vision_slam.io.receivers.nmea import read_nmea
 from vision_slam.io.receivers.rows import ReceiverFixes
 
 SYNC = b"\xb5\x62"
+_GGA = re.compile(rb"\$G[A-Z]GGA,")
 _POSITIONS = (2, 3, 4)  # 2D, 3D, with dead reckoning
 
 
 def read_ublox(file: Path) -> ReceiverFixes:
-    """Read the positions of a binary log; other messages in it (NMEA, RTCM, raw data) are passed over.
+    """Read the positions of a binary log; other messages in it (RTCM, raw data) are passed over.
 
     The horizontal accuracy estimate of the receiver, a standard deviation of the distance, is
     divided by √2 for each axis. Heights are ellipsoidal. Messages whose checksum is wrong, as a
-    log that begins or ends in the middle of one has, are left out and counted.
+    log that begins or ends in the middle of one has, are left out and counted, and so are positions that the
+    receiver itself does not call valid (``gnssFixOK``). A log without NAV-PVT gives the fixes of its NMEA sentences,
+    with a note.
 
     Parameters
     ----------
@@ -34,7 +39,7 @@ def read_ublox(file: Path) -> ReceiverFixes:
     Raises
     ------
     InputError
-        No NAV-PVT message with a position.
+        No NAV-PVT message with a position and no GGA sentence.
     """
     from pyubx2 import ERR_LOG, UBX_PROTOCOL, UBXReader
 
@@ -45,10 +50,16 @@ def read_ublox(file: Path) -> ReceiverFixes:
         for _, message in reader:
             if getattr(message, "identity", "") != "NAV-PVT":
                 continue
-            if message.fixType not in _POSITIONS or not (message.validDate and message.validTime):
+            is_dated = message.validDate and message.validTime
+            if message.fixType not in _POSITIONS or not (message.gnssFixOk and is_dated):
                 n_without_fix += 1
                 continue
             rows.append(_position(message))
+    if not rows and n_without_fix == 0 and _GGA.search(file.read_bytes()):
+        fixes = read_nmea(file)
+        return fixes._replace(
+            notes=("no NAV-PVT message: the fixes are those of NMEA sentences", *fixes.notes)
+        )
     if not rows:
         raise InputError(
             f"{file} holds no NAV-PVT message with a position ({n_without_fix} without one, {len(damaged)} damaged); "

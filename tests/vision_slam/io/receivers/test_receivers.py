@@ -1,5 +1,7 @@
 """Logs of phones and receivers, and tables of other programs, as `read_gps` reads them."""
 
+import functools
+import operator
 import struct
 
 import numpy as np
@@ -54,11 +56,11 @@ def test_a_damaged_gnss_log_is_refused_in_one_sentence(tmp_path, line, words):
         read_gps(tmp_path / "log.txt")
 
 
-def nav_pvt(second, latitude, fix_type=3, valid=7):
+def nav_pvt(second, latitude, fix_type=3, valid=7, flags=1):
     """Return a UBX-NAV-PVT message."""
     payload = struct.pack(
         "<IHBBBBBBIiBBBBiiiiIIiiiiiIIHHI2xihH",
-        *(second * 1000, 2024, 6, 12, 10, 0, second, valid, 10, 500_000_000, fix_type, 1, 0, 12),
+        *(second * 1000, 2024, 6, 12, 10, 0, second, valid, 10, 500_000_000, fix_type, flags, 0, 12),
         *(80_000_000, round(latitude * 1e7), 548_000, 500_000, 20, 30, 0, 0, 0, 0, 0, 10, 10, 100),
         *(0, 0, 0, 0, 0),
     )
@@ -83,6 +85,29 @@ def test_ublox_gives_positions_with_their_accuracy(tmp_path, name):
     np.testing.assert_allclose(fixes.place[:, 2], 548.0)
     np.testing.assert_allclose(fixes.sigma_m, 0.02 / np.sqrt(2.0))
     assert fixes.n_without_fix == 1
+
+
+def test_positions_that_the_receiver_does_not_call_valid_are_left_out(tmp_path):
+    (tmp_path / "a.ubx").write_bytes(
+        nav_pvt(1, 46.0) + nav_pvt(2, 47.0, flags=0) + nav_pvt(3, 46.1) + nav_pvt(4, 46.2)
+    )
+    fixes = read_gps(tmp_path / "a.ubx")
+    assert fixes.place[:, 1].tolist() == pytest.approx([46.0, 46.1, 46.2])
+    assert fixes.n_without_fix == 1
+
+
+def test_a_ublox_log_without_positions_gives_those_of_its_sentences(tmp_path):
+    raw = nav_pvt(1, 46.0)[:2] + b"\x02\x15$$"  # the head of a message of raw data
+    body = [
+        b"GNGGA,10000%d.00,4600.%04d,N,00800.0000,E,4,12,0.5,500.0,M,48.0,M,1.0,0" % (k, k) for k in range(3)
+    ]
+    sums = [b"*%02X" % functools.reduce(operator.xor, sentence) for sentence in body]
+    sentences = [b"$" + sentence + end + b"\r\n" for sentence, end in zip(body, sums, strict=True)]
+    (tmp_path / "f9p.ubx").write_bytes(b"".join(raw + sentence for sentence in sentences))
+    fixes = read_gps(tmp_path / "f9p.ubx")
+    assert len(fixes.time_s) == 3
+    assert fixes.place[0].tolist() == pytest.approx([8.0, 46.0, 500.0])
+    assert fixes.notes[0] == "no NAV-PVT message: the fixes are those of NMEA sentences"
 
 
 def test_damaged_messages_are_counted_and_a_log_without_positions_is_refused(tmp_path):
