@@ -134,9 +134,16 @@ def _sigma_m(time_s: FloatArray, qualities: list[int], stated: dict[float, float
 
 def _gga(words: list[str], last_s: float) -> tuple[float, float, float, float]:
     """Time since the first midnight [s], longitude, latitude [deg] and height [m] of a fix after one at `last_s`."""
-    latitude = _degrees(words[2], 2) * (1.0 if words[3] == "N" else -1.0)
-    longitude = _degrees(words[4], 3) * (1.0 if words[5] == "E" else -1.0)
+    latitude = _degrees(words[2], 2) * _sign(words[3], "NS")
+    longitude = _degrees(words[4], 3) * _sign(words[5], "EW")
     return _clock_s(words[1], last_s), longitude, latitude, float(words[9])
+
+
+def _sign(letter: str, hemispheres: str) -> float:
+    """Return 1 for the first letter of two hemispheres, -1 for the second."""
+    if letter.strip().upper() not in tuple(hemispheres):
+        raise ValueError(f"the hemisphere {letter!r} is neither {hemispheres[0]} nor {hemispheres[1]}")
+    return 1.0 if letter.strip().upper() == hemispheres[0] else -1.0
 
 
 def _clock_s(text: str, last_s: float) -> float:

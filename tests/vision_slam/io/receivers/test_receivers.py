@@ -110,6 +110,13 @@ def test_a_ublox_log_without_positions_gives_those_of_its_sentences(tmp_path):
     assert fixes.notes[0] == "no NAV-PVT message: the fixes are those of NMEA sentences"
 
 
+def test_a_fix_without_a_hemisphere_is_refused(tmp_path):
+    body = b"GNGGA,100001.00,4600.0000,,00800.0000,E,4,12,0.5,500.0,M,48.0,M,1.0,0"
+    (tmp_path / "log.nmea").write_bytes(b"$" + body + b"*%02X\r\n" % functools.reduce(operator.xor, body))
+    with pytest.raises(InputError, match=r"line 1: the hemisphere '' is neither N nor S in a GGA sentence"):
+        read_gps(tmp_path / "log.nmea")
+
+
 def test_damaged_messages_are_counted_and_a_log_without_positions_is_refused(tmp_path):
     broken = bytearray(nav_pvt(2, 46.0))
     broken[20] ^= 1
