@@ -83,7 +83,7 @@ def reconcile(
     least = max(CONVINCING, MISFIT * int(used.sum()))
     if not tail.any() and gain < least:
         return Agreement(config, used)
-    if chosen.evidence(wider, like=wider) < _of_faster_receiver(chosen, config, like=wider) + least:
+    if chosen.evidence(wider, like=wider) < _of_faster_receiver(chosen, config, like=wider):
         return Agreement(config, used)
     back = _jumped_back(recording, path, config, online.accepted, tail)
     if back is not None:
