@@ -15,6 +15,7 @@ from survey.core.files.reading import existing_file
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.io.raster import opened_raster, read_window, stated_datum
+from survey.io.raster.unmarked_cells import Extremes
 from survey.scoring.coverage import Coverage
 from survey.scoring.covered_area import NodeCounts, counted, nodes_beyond
 from survey.scoring.error_sketch import CalibrationSketch, ErrorSketch
@@ -44,7 +45,8 @@ def score_files(
     Raises
     ------
     InputError
-        Damaged files, mixed CRS or datums, rotated rasters, no common cell.
+        Damaged files, mixed CRS or datums, rotated rasters, no common cell, or unknown cells that hold a number
+        which the file does not declare.
 
     Notes
     -----
@@ -75,6 +77,8 @@ def score_files(
             errors.add(difference)
             if mapped.n_bands > 1:
                 calibration.add(difference, mapped.read(2, block)[both])
+    for layer, name in ((mapped, map_file), (known, reference_file)):
+        layer.extremes.refuse_detached(layer.transform.a, str(name))
     if errors.n == 0:
         raise InputError(
             f"there is nothing to score: {map_file} and {reference_file} have no height in common; check that they overlap."
@@ -90,6 +94,7 @@ class _Layer(NamedTuple):
     crs: Any
     datum: str
     n_bands: int
+    extremes: Extremes
 
     @classmethod
     def of(cls, source: Any, path: str | Path, crs: Any) -> "_Layer":
@@ -100,7 +105,7 @@ class _Layer(NamedTuple):
         Dem(np.zeros((2, 2)), source.transform, system)
         if min(source.width, source.height) < 2:
             raise InputError(f"{path} has {source.height} × {source.width} cells; at least 2 × 2 are needed.")
-        return cls(source, source.transform, system, datum, source.count)
+        return cls(source, source.transform, system, datum, source.count, Extremes())
 
     @property
     def bounds(self) -> Bounds:
@@ -117,7 +122,10 @@ class _Layer(NamedTuple):
                 yield Window(column, row, min(side, self.source.width - column), height)
 
     def read(self, band: int, block: Any) -> FloatArray:
-        return read_window(self.source, band, block)
+        values = read_window(self.source, band, block)
+        if band == 1:
+            self.extremes.add(values)
+        return values
 
     def centres(self, block: Any) -> tuple[FloatArray, FloatArray]:
         """Easting (w,) and northing (h,) of a block's cell centres [m]."""
@@ -142,7 +150,7 @@ class _Layer(NamedTuple):
         outside_v = (v < -0.5 - 1e-9) | (v > self.source.height - 0.5 + 1e-9)
         if outside_u.all() or outside_v.all():
             return np.full((len(v), len(u)), np.nan)
-        z = read_window(self.source, 1, window)
+        z = self.read(1, window)
         s, r = u - column, v - row
         heights = _mixed(_mixed(z, column - off_c, s, axis=1), row - off_r, r, axis=0)
         heights[outside_v, :] = np.nan

@@ -36,6 +36,21 @@ def rasters(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "map.tif", tmp_path / "truth.tif"
 
 
+@pytest.mark.parametrize("filled", ["map.tif", "truth.tif"])
+def test_a_patch_of_an_undeclared_number_is_refused_in_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, filled: str
+) -> None:
+    monkeypatch.setattr(blocks, "BLOCK_CELLS", 16)
+    grid = Grid((5.0, 5.0, 795.0, 595.0), 10.0, UTM)
+    for name in ("map.tif", "truth.tif"):
+        heights = 800.0 + 0.1 * np.add.outer(grid.y, grid.x)
+        if name == filled:
+            heights[20:40, 30:60] = 0.0
+        Dem.on(grid, heights, "EGM96 height").write(tmp_path / name)
+    with pytest.raises(InputError, match=rf"{filled} holds \d+ cells of exactly 0 m.*make it nodata"):
+        blocks.score_files(tmp_path / "map.tif", tmp_path / "truth.tif")
+
+
 @pytest.mark.parametrize("side", [16, 1024])
 @pytest.mark.parametrize("with_area", [False, True])
 def test_blocks_and_memory_agree(
