@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from survey.core.arrays import FloatArray
+from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
 from survey.core.files.library_messages import first_line
@@ -29,6 +29,7 @@ from vision_slam.io.bag_messages import (
 )
 from vision_slam.io.gps_files import GpsLog
 from vision_slam.io.images import bits_used, eight_bits, scaling_note
+from vision_slam.io.message_order import in_order
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import FORWARD
 
@@ -80,7 +81,7 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     count as wheels: only the distance between them is used. Where ``/tf_static`` has the
     mounting of camera and inertial unit on ``base_link``, both are rotated into the body frame;
     else the camera is assumed level and forward, and the inertial unit aligned with the body,
-    and a note is added.
+    and a note is added. Messages that repeat a time or come late are left out, with a note.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ class _Found:
     size: tuple[int, int]
     shift: int
     calibration: Any
-    fixes: list[tuple[float, float, float, float, float]]
+    fixes: list[tuple[float, ...]]
     n_without_fix: int
     inertial: list[tuple[float, ...]]
     inertial_frame: str
@@ -232,8 +233,27 @@ def _noted(found: _Found, kind: str, stamp: float, message: Any, msgtype: str) -
         found.odometry.append((stamp, at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w))
 
 
+def _ordered(found: _Found, taken: dict[str, str], notes: list[str]) -> IntArray:
+    """Leave out repeated and late messages, with a note; return the numbers of the images that stay."""
+    for kind, rows in (("fixes", found.fixes), ("inertial", found.inertial), ("odometry", found.odometry)):
+        stays = in_order([row[0] for row in rows])
+        rows[:] = [row for row, is_later in zip(rows, stays, strict=True) if is_later]
+        _note_left_out(notes, taken.get(kind, kind), stays)
+    stays = in_order(found.stamps)
+    _note_left_out(notes, taken["images"], stays)
+    return np.flatnonzero(stays)
+
+
+def _note_left_out(notes: list[str], topic: str, stays: BoolArray) -> None:
+    if not stays.all():
+        notes.append(
+            f"{int((~stays).sum())} messages of {topic} repeat a time or come late, and are left out"
+        )
+
+
 def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera | None) -> ImageSequence:
     notes = [f"{kind} from {topic}" for kind, topic in taken.items()]
+    numbers = _ordered(found, taken, notes)
     if camera is None:
         if found.calibration is None:
             raise InputError(f"{place} holds no camera_info; name a calibration with --camera.")
@@ -262,7 +282,7 @@ def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera 
         inertial = Inertial(rows[:, 0], rows[:, 1:4] @ turn.T, rows[:, 4:7] @ turn.T)
     return ImageSequence(
         camera,
-        Frames(np.array(found.stamps), _BagImages(place, taken["images"], found.shift)),
+        Frames(np.array(found.stamps)[numbers], _BagImages(place, taken["images"], found.shift, numbers)),
         wheels=decode_wheels(found.odometry) if found.odometry else None,
         inertial=inertial,
         gps=gps,
@@ -271,17 +291,18 @@ def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera 
 
 
 class _BagImages:
-    """Images of a topic; the bag is read once for images in their order, and from its beginning for an earlier one."""
+    """Images of a topic by their numbers; the bag is read once for images in their order, and from its beginning for an earlier one."""
 
-    def __init__(self, place: Path, topic: str, shift: int) -> None:
-        self._place, self._topic, self._shift = place, topic, shift
+    def __init__(self, place: Path, topic: str, shift: int, numbers: IntArray) -> None:
+        self._place, self._topic, self._shift, self._numbers = place, topic, shift, numbers
         self._next, self._images = 0, self._read()
         self._last = np.zeros((0, 0), np.uint8)
 
     def __getitem__(self, index: int) -> Image:
-        if index < self._next - 1:
+        number = int(self._numbers[index])
+        if number < self._next - 1:
             self._next, self._images = 0, self._read()
-        while self._next <= index:
+        while self._next <= number:
             self._last = next(self._images)
             self._next += 1
         return self._last

@@ -237,6 +237,24 @@ def test_publishers_that_were_restarted_and_split_bags_lose_no_message(
     assert len(sequence.gps.time_s) == 4
 
 
+def test_messages_that_are_repeated_or_late_are_left_out_and_said(tmp_path: Path) -> None:
+    with first_bag(tmp_path / "drive.bag") as bag:
+        bag.calibration("/camera_info")
+        for k in range(4):
+            bag.image("/image", 1.0 + k, NOISE[k], "mono8")
+            if k == 1:
+                bag.image("/image", 2.0, NOISE[0], "mono8")
+            bag.fix(1.0 + k, 58.4, 0)
+            bag.fix(1.0 + k, 58.4, 0)
+    sequence = read_bag(tmp_path / "drive.bag")
+    assert sequence.frames.time_s.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert all(np.array_equal(sequence.frames[k], NOISE[k]) for k in (0, 1, 2, 3, 1))
+    assert sequence.gps is not None
+    assert sequence.gps.time_s.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert "4 messages of /gps/fix repeat a time or come late, and are left out" in sequence.notes
+    assert "1 messages of /image repeat a time or come late, and are left out" in sequence.notes
+
+
 def test_a_folder_of_other_bags_is_no_split_bag(tmp_path: Path) -> None:
     (tmp_path / "morning.bag").touch()
     (tmp_path / "evening.bag").touch()
