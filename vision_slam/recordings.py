@@ -10,7 +10,7 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import ImageFiles
 from survey.data.recording import Recording
-from vision_slam.io.bags import is_bag, read_bag
+from vision_slam.io.bags.reading import is_bag, read_bag
 from vision_slam.io.calibrations import read_calibration
 from vision_slam.io.gps_files import GpsLog, read_gps
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
@@ -36,7 +36,7 @@ def open_recording(
     Parameters
     ----------
     source : str or Path
-        See `vision_slam.io.readers.read_sequence` and `vision_slam.io.bags.read_bag`.
+        See `vision_slam.io.readers.read_sequence` and `vision_slam.io.bags.reading.read_bag`.
     camera : str or Path, optional
         ``camera.toml`` to use instead of the calibration that came with the images.
     topics : sequence of str

@@ -17,7 +17,8 @@ from survey.core.files.library_messages import first_line
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames, Image
 from survey.data.sensors.aiding import Inertial
-from vision_slam.io.bag_messages import (
+from vision_slam.io.bags.message_order import in_order
+from vision_slam.io.bags.messages import (
     COMPRESSED,
     IMAGE,
     decode_camera,
@@ -29,7 +30,6 @@ from vision_slam.io.bag_messages import (
 )
 from vision_slam.io.gps_files import GpsLog
 from vision_slam.io.images import bits_used, eight_bits, scaling_note
-from vision_slam.io.message_order import in_order
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import FORWARD
 
