@@ -1,4 +1,4 @@
-"""Read point clouds of ROS 2 recordings (``sensor_msgs/msg/PointCloud2``)."""
+"""Read point clouds of ROS 1 and ROS 2 recordings (``sensor_msgs/msg/PointCloud2``)."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,12 +13,12 @@ _CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
 def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
-    """Yield the clouds of a ROS 2 recording.
+    """Yield the clouds of a ROS 1 or ROS 2 recording.
 
     Parameters
     ----------
     path : pathlib.Path
-        The folder of the recording, or the ``.db3`` or ``.mcap`` file in it.
+        A ``.bag`` of ROS 1; or the folder of a ROS 2 recording, or the ``.db3`` or ``.mcap`` file in it.
 
     Yields
     ------
@@ -30,30 +30,34 @@ def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
     Raises
     ------
     InputError
-        The recording is damaged or holds no cloud, or rosbags is not installed.
+        The recording is damaged, holds no cloud or several topics of them, or rosbags is not installed.
     """
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise InputError(
-            "reading ROS 2 recordings needs rosbags, which is not installed; install firnline with its extra `ros`."
+            "reading ROS recordings needs rosbags, which is not installed; install firnline with its extra `ros`."
         ) from error
     try:
-        folder = path if path.is_dir() else path.parent
+        folder = path.parent if path.suffix in {".db3", ".mcap"} else path
         with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             clouds = [connection for connection in reader.connections if connection.msgtype == _CLOUD]
             if not clouds:
                 raise InputError(f"the recording {path} holds no {_CLOUD}; record the scanner's topic.")
+            topics = sorted({connection.topic for connection in clouds})
+            if len(topics) > 1:
+                raise InputError(
+                    f"the recording {path} holds {len(topics)} topics of clouds ({', '.join(topics)}), each in a frame of its own; "
+                    "copy the topic of one scanner into a bag of its own (ros2 bag convert, rosbag filter)."
+                )
             for connection, _, raw in reader.messages(connections=clouds):
                 message: Any = reader.deserialize(raw, connection.msgtype)
                 xyz = cloud_xyz(message, path)
                 time_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
                 yield time_s, xyz[np.isfinite(xyz).all(axis=1)]
     except AnyReaderError as error:
-        raise InputError(
-            f"the recording {path} is damaged or no ROS 2 bag ({error}); get it again."
-        ) from error
+        raise InputError(f"the recording {path} is damaged or no bag ({error}); get it again.") from error
 
 
 def cloud_xyz(message: Any, path: Path) -> FloatArray:

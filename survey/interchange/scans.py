@@ -1,4 +1,4 @@
-"""Read LiDAR scans one by one: npz, LAS/LAZ, PLY, KITTI .bin, and ROS 2 recordings."""
+"""Read LiDAR scans one by one: npz, LAS/LAZ, PLY, KITTI .bin, and ROS recordings."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from survey.io.point_columns import PLACE
 from survey.io.points.formats import read_point_table
 from survey.io.pose_files import read_tum
 
-_NPZ, _TABLES, _BAGS, _KITTI = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap"), (".bin",)
+_NPZ, _TABLES, _BAGS, _KITTI = (".npz",), (".las", ".laz", ".ply"), (".db3", ".mcap", ".bag"), (".bin",)
 _ORIGIN = ("origin_x_m", "origin_y_m", "origin_z_m")
 _TIMES = ("gps_time", "time_s", "time", "t")
 

@@ -14,7 +14,7 @@ from survey.data.scans.returns import SensorScan
 from survey.interchange.kitti_scans import kitti_time_s, read_kitti_scan
 from survey.interchange.point_clouds import bag_clouds
 
-_KITTI, _BAGS = ".bin", (".db3", ".mcap")
+_KITTI, _BAGS = ".bin", (".db3", ".mcap", ".bag")
 _METADATA = "metadata.yaml"  # of the folder of a ROS 2 bag
 _KITTI_FOLDERS = (
     ".",
@@ -34,7 +34,7 @@ class SensorScans(NamedTuple):
 
 
 def holds_sensor_scans(source: str | Path) -> bool:
-    """Return whether a path holds scans in the frame of their sensor: a recording, its scans, KITTI scans or a ROS 2 bag.
+    """Return whether a path holds scans in the frame of their sensor: a recording, its scans, KITTI scans or a bag.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def read_sensor_scans(
     ----------
     source : str or pathlib.Path
         Recording or its folder ``lidar``; KITTI ``.bin``, a folder of them, or a raw drive with ``velodyne_points``;
-        ROS 2 bag, its folder or the ``.db3`` or ``.mcap`` in it.
+        ``.bag`` of ROS 1; ROS 2 bag, its folder or the ``.db3`` or ``.mcap`` in it.
     pose_times_s : (N,) ndarray
         Times of the poses of the path [s], for KITTI scans without ``times.txt``.
     sigma_m : float, optional
@@ -96,7 +96,7 @@ def read_sensor_scans(
 
 
 def _is_bag(place: Path) -> bool:
-    """Whether a path is the folder of a ROS 2 bag, or the file in it."""
+    """Whether a path is a ROS 1 bag, the folder of a ROS 2 bag, or the file in it."""
     if place.is_dir():
         return (place / _METADATA).is_file() and any(file.suffix in _BAGS for file in place.iterdir())
     return place.suffix in _BAGS

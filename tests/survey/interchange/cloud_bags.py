@@ -1,6 +1,6 @@
-"""ROS 2 bags of point clouds for tests."""
+"""Bags of point clouds for tests."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,22 +8,33 @@ import pytest
 
 from survey.core.arrays import FloatArray
 
+_CLOUD = "sensor_msgs/msg/PointCloud2"
 
-def write_cloud_bag(folder: Path, clouds: Mapping[int, FloatArray]) -> None:
-    """Write clouds (N, 3), by the second of their time; skip the test where rosbags is not installed."""
-    writer = pytest.importorskip("rosbags.rosbag2", reason="rosbags, the extra `ros`, is not installed")
+
+def write_cloud_bag(
+    folder: Path, clouds: Mapping[int, FloatArray], topics: Sequence[str] = ("/points",)
+) -> None:
+    """Write clouds (N, 3), by the second of their time, in ROS 1 where the name ends in ``.bag``.
+
+    Skip the test where rosbags is not installed.
+    """
+    is_first = folder.suffix == ".bag"
+    module = "rosbags.rosbag1" if is_first else "rosbags.rosbag2"
+    writer = pytest.importorskip(module, reason="rosbags, the extra `ros`, is not installed")
     from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC if is_first else Stores.ROS2_HUMBLE)
     kinds = store.types
     point_field = kinds["sensor_msgs/msg/PointField"]
     fields = [point_field(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate("xyz")]
-    with writer.Writer(folder, version=8) as bag:
-        connection = bag.add_connection("/points", "sensor_msgs/msg/PointCloud2", typestore=store)
+    to_bytes = store.serialize_ros1 if is_first else store.serialize_cdr
+    counted = {"seq": 0} if is_first else {}
+    with writer.Writer(folder) if is_first else writer.Writer(folder, version=8) as bag:
+        connections = [bag.add_connection(name, _CLOUD, typestore=store) for name in topics]
         for second, xyz in clouds.items():
             time = kinds["builtin_interfaces/msg/Time"](sec=second, nanosec=0)
-            cloud = kinds["sensor_msgs/msg/PointCloud2"](
-                header=kinds["std_msgs/msg/Header"](stamp=time, frame_id="lidar"),
+            cloud = kinds[_CLOUD](
+                header=kinds["std_msgs/msg/Header"](stamp=time, frame_id="lidar", **counted),
                 height=1,
                 width=len(xyz),
                 fields=fields,
@@ -33,4 +44,5 @@ def write_cloud_bag(folder: Path, clouds: Mapping[int, FloatArray]) -> None:
                 data=np.frombuffer(xyz.astype("<f4").tobytes(), np.uint8),
                 is_dense=False,
             )
-            bag.write(connection, 10**9 * second, store.serialize_cdr(cloud, "sensor_msgs/msg/PointCloud2"))
+            for connection in connections:
+                bag.write(connection, 10**9 * second, to_bytes(cloud, _CLOUD))

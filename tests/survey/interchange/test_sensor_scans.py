@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from survey.core.errors import InputError
 from survey.interchange.sensor_scans import holds_sensor_scans, read_sensor_scans
 from tests.survey.interchange.cloud_bags import write_cloud_bag
 
@@ -20,6 +21,21 @@ def test_the_folder_of_a_ros_2_bag_and_the_file_in_it_are_the_same_scans(tmp_pat
         np.testing.assert_allclose(first.xyz, XYZ)
         np.testing.assert_allclose(second.xyz, XYZ + 1.0)
         assert (first.time_s[0], second.time_s[0]) == (1.0, 2.0)
+
+
+def test_a_ros_1_bag_holds_scans(tmp_path: Path) -> None:
+    write_cloud_bag(tmp_path / "drive.bag", {1: XYZ, 2: XYZ + 1.0})
+    assert holds_sensor_scans(tmp_path / "drive.bag")
+    first, second = read_sensor_scans(tmp_path / "drive.bag", np.zeros(0), 0.03).scans
+    np.testing.assert_allclose(first.xyz, XYZ)
+    assert (first.time_s[0], second.time_s[0]) == (1.0, 2.0)
+
+
+def test_clouds_of_several_topics_are_refused(tmp_path: Path) -> None:
+    write_cloud_bag(tmp_path / "two", {1: XYZ}, ("/front/points", "/rear/points"))
+    scans = read_sensor_scans(tmp_path / "two", np.zeros(0), 0.03).scans
+    with pytest.raises(InputError, match=r"2 topics of clouds \(/front/points, /rear/points\)"):
+        next(scans)
 
 
 @pytest.mark.parametrize("inside", [".", "velodyne", "velodyne_points/data"])
