@@ -8,6 +8,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
+from survey.interchange.bags import opened_bag
 
 _CLOUD = "sensor_msgs/msg/PointCloud2"
 
@@ -32,32 +33,22 @@ def bag_clouds(path: Path) -> Iterator[tuple[float, FloatArray]]:
     InputError
         The recording is damaged, holds no cloud or several topics of them, or rosbags is not installed.
     """
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise InputError(
-            "reading ROS recordings needs rosbags, which is not installed; install firnline with its extra `ros`."
-        ) from error
-    try:
-        folder = path.parent if path.suffix in {".db3", ".mcap"} else path
-        with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            clouds = [connection for connection in reader.connections if connection.msgtype == _CLOUD]
-            if not clouds:
-                raise InputError(f"the recording {path} holds no {_CLOUD}; record the scanner's topic.")
-            topics = sorted({connection.topic for connection in clouds})
-            if len(topics) > 1:
-                raise InputError(
-                    f"the recording {path} holds {len(topics)} topics of clouds ({', '.join(topics)}), each in a frame of its own; "
-                    "copy the topic of one scanner into a bag of its own (ros2 bag convert, rosbag filter)."
-                )
-            for connection, _, raw in reader.messages(connections=clouds):
-                message: Any = reader.deserialize(raw, connection.msgtype)
-                xyz = cloud_xyz(message, path)
-                time_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-                yield time_s, xyz[np.isfinite(xyz).all(axis=1)]
-    except AnyReaderError as error:
-        raise InputError(f"the recording {path} is damaged or no bag ({error}); get it again.") from error
+    place = path.parent if path.suffix in {".db3", ".mcap"} else path
+    with opened_bag(place) as reader:
+        clouds = [connection for connection in reader.connections if connection.msgtype == _CLOUD]
+        if not clouds:
+            raise InputError(f"the recording {path} holds no {_CLOUD}; record the scanner's topic.")
+        topics = sorted({connection.topic for connection in clouds})
+        if len(topics) > 1:
+            raise InputError(
+                f"the recording {path} holds {len(topics)} topics of clouds ({', '.join(topics)}), each in a frame of its own; "
+                "copy the topic of one scanner into a bag of its own (ros2 bag convert, rosbag filter)."
+            )
+        for connection, _, raw in reader.messages(connections=clouds):
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            xyz = cloud_xyz(message, path)
+            time_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+            yield time_s, xyz[np.isfinite(xyz).all(axis=1)]
 
 
 def cloud_xyz(message: Any, path: Path) -> FloatArray:

@@ -20,7 +20,7 @@ def write_cloud_bag(
     """
     is_first = folder.suffix == ".bag"
     module = "rosbags.rosbag1" if is_first else "rosbags.rosbag2"
-    writer = pytest.importorskip(module, reason="rosbags, the extra `ros`, is not installed")
+    writer = pytest.importorskip(module, reason="rosbags, the extra `bags`, is not installed")
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if is_first else Stores.ROS2_HUMBLE)

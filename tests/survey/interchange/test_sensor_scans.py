@@ -31,6 +31,15 @@ def test_a_ros_1_bag_holds_scans(tmp_path: Path) -> None:
     assert (first.time_s[0], second.time_s[0]) == (1.0, 2.0)
 
 
+@pytest.mark.parametrize("name", ["drive.bag", "drive"])
+def test_a_bag_of_clouds_that_is_cut_off_is_refused(tmp_path: Path, name: str) -> None:
+    write_cloud_bag(tmp_path / name, dict.fromkeys(range(1, 400), XYZ))
+    file = tmp_path / name if name.endswith(".bag") else next((tmp_path / name).glob("*.db3"))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(InputError, match="damaged or no bag"):
+        list(read_sensor_scans(tmp_path / name, np.zeros(0), 0.03).scans)
+
+
 def test_clouds_of_several_topics_are_refused(tmp_path: Path) -> None:
     write_cloud_bag(tmp_path / "two", {1: XYZ}, ("/front/points", "/rear/points"))
     scans = read_sensor_scans(tmp_path / "two", np.zeros(0), 0.03).scans

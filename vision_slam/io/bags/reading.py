@@ -1,9 +1,6 @@
 """ROS 1 and ROS 2 bags, read without ROS: images, calibration, fixes, inertial readings, odometry."""
 
-import sqlite3
-import struct
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +10,10 @@ import numpy as np
 from survey.core.arrays import BoolArray, FloatArray, IntArray
 from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
-from survey.core.files.library_messages import first_line
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames, Image
 from survey.data.sensors.aiding import Inertial
+from survey.interchange.bags import opened_bag
 from vision_slam.io.bags.message_order import in_order
 from vision_slam.io.bags.messages import (
     COMPRESSED,
@@ -105,7 +102,7 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     """
     place = Path(path)
     place = place.parent if place.suffix in {".mcap", ".db3"} else place
-    with _opened(place) as reader:
+    with opened_bag(place, _split_files(place)) as reader:
         taken = _taken(reader.connections, topics, place)
         if "images" not in taken:
             raise InputError(
@@ -130,33 +127,6 @@ class _Found:
     inertial_frame: str
     odometry: list[tuple[float, ...]]
     mounted: dict[str, tuple[str, FloatArray]]
-
-
-@contextmanager
-def _opened(place: Path) -> Iterator["AnyReader"]:
-    """Open a bag; its messages are defined by itself or, where it has no definitions, as in the newest ROS.
-
-    Whatever the reader stumbles over becomes one refusal.
-    """
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.rosbag1 import ReaderError as FirstReaderError
-        from rosbags.rosbag2 import ReaderError as SecondReaderError
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise InputError(
-            f"{place} is a bag, and reading it needs rosbags; install firnline[bags]."
-        ) from error
-    damage = (AnyReaderError, FirstReaderError, SecondReaderError, sqlite3.Error, struct.error, OSError)
-    try:
-        with AnyReader(
-            _split_files(place) or [place], default_typestore=get_typestore(Stores.LATEST)
-        ) as reader:
-            yield reader
-    except damage as error:
-        raise InputError(
-            f"{place} is damaged or no bag ({first_line(error)}); record or copy it again."
-        ) from error
 
 
 def _taken(connections: Sequence[Any], topics: Sequence[str], place: Path) -> dict[str, str]:
@@ -308,7 +278,7 @@ class _BagImages:
         return self._last
 
     def _read(self) -> Iterator[Image]:
-        with _opened(self._place) as reader:
+        with opened_bag(self._place, _split_files(self._place)) as reader:
             chosen = [
                 one
                 for one in reader.connections
