@@ -16,7 +16,7 @@ from sim.instruments.suite import Readings
 from sim.simulate.navigation import Start
 from sim.simulate.onboard.navigator import LATE_FRAMES, Navigate, OnboardComputer, TimedPose, VisualNavigator
 from survey.core.errors import InputError
-from survey.core.executors import settled
+from survey.core.executors import FAILED_TO_START, UNGUARDED, settled
 from vision_slam.odometry.odometer import VisualOdometry
 
 _MOST_WAITING = LATE_FRAMES + 1
@@ -62,7 +62,7 @@ class Subprocess:
         self._process = context.Process(
             target=_serve, args=(make, self._requests, self._results), daemon=True
         )
-        self._n = 0
+        self._n, self._has_answered = 0, False
 
     def __enter__(self) -> "Subprocess":
         self._process.start()
@@ -107,12 +107,15 @@ class Subprocess:
             except queue.Empty:
                 self._refuse_dead()
             else:
+                self._has_answered = True
                 if isinstance(result, BaseException):
                     raise result
                 return result
 
     def _refuse_dead(self) -> None:
         if not self._process.is_alive() and self._results.empty():
+            if self._process.exitcode == FAILED_TO_START and not self._has_answered:
+                raise InputError(f"the process of the onboard computer {UNGUARDED}")
             raise InputError(
                 f"the process of the onboard computer ended with code {self._process.exitcode} after about {self._n} images; "
                 "it may have lacked memory: run again, with --workers 1 to do without it."

@@ -5,7 +5,7 @@ worker dies; the result is the same.
 """
 
 from survey.core.executors.dask_cluster import run_on_dask
-from survey.core.executors.processes import settled
+from survey.core.executors.processes import FAILED_TO_START, UNGUARDED, settled
 from survey.core.executors.run import Engine, open_workers, run_all
 
-__all__ = ["Engine", "open_workers", "run_all", "run_on_dask", "settled"]
+__all__ = ["FAILED_TO_START", "UNGUARDED", "Engine", "open_workers", "run_all", "run_on_dask", "settled"]

@@ -18,6 +18,12 @@ R = TypeVar("R")
 
 MOST_DEATHS = 8
 """Deaths of workers in a row, without a piece finished, after which the work itself is to blame."""
+FAILED_TO_START = 1
+"""Exit code of a new process whose imports raise; a process that is killed has a negative one."""
+UNGUARDED = (
+    "failed to start; new processes import the script that starts them: "
+    'put its calls under `if __name__ == "__main__":`.'
+)
 
 
 class Processes:
@@ -44,9 +50,12 @@ class Processes:
                     deaths = 0
                     yield piece, result
             except BrokenProcessPool as error:
+                failed_to_start = self._failed_to_start()
                 self._kill()
                 self.close()
                 deaths += 1
+                if failed_to_start:
+                    raise InputError(f"the workers {UNGUARDED}") from error
                 if deaths >= MOST_DEATHS:
                     raise InputError(
                         f"workers died {deaths} times in a row and finished nothing; they may lack memory, take fewer workers."
@@ -65,6 +74,11 @@ class Processes:
         with pool._shutdown_lock:
             if pool._executor_manager_thread_wakeup is not None:
                 pool._executor_manager_thread_wakeup.wakeup()
+
+    def _failed_to_start(self) -> bool:
+        """Return whether a process of a broken pool raised an exception before it took a piece."""
+        processes = [] if self._pool is None else list(self._pool._processes.values())
+        return any(process.exitcode == FAILED_TO_START for process in processes)
 
     def _kill(self) -> None:
         """Kill the processes of a broken pool: it waits for those that started while it broke, which wait for ever."""

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -62,3 +64,14 @@ def test_the_serial_engine_runs_in_this_process() -> None:
 def test_less_than_one_worker_is_refused() -> None:
     with pytest.raises(ConfigError, match="at least 1 is needed"), open_workers("processes", 0):
         pass
+
+
+def test_a_script_that_starts_workers_without_a_guard_is_refused(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("from survey.core.executors import run_all\nlist(run_all(str, [1, 2], workers=2))\n")
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1] == (
+        "survey.core.errors.InputError: the workers failed to start; new processes import the script that starts them: "
+        'put its calls under `if __name__ == "__main__":`.'
+    )

@@ -1,9 +1,11 @@
 """Small lattices exactly: the operator as a band matrix, its determinant and the diagonal of its inverse."""
 
+from functools import cache
+
 import numpy as np
 from numba import njit
 from scipy.linalg import cholesky_banded
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
@@ -38,6 +40,12 @@ def band_of(operator: Operator) -> FloatArray:
     return band
 
 
+@cache
+def _blas() -> ThreadpoolController:
+    """Return the BLAS of SciPy, found once: the search takes longer than a factor of 1,024 nodes."""
+    return ThreadpoolController()
+
+
 def band_cholesky(band: FloatArray) -> FloatArray:
     """Return the Cholesky factor in the same lower band form; the same bytes whatever the number of threads.
 
@@ -46,7 +54,7 @@ def band_cholesky(band: FloatArray) -> FloatArray:
     InputError
         When the data hold the surface nowhere.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _blas().limit(limits=1, user_api="blas"):
         try:
             factor: FloatArray = cholesky_banded(band, lower=True, check_finite=False)
         except np.linalg.LinAlgError as error:
