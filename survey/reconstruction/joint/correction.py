@@ -32,6 +32,26 @@ class PathCorrection(DataObject):
     shift: FloatArray
     covariance: FloatArray
 
+    def mixed(self, other: "PathCorrection", share: float) -> "PathCorrection":
+        """Return mean and covariance of the mixture with another correction.
+
+        Parameters
+        ----------
+        other : PathCorrection
+            Correction at the same times.
+        share : float
+            Probability of the other correction.
+
+        Returns
+        -------
+        PathCorrection
+            Mean of both, with the covariance that their difference adds.
+        """
+        apart = other.shift - self.shift
+        spread = share * (1.0 - share) * apart[:, :, None] * apart[:, None, :]
+        covariance = (1.0 - share) * self.covariance + share * other.covariance + spread
+        return PathCorrection(self.time_s, self.shift + share * apart, covariance)
+
     def applied(self, trajectory: Trajectory) -> Trajectory:
         """Return the trajectory with corrected positions and without its shared error, which the map has used.
 

@@ -28,14 +28,14 @@ from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.design_rows import JointSystem, cell_rows, point_rows
 from survey.reconstruction.joint.joint_solve import JointPosterior
-from survey.reconstruction.joint.kernels.kernel_choice import PointsOnly, chosen, probable
+from survey.reconstruction.joint.kernels.kernel_choice import ChosenKernel, PointsOnly, chosen, probable
 from survey.reconstruction.joint.kernels.plane_residuals import PlaneResiduals, own_variance
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.map_average import MapAverage
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
 from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.joint.shared_relief import with_shared_relief
-from survey.reconstruction.joint.solution import JointMap, JointSolution
+from survey.reconstruction.joint.solution import JointMap, JointSolution, StatedSolution
 from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
 from survey.reconstruction.prior.products import PriorErrors
 from survey.reconstruction.terrain_model import local_datum_m
@@ -122,9 +122,10 @@ class JointTerrain:
         """Choose a kernel with the prior's cells, and solve with them."""
         points, bounds, slope = alone.points, alone.bounds, alone.slope
         found, (cells, errors) = alone.candidates[0], self._cells(points, bounds)
-        conflicts: tuple[str, ...] = ()
+        choice: ChosenKernel | None = None
         if cells is not None:
-            found, cells, conflicts = chosen(alone, cells, errors)
+            choice = chosen(alone, cells, errors)
+            found, cells = choice.found, choice.cells
             if not errors.white.is_known:
                 slope = alone.terrain(found).gradient(points.xy)
         for _ in range(self.joint.slope_passes - 1):
@@ -132,7 +133,20 @@ class JointTerrain:
             slope = rough.gradient(points.xy)
             cells = None if cells is None else cells.with_slope(rough.gradient(cells.centre))
         solution = self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
-        return replace(solution, conflicts=conflicts, average=self._average(alone, found, slope, cells))
+        solution = replace(solution, average=self._average(alone, found, slope, cells))
+        return solution if choice is None else self._with_prior(solution, choice, alone, slope)
+
+    def _with_prior(
+        self, solution: JointSolution, choice: ChosenKernel, alone: PointsOnly, slope: FloatArray
+    ) -> JointSolution:
+        """Return the solution with the prior's conflicts, and with its stated level where that may hold all the same."""
+        if choice.stated is None:
+            return replace(solution, conflicts=choice.conflicts)
+        cells = choice.stated.cells.with_slope(solution.terrain.gradient(choice.stated.cells.centre))
+        given, memory_mb = (alone.points, alone.bounds, solution.found, slope, cells), self.joint.memory_mb
+        other = replace(self._solution(*given, memory_mb=memory_mb), average=solution.average)
+        stated = StatedSolution(other, choice.stated.probability)
+        return replace(solution, conflicts=choice.conflicts, stated=stated)
 
     def _average(
         self, alone: PointsOnly, found: Hyperparameters, slope: FloatArray, cells: SatelliteCells | None

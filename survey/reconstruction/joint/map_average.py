@@ -1,4 +1,4 @@
-"""Average of maps that were made with several kernels."""
+"""Averages of maps that were made with several kernels, or with two levels of the prior."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,6 +14,29 @@ class MapFields(Protocol):
 
     def fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
         """Return height and standard deviation (H, W) [m]."""
+
+
+def mixture(
+    first: tuple[FloatArray, FloatArray], second: tuple[FloatArray, FloatArray], share: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of a mixture of two normal distributions.
+
+    Parameters
+    ----------
+    first, second : tuple of ndarray
+        Means and standard deviations of both.
+    share : float
+        Probability of the second.
+
+    Examples
+    --------
+    >>> one, other = (np.zeros(1), np.ones(1)), (np.full(1, 2.0), np.ones(1))
+    >>> [values.round(3).tolist() for values in mixture(one, other, 0.5)]
+    [[1.0], [1.414]]
+    """
+    (mean, std), (other, other_std) = first, second
+    variance = (1.0 - share) * std**2 + share * other_std**2 + share * (1.0 - share) * (other - mean) ** 2
+    return mean + share * (other - mean), np.sqrt(variance)
 
 
 @dataclass(frozen=True)

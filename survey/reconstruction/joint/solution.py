@@ -20,13 +20,20 @@ from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.correction import PathCorrection
 from survey.reconstruction.joint.joint_solve import JointPosterior, unit_rows
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
-from survey.reconstruction.joint.map_average import MapAverage
+from survey.reconstruction.joint.map_average import MapAverage, mixture
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.shared_error import SharedError, side_by_side
 from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
 from survey.reconstruction.support import support_codes
 
 _EXTREME = 4.0
+
+
+class StatedSolution(NamedTuple):
+    """Solution with the stated level of a prior that contradicts the points, and the probability that the level holds."""
+
+    solution: "JointSolution"
+    probability: float
 
 
 class JointMap(NamedTuple):
@@ -58,6 +65,7 @@ class JointSolution:
     landmarks: LandmarkErrors
     conflicts: tuple[str, ...] = ()
     average: MapAverage | None = None
+    stated: "StatedSolution | None" = None
 
     @cached_property
     def terrain(self) -> TerrainPosterior:
@@ -99,9 +107,7 @@ class JointSolution:
 
     def on(self, grid: Grid) -> JointMap:
         """Return the map on a grid, and the path's correction."""
-        mean, std = self.terrain.fields(grid)
-        if self.average is not None:
-            mean, std = self.average.applied(grid, mean, std)
+        mean, std = self.fields(grid)
         nearest = np.asarray(cKDTree(self.points.xy).query(grid.xy)[0]).reshape(grid.shape)
         prior = self.found.kernel.variance_m2 + self.found.nugget_m**2
         codes = support_codes(
@@ -122,8 +128,23 @@ class JointSolution:
         )
         return JointMap(result, self.correction(), self)
 
+    def fields(self, grid: Grid) -> tuple[FloatArray, FloatArray]:
+        """Return height and standard deviation (H, W) on a grid [m], averaged over kernels and levels of the prior."""
+        mean, std = self.terrain.fields(grid)
+        if self.average is not None:
+            mean, std = self.average.applied(grid, mean, std)
+        if self.stated is None:
+            return mean, std
+        return mixture((mean, std), self.stated.solution.fields(grid), self.stated.probability)
+
     def correction(self) -> PathCorrection:
-        """Return the path's error, as the map found it."""
+        """Return the path's error, as the map found it, averaged over levels of the prior."""
+        found = self._correction()
+        if self.stated is None:
+            return found
+        return found.mixed(self.stated.solution.correction(), self.stated.probability)
+
+    def _correction(self) -> PathCorrection:
         path, n_path = self.path, self.shared.poses.shape[1]
         places = np.flatnonzero(np.arange(len(path) * POSE) % POSE < 3)
         nothing = sparse.csr_array((len(places), self._n_shared - n_path))
@@ -189,6 +210,7 @@ class JointSolution:
             "satellite_correlated_sigma_log_sd": sizes.correlated_log_sd,
             "satellite_correlation_m": sizes.correlation_m,
             "prior_conflicts": list(self.conflicts),
+            **({} if self.stated is None else {"prior_level_probability": self.stated.probability}),
         }
         value, covariance = self._estimated(self._n_shared - len(cells.common), len(cells.common))
         for k, one in enumerate(cells.common):

@@ -14,6 +14,9 @@ from survey.reconstruction.prior.products import ErrorScale
 _SIGMAS, _LEAST_LIKELY = 3.0, 1e-3
 # A fitted size of an error this many times larger than the product's is a conflict.
 _TOO_LARGE = 3.0
+# This share of priors have a level that their error model does not allow; the logarithm of such an offset is uniform
+# between these sizes [m].
+_WRONG_SHARE, _WRONG_M = 0.05, (0.1, 100.0)
 
 
 class Level(NamedTuple):
@@ -43,6 +46,18 @@ class Level(NamedTuple):
         """Whether the offset is beyond three standard deviations."""
         return self.in_sigmas > _SIGMAS
 
+    @property
+    def probability(self) -> float:
+        """Probability that the error model of the prior holds, and the points err by as much.
+
+        By Bayes' rule against a wrong level: one in twenty priors has one, of any size from 0.1 to 100 m.
+        """
+        sigma_m = float(np.hypot(self.sigma_m, self.assumed_sigma_m))
+        allowed = np.exp(-0.5 * self.in_sigmas**2) / (np.sqrt(2.0 * np.pi) * sigma_m)
+        size_m = float(np.clip(abs(self.offset_m), *_WRONG_M))
+        wrong = 1.0 / (2.0 * size_m * np.log(_WRONG_M[1] / _WRONG_M[0]))
+        return float(allowed * (1.0 - _WRONG_SHARE) / (allowed * (1.0 - _WRONG_SHARE) + wrong * _WRONG_SHARE))
+
 
 def level(innovations: Innovations, assumed_sigma_m: float) -> Level:
     """Return the vertical offset of cells whose covariance leaves an offset out.
@@ -67,7 +82,11 @@ def level(innovations: Innovations, assumed_sigma_m: float) -> Level:
 
 
 def conflicts(
-    found: Level, innovations: Innovations, white_m: float, expected: ErrorScale
+    found: Level,
+    innovations: Innovations,
+    white_m: float,
+    expected: ErrorScale,
+    level_probability: float = 0.0,
 ) -> tuple[str, ...]:
     """Return one sentence for every conflict, with its size.
 
@@ -81,6 +100,8 @@ def conflicts(
         Independent error of a cell, as it was estimated [m].
     expected : ErrorScale
         The same as the product's class has it.
+    level_probability : float
+        Probability with which a level that contradicts the points is used all the same.
 
     Returns
     -------
@@ -89,9 +110,14 @@ def conflicts(
     """
     sentences = []
     if found.is_conflict:
+        used = (
+            f"counts with a probability of {100.0 * level_probability:.0f} %"
+            if level_probability
+            else "is not used"
+        )
         sentences.append(
             f"the prior lies {abs(found.offset_m):.2f} m {'above' if found.offset_m > 0.0 else 'below'} the points, "
-            f"{found.in_sigmas:.1f} standard deviations of what is expected; its level is not used, check its vertical datum."
+            f"{found.in_sigmas:.1f} standard deviations of what is expected; its level {used}, check its vertical datum."
         )
     if np.isfinite(expected.log_sd) and white_m > _TOO_LARGE * expected.median_m:
         sentences.append(

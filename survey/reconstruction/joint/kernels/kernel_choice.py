@@ -16,8 +16,8 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction.gp.selection.kernel_fit import Hyperparameters
 from survey.reconstruction.joint.satellite_cells import SatelliteCells
 from survey.reconstruction.joint.terrain_posterior import TerrainPosterior
-from survey.reconstruction.prior.conflict import conflicts, level, misfit_log_likelihood
-from survey.reconstruction.prior.error_sizes import likeliest_sizes
+from survey.reconstruction.prior.conflict import Level, conflicts, level, misfit_log_likelihood
+from survey.reconstruction.prior.error_sizes import Innovations, likeliest_sizes
 from survey.reconstruction.prior.products import PriorErrors
 
 # Kernels that points make less likely than the best by more than this are not compared.
@@ -25,8 +25,9 @@ _WITHIN_NATS = 40.0
 # Kernels that points make less likely than the best by more than this are no part of an average, nor are those of a
 # probability below the share.
 _PROBABLE_NATS, _LEAST_WEIGHT = 3.0, 0.02
-# The level of a prior that contradicts the points has this standard deviation, in offsets.
-_FREE_LEVEL = 10.0
+# The level of a prior that contradicts the points has this standard deviation, in offsets. Its stated level is left out
+# where it is less probable than the share.
+_FREE_LEVEL, _LEAST_LEVEL = 10.0, 0.005
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,20 @@ def probable(
     return [kernels[k] for k in kept], weights[kept] / weights[kept].sum()
 
 
+class StatedLevel(NamedTuple):
+    """Cells whose level contradicts the points, as their error model has it, and the probability that it holds."""
+
+    cells: SatelliteCells
+    probability: float
+
+
 class ChosenKernel(NamedTuple):
     """Hyperparameters, the cells with the sizes of their errors, and conflicts of prior and points."""
 
     found: Hyperparameters
     cells: SatelliteCells
     conflicts: tuple[str, ...]
+    stated: StatedLevel | None = None
 
     @property
     def score(self) -> float:
@@ -122,13 +131,22 @@ def _judged(
     """Estimate the sizes of the cells' errors from a kernel's map, with a free level where prior and points disagree."""
     expected, covariance = alone.terrain(found).cell_means(cells)
     innovations = cells.innovations(expected, covariance)
-    sized = cells.with_sizes(likeliest_sizes(innovations, errors))
-    own = innovations._replace(covariance=innovations.covariance + sized.covariance)
-    height = level(own, errors.level_sigma_m)
+    sized, stated = cells.with_sizes(likeliest_sizes(innovations, errors)), None
+    height = _level(innovations, sized, errors)
     if height.is_conflict:
         free = cells.with_free_level(_FREE_LEVEL * abs(height.offset_m))
         innovations, exact = free.innovations(expected, covariance), errors._replace(level_log_sd=0.0)
         sized = free.with_sizes(likeliest_sizes(innovations, exact))
+        probability = _level(innovations, sized, errors).probability
+        if probability >= _LEAST_LEVEL:
+            stated = StatedLevel(cells.with_sizes(sized.sizes), probability)
     total = innovations._replace(covariance=innovations.with_level + sized.covariance)
-    found_conflicts = conflicts(height, total, sized.sizes.white_m, errors.white)
-    return ChosenKernel(found, sized, found_conflicts)
+    used = 0.0 if stated is None else stated.probability
+    found_conflicts = conflicts(height, total, sized.sizes.white_m, errors.white, used)
+    return ChosenKernel(found, sized, found_conflicts, stated)
+
+
+def _level(innovations: Innovations, cells: SatelliteCells, errors: PriorErrors) -> Level:
+    """Return the offset of the cells from the points, with the errors that the cells have in their sizes."""
+    own = innovations._replace(covariance=innovations.covariance + cells.covariance)
+    return level(own, errors.level_sigma_m)

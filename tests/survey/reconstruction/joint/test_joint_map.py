@@ -318,6 +318,32 @@ def test_a_prior_forty_metres_too_high_loses_and_is_reported():
     assert abs(error[along].mean() - level[along].mean()) < 0.1
 
 
+def test_a_stated_level_that_three_standard_deviations_contradict_counts_with_its_probability():
+    # The path errs by 3.5 of its standard deviations, and the prior has the right level, as stated.
+    path, stated = path_error(0.5), JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.1))
+    found = mapped(path, seen_points(lift_m=1.75), cells_of(hill), stated)
+    share = found.reconstruction.diagnostics["prior_level_probability"]
+    assert 0.2 < share < 0.7
+    assert (
+        f"with a probability of {100.0 * share:.0f} %"
+        in found.reconstruction.diagnostics["prior_conflicts"][0]
+    )
+    free = replace(found.solution, stated=None).on(GRID)
+    error = found.reconstruction.mean.elevation - hill(GRID.xy).reshape(GRID.shape)
+    along = GRID.shape[0] // 2
+    assert np.all(np.abs(error[along]) < 2.0 * found.reconstruction.std.elevation[along])
+    assert np.all(found.reconstruction.std.elevation[along] > free.reconstruction.std.elevation[along])
+    up = np.sqrt(found.correction.covariance[:, 2, 2])
+    assert np.all(np.abs(1.75 - found.correction.shift[:, 2]) < 2.0 * up)
+
+
+def test_a_level_that_no_error_model_allows_is_not_used():
+    stated = JointConfig(satellite=SatelliteErrors(product="unbiased", sigma_m=0.1))
+    found = mapped(path_error(0.5), seen_points(), cells_of(hill, offset_m=40.0), stated)
+    assert found.solution.stated is None
+    assert "its level is not used" in found.reconstruction.diagnostics["prior_conflicts"][0]
+
+
 def test_a_prior_that_agrees_is_no_conflict():
     found = mapped(path_error(0.5), seen_points(), cells_of(hill), JointConfig()).reconstruction
     assert found.diagnostics["prior_conflicts"] == []

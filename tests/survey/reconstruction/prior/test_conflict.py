@@ -3,7 +3,7 @@
 import numpy as np
 
 from survey.reconstruction.prior import ErrorScale
-from survey.reconstruction.prior.conflict import conflicts, level
+from survey.reconstruction.prior.conflict import Level, conflicts, level
 from survey.reconstruction.prior.error_sizes import Innovations
 
 CENTRE = np.random.default_rng(1).uniform(0.0, 600.0, (40, 2))
@@ -46,3 +46,16 @@ def test_an_error_far_beyond_the_class_is_reported_unless_the_class_leaves_it_op
     assert "3.50 m each" in sentence
     open_size = ErrorScale(1.0, np.inf)
     assert conflicts(level(of(0.0), 1.0), of(0.0), 3.5, open_size) == ()
+
+
+def test_a_level_is_less_probable_the_farther_it_lies_whatever_its_size() -> None:
+    for sigma_m in (0.05, 1.0):
+        near, middle, far = (Level(k * sigma_m, sigma_m, 0.0).probability for k in (2.0, 3.6, 5.0))
+        assert near > 0.95
+        assert 0.3 < middle < 0.5
+        assert far < 0.005
+
+
+def test_a_conflict_states_the_probability_with_which_the_level_is_used() -> None:
+    (sentence,) = conflicts(level(of(40.0), 1.0), of(40.0), 1.0, ErrorScale(1.0), 0.25)
+    assert "counts with a probability of 25 %" in sentence
