@@ -12,6 +12,7 @@ from vision_slam.rotation import rotations
 # Readings this long before the first pose or after the last count as taken at it: rovers stand there.
 _BESIDE_S = 1.0
 _HALF_S = 0.25
+_LEAST_TRAVEL_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,9 @@ class Nodes:
 
     @property
     def travel(self) -> FloatArray:
-        """Travel from node to node (K - 1,) [m]."""
-        return self.summed(np.linalg.norm(np.diff(self.dead_reckoned, axis=0), axis=1))
+        """Travel from node to node (K - 1,) [m], at least a millimetre: errors that cannot change swamp all others."""
+        travel = self.summed(np.linalg.norm(np.diff(self.dead_reckoned, axis=0), axis=1))
+        return np.maximum(travel, _LEAST_TRAVEL_M)
 
     @property
     def rolled(self) -> FloatArray:

@@ -20,6 +20,7 @@ from vision_slam.odometry.lens.self_calibration import (
     LensEstimate,
 )
 from vision_slam.odometry.scale.scale_drift import camera_height_ratio, scale_corrections, scale_sightings
+from vision_slam.odometry.scale.scale_jumps import bridge_scale_jumps, travel_between
 from vision_slam.odometry.scale.speed import smoothed_steps
 from vision_slam.odometry.tracks import Track
 from vision_slam.odometry.triangulation import LandmarkTriangulator
@@ -212,16 +213,19 @@ def _corrected(
     steps = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
     steps *= factor[:-1, None]
     health = tuple(frame.health for frame in slam.frames)
+    sightings = scale_sightings(sightings, factor)
+    attitude = world_attitudes(poses[:, :3, :3], times, records)
     if records.wheels is None:
         steps = smoothed_steps(steps, np.diff(times), np.array([frame.is_visual for frame in health[1:]]))
-    attitude = world_attitudes(poses[:, :3, :3], times, records)
-    if (
-        records.wheels is not None
-    ):  # the distance of ridges is assumed in metres, which images alone do not have
+    else:
+        height_m = float(slam.camera.T_body_camera[2, 3])
+        rolled_m = travel_between(records.wheels, times)
+        steps, sightings, health = bridge_scale_jumps(steps, rolled_m, sightings, health, height_m)
+        # The distance of ridges is assumed in metres, which images alone do not have.
         attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
     odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
     lost = is_lost(poses, health, has_wheels=records.wheels is not None)
-    return VisualOdometry(odometry, scale_sightings(sightings, factor), health, lost)
+    return VisualOdometry(odometry, sightings, health, lost)
 
 
 def _scale_factors(slam: VisualSlam, sightings: Sightings, records: VisionRecords) -> FloatArray:

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from survey.core.arrays import FloatArray, IntArray, checked, frozen
+from survey.core.arrays import BoolArray, FloatArray, IntArray, checked, frozen
 from survey.core.data_object import DataObject
 from survey.data.sensors.records import UPPER, joined_columns
 from survey.io.tables import read_table, write_table
@@ -42,6 +42,21 @@ class Sightings(DataObject):
             self, "covariance", checked(self.covariance, (m, 3, 3), "the landmark covariances")
         )
         object.__setattr__(self, "range_m", checked(self.range_m, (m,), "the landmark ranges"))
+
+    def select(self, which: BoolArray) -> Self:
+        """Return some of the landmarks.
+
+        Parameters
+        ----------
+        which : (M,) ndarray of bool
+            Whether each landmark is selected.
+
+        Returns
+        -------
+        Sightings
+            The selected landmarks.
+        """
+        return type(self)(self.pose[which], self.offset[which], self.covariance[which], self.range_m[which])
 
     def write(self, path: str | Path) -> None:
         """Write a CSV table with the upper triangle of the covariances.

@@ -188,3 +188,21 @@ def test_nodes_lie_closer_where_fixes_are_more_precise_than_a_varying_scale() ->
     assert node_spacing_m(2700.0, images) == 2700.0 / 2000.0
     usual = images.model_copy(update={"gps_white_sigma_m": 0.5})
     assert node_spacing_m(100.0, usual) == usual.node_spacing_m
+
+
+def test_unmeasured_steps_after_a_rest_leave_all_variances_positive():
+    time_s, position, attitude = circle(300)
+    rest = 4
+    times = np.arange(len(time_s) + rest, dtype=float)
+    position, attitude = (np.concatenate([np.tile(a[:1], (rest, 1)), a]) for a in (position, attitude))
+    moved = odometry_of(times, position, attitude)
+    sigma = np.zeros(len(times) - 1)
+    sigma[rest : rest + 12] = 0.02
+    odometry = replace(moved, step_sigma_m=sigma)
+    recording = Recording(CRS, position[0], GpsFixes(times, position), odometry=odometry)
+    path = smooth(recording, dead_reckoning(odometry, position[0]), LocalizationConfig(start="surveyed"))
+    assert path.error.time_s[1] <= rest  # a node at the end of the rest, without any travel
+    assert (np.einsum("nii->ni", path.covariance) > 0.0).all()
+    alone = path.error.pose_covariances[0]
+    nodes = np.searchsorted(times, path.error.time_s)
+    np.testing.assert_allclose(path.covariance[nodes], alone, rtol=1e-3, atol=1e-9)

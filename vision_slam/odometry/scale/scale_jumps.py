@@ -1,0 +1,163 @@
+"""Detection and repair of stretches on which the scale of the images' map has jumped: wheels count less travel there."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from survey.core.arrays import BoolArray, FloatArray, IntArray
+from survey.data.sensors.aiding import Wheels
+from survey.data.sensors.sightings import Sightings
+from vision_slam.odometry.health import FrameHealth
+
+# Travel over which lengths by images and by wheels are compared [m].
+_WINDOW_M = 1.0
+# A length by images counts as too large where its logarithm exceeds that by wheels by more than this.
+_TOO_LONG = 0.15
+# Wheels that contradict more of the drive than this are wrong themselves.
+_MOST_OF_DRIVE = 0.2
+# Landmarks within so many heights of the camera show how large the map is; fewer do not.
+_NEAR, _LEAST_NEAR = 4.0, 8
+# At least this share of the excess must show in the depth of the ground below the camera.
+_CONFIRMED = 0.5
+# Wheels spin when a rover sets off, for so many metres of its map.
+_SETTING_OFF_M = 1.5
+# Corners that were followed since before a jump end within this travel after it [m].
+_TRACKS_M = 1.0
+
+
+def travel_between(wheels: Wheels, time_s: FloatArray) -> FloatArray:
+    """Return the travel by wheels between times (N - 1,) [m]; NaN where they did not measure."""
+    counted = np.interp(time_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m), np.nan, np.nan)
+    return np.diff(counted)
+
+
+def bridge_scale_jumps(
+    steps: FloatArray,
+    rolled_m: FloatArray,
+    sightings: Sightings,
+    health: tuple[FrameHealth, ...],
+    height_m: float,
+) -> tuple[FloatArray, Sightings, tuple[FrameHealth, ...]]:
+    """Give steps on which the scale has jumped the travel by wheels, and leave out the landmarks seen there.
+
+    Parameters
+    ----------
+    steps : (N - 1, 3) ndarray
+        Steps between poses [m].
+    rolled_m : (N - 1,) ndarray
+        Travel by wheels [m], NaN where they did not measure.
+    sightings : Sightings
+        Landmarks relative to the poses.
+    health : tuple of FrameHealth
+        Health of the N images.
+    height_m : float
+        Height of the camera above the ground [m].
+
+    Returns
+    -------
+    steps : (N - 1, 3) ndarray
+        Steps with the corrected lengths.
+    sightings : Sightings
+        Landmarks that no jump has touched.
+    health : tuple of FrameHealth
+        Images whose step was corrected count as not visual: their steps rest on the wheels.
+    """
+    length = np.linalg.norm(steps, axis=1)
+    factor = scale_jumps(length, rolled_m, sightings, height_m)
+    if (factor == 1.0).all():
+        return steps, sightings, health
+    seen = sightings.select(~_beside_jumps(factor, length)[sightings.pose])
+    bridged = tuple(
+        replace(frame, is_visual=frame.is_visual and by == 1.0)
+        for frame, by in zip(health, [1.0, *factor.tolist()], strict=True)
+    )
+    return steps * factor[:, None], seen, bridged
+
+
+def scale_jumps(
+    step_m: FloatArray, rolled_m: FloatArray, sightings: Sightings, height_m: float
+) -> FloatArray:
+    r"""Return the factors (N - 1,) that correct steps on which the scale of the images' map has jumped; 1 elsewhere.
+
+    Wheels that slip or skid count more than the body moves, not less. So where the travel by images L exceeds that by
+    wheels R over a metre,
+
+    .. math::  \log(L / R) - \operatorname{median} \log(L / R) > 0.15 ,
+
+    either the map is too large or the body slides with its wheels at rest. The ground decides: a map that is k times too
+    large puts it (k - 1) heights of the camera below the body.
+
+    Parameters
+    ----------
+    step_m : (N - 1,) ndarray
+        Travel by images between poses [m].
+    rolled_m : (N - 1,) ndarray
+        Travel by wheels [m], NaN where they did not measure.
+    sightings : Sightings
+        Landmarks relative to the poses.
+    height_m : float
+        Height of the camera above the ground [m].
+
+    Examples
+    --------
+    >>> step = np.full(100, 0.25)
+    >>> step[45:55] *= 2.0
+    >>> none = Sightings(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
+    >>> scale_jumps(step, np.full(100, 0.25), none, 0.7)[[20, 50, 80]]
+    array([1. , 0.5, 1. ])
+    """
+    factor, before_m = np.ones(len(step_m)), np.cumsum(step_m) - step_m
+    excess = _excess(step_m, np.abs(rolled_m))
+    too_long = excess > _TOO_LONG
+    if step_m[too_long].sum() > _MOST_OF_DRIVE * step_m.sum():
+        return factor
+    for steps in _runs(too_long):
+        if not _ground_confirms(sightings, steps, float(np.median(excess[steps])), height_m):
+            continue
+        factor[steps] = np.exp(-excess[steps])
+        if before_m[steps[0]] < _SETTING_OFF_M:  # wheels that spin gave the map its size
+            factor[: steps[0]] = factor[steps].min()
+    return factor
+
+
+def _beside_jumps(factor: FloatArray, step_m: FloatArray) -> BoolArray:
+    """Return the poses (N,) whose landmarks may have been triangulated across a jump."""
+    travel = np.r_[0.0, np.cumsum(step_m)]
+    torn = np.flatnonzero(factor < 1.0)
+    if not len(torn):
+        return np.zeros(len(travel), dtype=bool)
+    place = np.searchsorted(travel[torn], travel)
+    before = travel[torn][np.maximum(place - 1, 0)]
+    after = travel[torn + 1][np.minimum(place, len(torn) - 1)]
+    beside: BoolArray = (np.abs(travel - before) <= _TRACKS_M) | (np.abs(after - travel) <= _TRACKS_M)
+    return beside
+
+
+def _excess(step_m: FloatArray, rolled_m: FloatArray) -> FloatArray:
+    """Return log(L / R) (N - 1,) over a metre about each step, less its median; 0 where wheels did not measure."""
+    travel, known = np.r_[0.0, np.cumsum(step_m)], np.isfinite(rolled_m)
+    rolled = np.r_[0.0, np.cumsum(np.where(known, rolled_m, step_m))]
+    middle = 0.5 * (travel[1:] + travel[:-1])
+    ends = [np.clip(middle + side * 0.5 * _WINDOW_M, 0.0, travel[-1]) for side in (-1.0, 1.0)]
+    by_images = ends[1] - ends[0]
+    by_wheels = np.interp(ends[1], travel, rolled) - np.interp(ends[0], travel, rolled)
+    measured = known & (by_images > 0.0) & (by_wheels > 0.0)
+    ratio = np.zeros(len(step_m))
+    ratio[measured] = np.log(by_images[measured] / by_wheels[measured])
+    return np.where(measured, ratio - (np.median(ratio[measured]) if measured.any() else 0.0), 0.0)
+
+
+def _runs(chosen: BoolArray) -> list[IntArray]:
+    """Return the indices of each run of chosen steps."""
+    index = np.flatnonzero(chosen)
+    return np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(index) else []
+
+
+def _ground_confirms(sightings: Sightings, steps: IntArray, excess: float, height_m: float) -> bool:
+    """Return whether the ground near the poses of a run lies as deep as a map that is too large puts it, if it is known."""
+    seen = (sightings.pose >= steps[0]) & (sightings.pose <= steps[-1] + 1)
+    near = seen & (np.hypot(*sightings.offset[:, :2].T) < _NEAR * height_m * np.exp(excess))
+    if near.sum() < _LEAST_NEAR:
+        return True
+    depth = -float(np.median(sightings.offset[near, 2]))
+    return depth > _CONFIRMED * height_m * np.expm1(excess)
