@@ -160,4 +160,4 @@ def _ground_confirms(sightings: Sightings, steps: IntArray, excess: float, heigh
     if near.sum() < _LEAST_NEAR:
         return True
     depth = -float(np.median(sightings.offset[near, 2]))
-    return depth > _CONFIRMED * height_m * np.expm1(excess)
+    return depth > _CONFIRMED * height_m * float(np.expm1(excess))
