@@ -9,25 +9,30 @@ from survey.data.sensors.aiding import Wheels
 from survey.data.sensors.sightings import Sightings
 from vision_slam.odometry.health import FrameHealth
 
-# Travel over which lengths by images and by wheels are compared [m].
-_WINDOW_M = 1.0
+# Least travel over which lengths by images and by wheels are compared [m], and least number of steps.
+_WINDOW_M, _WINDOW_STEPS = 1.0, 4
 # A length by images counts as too large where its logarithm exceeds that by wheels by more than this.
 _TOO_LONG = 0.15
 # Wheels that contradict more of the drive than this are wrong themselves.
 _MOST_OF_DRIVE = 0.2
-# Landmarks within so many heights of the camera show how large the map is; fewer do not.
-_NEAR, _LEAST_NEAR = 4.0, 8
-# At least this share of the excess must show in the depth of the ground below the camera.
-_CONFIRMED = 0.5
+# So many landmarks within so many heights of the camera show how large the map is.
+_NEAR, _LEAST_NEAR = 4.0, 4
+# At least this share of the excess must show in the depth of the ground; an excess above the other needs no ground.
+_CONFIRMED, _CERTAIN = 0.5, 0.25
 # Wheels spin when a rover sets off, for so many metres of its map.
 _SETTING_OFF_M = 1.5
+# Readings of the wheels may be so many image intervals apart.
+_INTERVALS = 2.0
 # Corners that were followed since before a jump end within this travel after it [m].
 _TRACKS_M = 1.0
 
 
 def travel_between(wheels: Wheels, time_s: FloatArray) -> FloatArray:
-    """Return the travel by wheels between times (N - 1,) [m]; NaN where they did not measure."""
+    """Return the travel by wheels between times of images (N - 1,) [m]; NaN where readings are too far apart, or none."""
     counted = np.interp(time_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m), np.nan, np.nan)
+    after = np.clip(np.searchsorted(wheels.time_s, time_s), 1, len(wheels.time_s) - 1)
+    apart_s = wheels.time_s[after] - wheels.time_s[after - 1]
+    counted[apart_s > _INTERVALS * float(np.median(np.diff(time_s)))] = np.nan
     return np.diff(counted)
 
 
@@ -134,11 +139,14 @@ def _beside_jumps(factor: FloatArray, step_m: FloatArray) -> BoolArray:
 
 
 def _excess(step_m: FloatArray, rolled_m: FloatArray) -> FloatArray:
-    """Return log(L / R) (N - 1,) over a metre about each step, less its median; 0 where wheels did not measure."""
+    """Return log(L / R) (N - 1,) over some travel about each step, less its median; 0 where wheels did not measure."""
     travel, known = np.r_[0.0, np.cumsum(step_m)], np.isfinite(rolled_m)
     rolled = np.r_[0.0, np.cumsum(np.where(known, rolled_m, step_m))]
-    middle = 0.5 * (travel[1:] + travel[:-1])
-    ends = [np.clip(middle + side * 0.5 * _WINDOW_M, 0.0, travel[-1]) for side in (-1.0, 1.0)]
+    middle, window_m = (
+        0.5 * (travel[1:] + travel[:-1]),
+        max(_WINDOW_M, _WINDOW_STEPS * float(np.median(step_m))),
+    )
+    ends = [np.clip(middle + side * 0.5 * window_m, 0.0, travel[-1]) for side in (-1.0, 1.0)]
     by_images = ends[1] - ends[0]
     by_wheels = np.interp(ends[1], travel, rolled) - np.interp(ends[0], travel, rolled)
     measured = known & (by_images > 0.0) & (by_wheels > 0.0)
@@ -154,10 +162,13 @@ def _runs(chosen: BoolArray) -> list[IntArray]:
 
 
 def _ground_confirms(sightings: Sightings, steps: IntArray, excess: float, height_m: float) -> bool:
-    """Return whether the ground near the poses of a run lies as deep as a map that is too large puts it, if it is known."""
+    """Return whether the ground near the poses of a run lies as deep as a map that is too large puts it.
+
+    Where too little of it was seen, a large excess is enough.
+    """
     seen = (sightings.pose >= steps[0]) & (sightings.pose <= steps[-1] + 1)
     near = seen & (np.hypot(*sightings.offset[:, :2].T) < _NEAR * height_m * np.exp(excess))
     if near.sum() < _LEAST_NEAR:
-        return True
+        return excess > _CERTAIN
     depth = -float(np.median(sightings.offset[near, 2]))
     return depth > _CONFIRMED * height_m * float(np.expm1(excess))

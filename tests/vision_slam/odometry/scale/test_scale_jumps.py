@@ -91,3 +91,14 @@ def test_landmarks_beside_a_jump_are_left_out_and_its_steps_rest_on_the_wheels()
 def test_travel_beyond_the_record_of_the_wheels_is_not_known() -> None:
     wheels = Wheels([1.0, 2.0, 3.0], [0.0, 1.0, 2.0], [0.0, 1.2, 2.4])
     np.testing.assert_allclose(travel_between(wheels, np.array([0.0, 1.0, 2.5, 4.0])), [np.nan, 1.65, np.nan])
+
+
+def test_wheels_that_are_read_too_seldom_show_no_jump() -> None:
+    images_s = np.arange(0.0, 4.0, 0.25)
+    every_second = Wheels(np.arange(5.0), np.arange(5.0), np.arange(5.0))
+    assert np.isnan(travel_between(every_second, images_s)).all()
+    with_a_gap = Wheels(
+        np.r_[0.0:1.0:0.1, 3.0:4.1:0.1], np.r_[0.0:1.0:0.1, 3.0:4.1:0.1], np.r_[0.0:1.0:0.1, 3.0:4.1:0.1]
+    )
+    measured = np.isfinite(travel_between(with_a_gap, images_s))
+    np.testing.assert_array_equal(measured, (images_s[1:] < 0.95) | (images_s[:-1] > 3.05))
