@@ -31,6 +31,8 @@ class ImageOdometryErrors(Section):
     """Changing part of the roll and pitch error [deg]."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.2
     """Constant part of it: the bias of the accelerometer that levels the images [deg]."""
+    tilt_stays_in_world: bool = True
+    """Whether the changing part is a tilt of the levelled frame, which stays in the world while the body turns."""
     levelling_sigma_deg: PositiveFloat | None = 0.15
     """Difference from that bias: steps climb by 0.12 degrees more than their pitch [deg]."""
     attitude_correlation_m: PositiveFloat = 60.0
@@ -71,6 +73,8 @@ class LocalizationConfig(Section):
     """Changing part of the roll and pitch error of the odometry [deg]; too small is worse than too large."""
     tilt_bias_sigma_deg: NonNegativeFloat = 0.02
     """Constant part of it: the tilt at which the sensor is mounted [deg]."""
+    tilt_stays_in_world: bool = False
+    """Whether the changing part stays in the world while the body turns, or turns with the body."""
     accelerometer_bias_sigma_deg: PositiveFloat = 0.5
     """Apparent tilt by the bias of the accelerometer, constant over the drive [deg]."""
     levelling_sigma_deg: PositiveFloat | None = None

@@ -182,13 +182,21 @@ def _add_odometry(
         system.add(terms, value, np.hypot(config.step_sigma_m * np.sqrt(length), contradiction_m))
     memory = np.exp(-length / config.scale_wander_m)
     system.add_gauss_markov(SCALE, memory, max(config.scale_wander_sigma, _EXACT_SCALE), MEAN_SCALE)
-    memory = np.exp(-length / config.attitude_correlation_m)
-    for which, sigma_deg, mean in (
-        (YAW, config.yaw_sigma_deg, HEADING),
-        (PITCH, config.tilt_sigma_deg, PITCH_BIAS),
-        (ROLL, config.tilt_sigma_deg, ROLL_BIAS),
-    ):
-        system.add_gauss_markov(which, memory, float(np.radians(sigma_deg)), mean)
+    _add_attitude(system, along, config)
+
+
+def _add_attitude(system: NormalEquations, along: Nodes, config: LocalizationConfig) -> None:
+    """Add the changing errors of yaw, roll and pitch about their means."""
+    memory = np.exp(-along.travel / config.attitude_correlation_m)
+    tilt_rad = float(np.radians(config.tilt_sigma_deg))
+    system.add_gauss_markov(YAW, memory, float(np.radians(config.yaw_sigma_deg)), HEADING)
+    if config.tilt_stays_in_world:
+        turn_rad = np.diff(np.unwrap(along.odometry.attitude_rad[:, 2])[along.index])
+        means = (ROLL_BIAS, PITCH_BIAS)
+        system.add_turning_gauss_markov((ROLL, PITCH), memory, turn_rad, tilt_rad, means)
+        return
+    system.add_gauss_markov(PITCH, memory, tilt_rad, PITCH_BIAS)
+    system.add_gauss_markov(ROLL, memory, tilt_rad, ROLL_BIAS)
 
 
 def _add_gps(

@@ -77,6 +77,35 @@ class NormalEquations:
         self.add(steps, np.zeros(len(memory)), noise)
         self.add(start, 0.0 * one, sigma * one)
 
+    def add_turning_gauss_markov(
+        self,
+        pair: tuple[int, int],
+        memory: FloatArray,
+        turn_rad: FloatArray,
+        sigma: float,
+        means: tuple[int, int],
+    ) -> None:
+        """Add a Gauss-Markov process of a vector that stays in the world while the axes of its components turn.
+
+        With x, y the components about their means on axes that turn by Δψ from node to node,
+
+            x' = memory · (cos Δψ · x + sin Δψ · y) + noise,    y' = memory · (cos Δψ · y − sin Δψ · x) + noise.
+        """
+        before, ones, one = np.arange(len(memory)), np.ones(len(memory)), np.ones(1)
+        noise = sigma * np.sqrt(np.maximum(1.0 - memory**2, 1e-12))
+        along, across = memory * np.cos(turn_rad), memory * np.sin(turn_rad)
+        for own, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
+            terms: list[Term] = [
+                (unknown(before + 1, pair[own]), ones),
+                (unknown(before, means[own]), along - ones),
+            ]
+            terms += [(unknown(before, pair[own]), -along), (unknown(before, pair[other]), -sign * across)]
+            terms.append((unknown(before, means[other]), sign * across))
+            self.add(terms, np.zeros(len(memory)), noise)
+            first = np.zeros(1, dtype=np.int64)
+            start: list[Term] = [(unknown(first, pair[own]), one), (unknown(first, means[own]), -one)]
+            self.add(start, 0.0 * one, sigma * one)
+
     def add_walk(self, which: int, sigma: FloatArray) -> None:
         """Let an unknown change from node to node by independent steps of standard deviations (K - 1,)."""
         before, ones = np.arange(len(sigma)), np.ones(len(sigma))

@@ -18,6 +18,10 @@ pitch:
     p̃_{z,k} − h_k  = e_{z,k} − c_k − c₀ + ν            (barometer)
     θ̃_k − θ(g)_k   = θ_k − a_θ + ν                     (gravity; roll alike)
 
+The changing part of roll and pitch of images is a tilt of the levelled frame, which stays in the world while the body turns by
+Δψ between nodes: (φ, θ)_{k+1} = a R(Δψ) (φ, θ)_k + n about their constant parts, with the rotation R. On turning drives
+their errors change within metres otherwise.
+
 Gravity bounds the errors of roll and pitch; the heading of images is unbounded. Odometry that
 was levelled by the same accelerometer contains its readings: these rows are left out, so that no
 reading counts twice. All noise is Gaussian, and all equations are linear but for the rotation of
@@ -59,6 +63,8 @@ _BENT_RAD = np.radians(0.5)
 _LATER_S = 0.01
 _MOST_PASSES = 5
 _MOST_NODES = 2000
+# A turn of one radian asks for as many nodes as so much travel [m].
+_TURN_M = 5.0
 
 
 @dataclass(frozen=True)
@@ -224,14 +230,21 @@ class _Posterior:
 
 
 def _nodes(path: FloatArray, odometry: Odometry, config: LocalizationConfig) -> IntArray:
-    """Return indices of poses about a spacing apart, with first, last and both ends of unmeasured steps."""
+    """Return indices of poses about a spacing apart, with first, last and both ends of unmeasured steps.
+
+    Errors of roll and pitch that stay in the world change with the heading, so that turns have more nodes.
+    """
     travel = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
     if travel[-1] == 0.0:
         raise InputError(
             f"the odometry measures no motion from the first to the last of {len(path)} poses; "
             "record the wheels too, or leave out the images before the rover moves."
         )
-    n = max(2, round(travel[-1] / node_spacing_m(float(travel[-1]), config)) + 1)
+    spacing_m = node_spacing_m(float(travel[-1]), config)
+    if config.tilt_stays_in_world:
+        turned = np.abs(np.diff(np.unwrap(odometry.attitude_rad[:, 2])))
+        travel[1:] += _TURN_M * np.cumsum(turned)
+    n = max(2, round(travel[-1] / spacing_m) + 1)
     even = np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1)
     unmeasured = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)
     return np.unique(np.concatenate([even, unmeasured, unmeasured + 1]))

@@ -9,6 +9,10 @@ from vision_slam.fusion.normal_equations import (
     MEAN_SCALE,
     N_GLOBALS,
     PER_NODE,
+    PITCH,
+    PITCH_BIAS,
+    ROLL,
+    ROLL_BIAS,
     SCALE,
     E,
     NormalEquations,
@@ -40,6 +44,26 @@ def test_a_process_about_a_mean_has_the_variance_of_both() -> None:
     covariance = covariance_of(system, unknown(np.arange(3), SCALE))
     np.testing.assert_allclose(np.diag(covariance), 0.05**2, rtol=1e-9)
     assert covariance[0, 2] == pytest.approx(0.03**2 + 0.25 * 0.04**2, rel=1e-9)
+
+
+def test_a_tilt_that_stays_in_the_world_changes_from_roll_to_pitch_where_the_body_turns() -> None:
+    system = NormalEquations(3)
+    for bias in (ROLL_BIAS, PITCH_BIAS):
+        system.add_prior(bias, 0.3)
+    turn = np.radians([90.0, 60.0])
+    system.add_turning_gauss_markov((ROLL, PITCH), np.array([0.8, 0.5]), turn, 0.4, (ROLL_BIAS, PITCH_BIAS))
+    columns = np.concatenate([unknown(np.arange(3), which) for which in (ROLL, PITCH)])
+    covariance = covariance_of(system, columns)
+    np.testing.assert_allclose(np.diag(covariance), 0.5**2, rtol=1e-9)
+    changing, constant = 0.16, 0.09
+    roll, pitch = np.arange(3), 3 + np.arange(3)
+    # A quarter turn to the left: what tilted the body to the front tilts it to the side.
+    assert covariance[pitch[0], roll[1]] == pytest.approx(0.8 * changing, rel=1e-9)
+    assert covariance[roll[0], pitch[1]] == pytest.approx(-0.8 * changing, rel=1e-9)
+    assert covariance[roll[0], roll[1]] == pytest.approx(constant, rel=1e-9)
+    assert covariance[roll[0], roll[2]] == pytest.approx(
+        constant + 0.4 * np.cos(turn.sum()) * changing, rel=1e-9
+    )
 
 
 def test_a_walk_grows_by_the_squares_of_its_steps() -> None:

@@ -11,6 +11,7 @@ from survey.data.sensors.sightings import Sightings
 from vision_slam import LocalizationConfig, localize
 from vision_slam.fusion.smoother import SmoothedPath, node_spacing_m, smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
+from vision_slam.pipeline import image_config
 from vision_slam.rotation import rotations, turned
 
 CRS = "EPSG:32608"
@@ -206,3 +207,20 @@ def test_unmeasured_steps_after_a_rest_leave_all_variances_positive():
     alone = path.error.pose_covariances[0]
     nodes = np.searchsorted(times, path.error.time_s)
     np.testing.assert_allclose(path.covariance[nodes], alone, rtol=1e-3, atol=1e-9)
+
+
+def test_turns_have_more_nodes_where_tilt_errors_stay_in_the_world():
+    time_s, position, attitude = circle(200, radius_m=5.0)
+    odometry = odometry_of(time_s, position, attitude)
+    recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry=odometry)
+    counts = [
+        len(smooth(recording, dead_reckoning(odometry, position[0]), config).error)
+        for config in (LocalizationConfig(), LocalizationConfig(tilt_stays_in_world=True))
+    ]
+    # 40 rad in all: a radian asks for as many nodes as 5 m, and there is one every 10 m.
+    assert counts[1] - counts[0] == pytest.approx(20, abs=1)
+
+
+def test_attitude_errors_of_images_stay_in_the_world():
+    assert image_config(LocalizationConfig()).tilt_stays_in_world
+    assert not LocalizationConfig().tilt_stays_in_world
