@@ -63,8 +63,8 @@ _BENT_RAD = np.radians(0.5)
 _LATER_S = 0.01
 _MOST_PASSES = 5
 _MOST_NODES = 2000
-# A turn of one radian asks for as many nodes as so much travel [m].
-_TURN_M = 5.0
+# Nodes that a turn of one radian asks for, besides those for travel.
+_NODES_PER_RAD = 0.5
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ def _nodes(path: FloatArray, odometry: Odometry, config: LocalizationConfig) -> 
     spacing_m = node_spacing_m(float(travel[-1]), config)
     if config.tilt_stays_in_world:
         turned = np.abs(np.diff(np.unwrap(odometry.attitude_rad[:, 2])))
-        travel[1:] += _TURN_M * np.cumsum(turned)
+        travel[1:] += _NODES_PER_RAD * spacing_m * np.cumsum(turned)
     n = max(2, round(travel[-1] / spacing_m) + 1)
     even = np.searchsorted(travel, np.linspace(0.0, travel[-1], n) - 1e-9).clip(0, len(path) - 1)
     unmeasured = np.flatnonzero(np.zeros(1) if odometry.step_sigma_m is None else odometry.step_sigma_m)

@@ -209,15 +209,19 @@ def test_unmeasured_steps_after_a_rest_leave_all_variances_positive():
     np.testing.assert_allclose(path.covariance[nodes], alone, rtol=1e-3, atol=1e-9)
 
 
-def test_turns_have_more_nodes_where_tilt_errors_stay_in_the_world():
+@pytest.mark.parametrize("spacing_m", [10.0, 2.0])
+def test_turns_have_more_nodes_where_tilt_errors_stay_in_the_world(spacing_m):
     time_s, position, attitude = circle(200, radius_m=5.0)
     odometry = odometry_of(time_s, position, attitude)
     recording = Recording(CRS, position[0], GpsFixes(time_s, position), odometry=odometry)
     counts = [
         len(smooth(recording, dead_reckoning(odometry, position[0]), config).error)
-        for config in (LocalizationConfig(), LocalizationConfig(tilt_stays_in_world=True))
+        for config in (
+            LocalizationConfig(node_spacing_m=spacing_m),
+            LocalizationConfig(node_spacing_m=spacing_m, tilt_stays_in_world=True),
+        )
     ]
-    # 40 rad in all: a radian asks for as many nodes as 5 m, and there is one every 10 m.
+    # 40 rad in all, with half a node each, however close the nodes for travel are.
     assert counts[1] - counts[0] == pytest.approx(20, abs=1)
 
 

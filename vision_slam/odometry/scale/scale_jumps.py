@@ -90,7 +90,8 @@ def scale_jumps(
     .. math::  \log(L / R) - \operatorname{median} \log(L / R) > 0.15 ,
 
     either the map is too large or the body slides with its wheels at rest. The ground decides: a map that is k times too
-    large puts it (k - 1) heights of the camera below the body.
+    large puts it (k - 1) heights of the camera below the body. Where fewer than four landmarks show the ground, a slide of
+    more than 28 % is taken for a jump. Maps that are too small are not found: wheels that slip look the same.
 
     Parameters
     ----------
