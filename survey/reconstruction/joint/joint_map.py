@@ -18,8 +18,8 @@ from survey.reconstruction.gp.engines.fourier.resolution import (
     affordable_basis,
     amplitudes,
     modes_within,
+    periodic_variance,
     sharpest_std_m,
-    variance_left_out,
 )
 from survey.reconstruction.gp.engines.fourier_basis import FourierBasis
 from survey.reconstruction.gp.engines.noisy_values import NoisyValues
@@ -32,6 +32,7 @@ from survey.reconstruction.joint.kernels.kernel_choice import ChosenKernel, Poin
 from survey.reconstruction.joint.kernels.plane_residuals import PlaneResiduals, own_variance
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
 from survey.reconstruction.joint.map_average import MapAverage
+from survey.reconstruction.joint.place_error import PlaceError
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
 from survey.reconstruction.joint.shared_error import SharedError, dominant_modes
 from survey.reconstruction.joint.shared_relief import with_shared_relief
@@ -71,8 +72,9 @@ class JointTerrain:
 
     Notes
     -----
-    Linear in the path's error: horizontal errors must be small beside the length scale. Beyond the path, landmarks share
-    the errors of `LandmarkErrors`; relief finer than the waves is noise that neighbours share (`with_shared_relief`).
+    Linear in the path's error. Relief that the path's horizontal error displaces counts as relief finer than the map
+    (`PlaceError`), and such relief is noise that neighbours share (`with_shared_relief`). Beyond the path, landmarks share
+    the errors of `LandmarkErrors`.
     """
 
     path: PathError
@@ -121,16 +123,17 @@ class JointTerrain:
     def completed(self, alone: PointsOnly) -> JointSolution:
         """Choose a kernel with the prior's cells, and solve with them."""
         points, bounds, slope = alone.points, alone.bounds, alone.slope
+        steepest = PlaceError.of(points, self.path).steepest_rad_per_m
         found, (cells, errors) = alone.candidates[0], self._cells(points, bounds)
         choice: ChosenKernel | None = None
         if cells is not None:
             choice = chosen(alone, cells, errors)
             found, cells = choice.found, choice.cells
             if not errors.white.is_known:
-                slope = alone.terrain(found).gradient(points.xy)
+                slope = alone.terrain(found).gradient(points.xy, steepest)
         for _ in range(self.joint.slope_passes - 1):
             rough = self._solution(points, bounds, found, slope, cells).terrain
-            slope = rough.gradient(points.xy)
+            slope = rough.gradient(points.xy, steepest)
             cells = None if cells is None else cells.with_slope(rough.gradient(cells.centre))
         solution = self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
         solution = replace(solution, average=self._average(alone, found, slope, cells))
@@ -238,10 +241,12 @@ class JointTerrain:
         datum = local_datum_m(points.z)
         site = NoisyValues.of(points.xy, points.z, np.sqrt(noise)).extent(bounds)
         basis = basis or self._waves(found, site, points.xy, noise, memory_mb)
-        tail = variance_left_out(found.kernel, basis)
-        total = with_shared_relief(points.xy, noise, found.kernel, basis, tail)
+        place = PlaceError.of(points, self.path)
+        strengths = amplitudes(found.kernel, basis) * np.sqrt(place.retained(basis.omega))
+        tail = max(periodic_variance(found.kernel, basis.box) - float(np.sum(strengths**2)), 0.0)
+        total = with_shared_relief(points.xy, noise, found.kernel, basis, tail, retained=place.retained)
         data = NoisyValues.of(points.xy, points.z - datum, np.sqrt(total))
-        trend, strengths = PolynomialTrend("plane", basis.box), amplitudes(found.kernel, basis)
+        trend = PolynomialTrend("plane", basis.box)
         rows = point_rows(points, shared, trend, landmarks, cells)
         return JointSystem(shared, landmarks, basis, strengths, trend, tail, datum, noise, total, data, *rows)
 

@@ -113,12 +113,17 @@ def _arms(points: SurfacePoints) -> tuple[FloatArray, FloatArray]:
     return (points.xyz - points.body).T, points.heading_rad
 
 
-def _levers(points: SurfacePoints, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+def keyframes_of(points: SurfacePoints) -> FloatArray:
+    """Return where among the keyframes of the path the points (N,) were seen from; refuse points that do not name them."""
     if points.keyframe is None:
         raise InputError(
             "the points do not name the keyframes that they were seen from; localize again, or map them as independent."
         )
-    return points.keyframe, height_levers(points, slope)
+    return points.keyframe
+
+
+def _levers(points: SurfacePoints, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return keyframes_of(points), height_levers(points, slope)
 
 
 def _every_pose(path: PathError) -> Any:

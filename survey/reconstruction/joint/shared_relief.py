@@ -6,6 +6,8 @@ them would average it away, and slopes across a swath, which carry the map over 
 claim to be known far better than they are.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import fft
 
@@ -20,7 +22,13 @@ _MARGIN_LENGTHS, _MARGIN_M = 20.0, 20.0
 
 
 def with_shared_relief(
-    xy: FloatArray, noise_m2: FloatArray, kernel: Kernel, basis: FourierBasis, tail_m2: float
+    xy: FloatArray,
+    noise_m2: FloatArray,
+    kernel: Kernel,
+    basis: FourierBasis,
+    tail_m2: float,
+    *,
+    retained: Callable[[FloatArray], FloatArray] | None = None,
 ) -> FloatArray:
     r"""Return noise variances (N,) [m²] of points that amount to their own noise and the relief between them.
 
@@ -43,7 +51,10 @@ def with_shared_relief(
     basis : FourierBasis
         The retained waves: those of a spectral density above some limit.
     tail_m2 : float
-        Variance of the others [m²].
+        Variance of the others [m²], and of what the retained waves leave out.
+    retained : callable, optional
+        Returns the share of the variance of waves of angular frequencies (..., 2) [rad/m] that the map has; all by
+        default.
 
     Examples
     --------
@@ -60,7 +71,7 @@ def with_shared_relief(
     step_m = max(length_m / _PER_LENGTH, float(extent_m.max()) / _MOST_CELLS)
     margin_m = _MARGIN_LENGTHS * length_m + _MARGIN_M
     shape = [fft.next_fast_len(int(side / step_m) + 1, real=True) for side in (extent_m + margin_m).tolist()]
-    spectrum = _spectrum_left_out(kernel, basis, shape, step_m)
+    spectrum = _spectrum_left_out(kernel, basis, shape, step_m, retained)
     variance_m2 = float(fft.irfft2(spectrum, shape)[0, 0])
     if variance_m2 <= 0.0:  # waves shorter than the grid's cells: no two points share them
         return noise_m2 + tail_m2
@@ -73,11 +84,18 @@ def with_shared_relief(
     return result
 
 
-def _spectrum_left_out(kernel: Kernel, basis: FourierBasis, shape: list[int], step_m: float) -> FloatArray:
-    """Return the spectral density of waves weaker than all retained ones, as `scipy.fft.rfft2` orders them."""
+def _spectrum_left_out(
+    kernel: Kernel,
+    basis: FourierBasis,
+    shape: list[int],
+    step_m: float,
+    retained: Callable[[FloatArray], FloatArray] | None,
+) -> FloatArray:
+    """Return the spectral density of relief that the waves leave out, as `scipy.fft.rfft2` orders it."""
     along_x = 2.0 * np.pi * fft.fftfreq(shape[0], step_m)
     along_y = 2.0 * np.pi * fft.rfftfreq(shape[1], step_m)
     omega = np.stack(np.meshgrid(along_x, along_y, indexing="ij"), axis=-1)
     density = kernel.spectral_density(omega)
     weakest = float(kernel.spectral_density(basis.omega).min())
-    return np.where(density < weakest * (1.0 - 1e-9), density, 0.0)
+    rest = 0.0 if retained is None else density * (1.0 - retained(omega))
+    return np.where(density < weakest * (1.0 - 1e-9), density, rest)
