@@ -13,6 +13,8 @@ from vision_slam.rotation import chained
 _STANDING_S = 0.5
 _STANDING_M = 2e-3
 _QUIET_RAD_S = 0.005
+# Halves of a rest whose mean rates differ by more standard errors, and by more than this, are no rest.
+_STEADY_SIGMAS, _STEADY_RAD_S = 4.0, np.radians(0.02)
 _BIAS_TIME_S = 30.0
 _GAP_S, _COAST_S = 1.5, 0.25
 
@@ -89,7 +91,7 @@ class MotionSensors:
         return matrix
 
     def _standing_bias(self) -> FloatArray:
-        """Rate while the wheels rest at the start; zero when it begins in motion, or rocks while standing."""
+        """Rate while the wheels rest at the start; zero when it begins in motion, or rocks or turns while standing."""
         if self._wheels is None or self._inertial is None:
             return np.zeros(3)
         rolled = np.abs(self._wheels.left_m - self._wheels.left_m[0]) + np.abs(
@@ -103,7 +105,15 @@ class MotionSensors:
         rates = self._inertial.gyro_rad_s[still]
         bias: FloatArray = np.median(rates, axis=0)
         rocking = np.median(np.abs(rates - bias), axis=0).max() > _QUIET_RAD_S
-        return np.zeros(3) if rocking else bias
+        return bias if not rocking and _is_steady(rates) else np.zeros(3)
+
+
+def _is_steady(rates: FloatArray) -> bool:
+    """Return whether both halves of rates (N, 3) have the same mean: a body that settles or slides turns ever faster."""
+    halves = np.array_split(rates, 2)
+    change = np.abs(halves[1].mean(axis=0) - halves[0].mean(axis=0))
+    error = np.sqrt(sum(half.var(axis=0) / max(len(half), 1) for half in halves))
+    return bool(np.all(change <= np.maximum(_STEADY_SIGMAS * error, _STEADY_RAD_S)))
 
 
 def _turned(inertial: Inertial, first_s: float, last_s: float) -> Rotation:

@@ -1,5 +1,7 @@
 """Motion by wheels and gyro where the answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -59,3 +61,18 @@ def test_what_images_see_teaches_the_bias(camera: Camera) -> None:
     assert motion.rotation is not None
     # Ten times the memory of 30 s: what remains of the bias is e^-10 of it.
     assert (Rotation.from_matrix(motion.rotation).inv() * turned).magnitude() < 1e-6
+
+
+def test_a_body_that_settles_into_a_turn_has_no_bias(camera: Camera) -> None:
+    seen = _sensed(camera, np.zeros(3))
+    assert seen.inertial is not None
+    # Wheels stand for a second, in which the body begins to turn: 0.2 to 0.7 degrees a second.
+    rates = seen.inertial.gyro_rad_s.copy()
+    rates[:80, 2] += np.radians(np.linspace(0.2, 0.7, 80))
+    rates[:80] += np.random.default_rng(1).normal(0.0, np.radians(0.05), (80, 3))
+    settling = replace(seen, inertial=replace(seen.inertial, gyro_rad_s=rates))
+    measured, alone = (MotionSensors(one).between(1.5, 2.5).rotation for one in (settling, seen))
+    assert measured is not None
+    assert alone is not None
+    # The mean of the second before would be taken off: 0.45 degrees.
+    assert (Rotation.from_matrix(measured).inv() * Rotation.from_matrix(alone)).magnitude() < 1e-9
