@@ -123,17 +123,17 @@ class JointTerrain:
     def completed(self, alone: PointsOnly) -> JointSolution:
         """Choose a kernel with the prior's cells, and solve with them."""
         points, bounds, slope = alone.points, alone.bounds, alone.slope
-        steepest = PlaceError.of(points, self.path).steepest_rad_per_m
+        highest = PlaceError.of(points, self.path).highest_rad_per_m
         found, (cells, errors) = alone.candidates[0], self._cells(points, bounds)
         choice: ChosenKernel | None = None
         if cells is not None:
             choice = chosen(alone, cells, errors)
             found, cells = choice.found, choice.cells
             if not errors.white.is_known:
-                slope = alone.terrain(found).gradient(points.xy, steepest)
+                slope = alone.terrain(found).gradient(points.xy, highest)
         for _ in range(self.joint.slope_passes - 1):
             rough = self._solution(points, bounds, found, slope, cells).terrain
-            slope = rough.gradient(points.xy, steepest)
+            slope = rough.gradient(points.xy, highest)
             cells = None if cells is None else cells.with_slope(rough.gradient(cells.centre))
         solution = self._solution(points, bounds, found, slope, cells, memory_mb=self.joint.memory_mb)
         solution = replace(solution, average=self._average(alone, found, slope, cells))

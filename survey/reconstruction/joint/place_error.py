@@ -57,7 +57,7 @@ class PlaceError:
         return cls(places[by_size[n // 2]], float(np.prod(np.ptp(points.xy, axis=0))))
 
     @property
-    def steepest_rad_per_m(self) -> float:
+    def highest_rad_per_m(self) -> float:
         """Angular frequency K of the shortest waves whose slopes count [rad/m]; infinite without an error or an area."""
         uncertain = 0.5 * float(np.trace(self.covariance_m2)) * self.area_m2
         return float((16.0 * np.pi * _LARGEST_ADDED / uncertain) ** 0.25) if uncertain > 0.0 else np.inf
@@ -79,4 +79,4 @@ class PlaceError:
         array([1.   , 0.368, 0.   ])
         """
         share = np.exp(-np.einsum("...i,ij,...j->...", omega, self.covariance_m2, omega))
-        return np.where(np.linalg.norm(omega, axis=-1) <= self.steepest_rad_per_m, 1.0, share)
+        return np.where(np.linalg.norm(omega, axis=-1) <= self.highest_rad_per_m, 1.0, share)

@@ -58,10 +58,10 @@ class TerrainPosterior:
         """Return the part of the waves in the most likely height (M,) at places (M, 2) [m]."""
         return self.weights.basis.box.evaluate(xy, self._coefficients(self.mean))
 
-    def gradient(self, xy: FloatArray, shortest_rad_per_m: float = np.inf) -> FloatArray:
+    def gradient(self, xy: FloatArray, highest_rad_per_m: float = np.inf) -> FloatArray:
         """Return the slope (M, 2) of the most likely surface at places (M, 2) [m/m], of waves up to an angular frequency."""
         basis = self.weights.basis
-        is_long = basis.doubled(np.linalg.norm(basis.omega, axis=-1) <= shortest_rad_per_m)
+        is_long = basis.doubled(np.linalg.norm(basis.omega, axis=-1) <= highest_rad_per_m)
         box, coefficients = basis.box, self._coefficients(self.mean * is_long)
         slopes = [box.evaluate(xy, box.derivative(coefficients, axis)) for axis in (0, 1)]
         gradient: FloatArray = np.stack(slopes, axis=-1) + self.trend.gradient @ self.plane

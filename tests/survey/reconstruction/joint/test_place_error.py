@@ -94,4 +94,4 @@ def test_the_error_is_that_of_the_median_point() -> None:
 
 
 def test_points_in_one_place_have_slopes_of_all_lengths() -> None:
-    assert PlaceError(np.eye(2), 0.0).steepest_rad_per_m == np.inf
+    assert PlaceError(np.eye(2), 0.0).highest_rad_per_m == np.inf
