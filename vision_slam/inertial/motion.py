@@ -15,17 +15,30 @@ _STANDING_M = 2e-3
 _QUIET_RAD_S = 0.005
 # Halves of a rest whose mean rates differ by more standard errors, and by more than this, are no rest.
 _STEADY_SIGMAS, _STEADY_RAD_S = 4.0, np.radians(0.02)
-_BIAS_TIME_S = 30.0
+# What the comparison of halves cannot see, and the bias of an uncalibrated gyro that never rested.
+_RESTED_RAD_S, _ANY_RAD_S = np.radians(0.01), np.radians(1.0)
+_BIAS_WALK_RAD_S_SQRT_S = np.radians(0.0005)
+# Error of a turn by images between two keyframes, and errors of theirs that do not average out without far features.
+_IMAGES_RAD, _IMAGES_RAD_S = np.radians(0.05), np.radians(0.02)
+_MOST_SIGMAS = 4.0
 _GAP_S, _COAST_S = 1.5, 0.25
 
 
 @dataclass(frozen=True)
 class RelativeMotion:
-    """Turn (3, 3), R_before_after of the body, and travel [m]; None where no sensor measures it."""
+    """Turn (3, 3), R_before_after of the body, and travel [m]; None where no sensor measures it.
+
+    ``bias_sigma_rad_s`` is the standard deviation of the gyro bias that was subtracted.
+    """
 
     seconds: float
     rotation: FloatArray | None
     travel_m: float | None
+    bias_sigma_rad_s: float = 0.0
+
+    def turn_sigma_rad(self, noise_rad_sqrt_s: float) -> float:
+        r"""Return the standard deviation of the turn, :math:`(N^2 t + (\sigma_b t)^2)^{1/2}`, by noise and bias of the gyro."""
+        return float(np.hypot(noise_rad_sqrt_s * self.seconds**0.5, self.bias_sigma_rad_s * self.seconds))
 
     @property
     def is_standing(self) -> bool:
@@ -35,11 +48,17 @@ class RelativeMotion:
 
 
 class MotionSensors:
-    """Wheels and gyro of a recording; the gyro bias is estimated while standing, then from images."""
+    """Wheels and gyro of a recording; the gyro bias is estimated while standing, then from images.
+
+    The bias has a standard deviation: 0.01 degrees per second after a rest, 1 degree per second
+    without one. Each turn by images reduces it by the equations of a Kalman filter.
+    """
 
     def __init__(self, recording: VisionRecords) -> None:
         self.continue_with(recording)
-        self._bias = self._standing_bias()
+        bias = self._standing_bias()
+        self._bias = np.zeros(3) if bias is None else bias
+        self._variance = (_ANY_RAD_S if bias is None else _RESTED_RAD_S) ** 2
 
     def continue_with(self, recording: VisionRecords) -> None:
         """Continue with other records of the same drive; the estimated bias is unchanged."""
@@ -48,7 +67,8 @@ class MotionSensors:
 
     def between(self, first_s: float, last_s: float) -> RelativeMotion:
         """Return the motion between two times."""
-        return RelativeMotion(last_s - first_s, self._turn(first_s, last_s), self._travel(first_s, last_s))
+        turn, travel_m = self._turn(first_s, last_s), self._travel(first_s, last_s)
+        return RelativeMotion(last_s - first_s, turn, travel_m, float(self._variance**0.5))
 
     def gap(self, first_s: float, last_s: float) -> list[float]:
         """Return moments between two images that are far apart, if wheels and gyro go on in between."""
@@ -67,13 +87,34 @@ class MotionSensors:
                 return False
         return True
 
-    def learn(self, motion: RelativeMotion, rotation: FloatArray) -> None:
-        """Update the gyro bias by a rotation measured by images."""
+    def learn(
+        self, motion: RelativeMotion, rotation: FloatArray, noise_rad_sqrt_s: float, *, has_far_features: bool
+    ) -> None:
+        r"""Update the gyro bias by the turn between two keyframes, estimated from images and this motion.
+
+        With V the variance of the turn by gyro and W that by images, the estimate lies V / (V + W)
+        of the way from the gyro to the images, and the bias changes by
+
+        .. math:: \frac{\sigma_b^2 t}{V} \log(R_{estimated}^T R_{gyro}), \quad
+            \sigma_b^2 \leftarrow \sigma_b^2 - \frac{(\sigma_b^2 t)^2}{V + W}
+
+        whatever W is. Without far features images have errors of rate that do not average out; they are then
+        used only while the bias is less certain than these.
+        """
         if motion.rotation is None or motion.seconds <= 0.0:
             return
-        too_much = Rotation.from_matrix(rotation.T @ motion.rotation).as_rotvec() / motion.seconds
-        share = min(motion.seconds / _BIAS_TIME_S, 0.2)
-        self._bias = self._bias + share * np.clip(too_much, -0.02, 0.02)
+        seconds = motion.seconds
+        self._variance += _BIAS_WALK_RAD_S_SQRT_S**2 * seconds
+        if not has_far_features and self._variance < _IMAGES_RAD_S**2:
+            return
+        turn_variance = motion.turn_sigma_rad(noise_rad_sqrt_s) ** 2
+        expected = turn_variance / (turn_variance + _IMAGES_RAD**2) ** 0.5
+        too_much = Rotation.from_matrix(rotation.T @ motion.rotation).as_rotvec()
+        shared = self._variance * seconds
+        self._bias = self._bias + shared / turn_variance * np.clip(
+            too_much, -_MOST_SIGMAS * expected, _MOST_SIGMAS * expected
+        )
+        self._variance -= shared**2 / (turn_variance + _IMAGES_RAD**2)
 
     def _travel(self, first_s: float, last_s: float) -> float | None:
         wheels = self._wheels
@@ -90,10 +131,10 @@ class MotionSensors:
         matrix: FloatArray = (half_bias * _turned(inertial, first_s, last_s) * half_bias).as_matrix()
         return matrix
 
-    def _standing_bias(self) -> FloatArray:
-        """Rate while the wheels rest at the start; zero when it begins in motion, or rocks or turns while standing."""
+    def _standing_bias(self) -> FloatArray | None:
+        """Rate while the wheels rest at the start; None when it begins in motion, or rocks or turns while standing."""
         if self._wheels is None or self._inertial is None:
-            return np.zeros(3)
+            return None
         rolled = np.abs(self._wheels.left_m - self._wheels.left_m[0]) + np.abs(
             self._wheels.right_m - self._wheels.right_m[0]
         )
@@ -101,11 +142,11 @@ class MotionSensors:
         until = self._wheels.time_s[moving[0] - 1] if len(moving) and moving[0] else self._wheels.time_s[0]
         still = self._inertial.time_s <= until
         if until - self._wheels.time_s[0] < _STANDING_S or not still.any():
-            return np.zeros(3)
+            return None
         rates = self._inertial.gyro_rad_s[still]
         bias: FloatArray = np.median(rates, axis=0)
         rocking = np.median(np.abs(rates - bias), axis=0).max() > _QUIET_RAD_S
-        return bias if not rocking and _is_steady(rates) else np.zeros(3)
+        return bias if not rocking and _is_steady(rates) else None
 
 
 def _is_steady(rates: FloatArray) -> bool:

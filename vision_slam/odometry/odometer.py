@@ -150,11 +150,11 @@ class VisualOdometer:
             slam.step(self._blank, between_s, sensors.between(before_s, between_s))
             before_s = between_s
         motion = sensors.between(before_s, time_s) if slam.frames else None
-        frame = slam.step(image, time_s, motion)
+        slam.step(image, time_s, motion)
         self._before_s = time_s
-        if motion is not None and frame.health.is_visual and slam.holds_heading:
-            before = slam.pose(slam.frames[-2])
-            sensors.learn(motion, before[:3, :3].T @ slam.pose(frame)[:3, :3])
+        if slam.keyframe_turn is not None:
+            noise = float(np.radians(slam.config.gyro_sigma_deg))
+            sensors.learn(*slam.keyframe_turn, noise, has_far_features=slam.holds_heading)
         self._triangulate_ended(slam.window.newest - slam.config.n_free)
 
     def finish(self, records: VisionRecords) -> VisualOdometry:

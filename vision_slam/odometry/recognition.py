@@ -96,7 +96,7 @@ class ViewRecognizer:
         self._focal_px = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
         self._views: list[tuple[int, Image]] = []
         self._map: _Map | None = None
-        self._way_m = self._seconds = 0.0
+        self._way_m = self._seconds = self._bias_rad = 0.0
         self._had_gap = False
         self._n_tries = 0
 
@@ -107,7 +107,7 @@ class ViewRecognizer:
             self._views.pop()  # turned on the spot, it triangulates nothing
         self._views = [*self._views, (keyframe, image)][-_N_VIEWS:]
         self._map = None
-        self._way_m = self._seconds = 0.0
+        self._way_m = self._seconds = self._bias_rad = 0.0
         self._had_gap = False
         self._n_tries = 0
 
@@ -115,6 +115,7 @@ class ViewRecognizer:
         """Add a motion since the newest view; over a gap of the instruments it is unknown."""
         self._way_m += abs(motion.travel_m or 0.0)
         self._seconds += motion.seconds
+        self._bias_rad += motion.bias_sigma_rad_s * motion.seconds
         self._had_gap |= motion.seconds > _GAP_S or motion.travel_m is None or motion.rotation is None
 
     def recognize(self, image: Image, predicted: FloatArray, poses: list[FloatArray]) -> Recognition | None:
@@ -240,9 +241,8 @@ class ViewRecognizer:
         self, camera: FloatArray, covariance: FloatArray, predicted: FloatArray, newest: FloatArray
     ) -> tuple[FloatArray, FloatArray] | None:
         """Weigh a camera's pose with the prediction's, each by its errors; None where they exclude each other."""
-        turn_sigma = float(
-            np.hypot(_MAP_TURN_RAD, np.radians(self._config.gyro_sigma_deg) * self._seconds**0.5)
-        )
+        gyro_rad = np.radians(self._config.gyro_sigma_deg) * self._seconds**0.5
+        turn_sigma = float(np.linalg.norm([_MAP_TURN_RAD, gyro_rad, self._bias_rad]))
         shift_sigma = _BRIDGED * self._way_m + _STILL_M
         off = np.linalg.inv(camera) @ predicted @ self._camera.T_body_camera
         moved_m = np.linalg.norm((camera - newest @ self._camera.T_body_camera)[:3, 3])

@@ -81,6 +81,8 @@ class VisualSlam:
         self.frames: list[FramePose] = []
         self.finished: list[Track] = []
         self.rolled_m: list[float] = []
+        self.keyframe_turn: tuple[RelativeMotion, FloatArray] | None = None
+        """Motion by wheels and gyro, and turn (3, 3) estimated with images, to a keyframe that the last image became."""
         self._tracks: list[Track] = []
         self._enhance = ContrastEnhancer(self.config.clahe_clip, self.config.clahe_tiles)
         self._slip = WheelSlipDetector(camera.T_body_camera[2, 3])
@@ -118,6 +120,7 @@ class VisualSlam:
         InputError
             The image does not fit the calibration.
         """
+        self.keyframe_turn = None
         grey = grey_of(image, self.camera.width, self.camera.height)
         health = self._health(grey, motion)
         enhanced = self._enhance(grey)
@@ -361,8 +364,14 @@ class VisualSlam:
             self._pose = self.window.poses[-1]
         self._observe_height()
         if health.is_visual:
+            self.keyframe_turn = self._turn_between_keyframes(since)
             self._views.add_view(self.window.newest, enhanced, self.window.poses)
         self._replenish(enhanced, health)
+
+    def _turn_between_keyframes(self, since: RelativeMotion) -> tuple[RelativeMotion, FloatArray] | None:
+        """Return the motion since the keyframe before and the turn that the window has; None where it was not solved."""
+        before, newest = self.window.poses[-2:]
+        return (since, before[:3, :3].T @ newest[:3, :3]) if self._has_travelled else None
 
     def _observe_height(self) -> None:
         known = [track.point for track in self._tracks if track.point is not None and not track.is_far]
@@ -404,4 +413,6 @@ def _concatenated(first: RelativeMotion | None, second: RelativeMotion) -> Relat
         return second
     rotation = None if first.rotation is None or second.rotation is None else first.rotation @ second.rotation
     travel = None if first.travel_m is None or second.travel_m is None else first.travel_m + second.travel_m
-    return RelativeMotion(first.seconds + second.seconds, rotation, travel)
+    seconds = first.seconds + second.seconds
+    bias = first.bias_sigma_rad_s * first.seconds + second.bias_sigma_rad_s * second.seconds
+    return RelativeMotion(seconds, rotation, travel, bias / seconds if seconds > 0.0 else 0.0)

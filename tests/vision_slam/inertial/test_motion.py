@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from survey.core.arrays import FloatArray
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from survey.data.sensors.aiding import Inertial, Wheels
-from vision_slam.inertial.motion import MotionSensors
+from vision_slam.inertial.motion import MotionSensors, RelativeMotion
 from vision_slam.io.sequence import ImageSequence
 
 
@@ -49,18 +50,63 @@ def test_mean_rates_sum_up_to_the_turn_whatever_the_moments(camera: Camera) -> N
     assert abs(measured.travel_m - (last - first)) < 1e-9
 
 
-def test_what_images_see_teaches_the_bias(camera: Camera) -> None:
+_NOISE_RAD_SQRT_S, _IMAGES_RAD = np.radians(0.01), np.radians(0.05)
+
+
+def _estimated(motion: RelativeMotion, images_rad: FloatArray) -> FloatArray:
+    """Estimate of a turn: that by gyro and that by images, weighed by their variances."""
+    assert motion.rotation is not None
+    gyro_variance = motion.turn_sigma_rad(_NOISE_RAD_SQRT_S) ** 2
+    share = gyro_variance / (gyro_variance + _IMAGES_RAD**2)
+    gyro_rad = Rotation.from_matrix(motion.rotation).as_rotvec()
+    return Rotation.from_rotvec(gyro_rad + share * (images_rad - gyro_rad)).as_matrix()
+
+
+def _in_motion(camera: Camera, bias: FloatArray) -> ImageSequence:
+    """Straight drive in motion from the first reading on, of which the gyro reads its bias and noise."""
+    seen = _sensed(camera, np.zeros(3))
+    assert seen.inertial is not None
+    times = seen.inertial.time_s
+    noise = np.random.default_rng(2).normal(0.0, _NOISE_RAD_SQRT_S * 80.0**0.5, (len(times), 3))
+    return replace(
+        seen, wheels=Wheels(times, times, times), inertial=replace(seen.inertial, gyro_rad_s=bias + noise)
+    )
+
+
+def test_images_estimate_the_bias_as_well_as_its_sigma_states(camera: Camera) -> None:
+    bias, squared = np.radians([0.1, -0.2, 0.4]), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        sensors = MotionSensors(_in_motion(camera, bias))
+        assert np.degrees(sensors.between(0.5, 1.0).bias_sigma_rad_s) == pytest.approx(1.0)
+        for k in range(100):
+            motion = sensors.between(0.5 + 0.03 * k, 0.9 + 0.03 * k)
+            turn = _estimated(motion, rng.normal(0.0, _IMAGES_RAD, 3))
+            sensors.learn(motion, turn, _NOISE_RAD_SQRT_S, has_far_features=True)
+        after = sensors.between(0.2, 3.8)
+        assert after.rotation is not None
+        assert np.degrees(after.bias_sigma_rad_s) < 0.02
+        error = Rotation.from_matrix(after.rotation).as_rotvec() / 3.6
+        squared.append(float(np.mean(error**2)) / after.bias_sigma_rad_s**2)
+    # The drift of a bias, which is part of its sigma, is not drawn here.
+    assert 0.4 < np.mean(squared) < 1.3
+
+
+def test_images_without_far_features_leave_a_bias_alone_that_a_rest_measured(camera: Camera) -> None:
     sensors = MotionSensors(_sensed(camera, np.zeros(3)))
-    turned = Rotation.from_rotvec(
-        [0.0, 0.0, 0.005 * 0.25]
-    )  # against images the gyro reads 0.005 rad/s too little
-    for _ in range(1200):
-        motion = sensors.between(0.25, 0.5)
-        sensors.learn(motion, turned.as_matrix())
     motion = sensors.between(0.25, 0.5)
     assert motion.rotation is not None
-    # Ten times the memory of 30 s: what remains of the bias is e^-10 of it.
-    assert (Rotation.from_matrix(motion.rotation).inv() * turned).magnitude() < 1e-6
+    assert np.degrees(motion.bias_sigma_rad_s) == pytest.approx(0.01)
+    seen = Rotation.from_rotvec([0.0, 0.0, np.radians(0.02)]).as_matrix()
+    for _ in range(100):
+        sensors.learn(motion, seen, _NOISE_RAD_SQRT_S, has_far_features=False)
+    unchanged = sensors.between(0.25, 0.5).rotation
+    assert unchanged is not None
+    assert np.array_equal(unchanged, motion.rotation)
+    sensors.learn(motion, seen, _NOISE_RAD_SQRT_S, has_far_features=True)
+    changed = sensors.between(0.25, 0.5).rotation
+    assert changed is not None
+    assert Rotation.from_matrix(changed).as_rotvec()[2] > 0.0
 
 
 def test_a_body_that_settles_into_a_turn_has_no_bias(camera: Camera) -> None:

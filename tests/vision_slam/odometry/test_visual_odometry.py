@@ -11,6 +11,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
+from survey.data.sensors.aiding import Inertial, Wheels
 from tests.vision_slam.odometry.poses import pose_at
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, scale_by_reference
@@ -70,6 +71,26 @@ def test_a_camera_without_wheels_that_stands_does_not_move(plane_world: object, 
     found = visual_odometry(ImageSequence(camera, Frames(0.1 * np.arange(30.0), images)))
     assert np.linalg.norm(found.odometry.step, axis=1).sum() == 0.0
     assert np.abs(np.diff(found.odometry.attitude_rad, axis=0)).max() < 1e-6
+
+
+def test_a_drive_that_begins_in_motion_does_not_turn_with_the_bias_of_its_gyro(
+    plane_world: object, camera: Camera
+) -> None:
+    times = 0.25 * np.arange(60.0)
+    images = tuple(plane_world.image(pose_at(0.8 * time)) for time in times)  # type: ignore[attr-defined]
+    readings = np.arange(-5, 60 * 25) / 100.0
+    rates = np.tile(np.radians([0.0, 0.0, 0.4]), (len(readings), 1))
+    force = np.tile([0.0, 0.0, 9.81], (len(readings), 1))
+    sequence = ImageSequence(
+        camera,
+        Frames(times, images),
+        Wheels(readings, 0.8 * readings, 0.8 * readings),
+        Inertial(readings, rates, force),
+    )
+    found = visual_odometry(sequence, VisualOdometryConfig(lens="given"))
+    turned = found.odometry.attitude_rad[:, 2] - found.odometry.attitude_rad[0, 2]
+    # The gyro turns by 5.9 degrees.
+    assert np.degrees(np.abs(turned).max()) < 0.6
 
 
 def _turns(found: object) -> FloatArray:

@@ -37,9 +37,9 @@ class Window:
 
     With T the free poses, the sum
 
-    .. math:: Σ_j min_{x_j} Σ_k |u_{kj} − π(T_k, x_j)|² / σ² + Σ_k |turn|² / (σ_g² Δt) + ρ(along² / σ_w²) + ρ(|aside|² / σ_a²)
+    .. math:: Σ_j min_{x_j} Σ_k |u_{kj} − π(T_k, x_j)|² / σ² + Σ_k |turn|² / (σ_g² Δt + σ_b² Δt²) + ρ(along² / σ_w²) + ρ(|aside|² / σ_a²)
 
-    is minimized by Levenberg-Marquardt. Each corner j is one smart factor: its point x_j
+    is minimized by Levenberg-Marquardt; σ_b is the standard deviation of the gyro's bias. Each corner j is one smart factor: its point x_j
     is eliminated before the poses are solved for, and becomes a direction where no motion
     in the window moves it, so that a far ridge holds the heading and nothing else. That is
     for corners near the horizon only: ground that shows no parallax, as in a turn on the
@@ -218,7 +218,7 @@ class Window:
         turn_sigma = np.full(3, _UNKNOWN_TURN_RAD)
         if motion.rotation is not None:
             relative[:3, :3] = motion.rotation
-            turn_sigma = np.full(3, np.radians(config.gyro_sigma_deg) * motion.seconds**0.5)
+            turn_sigma = np.full(3, motion.turn_sigma_rad(np.radians(config.gyro_sigma_deg)))
         along_m, aside_m = _UNKNOWN_TRAVEL_M, _UNKNOWN_TRAVEL_M
         if motion.travel_m is not None:
             relative[:3, 3] = half_turned(relative[:3, :3]) @ [motion.travel_m, 0.0, 0.0]
