@@ -4,10 +4,9 @@ Run with ``python -m benchmarks.honest_missions``. Five sites of 120 × 120 m ar
 two piecewise-continuous ones, and the last of them by a single swath of either pattern: ``examples/mendenhall_like.toml``
 at a fifth of its size, with swaths as far apart as there for the length of its landforms; the prior has 8 × 8 cells. Each
 mission is driven and its images are processed once; recordings and outcomes are stored (``FIRNLINE_HONEST_MISSIONS`` names
-the folder), and a run that was broken off continues. Seeds 411 to 415 were used for nothing
-else, but that the lawnmower drive of 414 showed a wrong bias of the gyro and was made again after the mend
-(``FIRNLINE_HONEST_MISSIONS_SEEDS`` names others); methods were developed on sites of 60 × 60 m with the seeds 181 to 185, and on
-those of 120 × 120 m with the seeds 391 to 395 and 401 to 405, which were judged before.
+the folder), and a run that was broken off continues. Seeds 421 to 425 were used for nothing
+else (``FIRNLINE_HONEST_MISSIONS_SEEDS`` names others); methods were developed on sites of 60 × 60 m with the seeds 181 to
+185, and on those of 120 × 120 m with the seeds 391 to 395, 401 to 405 and 411 to 415, which were judged before.
 
 Maps are made as a mission makes them: kernel chosen, tested by swaths left out, with a prior that is unbiased and stated
 so, with a prior that has the errors of a product and is stated as such, and without a prior; with four stakes and

@@ -20,11 +20,11 @@ from vision_slam.odometry.onboard import read_visual_odometry
 
 FOLDER = Path(os.environ.get("FIRNLINE_HONEST_MISSIONS", ROOT / "results" / "runs" / "honest-missions"))
 SEEDS = tuple(
-    int(seed) for seed in os.environ.get("FIRNLINE_HONEST_MISSIONS_SEEDS", "411,412,413,414,415").split(",")
+    int(seed) for seed in os.environ.get("FIRNLINE_HONEST_MISSIONS_SEEDS", "421,422,423,424,425").split(",")
 )
 PATTERNS = {"lawnmower": 3, "piecewise-continuous": 2}
 """Patterns, and the number of swaths of each."""
-SINGLE = 415
+SINGLE = 425
 """Seed of the site that is surveyed by a single swath of either pattern."""
 PRODUCT = "copernicus-30"
 """Class of product whose errors are drawn and stated in maps with a real prior."""
