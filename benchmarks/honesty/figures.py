@@ -96,6 +96,7 @@ def _checks(found: Outcomes) -> Iterator[Row]:
 def _certificates(found: Outcomes) -> Iterator[Row]:
     """Count maps whose claimed RMSE meets Class 3, and those among them whose true one does not."""
     mine = [one for kind in PRIORS for one in chosen(found, prior=kind)]
+    yield from _limits(mine)
     for label, is_certified in _CERTIFICATES.items():
         certified = [one for one in mine if is_certified(one)]
         good = [one for one in mine if one["rmse_m"] <= CLASS_3_M]
@@ -108,6 +109,15 @@ def _certificates(found: Outcomes) -> Iterator[Row]:
             yield Row(f"{label}: false certificates", share, "1")
         missed = sum(not is_certified(one) for one in good)
         yield Row(f"{label}: maps that meet Class 3 and are not certified", missed / max(len(good), 1), "1")
+
+
+def _limits(found: Outcomes) -> Iterator[Row]:
+    """Count maps whose error exceeds what their posterior states with a probability of 95 %."""
+    squared = np.array([[one["rmse_m"] ** 2, one["rmse_m"] ** 2 - one["offset_m"] ** 2] for one in found])
+    for name, errors_m2 in zip(("absolute", "relative"), squared.T, strict=True):
+        limits_m = np.array([one["found"][CLAIM][name]["upper_m"] for one in found])
+        share = float(np.mean(errors_m2 > limits_m**2))
+        yield Row.of(f"posterior of RMSE, {name}: share of maps above its 95 % limit", share, "1", "<=", 0.05)
 
 
 _CERTIFICATES: dict[str, Callable[[dict[str, Any]], bool]] = {

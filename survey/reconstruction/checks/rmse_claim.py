@@ -1,4 +1,8 @@
-"""Posterior of the root mean square error of a map, from the joint covariance of its errors."""
+r"""Posterior of the root mean square error of a map, from the joint covariance of its errors.
+
+The covariance follows from a kernel, and grounds differ from any kernel that was fitted to them. So the errors count as
+:math:`e^s` times as large as the covariance states, with s normal.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -6,6 +10,8 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
+from scipy.special import ndtri
 
 from survey.core.arrays import FloatArray, IntArray
 from survey.core.weighted_chi_square import WeightedChiSquare
@@ -13,6 +19,10 @@ from survey.core.weighted_chi_square import WeightedChiSquare
 CONFIDENCE = 0.95
 """Probability with which a class of a map is stated from its own claim."""
 _MOST_NODES = 400
+# With it at most 5 % of the errors, absolute and relative, of 192 maps of twelve kinds of ground exceed their limit.
+_SCALE_LOG_SD = 0.22
+# Equally probable values of a standard normal variable.
+_STANDARD = ndtri((np.arange(200) + 0.5) / 200)
 
 
 @dataclass(frozen=True)
@@ -35,7 +45,11 @@ class RmsePosterior:
 
     @classmethod
     def of(cls, covariance_m2: FloatArray) -> Self:
-        """Compute the posterior for normal errors of mean 0.
+        r"""Compute the posterior for normal errors of mean 0, whose size is uncertain.
+
+        .. math:: \mathrm{RMSE}^2 = e^{2 s} Q, \quad s \sim N(-\tau^2, \tau^2), \quad \tau = 0.22,
+
+        with Q the mean square of errors with this covariance; the expectation of the square is that of Q.
 
         Parameters
         ----------
@@ -51,15 +65,23 @@ class RmsePosterior:
         --------
         >>> one = RmsePosterior.of(0.04 * np.ones((3, 3)))
         >>> round(one.expected_m, 3), round(one.upper_m / one.expected_m, 2)
-        (0.2, 1.96)
+        (0.2, 2.0)
         """
         squared = WeightedChiSquare.of_mean_square(covariance_m2)
         expected = float(np.sqrt(squared.mean))
-        return cls(
-            expected,
-            float(np.sqrt(squared.variance)) / (2.0 * expected),
-            float(np.sqrt(squared.quantile(CONFIDENCE))),
-        )
+        relative_sd = float(np.hypot(np.sqrt(squared.variance) / (2.0 * squared.mean), _SCALE_LOG_SD))
+        return cls(expected, relative_sd * expected, float(np.sqrt(_upper_m2(squared))))
+
+
+def _upper_m2(squared: WeightedChiSquare) -> float:
+    """Return what a mean square stays below with a probability of 95 %, its size uncertain [m²]."""
+    scales = np.exp(2.0 * _SCALE_LOG_SD * (_STANDARD - _SCALE_LOG_SD))
+
+    def missing(value: float) -> float:
+        return float(np.mean([squared.below(value / scale) for scale in scales])) - CONFIDENCE
+
+    alone = squared.quantile(CONFIDENCE)
+    return float(brentq(missing, alone * scales.min(), alone * scales.max(), xtol=1e-9 * alone))
 
 
 @dataclass(frozen=True)
