@@ -13,7 +13,11 @@ from benchmarks.honesty.terrains import terrain
 
 
 def outcome(terrain: str, seed: int, kind: str, rmse_m: float, *, is_oracle: bool = False) -> dict[str, Any]:
-    claim = {"absolute": {"upper_m": 1.3 * rmse_m}, "offset_sigma_m": 0.5 * rmse_m}
+    claim = {
+        "absolute": {"upper_m": 1.3 * rmse_m},
+        "relative": {"upper_m": 0.7 * rmse_m},
+        "offset_sigma_m": 0.5 * rmse_m,
+    }
     return {
         "terrain": terrain,
         "seed": seed,
@@ -55,6 +59,12 @@ def test_maps_are_compared_with_the_isotropic_kernel_on_its_worst_seed() -> None
 def test_errors_on_srtm_windows_are_compared_without_offsets_too() -> None:
     shape = [row for row in rows(surveys()) if row.name.endswith("without the offset of each map")]
     assert [row.value for row in shape] == pytest.approx([0.3, 0.3])
+
+
+def test_errors_are_compared_with_their_limits_with_and_without_the_offset() -> None:
+    above = [row for row in rows(surveys()) if row.name.endswith("share of maps above its 95 % limit")]
+    assert [row.value for row in above] == [0.0, 1.0]
+    assert [row.holds for row in above] == [True, False]
 
 
 def test_offsets_of_maps_are_compared_with_their_standard_deviation() -> None:
