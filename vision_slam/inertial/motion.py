@@ -92,14 +92,13 @@ class MotionSensors:
     ) -> None:
         r"""Update the gyro bias by the turn between two keyframes, estimated from images and this motion.
 
-        With V the variance of the turn by gyro and W that by images, the estimate lies V / (V + W)
-        of the way from the gyro to the images, and the bias changes by
+        With V the variance of the turn by gyro and W that by images, a Kalman filter gives
 
-        .. math:: \frac{\sigma_b^2 t}{V} \log(R_{estimated}^T R_{gyro}), \quad
-            \sigma_b^2 \leftarrow \sigma_b^2 - \frac{(\sigma_b^2 t)^2}{V + W}
+        .. math:: b \leftarrow b + \frac{\sigma_b^2 t}{V} \log(R_{estimated}^T R_{gyro}), \quad
+            \sigma_b^2 \leftarrow \sigma_b^2 - \frac{(\sigma_b^2 t)^2}{V + W}.
 
-        whatever W is. Without far features images have errors of rate that do not average out; they are then
-        used only while the bias is less certain than these.
+        The gain does not depend on W, because the estimate already weighs gyro and images. Without far features
+        images have errors of rate that do not average out, so they are used only while the bias is less certain.
         """
         if motion.rotation is None or motion.seconds <= 0.0:
             return
@@ -107,13 +106,11 @@ class MotionSensors:
         self._variance += _BIAS_WALK_RAD_S_SQRT_S**2 * seconds
         if not has_far_features and self._variance < _IMAGES_RAD_S**2:
             return
-        turn_variance = motion.turn_sigma_rad(noise_rad_sqrt_s) ** 2
-        expected = turn_variance / (turn_variance + _IMAGES_RAD**2) ** 0.5
-        too_much = Rotation.from_matrix(rotation.T @ motion.rotation).as_rotvec()
         shared = self._variance * seconds
-        self._bias = self._bias + shared / turn_variance * np.clip(
-            too_much, -_MOST_SIGMAS * expected, _MOST_SIGMAS * expected
-        )
+        turn_variance = noise_rad_sqrt_s**2 * seconds + shared * seconds
+        most = _MOST_SIGMAS * turn_variance / (turn_variance + _IMAGES_RAD**2) ** 0.5
+        too_much = Rotation.from_matrix(rotation.T @ motion.rotation).as_rotvec().clip(-most, most)
+        self._bias = self._bias + shared / turn_variance * too_much
         self._variance -= shared**2 / (turn_variance + _IMAGES_RAD**2)
 
     def _travel(self, first_s: float, last_s: float) -> float | None:

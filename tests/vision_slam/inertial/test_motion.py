@@ -109,6 +109,15 @@ def test_images_without_far_features_leave_a_bias_alone_that_a_rest_measured(cam
     assert Rotation.from_matrix(changed).as_rotvec()[2] > 0.0
 
 
+def test_an_hour_between_two_keyframes_leaves_the_bias_a_variance(camera: Camera) -> None:
+    sensors = MotionSensors(_sensed(camera, np.zeros(3)))
+    motion = replace(sensors.between(0.25, 0.5), seconds=3600.0)
+    assert motion.rotation is not None
+    for _ in range(3):
+        sensors.learn(motion, motion.rotation, _NOISE_RAD_SQRT_S, has_far_features=True)
+        assert 0.0 < sensors.between(0.25, 0.5).bias_sigma_rad_s < np.radians(0.01)
+
+
 def test_a_body_that_settles_into_a_turn_has_no_bias(camera: Camera) -> None:
     seen = _sensed(camera, np.zeros(3))
     assert seen.inertial is not None
