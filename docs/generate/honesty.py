@@ -18,6 +18,8 @@ FIGURES = {
         "worst terrain and prior",
         "tenths of the probability integral, least",
         "tenths of the probability integral, greatest",
+        "posterior of RMSE, absolute: share of maps above its 95 % limit",
+        "posterior of RMSE, relative: share of maps above its 95 % limit",
         "posterior of RMSE: false certificates",
         "posterior of RMSE: maps that meet Class 3 and are not certified",
         "expected RMSE alone: false certificates",
