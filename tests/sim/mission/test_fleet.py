@@ -196,7 +196,8 @@ def in_images(**changes: object) -> MissionConfig:
 
 @pytest.mark.slow
 def test_rovers_in_images_share_one_map_that_holds_the_ground(tmp_path):
-    run = run_of(in_images(imaging={"width": 128, "height": 96}), tmp_path, "score")
+    # At 128 × 96 pixels one image in six shows enough of the ground to follow, and one landmark passes the gates.
+    run = run_of(in_images(imaging={"width": 160, "height": 120}), tmp_path, "score")
     assert [one["ending"] for one in accounts(run.folder("simulate"))] == ["arrived", "arrived"]
     localized, mapped = run.folder("localize"), run.folder("reconstruct")
     n_landmarks = [len(mapped_points(place)) for place in drive_folders(localized)]
@@ -206,8 +207,9 @@ def test_rovers_in_images_share_one_map_that_holds_the_ground(tmp_path):
     for place in drive_folders(mapped):
         assert Trajectory.read(place / "corrected_trajectory.csv", "EPSG:32608").error is None
     score = read_json(run.folder("score") / "score.json", "the score")
-    assert score["elevation"]["rmse_m"] < 0.5
-    assert score["calibration"]["coverage_95"] > 0.8
+    assert score["elevation"]["rmse_m"] < 0.15
+    # Nine nodes share one level error: six of them within the interval are no surprise.
+    assert score["calibration"]["coverage_95"] > 0.5
 
 
 @pytest.mark.slow
