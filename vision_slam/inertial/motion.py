@@ -50,15 +50,15 @@ class RelativeMotion:
 class MotionSensors:
     """Wheels and gyro of a recording; the gyro bias is estimated while standing, then from images.
 
-    The bias has a standard deviation: 0.01 degrees per second after a rest, 1 degree per second
-    without one. Each turn by images reduces it by the equations of a Kalman filter.
+    The bias has a standard deviation: after a rest that of its median rate, at least 0.01 degrees per second, and
+    1 degree per second without one. Each turn by images reduces it by the equations of a Kalman filter.
     """
 
     def __init__(self, recording: VisionRecords) -> None:
         self.continue_with(recording)
-        bias = self._standing_bias()
-        self._bias = np.zeros(3) if bias is None else bias
-        self._variance = (_ANY_RAD_S if bias is None else _RESTED_RAD_S) ** 2
+        rates = self._rates_at_rest()
+        self._bias = np.zeros(3) if rates is None else np.median(rates, axis=0)
+        self._variance = (_ANY_RAD_S if rates is None else _median_sigma(rates)) ** 2
 
     def continue_with(self, recording: VisionRecords) -> None:
         """Continue with other records of the same drive; the estimated bias is unchanged."""
@@ -128,8 +128,8 @@ class MotionSensors:
         matrix: FloatArray = (half_bias * _turned(inertial, first_s, last_s) * half_bias).as_matrix()
         return matrix
 
-    def _standing_bias(self) -> FloatArray | None:
-        """Rate while the wheels rest at the start; None when it begins in motion, or rocks or turns while standing."""
+    def _rates_at_rest(self) -> FloatArray | None:
+        """Rates (N, 3) while the wheels rest at the start; None when it begins in motion, or rocks or turns while standing."""
         if self._wheels is None or self._inertial is None:
             return None
         rolled = np.abs(self._wheels.left_m - self._wheels.left_m[0]) + np.abs(
@@ -140,10 +140,15 @@ class MotionSensors:
         still = self._inertial.time_s <= until
         if until - self._wheels.time_s[0] < _STANDING_S or not still.any():
             return None
-        rates = self._inertial.gyro_rad_s[still]
-        bias: FloatArray = np.median(rates, axis=0)
-        rocking = np.median(np.abs(rates - bias), axis=0).max() > _QUIET_RAD_S
-        return bias if not rocking and _is_steady(rates) else None
+        rates: FloatArray = self._inertial.gyro_rad_s[still]
+        rocking = np.median(np.abs(rates - np.median(rates, axis=0)), axis=0).max() > _QUIET_RAD_S
+        return rates if not rocking and _is_steady(rates) else None
+
+
+def _median_sigma(rates: FloatArray) -> float:
+    """Return the standard deviation of the median of normal rates (N, 3), at least what their steadiness cannot show."""
+    error = (0.5 * np.pi / len(rates)) ** 0.5 * rates.std(axis=0).max()
+    return float(max(error, _RESTED_RAD_S))
 
 
 def _is_steady(rates: FloatArray) -> bool:

@@ -109,6 +109,19 @@ def test_images_without_far_features_leave_a_bias_alone_that_a_rest_measured(cam
     assert Rotation.from_matrix(changed).as_rotvec()[2] > 0.0
 
 
+def test_the_rest_of_a_noisy_gyro_leaves_its_bias_uncertain(camera: Camera) -> None:
+    seen = _sensed(camera, np.zeros(3))
+    assert seen.inertial is not None
+    squared = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(0.0, np.radians(0.3), seen.inertial.gyro_rad_s.shape)
+        noisy = replace(seen, inertial=replace(seen.inertial, gyro_rad_s=seen.inertial.gyro_rad_s + noise))
+        motion = MotionSensors(noisy).between(0.0125, 1.0)
+        bias = np.median(noisy.inertial.gyro_rad_s[:80], axis=0)  # type: ignore[union-attr]
+        squared.append(np.mean(bias**2) / motion.bias_sigma_rad_s**2)
+    assert 0.6 < np.mean(squared) < 1.3
+
+
 def test_an_hour_between_two_keyframes_leaves_the_bias_a_variance(camera: Camera) -> None:
     sensors = MotionSensors(_sensed(camera, np.zeros(3)))
     motion = replace(sensors.between(0.25, 0.5), seconds=3600.0)

@@ -39,7 +39,8 @@ class Window:
 
     .. math:: Σ_j min_{x_j} Σ_k |u_{kj} − π(T_k, x_j)|² / σ² + Σ_k |turn|² / (σ_g² Δt + σ_b² Δt²) + ρ(along² / σ_w²) + ρ(|aside|² / σ_a²)
 
-    is minimized by Levenberg-Marquardt; σ_b is the standard deviation of the gyro's bias. Each corner j is one smart factor: its point x_j
+    is minimized by Levenberg-Marquardt; σ_b is the standard deviation of the gyro's bias.
+    Each corner j is one smart factor: its point x_j
     is eliminated before the poses are solved for, and becomes a direction where no motion
     in the window moves it, so that a far ridge holds the heading and nothing else. That is
     for corners near the horizon only: ground that shows no parallax, as in a turn on the
