@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Every process would compile all modules again where the environment forbids stored bytecode.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo test test-walkthroughs test-exhaustive test-pythons wheel-check lint types imports check docs
 
