@@ -13,6 +13,7 @@ import sysconfig
 import venv
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -32,10 +33,22 @@ _LONGITUDE, _LATITUDE = -135.0, 60.437  # the south-west corner of the site, a k
 def command(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Return the words that start the command."""
     named = os.environ.get("FIRNLINE_COMMAND")
-    return shlex.split(named) if named else _unpacked_wheel(tmp_path_factory.mktemp("wheel"))
+    return shlex.split(named) if named else _shared_wheel(tmp_path_factory)
 
 
-def _unpacked_wheel(place: Path) -> list[str]:
+def _shared_wheel(factory: pytest.TempPathFactory) -> list[str]:
+    """Return the command of one environment for all workers of a test run, which share the loops that it compiles."""
+    temporary = factory.getbasetemp()
+    shared = (temporary.parent if "PYTEST_XDIST_WORKER" in os.environ else temporary) / "shared-wheel"
+    if not shared.exists():
+        built = factory.mktemp("wheel")
+        _unpack_wheel(built)
+        with suppress(OSError):  # another worker was faster
+            built.rename(shared)
+    return [str(shared / "venv" / "bin" / "python"), "-m", "firnline"]
+
+
+def _unpack_wheel(place: Path) -> None:
     """Build the wheel and unpack it into an environment of its own; a wheel of pure Python needs no more."""
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(place)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
@@ -45,7 +58,6 @@ def _unpacked_wheel(place: Path) -> list[str]:
         wheel.extractall(packages)
     # A folder that is named by a .pth file is searched, and its own .pth files are not followed.
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    return [str(place / "venv" / "bin" / "python"), "-m", "firnline"]
 
 
 @pytest.fixture(scope="session")
