@@ -50,6 +50,7 @@ _UNDERSTATED = 1.0 / 100.0
 _NO_LANDFORMS = GaussianProcessConfig(
     fit=False, calibrate=True, family="matern-3/2", variance_m2=0.01, length_scale_m=2.2, mean="plane"
 )
+_DRIVE_CODE = ("sim", "vision_slam", "planners", "survey/core", "survey/data", "survey/terrain")
 Group = Literal["honest", "kernel", "path"]
 
 
@@ -163,7 +164,7 @@ def _image_rows(n: int) -> Iterator[Row]:
 
 def _drive(seed: int) -> Drive:
     """Return a drive in images, simulated where the code has not done so before."""
-    place = STORED / code_digest(("sim", "vision_slam", "planners", "survey")) / f"drive-{seed}"
+    place = STORED / code_digest(_DRIVE_CODE) / f"drive-{seed}"
     run = _simulated(EXAMPLES / "short_drive.toml", place, (f"seed={seed}",))
     recording = Recording.read(run / "2-simulate" / "recording")
     visual = read_visual_odometry(run / "2-simulate" / "recording" / "onboard")

@@ -1,6 +1,6 @@
 """Predictive scores of held-out points, and the test of a map's standard deviation by them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Self
 
@@ -101,6 +101,16 @@ class HeldOutGroups(NamedTuple):
     distance_m: FloatArray
     covariance_m2: FloatArray
 
+    @classmethod
+    def mixture(cls, each: Sequence[Self], weights: FloatArray) -> Self:
+        """Return the groups of a mixture of maps, as in `HeldOut.mixture`."""
+        error, apart = _about_mean([one.error_m for one in each], weights)
+        between = (weights * apart.T) @ apart
+        variance = _average([one.variance_m2 for one in each], weights) + np.diag(between)
+        noise = _average([one.noise_m2 for one in each], weights)
+        covariance = _average([one.covariance_m2 for one in each], weights) + between
+        return cls(error, variance, noise, each[0].distance_m, covariance)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HeldOut(DataObject):
@@ -132,10 +142,44 @@ class HeldOut(DataObject):
     distance_m: FloatArray
     groups: HeldOutGroups
 
+    @classmethod
+    def mixture(cls, each: Sequence[Self], weights: FloatArray) -> Self:
+        """Return the predictions of a mixture of maps of the same points: means, and covariances with that of the means.
+
+        Parameters
+        ----------
+        each : sequence of HeldOut
+            Predictions of K maps, of the same points in the same order.
+        weights : (K,) ndarray
+            Probabilities of the maps.
+
+        Returns
+        -------
+        HeldOut
+            Predictions of the mixture.
+        """
+        first = each[0]
+        error, apart = _about_mean([one.error_m for one in each], weights)
+        variance = _average([one.variance_m2 for one in each], weights) + weights @ apart**2
+        noise = _average([one.noise_m2 for one in each], weights)
+        groups = HeldOutGroups.mixture([one.groups for one in each], weights)
+        return cls(first.kind, first.n_blocks, error, variance, noise, first.distance_m, groups)
+
     @property
     def sigma_m(self) -> FloatArray:
         """Standard deviation of the errors (M,) by the claim of the map [m]."""
         return np.sqrt(self.variance_m2 + self.noise_m2)
+
+
+def _average(each: Sequence[FloatArray], weights: FloatArray) -> FloatArray:
+    """Return the weighted mean of arrays of one shape."""
+    return np.tensordot(weights, np.array(each), axes=1)
+
+
+def _about_mean(each: Sequence[FloatArray], weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted mean (M,) of K vectors, and their differences from it (K, M)."""
+    mean = _average(each, weights)
+    return mean, np.array(each) - mean
 
 
 @dataclass(frozen=True)

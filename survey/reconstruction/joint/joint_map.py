@@ -13,6 +13,7 @@ from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.path_error import PathError
 from survey.data.surface_points import SurfacePoints
+from survey.reconstruction.checks.predictive import HeldOut
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.engines.fourier.resolution import (
     affordable_basis,
@@ -31,6 +32,7 @@ from survey.reconstruction.joint.joint_solve import JointPosterior
 from survey.reconstruction.joint.kernels.kernel_choice import ChosenKernel, PointsOnly, chosen, probable
 from survey.reconstruction.joint.kernels.plane_residuals import PlaneResiduals, own_variance
 from survey.reconstruction.joint.landmark_errors import LandmarkErrors
+from survey.reconstruction.joint.left_out import held_out_swaths
 from survey.reconstruction.joint.map_average import MapAverage
 from survey.reconstruction.joint.place_error import PlaceError
 from survey.reconstruction.joint.satellite_cells import SatelliteCells, in_blocks
@@ -161,13 +163,17 @@ class JointTerrain:
         if rivals == [found]:
             return None
         longest = max((found, *rivals), key=lambda one: one.kernel.length_scales_m[1])
-        given, memory_mb = (alone.points, alone.bounds), 0.5 * self.joint.memory_mb
-        solved = {longest: self._solution(*given, longest, slope, cells, memory_mb=memory_mb).terrain}
-        basis = solved[longest].weights.basis
-        for one in (found, *rivals):
-            if one not in solved:
-                solved[one] = self._solution(*given, one, slope, cells, basis=basis).terrain
-        return MapAverage(solved[found], tuple(solved[one] for one in rivals), weights)
+        maps: dict[Hyperparameters, TerrainPosterior] = {}
+        left_out: dict[Hyperparameters, HeldOut | None] = {}
+        basis = None
+        for one in dict.fromkeys((longest, found, *rivals)):
+            given, memory_mb = (alone.points, alone.bounds, one, slope, cells), 0.5 * self.joint.memory_mb
+            solution = self._solution(*given, memory_mb=memory_mb, basis=basis)
+            basis, maps[one] = solution.basis, solution.terrain
+            left_out[one] = held_out_swaths(solution)
+        predicted = [held_out for one in rivals if (held_out := left_out[one]) is not None]
+        held_out = HeldOut.mixture(predicted, weights) if predicted else None
+        return MapAverage(maps[found], tuple(maps[one] for one in rivals), weights, held_out)
 
     @cached_property
     def _modes(self) -> FloatArray:

@@ -74,8 +74,10 @@ def held_out_swaths(solution: JointSolution) -> HeldOut | None:
     Returns
     -------
     HeldOut or None
-        Errors and their claimed covariance.
+        Errors and their claimed covariance, averaged over kernels as the map is.
     """
+    if solution.average is not None:
+        return solution.average.held_out
     swaths = swaths_of(solution.points)
     blocks = _chosen(swaths.number)
     if len(blocks) < 2:

@@ -7,6 +7,7 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.data.grid import Grid
+from survey.reconstruction.checks.predictive import HeldOut
 
 
 class MapFields(Protocol):
@@ -51,11 +52,14 @@ class MapAverage:
         Coarse maps with all kernels.
     weights : (K,) ndarray
         Their probabilities.
+    held_out : HeldOut, optional
+        Swaths that the average predicts without their points; None where the drive has fewer than two.
     """
 
     reference: MapFields
     others: tuple[MapFields, ...]
     weights: FloatArray
+    held_out: HeldOut | None = None
 
     def applied(self, grid: Grid, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return height and standard deviation (H, W) [m] of a map, averaged over the kernels.

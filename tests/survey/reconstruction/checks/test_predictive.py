@@ -43,6 +43,19 @@ def test_correlated_points_count_as_fewer():
     assert all(1.0 < n < 15.0 for n in check.n_effective)
 
 
+def test_the_mixture_of_two_predictions_counts_how_far_they_are_apart():
+    one, other = held_out(np.random.default_rng(8)), held_out(np.random.default_rng(9), times=2.0)
+    mixed = HeldOut.mixture([one, other], np.array([0.3, 0.7]))
+    assert mixed.error_m == pytest.approx(0.3 * one.error_m + 0.7 * other.error_m)
+    assert mixed.variance_m2 == pytest.approx(0.09 + 0.21 * (one.error_m - other.error_m) ** 2)
+    apart = one.groups.error_m - other.groups.error_m
+    claimed = 0.3 * one.groups.covariance_m2 + 0.7 * other.groups.covariance_m2
+    assert mixed.groups.covariance_m2 == pytest.approx(claimed + 0.21 * np.outer(apart, apart))
+    assert np.diag(mixed.groups.covariance_m2) == pytest.approx(
+        mixed.groups.variance_m2 + mixed.groups.noise_m2
+    )
+
+
 def test_too_few_points_make_no_test():
     assert PredictiveCheck.of(held_out(np.random.default_rng(7), n=32)) is None
 

@@ -10,7 +10,7 @@ from survey.data.surface_points import SurfacePoints
 from survey.reconstruction import GaussianProcessConfig
 from survey.reconstruction.joint.checked_map import checked_map
 from survey.reconstruction.joint.joint_map import JointTerrain
-from survey.reconstruction.joint.left_out import _solved, check_by_swaths
+from survey.reconstruction.joint.left_out import _solved, check_by_swaths, held_out_swaths
 from survey.reconstruction.joint.solution import JointSolution
 from survey.reconstruction.joint.terrain_posterior import waves_at
 from tests.survey.reconstruction.joint.test_joint_map import GRID, KNOWN, TWO_M, cells_of, hill, path_error
@@ -72,6 +72,14 @@ def test_an_honest_estimate_is_not_contradicted():
     assert check is not None
     assert not check.contradicts
     assert check.n_blocks >= 2
+
+
+def test_a_prediction_claims_what_an_unknown_kernel_leaves_open_as_the_map_does():
+    solution = JointTerrain(path_error(0.01), joint=TWO_M).solved(two_swaths(80), GRID.bounds)
+    assert solution.average is not None
+    averaged, single = (held_out_swaths(one) for one in (solution, replace(solution, average=None)))
+    assert averaged.sigma_m.mean() > 1.03 * single.sigma_m.mean()
+    assert averaged.groups.variance_m2.mean() > 1.03**2 * single.groups.variance_m2.mean()
 
 
 def test_swaths_that_disagree_by_more_than_the_path_can_err_contradict_the_map():
