@@ -3,10 +3,14 @@
 Surveys of the statistical fidelity on sites of 160 m with four swaths, terrain of 25 to 60 m of correlation, a
 satellite's cells of 1 m. Every map is made as a mission makes it, kernel chosen. In the second group the
 kernel is stated, Matérn 3/2 of 2.2 m and 0.1 m, so that landforms vanish between the landmarks; in the third the path
-states a tenth of its error, which moves swaths slowly and looks like terrain: no swath left out shows it. Four drives in images (``examples/short_drive.toml``, 150 m, other seeds) are
-simulated and mapped too: one drive holds a few independent errors only, and between types of processors its bytes and
-its share of points within their intervals differ. Drives are stored in the temporary folder for as long as the code
-stays the same, finished surveys for as long as the code of the reconstruction does. Seeds below 100 were used to choose settings; those judged begin at 500.
+states a tenth of its error, which moves swaths slowly and looks like terrain: no swath left out shows it.
+
+Four drives in images (``examples/short_drive.toml``, 150 m, other seeds) are simulated and mapped too: one drive holds a
+few independent errors only, and its share of points within their intervals depends on the type of processor.
+
+Drives are stored in the temporary folder for as long as the code that makes them stays the same, finished surveys for as
+long as that of the reconstruction does. Seeds below 100 were used to choose settings; surveys are judged from 500 on,
+drives from 600 on.
 """
 
 import hashlib
@@ -43,7 +47,7 @@ from vision_slam.localization import Localization
 from vision_slam.odometry.onboard import read_visual_odometry
 
 STORED = Path(tempfile.gettempdir()) / "firnline-held-out"
-_FIRST_SEED = 500
+_FIRST_SEED, _FIRST_DRIVE = 500, 600
 _GRID_STEP_M = 4.0
 _FAR_M = 5.0
 _UNDERSTATED = 1.0 / 100.0
@@ -140,22 +144,17 @@ def _wrong_rows(name: str, done: Sequence[Outcome], bar: float | None) -> Iterat
 
 def _image_rows(n: int) -> Iterator[Row]:
     """Leave swaths of drives in images out, with the satellite and without."""
-    drives = [_drive(seed) for seed in range(_FIRST_SEED, _FIRST_SEED + n)]
+    drives = [_drive(seed) for seed in range(_FIRST_DRIVE, _FIRST_DRIVE + n)]
     for name, with_prior in (("images, with a satellite", True), ("images, without a satellite", False)):
         done = [_left_out(drive, with_prior=with_prior) for drive in drives]
         within = [one.far.coverage_95 for one in done]
         shown = f"{name}: swaths left out, beyond 5 m, within 95 %"
         yield Row.of(f"{shown}, mean", float(np.mean(within)), "1", ">=", 0.92)
         yield Row(f"{shown}, worst", min(within), "1")
-        squares = [one.far.z_rms**2 for one in done]
-        yield Row(
-            f"{name}: swaths left out, beyond 5 m, root mean square of z",
-            float(np.sqrt(np.mean(squares))),
-            "1",
-        )
-        yield Row(
-            f"{name}: contradicted by swaths left out", float(np.mean([one.contradicts for one in done])), "1"
-        )
+        z_rms = float(np.sqrt(np.mean([one.far.z_rms**2 for one in done])))
+        yield Row(f"{name}: swaths left out, beyond 5 m, root mean square of z", z_rms, "1")
+        alarms = float(np.mean([one.contradicts for one in done]))
+        yield Row(f"{name}: contradicted by swaths left out", alarms, "1")
         covered = [one.coverage for one in done]
         yield Row.of(f"{name}: coverage of the map, mean", float(np.mean(covered)), "1", ">=", 0.92)
         yield Row(f"{name}: coverage of the map, worst", min(covered), "1")

@@ -39,17 +39,16 @@ class Window:
 
     .. math:: Σ_j min_{x_j} Σ_k |u_{kj} − π(T_k, x_j)|² / σ² + Σ_k |turn|² / (σ_g² Δt + σ_b² Δt²) + ρ(along² / σ_w²) + ρ(|aside|² / σ_a²)
 
-    is minimized by Levenberg-Marquardt; σ_b is the standard deviation of the gyro's bias.
-    Each corner j is one smart factor: its point x_j
-    is eliminated before the poses are solved for, and becomes a direction where no motion
-    in the window moves it, so that a far ridge holds the heading and nothing else. That is
-    for corners near the horizon only: ground that shows no parallax, as in a turn on the
-    spot, is near all the same, and taken for a mountain it would bend the turn. A corner whose
-    direction changed by more than four standard deviations is no direction either: façades and
-    cars beside a street reach above the horizon. Turn, along
-    and aside are the parts of log(M_k⁻¹ T_k⁻¹ T_{k+1}), with M the motion by gyro and
-    wheels; the loss ρ is Cauchy's, because wheels slip. Each part has a loss of its own: a
-    bump of the ground must not silence the wheels, or the scale drifts.
+    is minimized by Levenberg-Marquardt; σ_b is the standard deviation of the gyro's bias. Each
+    corner j is one smart factor: its point x_j is eliminated before the poses are solved for,
+    and becomes a direction where no motion in the window moves it, so that a far ridge holds
+    the heading and nothing else. That is for corners near the horizon only: ground that shows
+    no parallax, as in a turn on the spot, is near all the same, and taken for a mountain it
+    would bend the turn. A corner whose direction changed by more than four standard deviations
+    is no direction either: façades and cars beside a street reach above the horizon. Turn,
+    along and aside are the parts of log(M_k⁻¹ T_k⁻¹ T_{k+1}), with M the motion by gyro and
+    wheels; the loss ρ is Cauchy's, because wheels slip. Each part has a loss of its own: a bump
+    of the ground must not silence the wheels, or the scale drifts.
 
     Poses before the free ones are held, with every so many older ones as anchors, so that
     a mountain that was seen a hundred metres ago still bears on today's heading. What has
