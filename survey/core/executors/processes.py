@@ -63,6 +63,8 @@ class Processes:
 
     def _submit(self, work: Callable[[P], R], piece: P) -> "Future[R]":
         if self._pool is None:
+            if _imports_the_script():
+                raise InputError(f"the workers {UNGUARDED}")
             self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), settled)
         future = self._pool.submit(work, piece)
         self._notice_new_process(self._pool)
@@ -110,6 +112,14 @@ def _as_completed(
     finally:
         for future in running:
             future.cancel()
+
+
+def _imports_the_script() -> bool:
+    """Return whether this is a new process that imports its parent's script.
+
+    A pool would fail there only after it made semaphores, and leave them behind when the process is terminated.
+    """
+    return getattr(multiprocessing.current_process(), "_inheriting", False)
 
 
 def settled() -> None:

@@ -1,5 +1,6 @@
 """Workers that stay between two pieces of work."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from survey.core.errors import ConfigError
+from survey.core.errors import ConfigError, InputError
 from survey.core.executors import open_workers, run_all
 
 OWN_NUMBER = ["/proc/self"]
@@ -75,3 +76,12 @@ def test_a_script_that_starts_workers_without_a_guard_is_refused(tmp_path: Path)
         "survey.core.errors.InputError: the workers failed to start; new processes import the script that starts them: "
         'put its calls under `if __name__ == "__main__":`.'
     )
+
+
+def test_a_new_process_that_imports_its_parents_script_makes_no_pool(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(multiprocessing.current_process(), "_inheriting", True, raising=False)
+    made: list[int] = []
+    monkeypatch.setattr(ProcessPoolExecutor, "__init__", lambda *_: made.append(1))
+    with pytest.raises(InputError, match="the workers failed to start"):
+        list(run_all(str, [1, 2], workers=2))
+    assert not made
