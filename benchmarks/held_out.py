@@ -5,8 +5,8 @@ satellite's cells of 1 m. Every map is made as a mission makes it, kernel chosen
 kernel is stated, Matérn 3/2 of 2.2 m and 0.1 m, so that landforms vanish between the landmarks; in the third the path
 states a tenth of its error, which moves swaths slowly and looks like terrain: no swath left out shows it.
 
-Eight drives in images (``examples/short_drive.toml``, 150 m, other seeds) are simulated and mapped too: one drive holds a
-few independent errors only, and its share of points within their intervals depends on the type of processor. Rows of the
+Sixteen drives in images (``examples/short_drive.toml``, 150 m, other seeds) are simulated and mapped too: one drive holds
+a few independent errors only, and its share of points within their intervals depends on the type of processor. Rows of the
 likeliest kernel alone show what the average over kernels, which the map is, changes in the predictions.
 
 Drives are stored in the temporary folder for as long as the code that makes them stays the same, finished surveys for as
@@ -98,11 +98,11 @@ class LeftOut(NamedTuple):
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    n = 2 if quick else 10
-    yield from _honest_rows(_surveys("honest", n))
-    yield from _wrong_rows("kernels without landforms", _surveys("kernel", n // 2), 0.9)
-    yield from _wrong_rows("paths that state a tenth of their error", _surveys("path", n // 2), None)
-    yield from _image_rows(1 if quick else 8)
+    n_honest, n_wrong, n_drives = (2, 1, 1) if quick else (30, 5, 16)
+    yield from _honest_rows(_surveys("honest", n_honest))
+    yield from _wrong_rows("kernels without landforms", _surveys("kernel", n_wrong), 0.9)
+    yield from _wrong_rows("paths that state a tenth of their error", _surveys("path", n_wrong), None)
+    yield from _image_rows(n_drives)
 
 
 def _surveys(group: Group, n: int) -> list[Outcome]:
