@@ -64,7 +64,7 @@ def cause_of(task: Task, outcome: Outcome) -> Cause:
     heading_deg = across_marked_grain(FreeGround(site.area.free), site.prior)
     apart_m = SurveyLines(site.area, heading_deg).width_m / max(outcome.n_swaths, 1)
     lags_m = 0.5 * site.prior.step_m, 0.5 * apart_m
-    level, at_swaths = (_log_actual(site.terrain, lag) - _log_believed(posterior, lag) for lag in lags_m)
+    level, at_swaths = (_log_actual(site.terrain, lag) - _log_predicted(posterior, lag) for lag in lags_m)
     along = _second_differences(site.terrain, lags_m[1])
     across = along[0] if abs(np.sin(np.radians(heading_deg))) < np.sqrt(0.5) else along[1]
     grain = float(np.log(across)) - _log_actual(site.terrain, lags_m[1])
@@ -83,7 +83,7 @@ def _log_actual(terrain: Dem, lag_m: float) -> float:
     return 0.5 * float(np.log(np.mean(np.square(_second_differences(terrain, lag_m)))))
 
 
-def _log_believed(posterior: KernelPosterior, lag_m: float) -> float:
+def _log_predicted(posterior: KernelPosterior, lag_m: float) -> float:
     """Return the logarithm of the roughness of the covariances over a lag [log m]."""
     lags = np.array([[lag_m, 0.0], [2.0 * lag_m, 0.0]])
     logs = []

@@ -11,7 +11,7 @@ _MOST_SPEED_M_S, _MOST_SLOPE = 8.0, 1.5
 _MOST_PAUSE_S = 900.0
 _SIGMAS, _SLACK_M = 6.0, 1.0
 _MOST_SIGMA_M = 20.0
-# So many samples in a row that agree with one another are believed: the rover was moved, or its clock was set.
+# So many samples in a row that agree with one another are accepted: the rover was moved, or its clock was set.
 _AGREEING = 8
 
 
@@ -43,7 +43,7 @@ class SampleGate:
     """Test of samples against the site and the one before.
 
     A sample is refused that is not finite, far outside the site, imprecise beyond use, not later than the one before, or
-    farther from it than a rover drives in the time between. Refused samples that agree with one another are believed
+    farther from it than a rover drives in the time between. Refused samples that agree with one another are accepted
     after a while, so that one wrong sample never blocks those that follow.
 
     Parameters

@@ -143,7 +143,7 @@ def _on_board(simulated: Path) -> OnBoard | None:
     return OnBoard(
         tracks=tracks_on_frames(recording),
         video=animated(recording.frames),
-        estimated=_estimated_on_board(simulated / "believed.csv"),
+        estimated=_estimated_on_board(simulated / "estimated.csv"),
     )
 
 

@@ -80,7 +80,7 @@ class SimulatedDrive:
         write_json(folder / "drive.json", self._summary())
         if self.estimates is not None:
             columns = dict(zip(_ESTIMATE_COLUMNS, self.estimates.T, strict=True))
-            write_table(folder / "believed.csv", columns)
+            write_table(folder / "estimated.csv", columns)
         self._write_hazards(folder / "hazards.geojson")
         if self.recording.frames is not None:
             write_tum_list(self.recording.frames, folder / "recording")

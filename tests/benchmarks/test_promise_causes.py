@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.promise_on_real_ground.causes import Cause, _log_actual, _log_believed, cause_rows
+from benchmarks.promise_on_real_ground.causes import Cause, _log_actual, _log_predicted, cause_rows
 from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
 from survey import Dem, Grid
 from survey.reconstruction.gp.selection.cells import Cell
@@ -15,7 +15,7 @@ def test_the_roughness_of_a_parabola_is_twice_its_squared_lag():
 
 def test_the_roughness_of_a_covariance_is_that_of_independent_heights_beyond_its_length():
     one = WeightedKernel(Cell.of("matern-3/2", 1.0, 0.0), 4.0, 0.1, 1.0)
-    assert _log_believed(KernelPosterior((one,)), 500.0) == pytest.approx(0.5 * np.log(6.0 * 4.0))
+    assert _log_predicted(KernelPosterior((one,)), 500.0) == pytest.approx(0.5 * np.log(6.0 * 4.0))
 
 
 def test_the_cause_that_goes_with_the_error_is_named():

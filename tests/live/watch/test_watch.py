@@ -237,7 +237,7 @@ def test_an_impossible_sample_is_refused_and_the_next_good_one_taken(bad):
     assert gate.reason(GOOD._replace(time_s=12.0, x_m=51.0)) is None
 
 
-def test_samples_that_agree_with_one_another_are_believed_after_a_while():
+def test_samples_that_agree_with_one_another_are_accepted_after_a_while():
     gate = SampleGate((-200.0, -200.0, 300.0, 300.0))
     gate.reason(GOOD)
     moved = [gate.reason(Sample(11.0 + k, 150.0, 150.0, 130.0, 0.05)) for k in range(8)]

@@ -124,7 +124,7 @@ def test_fixes_that_jump_for_a_minute_are_refused_and_declared() -> None:
     assert not online.accepted[jumped].any()
     assert online.is_lost[105:160].all()
     assert not online.is_lost[170:].any()
-    # Unbelieved, 15 m leave what the drive has anyway: the receiver's metre.
+    # Rejected, 15 m leave what the drive has anyway: the receiver's metre.
     assert np.hypot(*(online.position - place)[:, :2].T).max() < 3.0
     smoothed = smooth(gate_fixes(recording, online), reckoned, CONFIG)
     assert np.hypot(*(smoothed.position - place)[:, :2].T).max() < 3.0
