@@ -8,12 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from survey import Dem, Grid
 
 CRS = "EPSG:32608"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+# The same random examples in every run, however slow the machine is.
+settings.register_profile("firnline", derandomize=True, deadline=None)
+settings.load_profile("firnline")
 
 
 def pytest_collection_finish() -> None:

@@ -107,7 +107,7 @@ def test_waves_keep_their_axes_through_the_ordering():
     shift=st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)),
     sides=st.tuples(st.floats(300.0, 900.0), st.floats(100.0, 290.0)),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_turning_and_shifting_a_site_turns_and_shifts_its_swaths(turn_deg, shift, sides):
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     rotation = np.array([[c, s], [-s, c]])

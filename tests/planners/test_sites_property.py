@@ -48,7 +48,7 @@ SLACK_M = 0.002 * SPACING_M
 
 seeds = st.integers(0, 2**32 - 1)
 headings = st.sampled_from([0.0, 90.0, 17.0, 63.5, 121.0, 170.0])
-quick = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow], "derandomize": True}
+quick = {"suppress_health_check": [HealthCheck.too_slow]}
 
 
 def on_few_and_on_many_sites(few: int, many: int, *strategies: st.SearchStrategy) -> Callable[[Claim], Claim]:

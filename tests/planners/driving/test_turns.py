@@ -17,7 +17,7 @@ from survey.core.errors import ConfigError, InputError
 poses = st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(-4, 4))
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 @given(poses, poses, st.floats(0.5, 3.0))
 def test_every_word_leads_to_the_goal(start, goal, radius_m) -> None:  # type: ignore[no-untyped-def]
     words = dubins_words(start, goal, radius_m)
@@ -30,7 +30,7 @@ def test_every_word_leads_to_the_goal(start, goal, radius_m) -> None:  # type: i
         assert abs(np.sin(0.5 * (here[2] - goal[2]))) < 1e-5
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(poses, poses)
 def test_reversing_never_lengthens_and_works_both_ways(start, goal) -> None:  # type: ignore[no-untyped-def]
     there = word_length(reeds_shepp_words(start, goal, 1.0)[0])

@@ -34,7 +34,7 @@ def inset_lawnmowers(area):
     swaths=st.integers(1, 6),
     height_m=st.floats(200.0, 600.0),
 )
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 def test_the_choice_is_never_worse_than_the_inset_lawnmower(family, scale_m, noise_m, swaths, height_m):
     area = SurveyArea.rectangle((0.0, 0.0, 600.0, height_m), CRS)
     errors = model(family(30.0, scale_m), noise_m, area)

@@ -68,7 +68,7 @@ def test_infinite_lines_of_a_separable_kernel_agree_with_one_dimension():
 
 
 @given(noise_m=st.floats(0.0, 2.0), more=st.floats(0.05, 2.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_more_noise_never_predicts_a_better_map(noise_m, more):
     route = plan(SITE, None, LawnmowerConfig(swaths=3))
     quiet, loud = (

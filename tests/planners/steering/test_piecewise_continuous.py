@@ -142,7 +142,7 @@ def test_the_wander_draws_every_candidate_alike():
 
 
 @given(seed=st.integers(0, 2**31), swaths=st.integers(1, 7), heading_deg=st.floats(0.0, 180.0))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_no_metre_leaves_ground_with_holes_and_bays(seed, swaths, heading_deg):
     outline = shapely.Polygon([(0, 0), (600, 0), (560, 380), (300, 220), (40, 400)])
     area = SurveyArea(outline, CRS, no_go=(shapely.box(220.0, 60.0, 300.0, 130.0),))

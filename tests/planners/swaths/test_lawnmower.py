@@ -93,7 +93,7 @@ def test_inset_ends_and_outer_lines_keep_off_the_border():
     sides=st.tuples(st.floats(50.0, 900.0), st.floats(50.0, 900.0)),
     turn_deg=st.floats(-180.0, 180.0),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_swaths_stay_on_any_rectangle(heading_deg, n, sides, turn_deg):
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * sides
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))

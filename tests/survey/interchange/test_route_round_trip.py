@@ -31,7 +31,7 @@ def routes(draw) -> Route:
 
 
 @pytest.mark.property
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @pytest.mark.parametrize("ending", [".geojson", ".gpkg", ".kml", ".csv"])
 @given(route=routes())
 def test_legs_with_their_kinds_come_back(route: Route, ending: str, tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_legs_with_their_kinds_come_back(route: Route, ending: str, tmp_path: Pa
 
 
 @pytest.mark.property
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @pytest.mark.parametrize("ending", [".plan", ".waypoints", ".gpx"])
 @given(route=routes())
 def test_missions_hold_the_path_in_order(route: Route, ending: str, tmp_path: Path) -> None:
