@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from sim.cli.facts import fact_line
 from sim.cli.planning.drawing import PlanDrawing
 from sim.cli.planning.outputs import fact_lines, plan_facts, write_plan
 from sim.cli.planning.request import PlanRequest
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 _DEFAULT_SWATHS = 4
 _NOISE_M = 0.1
+_NOT_INCLUDED = "relief finer than the prior's cells and errors of the rover's position"
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ def _assumption(kernel: "Kernel") -> str:
     family = next((name for name, kind in KINDS.items() if type(kernel) is kind), str(kernel))
     return (
         f"Predicted error: terrain with the covariance that the prior makes likeliest ({family}), samples with "
-        f"noise of {_NOISE_M:g} m; errors of the rover's position are not included."
+        f"noise of {_NOISE_M:g} m; {_NOT_INCLUDED} are not included."
     )
 
 
@@ -182,3 +184,6 @@ def _print_route(request: PlanRequest, route: "survey.Route") -> None:
     typer.echo(f"{swaths_text(route)}, written to {request.written_text}")
     for line in fact_lines(route.prediction):
         typer.echo(line)
+    if "rmse_m" in route.prediction:
+        remedy = "--require counts the first, --require with --joint the second"
+        typer.echo(fact_line("RMSE excludes", f"{_NOT_INCLUDED} ({remedy})"))

@@ -50,6 +50,13 @@ def test_a_plan_comes_with_its_picture_and_what_is_expected():
     assert Path(content["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_predicted_error_says_what_it_excludes():
+    out, _ = planned("site.gpkg", "--prior", "hill.tif", "--spacing", "25")
+    assert "predicted RMSE" in out
+    assert "RMSE excludes      relief finer than the prior's cells and errors of the rover's position" in out
+    assert "RMSE excludes" not in planned("site.gpkg", "--spacing", "25", "--force")[0]
+
+
 def test_limits_rovers_and_settings_reach_the_plan():
     args = ("site.gpkg", "--prior", "hill.tif", "--spacing", "25", "--max-slope", "15", "--rovers", "2")
     out, _ = planned(
