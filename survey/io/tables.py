@@ -112,12 +112,15 @@ def refuse_repeated_columns(names: Sequence[str], where: str) -> None:
 
 
 def _parts(rows: Any, header: list[str], kept: list[int], where: str) -> Iterator[FloatArray]:
-    """Yield the numbers (n, k) of the rows, many at a time, so that memory is taken for numbers alone."""
+    """Yield the numbers (n, k) of the rows, many at a time, so that memory is taken for numbers alone.
+
+    Empty lines are skipped, as in the tables of other programs.
+    """
     n_read = 0
     while chunk := list(islice(rows, _ROWS_AT_ONCE)):
         first = n_read + 2
         for number, row in enumerate(chunk, start=first):
-            if len(row) != len(header):
+            if row and len(row) != len(header):
                 raise InputError(
                     f"{where}, line {number}: {len(row)} values where the header names {len(header)}; "
                     "the file may be cut off, make it again."
@@ -127,11 +130,15 @@ def _parts(rows: Any, header: list[str], kept: list[int], where: str) -> Iterato
             raise CapacityError(
                 f"{where} has more than {LARGEST_ROWS:,} rows, which are the most that can be read; split or thin it."
             )
-        yield _numbers([[row[index] for index in kept] for row in chunk], header, kept, first, where)
+        lines = [number for number, row in enumerate(chunk, start=first) if row]
+        if lines:
+            yield _numbers(
+                [[row[index] for index in kept] for row in chunk if row], header, kept, lines, where
+            )
 
 
 def _numbers(
-    cells: list[list[str]], header: list[str], kept: list[int], first: int, where: str
+    cells: list[list[str]], header: list[str], kept: list[int], lines: list[int], where: str
 ) -> FloatArray:
     try:
         # Python's own grouping of digits, 1_000, is no number in a table.
@@ -142,7 +149,7 @@ def _numbers(
         pass
     number, index, cell = next(
         (number, index, cell)
-        for number, row in enumerate(cells, start=first)
+        for number, row in zip(lines, cells, strict=True)
         for index, cell in zip(kept, row, strict=True)
         if not _is_number(cell)
     )

@@ -73,7 +73,7 @@ def _formats() -> str:
         "routes, read": ", ".join(sorted(READERS)),
         "routes, written": ", ".join(sorted(WRITERS)),
         "plans, written": ".geojson, .gpkg (route), .pdf (sheets), .qgz (QGIS project)",
-        "points": ".csv, .gpkg, .geojson, .las, .laz, .ply",
+        "points": ".csv, .txt, .tsv, .xyz (the last without a header, too), .gpkg, .geojson, .las, .laz, .ply",
         "checkpoints": ".csv, .txt, .tsv (also GNSS exports with , ; tab or blanks, and decimal commas), .gpkg, .geojson, .gpx, .las",
         "land cover (score --by)": "rasters of whole numbers; polygons with a column of classes",
         "reports (score, change)": "a folder, .html or .pdf",

@@ -16,7 +16,7 @@ from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
 
-_POINT_TABLES = (".csv", ".txt", ".tsv", ".gpkg", ".geojson", ".json")
+_POINT_TABLES = (".csv", ".txt", ".tsv", ".xyz", ".gpkg", ".geojson", ".json")
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
 
 

@@ -1,4 +1,4 @@
-"""Point files: CSV, GeoPackage, LAS/LAZ and PLY, as named columns of numbers."""
+"""Point files: text tables, GeoPackage, LAS/LAZ and PLY, as named columns of numbers."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,7 +18,7 @@ from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_colu
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
 _LARGEST = 1e15
 _SIGMA = "sigma_z_m"
-_TEXT_TABLES = (".csv", ".txt", ".tsv")
+_TEXT_TABLES = (".csv", ".txt", ".tsv", ".xyz")
 
 
 def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None) -> PointTable:
@@ -60,7 +60,7 @@ def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
         raise InputError(
             f"{path} is no text table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
         )
-    return _with_usual_sigma(_format(path).read(path), path)
+    return _with_usual_sigma(_format(path, _TEXT_TABLES).read(path), path)
 
 
 def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
@@ -117,11 +117,12 @@ class _Format(NamedTuple):
     write: Callable[[Path, PointTable], None]
 
 
-def _format(path: str | Path) -> _Format:
+def _format(path: str | Path, others: tuple[str, ...] = ()) -> _Format:
+    """Return the format of a file's ending; the refusal of an unknown one names others beside the formats."""
     suffix = Path(path).suffix.lower()
     if suffix not in _FORMATS:
         raise InputError(
-            f"{Path(path).name} ends in {suffix!r}; one of {', '.join(sorted(_FORMATS))} was expected."
+            f"{Path(path).name} ends in {suffix!r}; one of {', '.join(sorted({*_FORMATS, *others}))} was expected."
         )
     return _FORMATS[suffix]
 

@@ -1,6 +1,6 @@
 """Points in text tables: firnline's own CSV of numbers, and exports of receivers and other programs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from survey.core.errors import InputError
@@ -22,6 +22,8 @@ from survey.io.text_tables.spellings import (
 
 _WHAT = "the point file"
 _SIGMA = "sigma_z_m"
+# Columns of a file .xyz, which has no header as a rule.
+_UNNAMED = ("x", "y", "z")
 
 
 def read_csv(path: Path, columns: Mapping[str, str] | None = None) -> PointTable:
@@ -30,6 +32,8 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None) -> PointTable
     `columns` names columns of the file by own name, such as ``{"z_m": "Ellipsoidal height"}``.
     """
     file = existing_file(path, _WHAT)
+    if path.suffix.lower() == ".xyz":
+        return _read_export(file, columns or {}, _UNNAMED)
     if not columns and _is_plain(file):
         return PointTable(*in_own_columns(read_table(file, (), what=_WHAT), f"{_WHAT} {path}"))
     return _read_export(file, columns or {})
@@ -59,9 +63,9 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _read_export(file: Path, given: Mapping[str, str]) -> PointTable:
+def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = ()) -> PointTable:
     """Read the columns of numbers; those that begin with a text, such as codes, are passed over and named in the log."""
-    text = read_text_table(file, _WHAT)
+    text = read_text_table(file, _WHAT, unnamed)
     refuse_feet(text.header, text.where)
     known = dict(zip(text.header, renamed_header(text.header, given, text.where), strict=True))
     sigma = one_column("sigma_z", list(known.values()), text.where)

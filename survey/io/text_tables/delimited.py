@@ -66,8 +66,8 @@ class TextTable(NamedTuple):
         )
 
 
-def read_text_table(path: str | Path, what: str) -> TextTable:
-    """Read a table with a header; the separator is found by itself.
+def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) -> TextTable:
+    """Read a table, with a header unless its columns are known; the separator is found by itself.
 
     Parameters
     ----------
@@ -76,6 +76,8 @@ def read_text_table(path: str | Path, what: str) -> TextTable:
         empty lines, are skipped.
     what : str
         What the table is, for the message.
+    unnamed : sequence of str, optional
+        Names of the columns of a table without a header.
 
     Returns
     -------
@@ -99,8 +101,10 @@ def read_text_table(path: str | Path, what: str) -> TextTable:
         raise InputError(f"{where} is empty; a header such as Point,Easting,Northing,Elevation was expected.")
     separator = _separator(lines[header_at])
     cells = _cells(lines[header_at:], separator, where)
-    header = _header(cells[0], where)
-    numbered = [(header_at + k, row) for k, row in enumerate(cells[1:], start=2) if any(map(str.strip, row))]
+    has_header = not (len(cells[0]) == len(unnamed) and all(map(_is_decimal, cells[0])))
+    header = _header(cells[0], where) if has_header else list(unnamed)
+    numbered = [(header_at + k, row) for k, row in enumerate(cells, start=1) if any(map(str.strip, row))]
+    numbered = numbered[1:] if has_header else numbered
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
     has_commas = separator != "," and any("," in cell and _is_decimal(cell) for row in rows for cell in row)

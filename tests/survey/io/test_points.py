@@ -89,8 +89,8 @@ def test_a_missing_column_is_named(tmp_path: Path) -> None:
 
 
 def test_an_unknown_ending_names_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\.gpkg"):
-        SurfacePoints.read(tmp_path / "points.xyz", crs=CRS)
+    with pytest.raises(InputError, match=r"\.csv, \.geojson, .*\.txt, \.xyz was expected"):
+        SurfacePoints.read(tmp_path / "points.dat", crs=CRS)
 
 
 def test_a_column_that_contradicts_the_coordinates_is_refused(tmp_path: Path) -> None:

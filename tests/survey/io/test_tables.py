@@ -32,6 +32,13 @@ def test_a_byte_order_mark_and_quotes_are_understood(tmp_path: Path) -> None:
     assert read_table(file, ("x_m",), what="the table")["z_m"] == [3.0]
 
 
+def test_empty_lines_are_skipped_and_counted(tmp_path: Path) -> None:
+    file = table(tmp_path, HEADER + "1,2,3\n\n4,5,6\n\n")
+    assert read_table(file, ("x_m",), what="the table")["z_m"].tolist() == [3.0, 6.0]
+    with pytest.raises(InputError, match="line 4: 'b' in the column z_m"):
+        read_table(table(tmp_path, HEADER + "1,2,3\n\n4,5,b\n"), ("x_m",), what="the table")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

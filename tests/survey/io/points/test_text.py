@@ -106,3 +106,27 @@ def test_degrees_to_the_south_or_west_in_a_column_beside_them_are_refused(tmp_pa
         read_point_table(written(tmp_path, f"{header}\n60.4,N,134.9,W,804.0\n"))
     table = read_point_table(written(tmp_path, f"{header}\n60.4,N,-134.9,W,804.0\n"))
     assert table.columns["x_m"].tolist() == [-134.9]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "500.5 600 12.25\n501.5 600 12.5\n",
+        "500.5,600,12.25\n501.5,600,12.5\n",
+        "# east north up\nX\tY\tZ\n500.5\t600\t12.25\n501.5\t600\t12.5\n",
+    ],
+)
+def test_xyz_files_need_no_header(tmp_path: Path, text: str) -> None:
+    (tmp_path / "points.xyz").write_text(text)
+    table = read_point_table(tmp_path / "points.xyz")
+    assert [table.columns[name].tolist() for name in ("x_m", "y_m", "z_m")] == [
+        [500.5, 501.5],
+        [600.0, 600.0],
+        [12.25, 12.5],
+    ]
+
+
+def test_xyz_files_of_more_columns_need_a_header(tmp_path: Path) -> None:
+    (tmp_path / "points.xyz").write_text("500.5 600 12.25 255\n501.5 600 12.5 255\n")
+    with pytest.raises(InputError, match="has no header line"):
+        read_point_table(tmp_path / "points.xyz")
