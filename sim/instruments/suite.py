@@ -10,21 +10,8 @@ from sim.config.faults import FaultConfig, faults_of
 from sim.instruments.registry import SENSORS
 from sim.instruments.sensor import Instrument, InstrumentSetup, without_carried
 from sim.vehicle.motion import RoverMotion
-from survey.data.camera.frames import Image
-from survey.data.sensors.aiding import GpsFixes
-from survey.data.sensors.tables import SensorTables, table_types
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Readings(SensorTables):
-    """Records of all instruments during a stretch of time; None for one without readings.
-
-    The records are those of a `survey.data.recording.Recording`; `frame` is the image at the end
-    of the stretch, with the time that the camera's clock shows.
-    """
-
-    gps: GpsFixes | None = None
-    frame: tuple[float, Image] | None = None
+from survey.data.sensors.readings import Readings
+from survey.data.sensors.tables import table_types
 
 
 class Instruments:

@@ -122,7 +122,7 @@ def _drive_with_images(
     from sim.simulate.vision import EDGE_M, simulate_vision
 
     steering = _steering_on_the_way(route, world, mission, EDGE_M)
-    with navigating(mission, workers) as navigate:
+    with navigating(mission.assumed, mission.rover.antenna_height_m, mission.seed, workers) as navigate:
         driven = simulate_vision(
             world.terrain,
             route,

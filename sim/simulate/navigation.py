@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from sim.instruments.suite import Readings
 from survey.core.arrays import FloatArray
 from survey.data.camera.calibration import Camera
+from survey.data.sensors.readings import Readings
 from vision_slam.odometry.odometer import VisualOdometry
 
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from planners.steering.attitude import Attitude
 from planners.steering.waypoints import WaypointSteering
-from sim.instruments.suite import Readings
 from sim.simulate.navigation import PoseEstimate
 from sim.vehicle.pursuit import PurePursuit
 from survey.core.arrays import FloatArray
+from survey.data.sensors.readings import Readings
 
 _AVERAGED_S = 2.0
 """Time over which the accelerometer is averaged [s]: jolts and accelerations largely cancel."""

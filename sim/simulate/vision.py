@@ -16,7 +16,7 @@ from sim.config.mission import MissionConfig
 from sim.instruments.camera import rover_camera
 from sim.instruments.sensor import InstrumentSetup
 from sim.instruments.stakes import surveyed_stakes
-from sim.instruments.suite import Instruments, ReadingLog, Readings
+from sim.instruments.suite import Instruments, ReadingLog
 from sim.simulate.assembly import camera_on_rover, rover_physics, stakes_beside
 from sim.simulate.faults import Faults
 from sim.simulate.ice_records import stake_surveys, truth_of_epoch
@@ -36,6 +36,7 @@ from survey.data.camera.frames import Frames
 from survey.data.dem import Dem
 from survey.data.recording import Recording
 from survey.data.route import Route
+from survey.data.sensors.readings import Readings
 from survey.data.trajectory import Trajectory
 from survey.data.truth import Truth
 from vision_slam.odometry.odometer import VisualOdometry

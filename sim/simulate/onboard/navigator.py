@@ -6,12 +6,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.instruments.suite import Readings
 from sim.simulate.navigation import PoseEstimate, Start
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.sensors.aiding import Inertial
 from survey.data.sensors.odometry import Odometry
+from survey.data.sensors.readings import Readings
 from vision_slam import LocalizationConfig
 from vision_slam.fusion.hypotheses import GyroTurn
 from vision_slam.fusion.particle_filter import ParticleFilter

@@ -11,12 +11,12 @@ from typing import Any
 import cv2
 from threadpoolctl import threadpool_limits
 
-from sim.config.mission import MissionConfig
-from sim.instruments.suite import Readings
 from sim.simulate.navigation import Start
 from sim.simulate.onboard.navigator import LATE_FRAMES, Navigate, OnboardComputer, TimedPose, VisualNavigator
 from survey.core.errors import InputError
 from survey.core.executors import FAILED_TO_START, UNGUARDED, settled
+from survey.data.sensors.readings import Readings
+from vision_slam import LocalizationConfig
 from vision_slam.odometry.odometer import VisualOdometry
 
 _MOST_WAITING = LATE_FRAMES + 1
@@ -137,13 +137,14 @@ def _serve(make: Make, requests: Any, results: Any) -> None:
 
 
 @contextmanager
-def navigating(mission: MissionConfig, workers: int) -> Iterator[Navigate]:
-    """Yield a function that builds a mission's navigator; with two workers its computer has its own process."""
+def navigating(
+    assumed: LocalizationConfig, antenna_height_m: float, seed: int, workers: int
+) -> Iterator[Navigate]:
+    """Yield a function that builds the navigator of a drive; with two workers its computer has its own process."""
     with ExitStack() as stack:
 
         def navigate(start: Start) -> VisualNavigator:
-            height_m, seed = mission.rover.antenna_height_m, mission.seed
-            make = partial(OnboardComputer, start, mission.assumed, height_m, seed)
+            make = partial(OnboardComputer, start, assumed, antenna_height_m, seed)
             return VisualNavigator(
                 start, stack.enter_context(Subprocess(make)) if workers > 1 else InProcess(make)
             )

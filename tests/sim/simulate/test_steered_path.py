@@ -6,7 +6,6 @@ import pytest
 import planners
 from planners.steering.waypoints import WaypointSteering
 from sim.config.drive import PhysicsConfig
-from sim.instruments.suite import Readings
 from sim.simulate.navigation import PoseEstimate
 from sim.simulate.simulated_drive import Ending
 from sim.simulate.steered_path import SensedTilt, SteeredPath
@@ -16,6 +15,7 @@ from survey import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.data.sensors.aiding import Inertial
+from survey.data.sensors.readings import Readings
 from tests.sim.simulate.test_vision import mission
 
 G_M_S2 = 9.81

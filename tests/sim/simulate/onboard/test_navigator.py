@@ -3,13 +3,14 @@
 import hashlib
 import os
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sim.config.mission import MissionConfig
-from sim.instruments.suite import Readings
 from sim.simulate.navigation import Start
 from sim.simulate.onboard.navigator import OnboardComputer
 from sim.simulate.onboard.navigator_process import Subprocess, navigating
@@ -20,6 +21,7 @@ from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import Inertial
+from survey.data.sensors.readings import Readings
 from tests.sim.simulate.test_vision import ground, route
 from vision_slam import LocalizationConfig, visual_odometry
 from vision_slam.odometry.onboard import read_visual_odometry
@@ -42,12 +44,16 @@ def mission() -> MissionConfig:
     return validated(MissionConfig, given, "the test")
 
 
+def navigating_for(config, workers):
+    return navigating(config.assumed, config.rover.antenna_height_m, config.seed, workers)
+
+
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory):
     made = []
     for workers in (1, 2):
         folder = tmp_path_factory.mktemp("drive")
-        with navigating(mission(), workers) as navigate:
+        with navigating_for(mission(), workers) as navigate:
             drive = simulate_vision(ground(), WAY, mission(), folder / "recording", navigate)
         drive.write(folder)
         made.append((drive, folder))
@@ -108,7 +114,7 @@ def test_what_images_do_not_tell_the_filter_hears_from_the_gyro_and_of_how_unsur
 def test_a_computer_whose_process_ends_is_reported_in_one_sentence():
     camera = Camera("pinhole", 8, 6, [[8, 0, 4], [0, 8, 3], [0, 0, 1]], np.zeros(5), np.eye(4))
     start = Start(camera, np.zeros(3), 0.0)
-    with navigating(mission(), 2) as navigate:
+    with navigating_for(mission(), 2) as navigate:
         navigator = navigate(start)
         connection = navigator._computer
         assert isinstance(connection, Subprocess)
@@ -120,3 +126,10 @@ def test_a_computer_whose_process_ends_is_reported_in_one_sentence():
 def _step_often(navigator):
     for _ in range(5):
         navigator.step(Readings())
+
+
+def test_the_process_of_the_onboard_computer_imports_no_simulator():
+    code = "import sys, sim.simulate.onboard.navigator_process as _; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    parts = ("planners", "sim.config", "sim.instruments", "sim.rendering", "sim.vehicle", "sim.world")
+    assert [name for name in done.stdout.split() if name.startswith(parts)] == []
