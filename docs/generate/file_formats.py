@@ -14,7 +14,8 @@ from survey.interchange.route_writers import _CSV_COLUMNS as ROUTE
 from survey.interchange.route_writers import WRITERS
 from survey.io.file_kinds import RASTER_DRIVERS, VECTOR_SUFFIXES
 from survey.io.point_columns import PLACE
-from survey.io.points.formats import _FORMATS as POINTS
+from survey.io.points.formats import READ_ENDINGS as POINTS
+from survey.io.points.formats import WRITERS as POINT_WRITERS
 from survey.io.pose_files import TUM_COLUMNS
 from survey.io.text_tables.usual_names import SPELLINGS
 from survey.scoring.change.change_files import TABLE_COLUMNS as CHANGE
@@ -72,7 +73,8 @@ def vectors() -> str:
 
 def points() -> str:
     """Return the section on points."""
-    text = f"## Points\n\nRead and written: {', '.join(code(suffix) for suffix in POINTS)}.\n\n"
+    read, written = (", ".join(map(code, endings)) for endings in (POINTS, POINT_WRITERS))
+    text = f"## Points\n\nRead: {read}. Written: {written}.\n\n"
     rows = [
         *described(PLACE, "easting, northing and height"),
         *described([SIGMA], "standard deviation of the height"),

@@ -176,7 +176,7 @@ class SurfacePoints(DataObject):
         vertical_datum: str | None = None,
         columns: Mapping[str, str] | None = None,
     ) -> Self:
-        """Read points from text tables (CSV, TXT, TSV), GeoPackage, GeoJSON, LAS, LAZ or PLY.
+        """Read points from text tables (CSV, TXT, TSV, XYZ), vector files (GeoPackage, GeoJSON, Shapefile), LAS, LAZ or PLY.
 
         Of LAS and LAZ with classes the points of the ground (class 2) are read; where it is not classified, all but
         noise (classes 7 and 18) and withheld points. Rows that repeat another in every column count once. The log states how many
@@ -201,7 +201,7 @@ class SurfacePoints(DataObject):
         vertical_datum : str, optional
             For files that do not state it.
         columns : mapping of str to str, optional
-            Column of a text table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their
+            Column of a table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their
             usual names.
 
         Raises

@@ -14,6 +14,7 @@ from survey.core.files.reading import existing_file
 from survey.io.point_columns import PLACE, in_own_columns, place_columns
 from survey.io.points.formats import read_point_table, refuse_marks
 from survey.io.points.table import PointTable
+from survey.io.points.vector import VECTOR_ENDINGS
 from survey.io.text_tables.delimited import TextTable, read_text_table
 from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
@@ -72,7 +73,7 @@ def read_named_points(path: str | Path, what: str, columns: Mapping[str, str] | 
         table, names = _gpx(file, what)
     else:
         table = read_point_table(file, columns)
-        names = _feature_names(file, what) if suffix in (".gpkg", ".geojson") else ()
+        names = _feature_names(file, what) if suffix in VECTOR_ENDINGS else ()
     if len(set(names)) < len(names) or "" in names:
         repeated = sorted({name for name in names if names.count(name) > 1 or not name})
         raise InputError(

@@ -64,6 +64,8 @@ def _formats() -> str:
     from survey.interchange.route_readers import READERS
     from survey.interchange.route_writers import WRITERS
     from survey.io.file_kinds import RASTER_DRIVERS, VECTOR_SUFFIXES
+    from survey.io.points.formats import READ_ENDINGS as POINTS
+    from survey.io.points.formats import WRITERS as POINT_WRITERS
 
     rows = {
         "elevation rasters, read": ", ".join(RASTER_DRIVERS),
@@ -73,8 +75,9 @@ def _formats() -> str:
         "routes, read": ", ".join(sorted(READERS)),
         "routes, written": ", ".join(sorted(WRITERS)),
         "plans, written": ".geojson, .gpkg (route), .pdf (sheets), .qgz (QGIS project)",
-        "points": ".csv, .txt, .tsv, .xyz (the last without a header, too), .gpkg, .geojson, .las, .laz, .ply",
-        "checkpoints": ".csv, .txt, .tsv (also GNSS exports with , ; tab or blanks, and decimal commas), .gpkg, .geojson, .gpx, .las",
+        "points, read": f"{', '.join(POINTS)}; .xyz without a header, too",
+        "points, written": ", ".join(POINT_WRITERS),
+        "checkpoints": ".csv, .txt, .tsv (also GNSS exports with , ; tab or blanks, and decimal commas), .gpx, and other formats of points",
         "land cover (score --by)": "rasters of whole numbers; polygons with a column of classes",
         "reports (score, change)": "a folder, .html or .pdf",
         "tracks": ".csv, .tum, .gpx, .gpkg; .txt (KITTI) is written",

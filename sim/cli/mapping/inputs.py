@@ -11,12 +11,12 @@ from survey.core.config import Section, validated, with_overrides
 from survey.core.errors import InputError
 from survey.data.ice.motion_file import ICE_MOTION
 from survey.interchange.sensor_scans import holds_sensor_scans
+from survey.io.points.formats import TABLES
 from survey.io.text_tables.spellings import parsed_columns
 from survey.reconstruction.capacity import require_nodes
 from survey.reconstruction.method import ReconstructionMethod
 from survey.reconstruction.registry import METHODS, ReconstructionConfig, method_named, names_where
 
-_POINT_TABLES = (".csv", ".txt", ".tsv", ".xyz", ".gpkg", ".geojson", ".json")
 _STEP_M, _SCAN_STEP_M = 1.0, 0.25
 
 
@@ -117,7 +117,7 @@ def _are_scans(options: ReconstructOptions, method: ReconstructionMethod) -> boo
     sources = options.sources
     if method.begin is None or _are_registered(options):
         return False
-    return len(sources) > 1 or sources[0].suffix.lower() not in _POINT_TABLES
+    return len(sources) > 1 or sources[0].suffix.lower() not in TABLES
 
 
 def _are_registered(options: ReconstructOptions) -> bool:

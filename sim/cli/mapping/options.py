@@ -57,9 +57,7 @@ class ReconstructOptions(RunOptions):
     ] = None
     columns: Annotated[
         list[str],
-        columns_option(
-            "Columns of a text table of points: x, y, z, lon, lat, sigma_z; usual names are found."
-        ),
+        columns_option("Columns of a table of points: x, y, z, lon, lat, sigma_z; usual names are found."),
     ] = field(default_factory=list)
     trajectories: Annotated[
         list[Path],

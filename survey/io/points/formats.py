@@ -1,8 +1,7 @@
-"""Point files: text tables, GeoPackage, LAS/LAZ and PLY, as named columns of numbers."""
+"""Point files: text tables, vector files, LAS/LAZ and PLY, as named columns of numbers."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from survey.io.point_columns import PLACE
 from survey.io.points.ply import read_ply, write_ply
 from survey.io.points.table import PointTable
 from survey.io.points.text import read_csv, write_csv
-from survey.io.points.vector import read_vector, write_vector
+from survey.io.points.vector import VECTOR_ENDINGS, read_vector, write_vector
 from survey.io.raster.values import MARKS, MARKS_IN_METRES
 from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_column, say_columns
 
@@ -19,6 +18,8 @@ from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_colu
 _LARGEST = 1e15
 _SIGMA = "sigma_z_m"
 _TEXT_TABLES = (".csv", ".txt", ".tsv", ".xyz")
+TABLES = (*_TEXT_TABLES, *VECTOR_ENDINGS)
+"""Endings of files with one row for each point, whose columns can be chosen."""
 
 
 def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None) -> PointTable:
@@ -29,7 +30,7 @@ def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None)
     path : str or pathlib.Path
         The file.
     columns : mapping of str to str, optional
-        Column of a text table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their names.
+        Column of a table by own name, such as ``{"z_m": "Ellipsoidal height"}``; others are found by their names.
 
     Returns
     -------
@@ -40,7 +41,7 @@ def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None)
     ------
     InputError
         Another ending; a file that is missing, empty or damaged; a column that is missing
-        or holds something that is no number or stands for a missing one; columns named for a file that is no text table.
+        or holds something that is no number or stands for a missing one; columns named for a file that is no table.
     """
     table = _read(Path(path), columns)
     for name, column in table.columns.items():
@@ -53,14 +54,17 @@ def read_point_table(path: str | Path, columns: Mapping[str, str] | None = None)
 
 
 def _read(path: Path, columns: Mapping[str, str] | None) -> PointTable:
-    """Read a text table with the columns that were named, or another format with its own."""
-    if path.suffix.lower() in _TEXT_TABLES:
+    """Read a table with the columns that were named, or a cloud with its own."""
+    suffix = _ending(path, READ_ENDINGS)
+    if suffix in _TEXT_TABLES:
         return read_csv(path, columns)
+    if suffix in VECTOR_ENDINGS:
+        return read_vector(path, columns)
     if columns:
         raise InputError(
-            f"{path} is no text table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
+            f"{path} is no table, whose columns can be chosen; leave the mapping of columns out, or export it as CSV."
         )
-    return _with_usual_sigma(_format(path, _TEXT_TABLES).read(path), path)
+    return _with_usual_sigma(_CLOUDS[suffix](path), path)
 
 
 def _with_usual_sigma(table: PointTable, path: Path) -> PointTable:
@@ -109,22 +113,17 @@ def write_point_table(path: str | Path, table: PointTable) -> None:
     table : PointTable
         The points; LAS, PLY and vector formats need a CRS.
     """
-    _format(path).write(Path(path), table)
+    WRITERS[_ending(path, WRITERS)](Path(path), table)
 
 
-class _Format(NamedTuple):
-    read: Callable[[Path], PointTable]
-    write: Callable[[Path, PointTable], None]
-
-
-def _format(path: str | Path, others: tuple[str, ...] = ()) -> _Format:
-    """Return the format of a file's ending; the refusal of an unknown one names others beside the formats."""
+def _ending(path: str | Path, known: Collection[str]) -> str:
+    """Return the ending of a file, which has to be one of those that are known."""
     suffix = Path(path).suffix.lower()
-    if suffix not in _FORMATS:
+    if suffix not in known:
         raise InputError(
-            f"{Path(path).name} ends in {suffix!r}; one of {', '.join(sorted({*_FORMATS, *others}))} was expected."
+            f"{Path(path).name} ends in {suffix!r}; one of {', '.join(sorted(known))} was expected."
         )
-    return _FORMATS[suffix]
+    return suffix
 
 
 def _read_las(path: Path) -> PointTable:
@@ -139,11 +138,19 @@ def _write_las(path: Path, table: PointTable) -> None:
     write_las(path, table)
 
 
-_FORMATS: Mapping[str, _Format] = {
-    ".csv": _Format(read_csv, write_csv),
-    ".gpkg": _Format(read_vector, write_vector),
-    ".geojson": _Format(read_vector, write_vector),
-    ".las": _Format(_read_las, _write_las),
-    ".laz": _Format(_read_las, _write_las),
-    ".ply": _Format(read_ply, write_ply),
+_CLOUDS: Mapping[str, Callable[[Path], PointTable]] = {
+    ".las": _read_las,
+    ".laz": _read_las,
+    ".ply": read_ply,
 }
+WRITERS: Mapping[str, Callable[[Path, PointTable], None]] = {
+    ".csv": write_csv,
+    ".gpkg": write_vector,
+    ".geojson": write_vector,
+    ".las": _write_las,
+    ".laz": _write_las,
+    ".ply": write_ply,
+}
+"""Writer for each ending of a point file."""
+READ_ENDINGS = (*TABLES, *_CLOUDS)
+"""Endings of point files that are read."""

@@ -251,4 +251,4 @@ def test_columns_of_a_table_are_chosen_by_a_mapping(folder: Path, caplog: pytest
 def test_a_mapping_that_was_not_understood_or_is_of_no_use_ends_at_once(folder: Path) -> None:
     assert run("points.gpkg", "--columns", "height")[0] == 4
     code, said = run("points.gpkg", "--columns", "z=h")
-    assert (code, "is no text table" in " ".join(said.split())) == (3, True)
+    assert (code, "has no column 'h'" in " ".join(said.split())) == (3, True)

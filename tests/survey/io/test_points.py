@@ -89,7 +89,7 @@ def test_a_missing_column_is_named(tmp_path: Path) -> None:
 
 
 def test_an_unknown_ending_names_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\.csv, \.geojson, .*\.txt, \.xyz was expected"):
+    with pytest.raises(InputError, match=r"\.csv, \.fgb, .*\.txt, \.xyz was expected"):
         SurfacePoints.read(tmp_path / "points.dat", crs=CRS)
 
 

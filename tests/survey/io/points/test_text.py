@@ -82,7 +82,7 @@ def test_a_mapping_finds_columns_of_any_name(tmp_path: Path) -> None:
 def test_a_mapping_of_missing_columns_or_for_other_formats_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no column 'Ellipsoidal height'"):
         read_point_table(written(tmp_path, "x,y,z\n1,2,3\n"), CHOSEN)
-    with pytest.raises(InputError, match="is no text table"):
+    with pytest.raises(InputError, match="is no table, whose columns can be chosen"):
         read_point_table(tmp_path / "cloud.ply", CHOSEN)
 
 
