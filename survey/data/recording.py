@@ -264,11 +264,9 @@ class OdometryRecording(Recording):
         Motion from pose to pose.
     sightings : Sightings
         Landmarks seen from these poses.
-    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures, lidar
+    barometer, wheels, inertial, compass, weather, base, base_barometer, loop_closures, lidar
         As in `Recording`.
-    antenna_height_m, vertical_datum, camera, frames, camera_height_m, start_is_surveyed
-        As in `Recording`.
-    barometer, wheels, inertial, compass, weather, base, base_barometer, stakes, stake_sightings, loop_closures, lidar
+    stakes, stake_surveys, stake_sightings, ice_motion
         As in `Recording`.
     """
 

@@ -53,6 +53,17 @@ def terrain_profile(
     -------
     matplotlib.figure.Figure
         As wide as a page: four axes, heights above errors.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> from survey.data.route import Leg
+    >>> route = Route((Leg("swath", [[0.0, 20.0], [60.0, 20.0]]),), "EPSG:32608", "line")
+    >>> len(terrain_profile(surveyed, flat, route).axes)
+    4
     """
     same_crs(reconstruction.mean.crs, reference.crs, "the reconstruction and the reference")
     swath = route.swaths[len(route.swaths) // 2]
@@ -198,6 +209,15 @@ def trajectory_error(estimated: Trajectory, reference: Trajectory) -> Figure:
     ------
     InputError
         When the two are in different CRS.
+
+    Examples
+    --------
+    >>> level, spread = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)), np.tile(np.eye(3), (3, 1, 1))
+    >>> driven, estimated = (
+    ...     Trajectory(np.arange(3.0), np.full((3, 3), error), level, spread, "EPSG:32608") for error in (0.0, 0.5)
+    ... )
+    >>> [axes.get_ylabel() for axes in trajectory_error(estimated, driven).axes]
+    ['East [m]', 'North [m]', 'Up [m]']
     """
     same_crs(estimated.crs, reference.crs, "the trajectory and its reference")
     common = (estimated.time_s >= reference.time_s[0]) & (estimated.time_s <= reference.time_s[-1])

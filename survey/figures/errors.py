@@ -107,6 +107,15 @@ def error_map(
     -------
     matplotlib.figure.Figure
         As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> error_map(surveyed, flat).axes[0].get_xlabel()
+    'Easting [m]'
     """
     error = height_error(reconstruction, reference, area)
     drawing = map_figure(HALF_IN, view(reconstruction.mean, area))
@@ -143,6 +152,15 @@ def error_histogram(
     -------
     matplotlib.figure.Figure
         As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> error_histogram(surveyed, flat, ErrorStatistics.of(height_error(surveyed, flat))).axes[0].get_xlabel()
+    'Reconstruction − reference [m]'
     """
     error = height_error(reconstruction, reference, area)
     error = error[np.isfinite(error)]
@@ -192,6 +210,17 @@ def error_against_distance(
     -------
     matplotlib.figure.Figure
         As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> from survey.data.route import Leg
+    >>> route = Route((Leg("swath", [[0.0, 20.0], [60.0, 20.0]]),), "EPSG:32608", "line")
+    >>> error_against_distance(surveyed, flat, route).axes[0].get_xlabel()
+    'Distance to the route [m]'
     """
     error = height_error(reconstruction, reference, area).ravel()
     known = np.isfinite(error)

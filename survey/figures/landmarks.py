@@ -49,6 +49,16 @@ def landmark_map(
     -------
     matplotlib.figure.Figure
         As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat = Dem.on(grid, np.zeros(grid.shape))
+    >>> xyz = np.column_stack([grid.xy, np.zeros(len(grid.xy))])
+    >>> points = SurfacePoints(xyz, sigma_m=np.full(len(xyz), 0.1), crs="EPSG:32608")
+    >>> landmark_map(points, flat).axes[0].get_xlabel()
+    'Easting [m]'
     """
     bounds = view(terrain, area)
     drawing = map_figure(HALF_IN, bounds)

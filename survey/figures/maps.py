@@ -116,6 +116,15 @@ def terrain_comparison(
     -------
     matplotlib.figure.Figure
         As wide as a page; one axes per surface, one colour bar.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> terrain_comparison(flat, surveyed).axes[0].get_xlabel()
+    'Easting [m]'
     """
     bounds = view(reconstruction.mean, area)
     surfaces = {"Reference": reference, "Reconstruction": reconstruction.mean}
@@ -153,6 +162,15 @@ def deviation_map(
     -------
     matplotlib.figure.Figure
         As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> deviation_map(surveyed).axes[0].get_xlabel()
+    'Easting [m]'
     """
     std = reconstruction.std
     drawing = map_figure(HALF_IN, view(std, area))
@@ -189,6 +207,15 @@ def support_map(
     -------
     matplotlib.figure.Figure
         As wide as half a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> support_map(surveyed).axes[0].get_xlabel()
+    'Easting [m]'
     """
     dem = reconstruction.mean
     drawing = map_figure(HALF_IN, view(dem, area))

@@ -90,7 +90,7 @@ def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]
 
 @styled
 def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
-    """Render a figure; the same figure gives the same bytes (no date, no program name).
+    r"""Render a figure; the same figure gives the same bytes (no date, no program name).
 
     Parameters
     ----------
@@ -103,6 +103,11 @@ def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
     -------
     bytes
         A PNG file.
+
+    Examples
+    --------
+    >>> png_bytes(Figure((1.0, 1.0)))[:4]
+    b'\x89PNG'
     """
     buffer = io.BytesIO()
     settings: dict[str, Any] = {

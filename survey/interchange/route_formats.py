@@ -64,6 +64,16 @@ def write_plan(
     Degrees are written with nine decimals, a tenth of a millimetre. A straight leg stays
     straight in the survey's projection only: between waypoints hundreds of metres apart,
     a tool that joins them along a geodesic deviates by millimetres.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from survey.data.route import Leg
+    >>> route = Route((Leg("swath", [[500000.0, 6700000.0], [500100.0, 6700000.0]]),), "EPSG:32608", "line")
+    >>> file = Path(tempfile.mkdtemp()) / "route.gpx"
+    >>> write_plan(route, file)
+    >>> read_plan(file, crs=route.crs)
+    Route(imported, 1 swath, 100 m, 1 rover, WGS 84 / UTM zone 8N)
     """
     target = Path(path)
     writer = WRITERS.get(target.suffix.lower())
@@ -100,6 +110,14 @@ def read_plan(path: str | Path, crs: Any = None) -> Route:
     InputError
         Missing, damaged or of an unknown format, or without a line of two waypoints; a ``.csv`` or ``.wkt``,
         whose coordinates are metres, without a CRS.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "line.wkt"
+    >>> _ = file.write_text("LINESTRING (500000 6700000, 500100 6700000)")
+    >>> round(read_plan(file, crs="EPSG:32608").length_m)
+    100
     """
     file = existing_file(path, "the plan")
     if file.suffix.lower() not in READERS:

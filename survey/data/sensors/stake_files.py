@@ -1,6 +1,5 @@
 """Files of stakes that were surveyed repeatedly: point, time, x, y, z."""
 
-import csv
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -9,11 +8,13 @@ import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
-from survey.core.files.reading import existing_file
+from survey.core.text import printable
 from survey.data.sensors.stakes import StakeSurveys
+from survey.io.point_columns import place_columns
 from survey.io.text_tables.clock_numbers import refuse_clock_numbers
+from survey.io.text_tables.delimited import TextTable, read_text_table
+from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_column, refuse_feet, say_columns
 
-_COLUMNS = ("point", "time", "x", "y", "z")
 _LONGEST_CELL = 40
 # Stakes are not surveyed over and over within minutes, half an hour after a clock began.
 _YEARS = (1900.0, 2100.0)
@@ -35,13 +36,14 @@ class NamedStakeSurveys(NamedTuple):
 
 
 def read_stake_surveys(path: str | Path, *, sigma_m: float = 0.03, zero: float = 0.0) -> NamedStakeSurveys:
-    """Read repeated surveys of stakes from a CSV table with the columns point, time, x, y and z.
+    r"""Read repeated surveys of stakes from a table with the columns point, time, x, y and z.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        Coordinates are easting, northing and elevation of the foot of the stake [m]; times are ISO 8601 dates, in UTC
-        unless they state an offset, or seconds. A column ``sigma`` states standard deviations [m].
+        Text with commas, semicolons or tabs. Coordinates are easting, northing and elevation of the foot of the
+        stake [m]; times are ISO 8601 dates, in UTC unless they state an offset, or seconds. A column ``sigma`` states
+        standard deviations [m]. Usual names of columns are understood, and the log states which were read.
     sigma_m : float
         Standard deviation of each coordinate where the file states none [m].
     zero : float
@@ -55,51 +57,84 @@ def read_stake_surveys(path: str | Path, *, sigma_m: float = 0.03, zero: float =
     Raises
     ------
     InputError
-        A missing file or column, a cell that is no number or no time.
+        A missing file or column, a cell that is no number or no time, places in degrees or feet.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "stakes.csv"
+    >>> _ = file.write_text("point,time,x,y,z\nA,2026-07-01,0,0,10\nA,2026-08-01,0,3,9\n")
+    >>> stakes = read_stake_surveys(file)
+    >>> stakes.names, len(stakes.surveys)
+    (('A',), 2)
     """
-    file = existing_file(path, "the table of stakes")
-    with file.open(encoding="utf-8-sig", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    if not rows:
-        raise InputError(
-            f"the table of stakes {file} has no rows; give a header and one row for each survey."
-        )
-    missing = [name for name in _COLUMNS if name not in rows[0]]
-    if missing:
-        raise InputError(
-            f"the table of stakes {file} lacks the column {missing[0]!r}; the header must hold {', '.join(_COLUMNS)}."
-        )
-    points = [str(row["point"]).strip() for row in rows]
-    names = tuple(dict.fromkeys(points))
-    times = _times([row["time"] for row in rows], file) - zero
-    place = np.array(
-        [[_number(row[axis], f"{file}, line {k}") for axis in "xyz"] for k, row in enumerate(rows, start=2)]
-    )
-    sigma = [
-        _number(row.get("sigma") or str(sigma_m), f"{file}, line {k}") for k, row in enumerate(rows, start=2)
-    ]
-    stake = np.array([names.index(point) for point in points], dtype=np.float64)
+    table = read_text_table(path, "the table of stakes")
+    names = _names(table)
+    points = table.texts(names["point"])
+    stakes = tuple(dict.fromkeys(points))
+    times = _times(table, names["time"]) - zero
+    place = np.column_stack([_metres(table, names[axis]) for axis in "xyz"])
+    sigma = _metres(table, names["sigma"]) if "sigma" in names else np.full(len(points), sigma_m)
+    stake = np.array([stakes.index(point) for point in points], dtype=np.float64)
     order = np.argsort(times, kind="stable")
-    return NamedStakeSurveys(
-        names, StakeSurveys(times[order], stake[order], place[order], np.array(sigma)[order])
-    )
+    return NamedStakeSurveys(stakes, StakeSurveys(times[order], stake[order], place[order], sigma[order]))
 
 
-def _times(cells: list[str | None], file: Path) -> FloatArray:
+def _names(table: TextTable) -> dict[str, str]:
+    """Return the columns of point, time, place and standard deviation by what they hold."""
+    header, where = table.header, table.where
+    refuse_feet(header, where)
+    places = place_columns(header, where)
+    if places.is_geographic:
+        raise InputError(
+            f"{where} has its places in degrees ({', '.join(places.names[:2])}); project them to the CRS of the survey."
+        )
+    found = {
+        "point": one_column("name", header, where),
+        "time": one_column("time", header, where) or one_column("date", header, where),
+    }
+    missing = next((kind for kind, name in found.items() if name is None), None)
+    if missing is not None:
+        raise InputError(
+            f"{where} has no column of {missing}s (found {printable(', '.join(header))[:200]}); name it {missing}."
+        )
+    found |= dict(zip("xyz", places.names, strict=True))
+    found["sigma"] = "sigma" if "sigma" in header else one_column("sigma_z", header, where)
+    names = {kind: name for kind, name in found.items() if name is not None}
+    say_columns(where, ColumnNames(names, tuple(name for name in header if name not in names.values())))
+    return names
+
+
+def _metres(table: TextTable, name: str) -> FloatArray:
+    """Return a column of finite numbers [m]."""
+    values = metres_factor(name) * table.numbers(name)
+    if not np.isfinite(values).all():
+        line = table.lines[int(np.flatnonzero(~np.isfinite(values))[0])]
+        raise InputError(
+            f"{table.where}, line {line}: the column {name} holds no finite number; correct it or leave the row out."
+        )
+    return values
+
+
+def _times(table: TextTable, name: str) -> FloatArray:
     """Return the times (N,) [s] of a column of dates, or of one of seconds."""
-    times = np.array([_seconds(cell, f"{file}, line {k}") for k, cell in enumerate(cells, start=2)])
-    is_number = np.array([_is_number(cell or "") for cell in cells])
+    cells, where = table.texts(name), f"{table.where}, column {name},"
+    times = np.array(
+        [_seconds(cell, f"{table.where}, line {line}") for cell, line in zip(cells, table.lines, strict=True)]
+    )
+    is_number = np.array([_is_number(cell) for cell in cells])
     if not is_number.any():
         return times
     if not is_number.all():
-        k = int(np.flatnonzero(is_number != is_number[0])[0])
+        line = table.lines[int(np.flatnonzero(is_number != is_number[0])[0])]
         raise InputError(
-            f"{file}, line {k + 2}: the times begin as {'numbers' if is_number[0] else 'dates'} and go on otherwise; write all as dates."
+            f"{table.where}, line {line}: the times begin as {'numbers' if is_number[0] else 'dates'} and go on otherwise; "
+            "write all as dates."
         )
-    refuse_clock_numbers(times, f"{file}, column time")
+    refuse_clock_numbers(times, where.rstrip(","))
     if ((times > _YEARS[0]) & (times < _YEARS[1])).all():
         raise InputError(
-            f"{file}, column time, counts years ({times[0]:g}); write dates such as 2026-07-01T09:30:00Z, or seconds from 0."
+            f"{where} counts years ({times[0]:g}); write dates such as 2026-07-01T09:30:00Z, or seconds from 0."
         )
     return times
 
@@ -112,9 +147,8 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _seconds(cell: str | None, where: str) -> float:
+def _seconds(text: str, where: str) -> float:
     """Return a time in seconds: a number, or an ISO 8601 date."""
-    text = (cell or "").strip()
     try:
         return float(text)
     except ValueError:
@@ -126,13 +160,3 @@ def _seconds(cell: str | None, where: str) -> float:
             f"{where}: {text[:_LONGEST_CELL]!r} is no time; give seconds or a date such as 2026-07-01T09:30:00Z."
         ) from error
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
-
-
-def _number(cell: str | None, where: str) -> float:
-    try:
-        value = float((cell or "").strip())
-    except ValueError as error:
-        raise InputError(f"{where}: {(cell or '')[:_LONGEST_CELL]!r} is no number; correct it.") from error
-    if not np.isfinite(value):
-        raise InputError(f"{where}: {cell} is no finite number; correct it or leave the row out.")
-    return value

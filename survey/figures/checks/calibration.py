@@ -51,6 +51,16 @@ def calibration_plot(
     -------
     matplotlib.figure.Figure
         As wide as a page.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 60.0, 40.0), 2.0)
+    >>> flat, raised = (Dem.on(grid, np.full(grid.shape, z)) for z in (5.0, 5.25))
+    >>> surveyed = Reconstruction(raised, flat, np.full(grid.shape, 3), "tin", {})
+    >>> calibration = Calibration.of(raised.elevation - flat.elevation, flat.elevation)
+    >>> len(calibration_plot(surveyed, flat, calibration).axes)
+    2
     """
     error = height_error(reconstruction, reference, area)
     figure = Figure(figsize=(FULL_IN, 3.4), layout="constrained")

@@ -24,6 +24,14 @@ def held_out_plot(check: PredictiveCheck) -> Figure:
     -------
     matplotlib.figure.Figure
         As wide as a page.
+
+    Examples
+    --------
+    >>> from survey.reconstruction.checks.predictive import PredictiveScores
+    >>> scores = PredictiveScores.of(np.linspace(-0.2, 0.2, 40), np.full(40, 0.1))
+    >>> check = PredictiveCheck("swaths", 4, scores, scores, (1.0, 5.0), (9.0, 4.0), (0.4, 0.3), (1.0, 1.0))
+    >>> len(held_out_plot(check).axes)
+    2
     """
     figure = Figure(figsize=(FULL_IN, 3.0), layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -26,11 +26,33 @@ class DisplacementField(Protocol):
     """Displacement of a surface from an earlier survey to a later one."""
 
     def shift(self, xy: FloatArray) -> FloatArray:
-        """Return the displacement (N, 2) to the east and to the north at places (N, 2) of the earlier survey [m]."""
+        """Return the displacement at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            To the east and to the north [m].
+        """
         ...
 
     def covariance(self, xy: FloatArray) -> FloatArray:
-        """Return the covariance (2, N, N) of the displacements to the east and to the north at places (N, 2) [m²]."""
+        """Return the covariance of the displacements at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (2, N, N) ndarray
+            Of those to the east and of those to the north [m²].
+        """
         ...
 
 
@@ -50,12 +72,34 @@ class SteadyField(DataObject):
     days: float
 
     def shift(self, xy: FloatArray) -> FloatArray:
-        """Return the displacement (N, 2) at places (N, 2) [m]."""
+        """Return the displacement at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            To the east and to the north [m].
+        """
         moved: FloatArray = self.motion.rates(xy)[:, :2] * self.days
         return moved
 
     def covariance(self, xy: FloatArray) -> FloatArray:
-        """Return the covariance (2, N, N) at places (N, 2) [m²]."""
+        """Return the covariance of the displacements at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (2, N, N) ndarray
+            Of those to the east and of those to the north [m²].
+        """
         later = np.full(len(xy), self.motion.epoch_s + self.days * DAY_S)
         by = self.motion.derivatives(xy, later)[:, :2]
         covariance: FloatArray = np.einsum("nar,rs,mas->anm", by, self.motion.spread, by)
@@ -78,11 +122,33 @@ class RasterField(DataObject):
     days: float
 
     def shift(self, xy: FloatArray) -> FloatArray:
-        """Return the displacement (N, 2) at places (N, 2) [m]; NaN where the rasters have none."""
+        """Return the displacement at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            To the east and to the north [m]; NaN where the rasters have none.
+        """
         return self.days * np.column_stack([raster.at(xy) for raster in self.rasters[:2]])
 
     def covariance(self, xy: FloatArray) -> FloatArray:
-        """Return the covariance (2, N, N) at places (N, 2) [m²]."""
+        """Return the covariance of the displacements at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (2, N, N) ndarray
+            Of those to the east and of those to the north [m²].
+        """
         sigma = [self.days * raster.at(xy) for raster in self.rasters[2:]]
         return np.stack([np.outer(one, one) for one in sigma])
 
@@ -134,11 +200,33 @@ class TrackedField(DataObject):
         return cls(east, north)
 
     def shift(self, xy: FloatArray) -> FloatArray:
-        """Return the displacement (N, 2) at places (N, 2) [m]."""
+        """Return the displacement at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (N, 2) ndarray
+            To the east and to the north [m].
+        """
         return np.column_stack([process.predict(xy)[0] for process in (self.east, self.north)])
 
     def covariance(self, xy: FloatArray) -> FloatArray:
-        """Return the covariance (2, N, N) at places (N, 2) [m²]."""
+        """Return the covariance of the displacements at places.
+
+        Parameters
+        ----------
+        xy : (N, 2) ndarray
+            Places of the earlier survey [m].
+
+        Returns
+        -------
+        (2, N, N) ndarray
+            Of those to the east and of those to the north [m²].
+        """
         return np.stack([process.joint_covariance(xy) for process in (self.east, self.north)])
 
 

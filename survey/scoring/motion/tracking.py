@@ -96,6 +96,17 @@ def track(
     -----
     The window moves without turning or stretching. Correlated errors of a survey as a whole, such as a shift of its
     datum, are part of the displacement and not of its covariance: align the surveys on ground at rest first.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> rng = np.random.default_rng(1)
+    >>> ground = rng.standard_normal((90, 96))
+    >>> grid = Grid((0.0, 0.0, 89.0, 89.0), 1.0)
+    >>> earlier, later = (Dem.on(grid, ground[:, k : k + 90]) for k in (3, 0))
+    >>> moved = track(earlier, later, window_px=21, search_px=6, shaded=False)
+    >>> np.median(moved.shift_m, axis=0).round(1).tolist()
+    [3.0, 0.0]
     """
     check_pair(earlier, later, window_px, search_px)
     images = [hillshade(dem) if shaded else dem.elevation for dem in (earlier, later)]

@@ -31,11 +31,15 @@ def test_seconds_and_stated_errors_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("point,time,x,y\n1,2,3,4\n", "lacks the column 'z'"),
+        ("point,time,x,y\n1,2,3,4\n", "has no column of heights"),
+        ("time,x,y,z\n1,2,3,4\n", "has no column of points"),
+        ("point,x,y,z\n1,2,3,4\n", "has no column of times"),
+        ("point,time,lon,lat,z\n1,5,7,46,3\n", "places in degrees"),
+        ("point,time,x,y,elev_ft\n1,5,7,46,3\n", "is in feet"),
         ("point,time,x,y,z\n1,noon,0,0,0\n", "line 2: 'noon' is no time"),
-        ("point,time,x,y,z\n1,5,east,0,0\n", "line 2: 'east' is no number"),
-        ("point,time,x,y,z\n1,5,nan,0,0\n", "no finite number"),
-        ("point,time,x,y,z\n", "has no rows"),
+        ("point,time,x,y,z\n1,5,east,0,0\n", "line 2: 'east' in the column x is no number"),
+        ("point,time,x,y,z\n1,5,nan,0,0\n", "line 2: the column x holds no finite number"),
+        ("point,time,x,y,z\n", "a header and no rows"),
     ],
 )
 def test_tables_that_cannot_be_read_are_refused(tmp_path, text, message):
@@ -62,3 +66,14 @@ def test_dates_that_would_be_taken_for_seconds_are_refused(tmp_path, times, word
 def test_blanks_around_a_name_make_no_other_stake(tmp_path):
     (tmp_path / "s.csv").write_text("point,time,x,y,z\nA,0,0,0,0\nA ,86400,1,0,0\n")
     assert read_stake_surveys(tmp_path / "s.csv").names == ("A",)
+
+
+def test_tables_of_receivers_are_read(tmp_path, caplog):
+    rows = "Stake A;2026-07-01;500010,5;6000020,0;812,25;8\nStake A;2026-07-11;500011,5;6000020,0;811,95;9\n"
+    (tmp_path / "s.csv").write_text("Point ID;Date;Easting;Northing;Elevation;SDV (mm)\n" + rows)
+    names, surveys = read_stake_surveys(tmp_path / "s.csv")
+    assert names == ("Stake A",)
+    assert np.diff(surveys.time_s).tolist() == [864000.0]
+    assert surveys.position.tolist() == [[500010.5, 6000020.0, 812.25], [500011.5, 6000020.0, 811.95]]
+    np.testing.assert_allclose(surveys.sigma_m, [0.008, 0.009])
+    assert "time = Date" in caplog.text
