@@ -1,4 +1,4 @@
-"""Promises: how often they are kept, how well errors are foretold, and what they cost in distance.
+"""Guarantees: how often they hold, how accurate the predicted errors are, and how far the rover drives.
 
 ``python -m benchmarks.promise [--quick] [--json FILE]``
 
@@ -81,10 +81,10 @@ class Site:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One survey: whether it was promised, what was foretold, what came out [m], and the oracle's distance [m]."""
+    """One survey: whether it was guaranteed, the predicted and the actual error [m], and the oracle's distance [m]."""
 
     promised: bool
-    foretold_m: float
+    predicted_error_m: float
     rmse_m: float
     length_m: float
     oracle_m: float
@@ -128,7 +128,7 @@ def measure(quick: bool) -> Iterator[Row]:
         yield from _rows(where, outcomes, is_smooth)
     for kind in ("adaptive", "beforehand", "surface", "assumed"):
         every = [one for task, one in made.items() if task.kind == kind]
-        yield Row.of(f"all random terrain, {kind}: promises kept", kept(every), "", ">=", 0.95)
+        yield Row.of(f"all random terrain, {kind}: guarantees that held", kept(every), "", ">=", 0.95)
         yield Row(f"all random terrain, {kind}: refused", 1.0 - _share_promised(every), "")
     smooth = {family.name for family in FAMILIES if family.is_smooth}
     stated = [one for task, one in made.items() if task.kind == "surface" and task.family in smooth]
@@ -167,7 +167,7 @@ def _share_promised(outcomes: Sequence[Outcome]) -> float:
 
 
 def kept(outcomes: Sequence[Outcome]) -> float:
-    """Return the share of promises that were kept; 1 where all were refused."""
+    """Return the share of guarantees that held; 1 where all were refused."""
     errors = [one.rmse_m for one in outcomes if one.promised]
     return float(np.mean(np.array(errors) <= CLASS_3_M)) if errors else 1.0
 
@@ -175,12 +175,12 @@ def kept(outcomes: Sequence[Outcome]) -> float:
 def _rows(where: str, outcomes: Sequence[Outcome], is_smooth: bool) -> Iterator[Row]:
     made = [one for one in outcomes if one.promised]
     yield Row(f"{where}: refused", 1.0 - _share_promised(outcomes), "")
-    yield Row.of(f"{where}: promises kept", kept(outcomes), "", ">=", 0.9)
+    yield Row.of(f"{where}: guarantees that held", kept(outcomes), "", ">=", 0.9)
     if not made:
         return
-    ratio = float(np.mean([one.foretold_m for one in made]) / np.mean([one.rmse_m for one in made]))
+    ratio = float(np.mean([one.predicted_error_m for one in made]) / np.mean([one.rmse_m for one in made]))
     # Within 25 % either way: the larger over the smaller.
-    yield Row(f"{where}: foretold / actual mean error", ratio, "x", "0.75 to 1.25", 0.75 <= ratio <= 1.25)
+    yield Row(f"{where}: predicted / actual mean error", ratio, "x", "0.75 to 1.25", 0.75 <= ratio <= 1.25)
     yield Row(
         f"{where}: 95th percentile of the error", float(np.percentile([o.rmse_m for o in made], 95.0)), "m"
     )
@@ -193,7 +193,7 @@ def _rows(where: str, outcomes: Sequence[Outcome], is_smooth: bool) -> Iterator[
 
 
 def _price(outcomes: Sequence[Outcome]) -> float:
-    """Return the distance of the surveys promised over that of the oracle; NaN where it never passes."""
+    """Return the distance of the guaranteed surveys over that of the oracle; NaN where it never passes."""
     known = [one for one in outcomes if one.promised and np.isfinite(one.oracle_m)]
     if not known:
         return float("nan")
@@ -208,7 +208,7 @@ def outcome(task: Task) -> Outcome:
 
 
 def _adaptive(site: Site, task: Task) -> Outcome:
-    belief = posterior_from_prior(PriorBlocks.of(site.area, site.prior), noise_m=task.noise_m)
+    posterior = posterior_from_prior(PriorBlocks.of(site.area, site.prior), noise_m=task.noise_m)
     measured: list[FloatArray] = []
 
     def drive(xy: FloatArray) -> FloatArray:
@@ -221,7 +221,7 @@ def _adaptive(site: Site, task: Task) -> Outcome:
         sample_step_m=STEP_M,
         heading_deg=across_marked_grain(FreeGround(site.area.free), site.prior),
     )
-    survey = survey_adaptively(site.area, belief, config, drive)
+    survey = survey_adaptively(site.area, posterior, config, drive)
     if survey.route is None:
         return Outcome(False, survey.predicted.rmse_m, np.nan, np.nan, np.nan, 0)
     error = map_error(site, survey.samples, np.concatenate(measured), task.noise_m)

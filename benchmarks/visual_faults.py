@@ -1,4 +1,4 @@
-"""What each fault of the simulator does to a localization by images: error, claim, and what it says of itself.
+"""Effect of each simulated fault on localization by images: error, claimed error and declared state.
 
 Run with ``python -m benchmarks.visual_faults``. The route is a hook of 62 m that crosses its own first leg. Faults
 of camera, receiver and calibration do not move the rover, so that they are put into the records of one drive by
@@ -75,7 +75,7 @@ CASES: dict[str, tuple[dict[str, Any], ...]] = {
     "frozen fixes": (fault("gps", "frozen", 20.0, 40.0),),
     "fixes jump by 15 m": (fault("gps", "jump", 20.0, 40.0),),
     "fixes 2 s late": (fault("gps", "delayed"),),
-    "told a start 30 m away": (fault("start", "kidnapped"),),
+    "stated start 30 m away": (fault("start", "kidnapped"),),
     "white-out, 5 frames": (fault("camera", "whiteout", 12.0, 13.25),),
     "white-out, 20 frames": (fault("camera", "whiteout", 12.0, 17.0),),
     "white-out, 60 frames": (fault("camera", "whiteout", 12.0, 27.0),),
@@ -101,7 +101,7 @@ CASES: dict[str, tuple[dict[str, Any], ...]] = {
     "dark": (fault("camera", "dark", 12.0, 20.0),),
     "blur": (fault("camera", "blur", 12.0, 20.0),),
 }
-QUICK = ("none", "fixes jump by 15 m", "told a start 30 m away")
+QUICK = ("none", "fixes jump by 15 m", "stated start 30 m away")
 DRIVEN = ("tracks", "scenery")
 SENSED = ("gps", "wheels", "inertial", "barometer", "compass", "weather")
 SEEN = ("camera", "calibration", "rover", *DRIVEN)

@@ -270,6 +270,6 @@ def _sections(overrides: Sequence[str]) -> dict[str, Any]:
     unknown = next((key for key in values if key not in {"localization", "visual"}), None)
     if unknown is not None:
         raise ConfigError(
-            f"--set names {unknown!r}; localize knows localization.KEY=VALUE and visual.KEY=VALUE alone."
+            f"--set names {unknown!r}; localize takes only localization.KEY=VALUE and visual.KEY=VALUE."
         )
     return values

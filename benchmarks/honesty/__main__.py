@@ -1,6 +1,6 @@
 """Honesty of maps: coverage and error of statistical surveys over kinds of terrain and kinds of priors.
 
-Run with ``python -m benchmarks.honesty``; ``FIRNLINE_HONESTY_SEEDS=5`` takes fewer seeds than ten. A survey takes some
+Run with ``python -m benchmarks.honesty``; ``FIRNLINE_HONESTY_SEEDS=5`` takes fewer seeds than twenty. A survey takes some
 15 s of CPU time; outcomes are stored, and a run that was broken off continues. Seeds 7101 and later were used for nothing
 else; settings were chosen on seeds 101, 102, 201 and 202, and seeds 7001 and 7002 were looked at.
 

@@ -24,6 +24,6 @@ def outcomes(seeds: range, kinds: tuple[str, ...] = KINDS) -> list[dict[str, Any
 
 
 def judged_seeds(*, quick: bool) -> range:
-    """Return the seeds of a run: as many as ``FIRNLINE_HONESTY_SEEDS`` says, 10 by default."""
-    n = 1 if quick else int(os.environ.get("FIRNLINE_HONESTY_SEEDS", "10"))
+    """Return the seeds of a run: as many as ``FIRNLINE_HONESTY_SEEDS`` states, 20 by default."""
+    n = 1 if quick else int(os.environ.get("FIRNLINE_HONESTY_SEEDS", "20"))
     return range(FIRST_SEED, FIRST_SEED + n)

@@ -1,4 +1,4 @@
-"""Promises on windows of real ground that no setting was chosen on.
+"""Guarantees on windows of real ground that were not used to choose settings.
 
 ``python -m benchmarks.promise_on_real_ground [--quick] [--json FILE]``
 
@@ -98,7 +98,7 @@ def _rows(where: str, kind: str, asked: float, judged: Judged) -> Iterator[Row]:
     refused = [one for one in reachable if not one[1].promised]
     yield Row(f"{where}: windows", len(judged), "")
     yield Row(f"{where}: promises", len(made), "")
-    yield Row.of(f"{where}: promises kept", kept(made), "", ">=", _KEPT[kind, asked])
+    yield Row.of(f"{where}: guarantees that held", kept(made), "", ">=", _KEPT[kind, asked])
     share = len(refused) / max(len(reachable), 1)
     yield Row.of(f"{where}: reachable windows refused", share, "", "<=", 0.25)
     known = [one for one in made if np.isfinite(one[2].length_m)]

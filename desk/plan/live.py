@@ -1,4 +1,4 @@
-"""Planning while a survey is drawn: routes and predicted errors of a document, with what repeats remembered."""
+"""Plan while a survey is drawn: routes and predicted errors of a document, with a cache of repeated results."""
 
 from pathlib import Path
 from threading import Lock

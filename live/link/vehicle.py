@@ -109,7 +109,7 @@ class Vehicle:
             return
         who = "no vehicle" if self.system is None else f"no vehicle of system {self.system}"
         raise LinkLostError(
-            f"{who} was heard at {self.address.text} for {self.patience_s:g} s; check address, radio and power."
+            f"{who} answered at {self.address.text} for {self.patience_s:g} s; check address, radio and power."
         )
 
     def receive(self, types: tuple[str, ...], timeout_s: float) -> Any | None:

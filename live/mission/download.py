@@ -39,7 +39,7 @@ def downloaded_route(
     patience_s : float
         How long to wait for a silent vehicle [s].
     system : int, optional
-        System id of the vehicle; by default the first that is heard.
+        System id of the vehicle; by default the first that answers.
     progress : callable, optional
         Called with what is done, how much of it, and of how much.
 

@@ -62,7 +62,7 @@ def upload(
     patience_s : float
         How long to wait for a silent vehicle [s].
     system : int, optional
-        System id of the vehicle; by default the first that is heard.
+        System id of the vehicle; by default the first that answers.
     most_items : int, optional
         How many items the board holds; by default the limit of its autopilot.
     starts : bool

@@ -17,7 +17,7 @@ _LARGEST_M = 1e6
 
 
 def require_probability(probability: float) -> None:
-    """Refuse a probability that is no guarantee, or nearer to certainty than a belief about terrain can be.
+    """Refuse a probability that is too low for a guarantee, or too high for a model of terrain.
 
     Parameters
     ----------

@@ -60,9 +60,9 @@ class FaultConfig(Section):
     strength: NonNegativeFloat | None = None
     """Strength; see `FAILURES` for its meaning and usual value."""
     rover: PositiveInt | None = None
-    """Rover of the fleet that it befalls, counted from 1; all of them when left out."""
+    """Rover of the fleet that it affects, counted from 1; all of them when left out."""
     probability: Share = 1.0
-    """Probability that it befalls a rover; drawn from the mission's seed."""
+    """Probability that it affects a rover; drawn from the mission's seed."""
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -72,7 +72,7 @@ class FaultConfig(Section):
             )
         known = FAILURES[self.component]
         if self.failure not in known:
-            raise ValueError(f"{self.component} knows the failures {', '.join(known)}, not {self.failure!r}")
+            raise ValueError(f"{self.component} has the failures {', '.join(known)}, not {self.failure!r}")
         if self.until_s is not None and self.until_s <= self.from_s:
             raise ValueError("a fault has to end after it begins")
         return self

@@ -328,15 +328,15 @@ class MissionConfig(PlacedSection):
         faults = tuple(
             fault
             for k, fault in enumerate(self.faults)
-            if fault.rover in (None, rover + 1) and self._befalls(k, fault, rover)
+            if fault.rover in (None, rover + 1) and self._affects(k, fault, rover)
         )
         own = self.seed if rover == 0 else int(stream(self.seed, "fleet", rover).integers(2**62))
         alone = self.model_copy(update={"seed": own, "faults": faults})
         alone._site_seed = self.site_seed
         return alone
 
-    def _befalls(self, number: int, fault: FaultConfig, rover: int) -> bool:
-        """Return whether a fault is drawn to befall a rover."""
+    def _affects(self, number: int, fault: FaultConfig, rover: int) -> bool:
+        """Return whether a fault is drawn to affect a rover."""
         drawn = stream(self.seed, "faults", "drawn", number, rover).random()
         return bool(drawn < fault.probability)
 

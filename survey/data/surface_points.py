@@ -149,11 +149,11 @@ class SurfacePoints(DataObject):
         n_bad = int((variance_z <= 0.0).sum())
         if n_bad:
             raise InputError(
-                f"{n_bad} surface points have an elevation variance of 0 or less; every measurement errs, state by how much."
+                f"{n_bad} surface points have an elevation variance of 0 or less; state their standard deviations."
             )
 
     def _check_keyframes(self, n: int) -> None:
-        """Points that name a keyframe must say all that ties them to it."""
+        """Check that points with a keyframe have all fields that it needs."""
         if self.keyframe is None:
             return
         if self.body is None:

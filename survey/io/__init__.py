@@ -1,1 +1,1 @@
-"""Reading and writing of files, one family of formats each; nothing here knows the nouns."""
+"""Read and write files, one module for each family of formats; independent of the survey's data types."""

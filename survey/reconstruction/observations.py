@@ -39,12 +39,12 @@ class Observations:
             raise InputError(f"the points carry no value {quantity!r}; they carry: {known}.")
         if quantity not in points.value_sigmas:
             raise InputError(
-                f"the points state no standard deviation of {quantity}; every measurement errs, state by how much."
+                f"the points state no standard deviation of {quantity}; state one above 0 for each point."
             )
         sigma = points.value_sigmas[quantity]
         if (sigma <= 0).any():
             raise InputError(
-                f"{int((sigma <= 0).sum())} standard deviations of {quantity} are 0 or less; state how much they err."
+                f"{int((sigma <= 0).sum())} standard deviations of {quantity} are 0 or less; state their standard deviations."
             )
         return cls(points.xy, points.values[quantity], sigma**2)
 

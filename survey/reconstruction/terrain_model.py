@@ -36,7 +36,7 @@ class TerrainModel(ABC):
     """A surface that learns from points and can be asked anywhere.
 
     The constructor stores settings; `fit` checks, learns, and returns the model; `update`
-    returns a model that knows more points. Ask the model returned: large ones take the
+    returns a model conditioned on more points. Ask the model returned: large ones take the
     points into their own arrays, so that the one before has changed too.
 
     Points carry their standard deviations and, where they have them, the sensor's origins.
@@ -65,7 +65,7 @@ class TerrainModel(ABC):
 
     @abstractmethod
     def update(self, points: SurfacePoints) -> Self:
-        """Return a model that also knows these points.
+        """Return a model conditioned on these points too.
 
         Parameters
         ----------
@@ -204,4 +204,4 @@ def local_datum_m(z: FloatArray) -> float:
 
 def not_fitted() -> InputError:
     """Return the refusal of a model that was asked too early."""
-    return InputError("the terrain model knows no points yet; call fit first.")
+    return InputError("the terrain model is not fitted yet; call fit first.")

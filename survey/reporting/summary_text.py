@@ -67,17 +67,17 @@ def conditions(score: Score) -> list[str]:
 
 
 def calibration_sentence(calibration: Calibration) -> str:
-    """Say if the claimed uncertainty is honest.
+    """Return a sentence on the calibration of the claimed uncertainty.
 
     Too confident: fewer than 92 % of the errors lie within the claimed 95 % interval. Too
     cautious: more than 98 % do and the errors are smaller than claimed. Between
-    the two it is honest, unless rare large errors make their root mean square 1.25 times the
+    the two it is well calibrated, unless rare large errors make their root mean square 1.25 times the
     claim.
 
     Examples
     --------
     >>> calibration_sentence(Calibration((0.95,), (0.949,), 0.949, 1.02))
-    'The claimed uncertainty is honest: 94.9% of the errors lie within the claimed 95% interval, and errors are 1.02 times as large as claimed.'
+    'The claimed uncertainty is well calibrated: 94.9% of the errors lie within the claimed 95% interval, and errors are 1.02 times as large as claimed.'
     """
     share, ratio = calibration.coverage_95, calibration.z_rms
     if math.isnan(share):
@@ -91,8 +91,8 @@ def calibration_sentence(calibration: Calibration) -> str:
     if share > 0.98 and ratio < 1.0:
         return f"The claimed uncertainty is too large, which is safe but wasteful: {facts}."
     if ratio > 1.25:
-        return f"The claimed uncertainty is honest for most of the map, but a few errors are far larger: {facts}."
-    return f"The claimed uncertainty is honest: {facts}."
+        return f"The claimed uncertainty is well calibrated except for a few far larger errors: {facts}."
+    return f"The claimed uncertainty is well calibrated: {facts}."
 
 
 def classes_by_standard(score: Score) -> dict[str, list[tuple[Verdict, str, str]]]:
@@ -113,9 +113,7 @@ def key_numbers(score: Score, route: Route) -> list[TableRow]:
         TableRow(
             "95% of nodes within", number(elevation.p95_m, "m"), f"worst {number(elevation.worst_m, 'm')}"
         ),
-        TableRow(
-            "95% interval holds", percent(score.calibration.coverage_95), "of the errors; 95% is honest"
-        ),
+        TableRow("95% interval holds", percent(score.calibration.coverage_95), "of the errors; 95% expected"),
         TableRow(
             "Science coverage",
             percent(score.coverage.scc),

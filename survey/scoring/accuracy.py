@@ -100,7 +100,7 @@ class ErrorStatistics:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Whether errors are as large as the map says.
+    """Whether errors are as large as the map states.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Calibration:
         Nominal two-sided levels, 0 to 1.
     shares : (K,) tuple of float
         Share of the errors within the normal interval of that level; equal to `levels` for
-        an honest map, smaller for one that claims too much.
+        a calibrated map, smaller where its standard deviations are too small.
     coverage_95 : float
         The share within ±1.96 standard deviations.
     z_rms : float

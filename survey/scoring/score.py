@@ -31,7 +31,7 @@ class Score(DataObject):
     elevation : ErrorStatistics
         Errors of the map at the nodes that were scored.
     calibration : Calibration
-        Whether its standard deviations are honest there.
+        Calibration of its standard deviations there.
     verdicts : tuple of Verdict
         Classes of the map, the loosest first.
     n_outside : int

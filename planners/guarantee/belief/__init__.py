@@ -1,1 +1,1 @@
-"""Belief about the terrain: covariances that a prior or a survey makes likely, on ground of a class of surface."""
+"""Posterior of the terrain's covariance, given the cells of a prior or samples, and the class of surface."""

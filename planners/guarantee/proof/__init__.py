@@ -1,1 +1,1 @@
-"""Proof of a guarantee by simulated surveys of ground that is not drawn from the belief."""
+"""Test of a guarantee by simulated surveys of ground from other distributions than the posterior."""

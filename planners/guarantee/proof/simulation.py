@@ -1,4 +1,4 @@
-"""Simulated surveys of ground that agrees with the cells of a prior and is not drawn from the belief about it."""
+"""Simulated surveys of ground that agrees with the cells of a prior and is not drawn from the posterior."""
 
 from typing import NamedTuple
 

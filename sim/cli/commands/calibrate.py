@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _Images = Annotated[Path, typer.Argument(help="Folder of images of the board, all of one size.")]
 _Board = Annotated[
-    str | None, typer.Option("--board", metavar="9x6", help="Chessboard of so many inner corners.")
+    str | None, typer.Option("--board", metavar="9x6", help="Inner corners of the chessboard, e.g. 9x6.")
 ]
 _Charuco = Annotated[
     str | None, typer.Option("--charuco", metavar="8x5", help="ChArUco board of so many squares.")

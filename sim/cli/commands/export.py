@@ -53,7 +53,7 @@ class ExportRequest(RouteOptions):
             help="What the file holds: route, raster, points, track or area; by default found in its content.",
         ),
     ] = None
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False
     dry_run: DryRun = False
 
     def check(self) -> None:

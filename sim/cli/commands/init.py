@@ -17,7 +17,7 @@ def init(
         Path | None,
         typer.Option("--dem", help="Survey this fine elevation raster instead of random terrain."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     dry_run: DryRun = False,
 ) -> None:
     """Write a mission file with every setting, its unit and its default.

@@ -18,9 +18,7 @@ def reproduce(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder in which each study gets one of its own.")
     ] = Path("results"),
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Smaller and rougher, to see that it works.")
-    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use smaller sizes, for a quick test.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace studies that are there, complete ones included.")
     ] = False,

@@ -17,10 +17,10 @@ class RunRequest(RunOptions):
 
     mission: Annotated[Path, typer.Argument(help="Mission file (TOML).")]
     first: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Do this stage and all after it again.")
+        str | None, typer.Option("--from", metavar="STAGE", help="Repeat this stage and all later ones.")
     ] = None
     until: Annotated[str, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = "report"
-    fresh: Annotated[bool, typer.Option("--fresh", help="Do every stage again.")] = False
+    fresh: Annotated[bool, typer.Option("--fresh", help="Repeat every stage.")] = False
     require: Annotated[
         bool, typer.Option("--require", help="End with exit code 5 when the wanted class is not met.")
     ] = False

@@ -22,7 +22,7 @@ def example(
         Path | None,
         typer.Option("--out", "-o", help="File to write.  [default: in this folder, named as the example]"),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     dry_run: DryRun = False,
 ) -> None:
     """Copy an example, or list them all: missions, studies, tutorials as scripts and notebooks.

@@ -22,7 +22,7 @@ def download(
     ] = None,
     system: System = None,
     patience_s: Patience = 15.0,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Read the mission that a rover holds, and write its waypoints as a route.

@@ -27,7 +27,9 @@ def rover(
     hasten: Annotated[
         float, typer.Option("--hasten", min=0.1, help="Seconds of driving in one second.")
     ] = 1.0,
-    seed: Annotated[int, typer.Option("--seed", help="Of fixes and losses.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Seed of the errors of fixes and the losses of packets.")
+    ] = 0,
 ) -> None:
     """Simulate a rover that missions can be uploaded to, in this process, until Ctrl+C.
 

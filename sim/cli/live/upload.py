@@ -43,7 +43,7 @@ class UploadRequest(RouteOptions):
         typer.Option(
             "--most-items",
             min=1,
-            help="Items that the board holds.  [default: ArduPilot 724, PX4 2000, others 65535]",
+            help="Largest number of items that the autopilot stores.  [default: ArduPilot 724, PX4 2000, others 65535]",
         ),
     ] = None
     starts: Annotated[

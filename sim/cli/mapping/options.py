@@ -16,7 +16,7 @@ class ReconstructOptions(RunOptions):
     sources: Annotated[
         list[Path],
         typer.Argument(
-            help="Points (CSV, TXT, TSV, GeoPackage, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
+            help="Points (text tables, vector files, LAS/LAZ, PLY), a mission file (TOML), LiDAR scans and folders of them "
             "(npz, LAS/LAZ, PLY, KITTI, ROS 2) for carving, emap and field, or scans in the sensor's frame (recording, "
             "KITTI, ROS 2) with --trajectory for all methods."
         ),

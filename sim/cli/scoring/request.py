@@ -23,7 +23,7 @@ class ScoreRequest(RunOptions):
         ),
     ]
     truth: Annotated[
-        Path | None, typer.Option("--truth", help="Reference raster, finer and surer than the map.")
+        Path | None, typer.Option("--truth", help="Reference raster, finer and more accurate than the map.")
     ] = None
     checkpoints: Annotated[
         Path | None,

@@ -1,4 +1,4 @@
-"""Fault tree of a rehearsal: runs that missed the class, by what they failed of and by what befell them."""
+"""Fault tree of a rehearsal: runs that missed the class, by the kind of failure and by their faults."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from sim.mission.rehearsal.runs import CAUSES
 
 NOTHING = "sensors and terrain alone"
-"""Name of runs that nothing befell."""
+"""Name of runs without a fault."""
 _MAP = ("level", "shape")
 
 
@@ -41,7 +41,7 @@ def fault_tree(found: Sequence[dict[str, Any]]) -> FaultEvent:
     -------
     FaultEvent
         The top event. Below it stand refused missions, lost rovers, and errors of the map in level or shape; below
-        these the faults and losses that befell the runs, together where a run had several.
+        these the faults and losses of the runs, together where a run had several.
 
     Examples
     --------
@@ -62,14 +62,14 @@ def fault_tree(found: Sequence[dict[str, Any]]) -> FaultEvent:
 
 
 def _by_events(name: str, missed: Sequence[dict[str, Any]], cause: str) -> FaultEvent:
-    """Return the event of one cause, by what befell its runs."""
-    befell = Counter(_befell(one) for one in missed if one["cause"] == cause)
-    parts = [FaultEvent(events, n) for events, n in befell.items()]
-    return FaultEvent(name, sum(befell.values()), _sorted(parts))
+    """Return the event of one cause, by the faults of its runs."""
+    faults = Counter(_faults(one) for one in missed if one["cause"] == cause)
+    parts = [FaultEvent(events, n) for events, n in faults.items()]
+    return FaultEvent(name, sum(faults.values()), _sorted(parts))
 
 
-def _befell(one: dict[str, Any]) -> str:
-    """Return what befell a run; for a refused one, why."""
+def _faults(one: dict[str, Any]) -> str:
+    """Return the faults of a run; for a refused one, the reason."""
     return str(one.get("message") or ", ".join(one["events"]) or NOTHING)
 
 

@@ -28,7 +28,7 @@ class _Box(NamedTuple):
 
 @styled
 def fault_tree_plot(summary: RehearsalSummary, tree: FaultEvent) -> Figure:
-    """Draw the fault tree: from the missed class to the right, what the runs failed of and what befell them.
+    """Draw the fault tree: from the missed class to the right, how the runs failed, and their faults.
 
     Parameters
     ----------

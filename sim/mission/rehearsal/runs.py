@@ -204,9 +204,9 @@ def _outcome(mission: MissionConfig, run: RunFolder) -> dict[str, Any]:
 
 
 def _events(mission: MissionConfig, run: RunFolder) -> list[str]:
-    """Return what befell the rovers of a run, each event once: faults, drawn losses, and how drives ended early."""
+    """Return the events of a run, each once: faults, drawn losses, and how drives ended early."""
     route = Route.read(run.folder("plan") / "route.geojson")
-    befell = {
+    faults = {
         f"{fault.component}: {fault.failure}"
         for rover in range(route.n_rovers)
         for fault in mission.of_rover(rover).faults
@@ -214,4 +214,4 @@ def _events(mission: MissionConfig, run: RunFolder) -> list[str]:
     early = set(endings(run.folder("simulate"))) - {Ending.ARRIVED.value}
     n_drawn = len(with_drawn_losses(route, mission).faults) - len(mission.faults)
     drawn = {DRAWN_LOSS} if n_drawn else set()
-    return sorted(befell | drawn | early)
+    return sorted(faults | drawn | early)

@@ -79,7 +79,7 @@ class StakeSurveys(SensorRecords):
         super().__post_init__()
         if not (self.sigma_m > 0.0).all():
             raise InputError(
-                f"some {self.WHAT} have a standard deviation of 0 or less; state by how much they err."
+                f"some {self.WHAT} have a standard deviation of 0 or less; state their standard deviations."
             )
         if (self.stake < 0).any() or (self.stake != np.floor(self.stake)).any():
             raise InputError(f"some {self.WHAT} name no stake; number the stakes 0, 1, 2 and so on.")

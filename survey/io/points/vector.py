@@ -99,7 +99,7 @@ def _height(attributes: Attributes, z: FloatArray, where: str) -> str | None:
 
 
 def _refuse_flat_geometry(z: FloatArray, attributes: Attributes, where: str) -> None:
-    """Refuse heights of 0 throughout beside an attribute of heights; a GIS writes them where it knows none."""
+    """Refuse heights of 0 throughout beside an attribute of heights; a GIS writes them where it has none."""
     if z.any():
         return
     height = one_column("height", list(attributes), where)

@@ -43,7 +43,7 @@ class Vote(NamedTuple):
 class SightLines(NamedTuple):
     """Hits and sensors (N, 3) [m], errors of the heights (N,) [m], how deep under a surface each line of sight may run (N,) [m], and the vote.
 
-    `gated` says whether lines of sight have to earn belief.
+    `gated` states whether lines of sight that end far below the surface are rejected.
     """
 
     xyz: FloatArray

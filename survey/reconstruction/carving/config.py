@@ -41,7 +41,7 @@ class SpaceCarvingConfig(Section):
     ray_sigmas: float = Field(default=3.0, ge=0)
     """A line of sight may run so many of its point's standard deviations under the surface, if that is more than the dead-band."""
     prior_m: float | None = None
-    """Height of the surface before it knows a point [m]; left out, the points' median."""
+    """Height of the surface before the first point [m]; left out, the points' median."""
     bound_offset_m: float = Field(default=5.0, gt=0)
     """How far above and below that the upper and the lower surface begin [m]."""
     gate: bool = True

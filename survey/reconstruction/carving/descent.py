@@ -107,9 +107,9 @@ def descend(  # noqa: PLR0917 - compiled functions take no keywords
                \alpha_j \leftarrow (1 - \eta_t \lambda) \alpha_j
 
     (Eqs. 12 and 13). The paper has one η, and visits a point and its line of sight together; here all points
-    come first: against a surface half made, lines of sight carve what the next points raise again. Weights are stored relative to what all of this run's have decayed to, so
-    that a step need not touch the old ones; the tally's ``decayed`` is the factor that all are
-    owed afterwards. Bases of earlier runs have decayed in theirs.
+    come first, because on an unfinished surface the next points undo the effect of the lines of sight. Weights are stored
+    divided by the decay so far, so that a step does not change the old ones. Afterwards all weights of this run have to be
+    multiplied by the tally's ``decayed``; those of earlier runs are final.
     """
     decayed, gradient, loss = 1.0, 0.0, 0.0
     n_points, n_rays = 0, 0

@@ -232,7 +232,7 @@ class SpaceCarvingKernel(TerrainModel):
             Always.
         """
         raise InputError(
-            "a SpaceCarvingKernel knows three surfaces and no distribution to draw from; take a FieldLattice."
+            "a SpaceCarvingKernel has three surfaces and no distribution to draw from; take a FieldLattice."
         )
 
     def grid(self, grid: Grid) -> Reconstruction:
@@ -262,7 +262,7 @@ class SpaceCarvingKernel(TerrainModel):
 
     def full_grid(self, step_m: float | None = None) -> Grid:
         """Return a grid over the points, its nodes at whole multiples of a step; of the last length scale without one."""
-        self.mean_surface  # noqa: B018  # refuses a model that knows no points
+        self.mean_surface  # noqa: B018  # refuses a model without points
         xy = self.cloud.xyz[:, :2] + self.where.corner[:2]
         low, high = xy.min(axis=0), xy.max(axis=0)
         window = NodeWindow.over((*low, *high), step_m or self.config.last_length_m)
@@ -392,7 +392,7 @@ class SpaceCarvingKernel(TerrainModel):
         return heights
 
     def _height(self, xy: FloatArray) -> FloatArray:
-        self.mean_surface  # noqa: B018  # refuses a model that knows no points
+        self.mean_surface  # noqa: B018  # refuses a model without points
         return self._surface(MEAN, xy)
 
     def _bound(self, xy: FloatArray, what: Literal["lower", "upper"]) -> FloatArray:
@@ -408,7 +408,7 @@ class SpaceCarvingKernel(TerrainModel):
         return (self._bound(xy, "upper") - self._bound(xy, "lower")) / (2.0 * SIGMAS_95)
 
     def _require_bounds(self) -> None:
-        self.mean_surface  # noqa: B018  # refuses a model that knows no points
+        self.mean_surface  # noqa: B018  # refuses a model without points
         if not self.config.bounds:
             raise InputError(
                 "this SpaceCarvingKernel was to learn without bounds; set bounds = true and fit again."
@@ -426,7 +426,7 @@ class SpaceCarvingKernel(TerrainModel):
 
     def _support_nodes(self) -> NodeWindow:
         """Return nodes one last length scale apart over the frame, in its coordinates."""
-        self.mean_surface  # noqa: B018  # refuses a model that knows no points
+        self.mean_surface  # noqa: B018  # refuses a model without points
         return NodeWindow.over((0.0, 0.0, self.frame.width_m, self.frame.height_m), self.config.last_length_m)
 
     def _record(self) -> dict[str, Any]:

@@ -23,7 +23,7 @@ def support_codes(window: NodeWindow, cloud: Cloud, reach_m: float, *, rays: boo
     cloud : Cloud
         Points and their sensors.
     reach_m : float
-        How far a point is heard of [m].
+        Distance within which a point determines the surface [m].
     rays : bool
         Whether lines of sight count.
     """

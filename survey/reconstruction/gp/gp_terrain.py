@@ -108,7 +108,7 @@ class GaussianProcessTerrain(TerrainModel):
         return replace(self, learned_=learned, vertical_datum_=used.vertical_datum)
 
     def update(self, points: SurfacePoints) -> Self:
-        """Return a model that also knows these points, at the same hyperparameters and calibration.
+        """Return a model conditioned on these points too, at the same hyperparameters and calibration.
 
         Parameters
         ----------

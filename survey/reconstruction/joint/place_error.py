@@ -7,9 +7,9 @@ frequency k the share
 
 .. math::  \left| \operatorname{E} e^{i k \cdot d} \right|^2 = e^{-k^T \Sigma k}
 
-Unknown terrain says nothing about where the path lies: displaced relief is as probable as relief in its place. The
-linear model does not know this. It takes the slopes of its own map as given, and would determine the path the better the
-more bumps it has crossed. Slopes of waves up to K add the information :math:`A K^4 / 16 \pi` to each coordinate where they
+Unknown terrain gives no information about the path: displaced relief is as probable as relief in its place. The linear
+model gives some, because it takes the slopes of its own map as given: the more bumps, the smaller the stated error of the
+path. Slopes of waves up to K add the information :math:`A K^4 / 16 \pi` to each coordinate where they
 are resolved over an area A; K is chosen so that this stays small beside that of the path.
 """
 

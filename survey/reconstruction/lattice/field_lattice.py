@@ -255,7 +255,7 @@ class FieldLattice(LatticeModel):
         return Part.about(round(float(v)), round(float(u)), n, (rows, columns))
 
     def _window(self, points: SurfacePoints, old: NodeWindow | None) -> NodeWindow:
-        """Return the nodes that the map is to have once it knows these points."""
+        """Return the nodes that the map is to have after these points."""
         step_m = self.config.node_step_m
         if self.bounds is not None:
             window = NodeWindow.over(self.bounds, step_m)

@@ -118,7 +118,7 @@ class SpringLattice(LatticeModel):
             Always.
         """
         raise InputError(
-            "a SpringLattice knows one surface and no distribution to draw from; take a FieldLattice."
+            "a SpringLattice has one surface and no distribution to draw from; take a FieldLattice."
         )
 
     def save(self, path: str | Path) -> None:

@@ -1,4 +1,4 @@
-r"""How stiff the ground is, how far it remembers, and how far the sensor's errors are understated: by likelihood.
+r"""Estimate by maximum likelihood the stiffness and range of the ground and the scale of the sensor's errors.
 
 The prior of the heights z about a plane is that of a thin plate on an elastic bed,
 

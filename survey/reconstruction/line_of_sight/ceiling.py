@@ -1,8 +1,8 @@
 r"""The lowest rays over every node of a lattice: how high the ground can be there at most.
 
 A ray that went from its sensor to its end passed above the ground all the way, g(t) ≥ f(x(t)).
-What it says of a node is said where it comes nearest to it, at the distance d: ground that rises
-no steeper than m from there gives
+It bounds the height of a node from the point of the ray nearest to it, at the distance d. With slopes of at most m
+between the two,
 
 .. math::  f(x_{node}) \le c = g(t^*) + k \sigma + m d
 

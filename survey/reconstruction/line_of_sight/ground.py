@@ -34,7 +34,7 @@ def ground(xyz: FloatArray) -> BoolArray:
 
     Notes
     -----
-    Lines of sight are not asked, so that what they say can be held against it. The edges of steps, boulders
+    Lines of sight are not used, so that they can be tested against the result. The edges of steps, boulders
     and ice walls go too where they rise by more than 0.3 m at once: what is left is what a map of heights
     can hold. A roof so wide that its middle is far from all ground stays, and a cluster of returns from
     under the ground takes the ground about it away.

@@ -20,8 +20,8 @@ _OUTLYING_SIGMAS, _MEDIAN_TO_SIGMA = 4.0, 0.6745
 def checked_origins(points: SurfacePoints) -> FloatArray:
     """Return where the sensor stood for every point (N, 3) [m], once the lines of sight make sense.
 
-    Points above their sensor are hills, or trees and houses, and stay; that nine tenths are says that the
-    heights count downwards, that origins and points are in different frames, or that no ground was seen.
+    Points above their sensor may be hills, trees or houses, and are retained. More than nine tenths are refused: the heights
+    count downwards, origins and points are in different frames, or no ground was seen.
 
     Parameters
     ----------

@@ -99,7 +99,9 @@ def datum_cautions(errors: CheckpointErrors) -> list[str]:
     """Return a caution where a vertical datum is not stated."""
     if errors.has_datums:
         return []
-    return ["the map or the checkpoints do not state their vertical datum; tens of metres can hide there"]
+    return [
+        "the map or the checkpoints do not state their vertical datum; datums can differ by tens of metres"
+    ]
 
 
 def _mark(standard: Standard, what: str) -> str:

@@ -46,7 +46,7 @@ def refusal(*args: str, code: int = 3) -> str:
     [
         (("upload", "route.geojson", "route.geojson"), "is no MAVLink connection"),
         (("upload", "none.geojson", "udp://127.0.0.1:9"), "none.geojson"),
-        (("download", "udp://127.0.0.1:9", "--patience", "0.5"), "no vehicle was heard"),
+        (("download", "udp://127.0.0.1:9", "--patience", "0.5"), "no vehicle answered"),
         (("download", "tcp://127.0.0.1:9", "--patience", "0.5"), "cannot be opened"),
         (("download", "serial:///dev/none:57600", "--patience", "0.5"), "serial:///dev/none:57600"),
         (("download", "udp://no-such-host.invalid:9", "--patience", "0.5"), "udp://no-such-host.invalid:9"),
@@ -177,4 +177,4 @@ def test_a_source_that_is_none_is_refused_by_watch(folder, source):
     said = refusal(
         "watch", source, "--area", "site.gpkg", "--route", "route.geojson", "--patience", "0.5", "--once"
     )
-    assert any(words in said for words in ("is no recording", "none.csv", "no vehicle was heard"))
+    assert any(words in said for words in ("is no recording", "none.csv", "no vehicle answered"))

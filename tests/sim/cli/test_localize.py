@@ -81,7 +81,7 @@ def test_fixes_in_metres_without_a_crs_are_a_wrong_configuration(street: Path, t
         (["--set", "localization.gps_bias_m=3.0"], 4, "gps_bias_m"),
         (["--topic", "/image"], 4, "is no bag"),
         (["--crs", "EPSG:32608"], 4, "holds no fixes"),
-        (["--set", "planner.swaths=4"], 4, "localize knows localization"),
+        (["--set", "planner.swaths=4"], 4, "localize takes only localization"),
     ],
 )
 def test_wrong_options_are_refused_before_any_image_is_read(

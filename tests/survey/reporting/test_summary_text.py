@@ -19,12 +19,12 @@ from survey.scoring import Calibration, judge
 @pytest.mark.parametrize(
     ("coverage", "ratio", "opening"),
     [
-        (0.95, 1.0, "The claimed uncertainty is honest:"),
-        (0.93, 1.2, "The claimed uncertainty is honest:"),
+        (0.95, 1.0, "The claimed uncertainty is well calibrated:"),
+        (0.93, 1.2, "The claimed uncertainty is well calibrated:"),
         (0.50, 3.6, "The claimed uncertainty is too small"),
         (0.999, 0.5, "The claimed uncertainty is too large"),
-        (0.95, 2.0, "The claimed uncertainty is honest for most of the map, but a few errors"),
-        (0.985, 1.4, "The claimed uncertainty is honest for most of the map, but a few errors"),
+        (0.95, 2.0, "The claimed uncertainty is well calibrated except for a few far larger errors"),
+        (0.985, 1.4, "The claimed uncertainty is well calibrated except for a few far larger errors"),
     ],
 )
 def test_the_sentence_fits_the_calibration(coverage, ratio, opening):

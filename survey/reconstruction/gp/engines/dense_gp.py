@@ -77,7 +77,7 @@ class DenseGaussianProcess(Process):
         return cls(kernel, surface, data, _factorized(covariance), memory_mb)
 
     def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
-        """Return the process that knows more points: the factor grows by the new rows only."""
+        """Return the process conditioned on more points; the factor grows by the new rows only."""
         added = NoisyValues.of(xy, values, sigma_m)
         lower = self._half(added.xy)
         corner = self.kernel.covariance(added.xy, added.xy) + np.diag(added.noise_m2) - lower.T @ lower

@@ -101,7 +101,7 @@ class KernelSearch:
             raise InputError(f"{unknown} heights are NaN or infinite; leave their samples out.")
         if not set(self.families) <= set(ALL):
             raise InputError(
-                f"a search knows the families {', '.join(ALL)}, not {', '.join(self.families)}; name some of these."
+                f"a search takes the families {', '.join(ALL)}, not {', '.join(self.families)}; name some of these."
             )
 
     def found(self) -> list[FoundKernel]:

@@ -28,7 +28,7 @@ def test_every_missed_run_counts_once_on_each_level():
     assert [part.name for part in tree.parts] == ["error of the map", "rover lost", "mission refused"]
 
 
-def test_faults_stand_below_what_they_befell():
+def test_faults_stand_below_the_failures_of_their_runs():
     of_map, lost, refused = fault_tree(FOUND).parts
     assert [part.name for part in of_map.parts] == ["level of the map", "shape of the map"]
     assert of_map.parts[0].parts == (FaultEvent(NOTHING, 2), FaultEvent("gps: jump", 1))

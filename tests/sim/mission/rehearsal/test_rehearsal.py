@@ -41,7 +41,7 @@ def test_every_run_has_a_seed_and_settings_of_its_own():
     assert drawn_mission(mission(), 7) == drawn_mission(mission(), 7)
 
 
-def test_a_fault_befalls_a_rover_with_its_probability():
+def test_a_fault_affects_a_rover_with_its_probability():
     drawn = [mission(faults=(LATE,), seed=seed).of_rover(0).faults for seed in range(200)]
     assert sum(len(faults) for faults in drawn) == pytest.approx(100, abs=25)
     certain = mission(faults=(LATE | {"probability": 1.0},))
@@ -89,7 +89,7 @@ def test_the_interval_is_that_of_a_binomial_share():
     assert summarized([{"cause": "lost"}] * 3).interval[0] == 0.0
 
 
-def test_an_outcome_names_what_befell_the_rovers(tmp_path: Path):
+def test_an_outcome_names_the_events_of_its_rovers(tmp_path: Path):
     lost = mission(
         fleet={"loss_probability": 1.0}, faults=({"component": "gps", "failure": "jump", "from_s": 5.0},)
     )

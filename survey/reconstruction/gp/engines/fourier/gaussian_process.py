@@ -139,7 +139,7 @@ class FourierGaussianProcess(FourierProducts):
         return cls(kernel, resolution, surface, data, posterior, system, sums, solutions)
 
     def update(self, xy: FloatArray, values: FloatArray, sigma_m: FloatArray) -> Self:
-        """Return the process that knows more points, with the waves of this one.
+        """Return the process conditioned on more points, with the waves of this one.
 
         Costs two products of the covariance with as many vectors as there are new points (Woodbury), and
         equals a refit with the same waves to rounding.  For many points, or denser ones than before, fit again.

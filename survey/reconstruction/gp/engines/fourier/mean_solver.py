@@ -158,7 +158,7 @@ class FourierPreconditioner:
 
 @dataclass(frozen=True)
 class PointSums:
-    """What points say about the waves, as sums over them: the sums of two surveys add.
+    """Sums over points in the normal equations of the waves; the sums of two surveys add.
 
     Parameters
     ----------
