@@ -31,10 +31,10 @@ from benchmarks.report import Row, main
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import survey_adaptively
 from planners.guarantee.adaptive_state import AdaptiveConfig
-from planners.guarantee.belief.kernel_posterior import posterior_from_prior
-from planners.guarantee.belief.prior_blocks import PriorBlocks
-from planners.guarantee.belief.surfaces import Surface
 from planners.guarantee.guarantee import guarantee
+from planners.guarantee.posterior.kernel_posterior import posterior_from_prior
+from planners.guarantee.posterior.prior_blocks import PriorBlocks
+from planners.guarantee.posterior.surfaces import Surface
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import places
 from planners.swaths.heading import across_marked_grain

@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from desk.plan.request import REQUIREMENTS
 from planners.driving.rover import Fleet, Rover
-from planners.guarantee.belief.surfaces import SURFACE_NAMES
+from planners.guarantee.posterior.surfaces import SURFACE_NAMES
 from planners.registry import PLANNERS
 from sim.cli.planning.options import PlanOptions
 from sim.config.mission import MissionConfig

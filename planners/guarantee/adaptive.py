@@ -13,7 +13,7 @@ By the law of total expectation
 where the survey stops only at a probability of p or more, whatever else the rule depends on and however often it is
 asked: a posterior probability keeps its meaning under optional stopping (Rouder 2014, Psychonomic Bulletin & Review 21,
 301; Hendriksen, de Heide and Grünwald 2021, Bayesian Analysis 16, 961). That needs a posterior that is right on average:
-the roughness is therefore checked on lines left out (`planners.guarantee.belief.left_out`), and what remains is a spread
+the roughness is therefore checked on lines left out (`planners.guarantee.posterior.left_out`), and what remains is a spread
 measured on real ground.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from planners.ground_metres import settings_factor
 from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState, MeasureHeights
-from planners.guarantee.belief.kernel_posterior import KernelPosterior
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError

@@ -8,9 +8,9 @@ import numpy as np
 
 from planners.capacity import MOST_SAMPLES, require_samples
 from planners.config import WavyConfig
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, posterior_from_survey
-from planners.guarantee.belief.left_out import checked_by_lines
 from planners.guarantee.gaps import gaps_filled
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior, posterior_from_survey
+from planners.guarantee.posterior.left_out import checked_by_lines
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
 from planners.guarantee.requirement import ErrorLimit
 from planners.guarantee.search import fewest

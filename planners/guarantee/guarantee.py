@@ -1,7 +1,7 @@
 r"""Guarantee of a map class before the survey: a route with a probability, or a refusal.
 
 A prior shows nothing finer than two or three of its cells. The guarantee therefore rests on the class of surface: how
-rough measured ground of this class is below that (`planners.guarantee.belief.surfaces`). The probability that a pattern of so
+rough measured ground of this class is below that (`planners.guarantee.posterior.surfaces`). The probability that a pattern of so
 many swaths meets the limit is predicted; the fewest swaths whose probability is sufficient are then tried on simulated
 ground that agrees with the cells and is drawn from another belief (`planners.guarantee.proof.grounds`). More swaths follow
 until the lower confidence limit of the share of these surveys that meet the limit is the probability, too.
@@ -15,7 +15,7 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from planners.ground_metres import settings_factor
-from planners.guarantee.belief.kernel_posterior import KernelPosterior
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.requirement import MapRequirement
 from planners.guarantee.result import Guarantee
 from planners.guarantee.site_posterior import posterior_in_grid

@@ -18,9 +18,9 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
-from planners.guarantee.belief.correlogram import Correlogram
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.guarantee.error_distribution import ErrorDistribution, ErrorMoments
+from planners.guarantee.posterior.correlogram import Correlogram
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from planners.guarantee.belief.surfaces import SURFACE_NAMES, Surface
+from planners.guarantee.posterior.surfaces import SURFACE_NAMES, Surface
 from survey.core.errors import ConfigError
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.kernel_search import ALL

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planners.config import LawnmowerConfig, WavyConfig
-from planners.guarantee.belief.kernel_posterior import KernelPosterior
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
 from planners.guarantee.proof.grounds import RESAMPLED
 from planners.guarantee.proof.simulation import SimulatedErrors

@@ -1,7 +1,7 @@
 """Posterior distribution of the covariance of a site's terrain, from its prior and a requirement."""
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, posterior_from_prior
-from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior, posterior_from_prior
+from planners.guarantee.posterior.prior_blocks import PriorBlocks
 from planners.guarantee.requirement import MapRequirement
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem

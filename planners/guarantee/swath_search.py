@@ -8,8 +8,8 @@ from planners.ground.drivable_area import Drivable
 from planners.ground.transit import FreeGround
 from planners.ground.traversability import drivable
 from planners.ground_metres import settings_factor
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.guarantee.error_distribution import ErrorDistribution
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.guarantee.prediction import FITTED_KERNEL_INFLATION, LimitPredictor, MapPrediction
 from planners.guarantee.proof.simulation import SimulatedErrors, SimulatedSurveys
 from planners.guarantee.requirement import MapRequirement

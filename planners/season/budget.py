@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
 from planners.guarantee.stakes import STAKED_M
 from planners.season.config import SEASON_SURFACES, SeasonConfig
 from survey.core.arrays import FloatArray

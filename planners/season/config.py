@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from planners.guarantee.belief.surfaces import Surface
+from planners.guarantee.posterior.surfaces import Surface
 from survey.core.errors import ConfigError
 
 Unit = Literal["m w.e.", "%"]

@@ -31,7 +31,7 @@ from planners import (
     drivable,
 )
 from planners.driving.rover import Crew
-from planners.guarantee.belief.kernel_posterior import KernelPosterior
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.prediction import MapPrediction
 from survey.data.sensors.payload import Quantity
 from survey.reconstruction import (

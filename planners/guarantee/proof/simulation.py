@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from scipy.stats import beta
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.proof.grounds import GROUNDS
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import places

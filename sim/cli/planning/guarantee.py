@@ -13,7 +13,7 @@ from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import survey
-    from planners.guarantee.belief.surfaces import Surface
+    from planners.guarantee.posterior.surfaces import Surface
     from planners.guarantee.requirement import MapRequirement
     from planners.guarantee.result import Guarantee
     from survey.reconstruction.gp.covariance.kernels import Kernel

@@ -15,7 +15,7 @@ from sim.cli.planning.request import PlanRequest
 
 if TYPE_CHECKING:
     import survey
-    from planners.guarantee.belief.surfaces import Surface
+    from planners.guarantee.posterior.surfaces import Surface
     from planners.season.config import SeasonConfig
     from planners.season.design import SeasonDesign, SeasonOption
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planners.guarantee.belief.kernel_posterior import WeightedKernel
+from planners.guarantee.posterior.kernel_posterior import WeightedKernel
 from survey import Dem, Grid, SurveyArea
 from survey.core.streams import stream
 from survey.reconstruction.gp.selection.cells import Cell

@@ -6,12 +6,12 @@ import shapely
 from planners.ground.transit import FreeGround
 from planners.guarantee.adaptive import first_swaths, next_swath, survey_adaptively
 from planners.guarantee.adaptive_state import AdaptiveConfig, AdaptiveState
-from planners.guarantee.belief.kernel_posterior import (
+from planners.guarantee.posterior.kernel_posterior import (
     KernelPosterior,
     WeightedKernel,
     posterior_from_prior,
 )
-from planners.guarantee.belief.prior_blocks import PriorBlocks
+from planners.guarantee.posterior.prior_blocks import PriorBlocks
 from planners.guarantee.survey_lines import SurveyLines
 from planners.swaths.heading import across_marked_grain
 from survey import Dem, Grid, SurveyArea

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.belief.kernel_posterior import (
+from planners.guarantee.posterior.kernel_posterior import (
     KernelPosterior,
     posterior_from_survey,
 )

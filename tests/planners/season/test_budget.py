@@ -3,7 +3,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.season.budget import budget_of, mean_error_m
 from planners.season.config import SeasonConfig
 from tests.planners.guarantee.smooth_site import SIDE_M, SMOOTH, lines

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.proof.grounds import GROUNDS
 from planners.guarantee.proof.simulation import SimulatedErrors
 from survey import Grid

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.guarantee.belief.prior_blocks import Fit, PriorBlocks
-from planners.guarantee.belief.surfaces import roughness_elsewhere
+from planners.guarantee.posterior.prior_blocks import Fit, PriorBlocks
+from planners.guarantee.posterior.surfaces import roughness_elsewhere
 from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.families import SearchedFamily
 from survey.reconstruction.gp.selection.cells import Cell

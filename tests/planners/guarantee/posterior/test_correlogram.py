@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.belief.correlogram import Correlogram
+from planners.guarantee.posterior.correlogram import Correlogram
 from survey.reconstruction.gp.selection.cells import Cell
 from survey.reconstruction.gp.selection.kernel_search import ALL
 

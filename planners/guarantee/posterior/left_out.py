@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
 from survey.core.arrays import FloatArray, IntArray
 
 _LEAST_LINES = 3

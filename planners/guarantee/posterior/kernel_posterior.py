@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.guarantee.belief.prior_blocks import PriorBlocks
-from planners.guarantee.belief.prior_fit import fitted_family
-from planners.guarantee.belief.surfaces import SURFACES, Surface, roughness_elsewhere
+from planners.guarantee.posterior.prior_blocks import PriorBlocks
+from planners.guarantee.posterior.prior_fit import fitted_family
+from planners.guarantee.posterior.surfaces import SURFACES, Surface, roughness_elsewhere
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray, IntArray
 from survey.reconstruction.gp.covariance.families import SearchedFamily

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.belief.kernel_posterior import KernelPosterior, WeightedKernel
-from planners.guarantee.belief.left_out import checked_by_lines
+from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.guarantee.posterior.left_out import checked_by_lines
 from survey.core.streams import stream
 from survey.reconstruction.gp.selection.cells import Cell
 

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from planners.guarantee.belief.kernel_posterior import (
+from planners.guarantee.posterior.kernel_posterior import (
     localized_noise_m,
     posterior_from_prior,
     posterior_from_survey,
 )
-from planners.guarantee.belief.prior_blocks import PriorBlocks
-from planners.guarantee.belief.surfaces import roughness_elsewhere
+from planners.guarantee.posterior.prior_blocks import PriorBlocks
+from planners.guarantee.posterior.surfaces import roughness_elsewhere
 from survey import Dem, Grid, SurveyArea
 from survey.reconstruction.gp.covariance.kernels import SquaredExponential
 from tests.planners.guarantee.smooth_site import AREA, CRS, coarse, lines, smooth_terrain

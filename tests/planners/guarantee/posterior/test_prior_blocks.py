@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.guarantee.belief.prior_blocks import Block, PriorBlocks
+from planners.guarantee.posterior.prior_blocks import Block, PriorBlocks
 from survey import Dem, Grid, SurveyArea
 from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
