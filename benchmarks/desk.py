@@ -154,7 +154,7 @@ def _followed(workspace: Workspace, document: PlanDocument) -> tuple[float, floa
 
 
 def _with_swaths(document: PlanDocument, swaths: int) -> PlanDocument:
-    inset = 0.3 + next(_COUNT) * 1e-4  # differs each time, so that no plan is remembered
+    inset = 0.3 + next(_COUNT) * 1e-4  # differs each time, so that no plan comes from the cache
     return document.model_copy(
         update={"planner": {"pattern": "lawnmower", "swaths": swaths, "inset_share": inset}}
     )

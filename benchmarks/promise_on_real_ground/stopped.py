@@ -45,8 +45,8 @@ def stopped(index: int) -> Stopped:
         heights.append(site.terrain.at(xy) + noise_m * rng.standard_normal(len(xy)) + shared_m)
         return heights[-1]
 
-    belief = posterior_of(site.area, site.prior, wanted)
-    made = survey_adaptively(site.area, belief, AdaptiveConfig.of(wanted), drive)
+    posterior = posterior_of(site.area, site.prior, wanted)
+    made = survey_adaptively(site.area, posterior, AdaptiveConfig.of(wanted), drive)
     if not made.holds or made.route is None:
         return Stopped(False, float("inf"), 0)
     error_m = map_error_m(site, made.samples, np.concatenate(heights), noise_m)

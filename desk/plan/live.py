@@ -8,8 +8,8 @@ from pyproj import CRS
 
 import planners
 from desk.plan.document import PlanDocument
-from desk.plan.remembered import Remembered
 from desk.plan.request import request_of
+from desk.plan.result_cache import ResultCache
 from planners.driving.rover import Crew, homes_of
 from sim.cli.planning.area import AreaPlan, area_plan, checked_options, prior_kernel
 from sim.cli.rasters import read_about
@@ -63,9 +63,9 @@ class LivePlanner:
     def __init__(self, terrain: Path, crs: CRS) -> None:
         self.terrain = terrain
         self.crs = crs
-        self._priors: Remembered[Dem] = Remembered()
-        self._kernels: Remembered[Fitted] = Remembered()
-        self._plans: Remembered[AreaPlan] = Remembered()
+        self._priors: ResultCache[Dem] = ResultCache()
+        self._kernels: ResultCache[Fitted] = ResultCache()
+        self._plans: ResultCache[AreaPlan] = ResultCache()
         self._planning = Lock()
 
     def quick(self, document: PlanDocument) -> LivePlan:

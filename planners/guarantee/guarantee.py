@@ -3,7 +3,7 @@ r"""Guarantee of a map class before the survey: a route with a probability, or a
 A prior shows nothing finer than two or three of its cells. The guarantee therefore rests on the class of surface: how
 rough measured ground of this class is below that (`planners.guarantee.posterior.surfaces`). The probability that a pattern of so
 many swaths meets the limit is predicted; the fewest swaths whose probability is sufficient are then tried on simulated
-ground that agrees with the cells and is drawn from another belief (`planners.guarantee.proof.grounds`). More swaths follow
+ground that agrees with the cells and is drawn from another distribution (`planners.guarantee.proof.grounds`). More swaths follow
 until the lower confidence limit of the share of these surveys that meet the limit is the probability, too.
 
 The number of swaths never falls with a stricter limit, a higher probability, more noise or a prior of larger standard

@@ -83,7 +83,7 @@ class _Drawn(NamedTuple):
 class SimulatedSurveys:
     """Ground of three kinds on which routes are tried; of a large area, on a square of 16 cells at its centre.
 
-    It is as rough as the likeliest covariance of the belief: how much rougher it may be is a part of the prediction.
+    It is as rough as the likeliest covariance of the posterior: how much rougher it may be is a part of the prediction.
     What these surveys show is whether ground of another kind is mapped as well as predicted.
     """
 

@@ -1,4 +1,4 @@
-"""Memory of the latest results of a computation."""
+"""Cache of the latest results of a computation."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -9,12 +9,12 @@ _MOST = 24
 Value = TypeVar("Value")
 
 
-class Remembered(Generic[Value]):
+class ResultCache(Generic[Value]):
     """Results by key, the latest ones; each is computed once, also when several threads ask for it.
 
     Examples
     --------
-    >>> squares = Remembered[int]()
+    >>> squares = ResultCache[int]()
     >>> squares.computed(3, lambda: 9), squares.get(3), squares.get(4)
     (9, 9, None)
     """
@@ -42,7 +42,7 @@ class Remembered(Generic[Value]):
         key : hashable
             Names the result.
         compute : callable
-            Returns it; an exception is passed on and nothing is remembered.
+            Returns it; an exception is passed on and nothing is stored.
 
         Returns
         -------
