@@ -29,7 +29,7 @@ def dropped(name: str, content: bytes, crs: CRS) -> dict[str, Any]:
     Parameters
     ----------
     name : str
-        Name of the file; its ending says what it is.
+        Name of the file; its ending names the format.
     content : bytes
         The file.
     crs : pyproj.CRS

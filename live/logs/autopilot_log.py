@@ -57,7 +57,7 @@ def read_autopilot_log(path: str | Path, crs: CRS | str | None = None) -> tuple[
         raise
     except Exception as error:  # readers of logs raise errors of many kinds on damaged files
         raise InputError(
-            f"the log {file} is damaged or not what its ending says ({type(error).__name__}: {error}); get it again."
+            f"the log {file} is damaged or not of the format of its ending ({type(error).__name__}: {error}); get it again."
         ) from error
     return columns.recording(file, crs)
 

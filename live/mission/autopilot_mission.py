@@ -88,7 +88,7 @@ class AutopilotMission:
             mission = reader(path.read_text(encoding="utf-8"))
         except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
             raise InputError(
-                f"the mission {path} is damaged or not what its ending says ({error}); save it again."
+                f"the mission {path} is damaged or not of the format of its ending ({error}); save it again."
             ) from error
         if not any(LinkItem.of(item).is_waypoint for item in mission.items):
             raise InputError(

@@ -154,8 +154,8 @@ class SwathSearch:
         is_missed, _, n, _, shape = min(tried, key=lambda one: one[:4])
         simulated = SimulatedSurveys(self.predictor.area, self.prior, self.posterior, self.requirement)
         found = self._proven(shape, n, simulated, may_grow=not is_missed)
-        is_blamed = found.is_contradicted and not found.holds
-        return replace(found, unstated_m=self._unstated_m()) if is_blamed else found
+        is_refuted = found.is_contradicted and not found.holds
+        return replace(found, unstated_m=self._unstated_m()) if is_refuted else found
 
     def patterns(self) -> Iterator[LinePattern]:
         """Yield wavy swaths, and straight ones that end before the border.

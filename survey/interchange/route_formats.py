@@ -158,7 +158,7 @@ def _legs(file: Path, crs: CRS) -> tuple[Leg, ...]:
         shapely.errors.GEOSException,
     ) as error:
         raise InputError(
-            f"the plan {file} is damaged or not what its ending says ({error}); get it again."
+            f"the plan {file} is damaged or not of the format of its ending ({error}); get it again."
         ) from error
     if not legs:
         raise InputError(f"the plan {file} holds no line of two waypoints; plan at least one leg.")

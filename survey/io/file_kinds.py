@@ -1,7 +1,7 @@
 """Allow-list of file formats: each suffix stands for one GDAL driver, and the content is checked before GDAL opens it.
 
-GDAL recognises a file by its content, and many of its formats name other files or addresses. What is opened here is
-what the suffix says; nothing that a data file names is opened but plain files beside it, and no address at all.
+GDAL recognises a file by its content, and many of its formats name other files or addresses. A file is opened
+by the driver of its suffix; nothing that a data file names is opened but plain files beside it, and no address at all.
 """
 
 from collections.abc import Mapping
@@ -78,7 +78,7 @@ _FOREIGN = (
 
 
 def check_raster_file(file: Path, *, as_source: bool = False) -> None:
-    """Refuse a raster whose content is not what its suffix says, or which leads to other places than its own files.
+    """Refuse a raster whose content is not of the format of its suffix, or which leads to other places than its own files.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def check_raster_file(file: Path, *, as_source: bool = False) -> None:
 
 
 def check_vector_file(file: Path, what: str) -> None:
-    """Refuse a vector file whose content is not what its suffix says, or which names an address.
+    """Refuse a vector file whose content is not of the format of its suffix, or which names an address.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def check_vector_file(file: Path, what: str) -> None:
 
 
 def _check_content(file: Path, what: str = "the raster") -> None:
-    """Refuse a file that begins otherwise than its suffix says, or with the words of another format."""
+    """Refuse a file that begins otherwise than files of its suffix, or with the words of another format."""
     with file.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
     signatures = _SIGNATURES.get(file.suffix.lower())

@@ -31,10 +31,10 @@ class Outliers:
 
     index: IntArray
     z: FloatArray
-    treatment: str = "kept"
+    treatment: str = "retained"
 
     @classmethod
-    def among(cls, z_scores: FloatArray, rows: IntArray, treatment: str = "kept") -> Self:
+    def among(cls, z_scores: FloatArray, rows: IntArray, treatment: str = "retained") -> Self:
         """Return the suspicious points by the z-scores (N,) of the points in these rows."""
         worst = np.argsort(-np.abs(z_scores), kind="stable")
         worst = worst[np.abs(z_scores[worst]) > suspicious_z(len(z_scores))]

@@ -83,19 +83,19 @@ def refusal_text(made: "Guarantee") -> str:
     from planners.guarantee.requirement import reachable_class
 
     requirement = made.requirement
-    blame = f" {contradiction_text(made)}; " if made.is_contradicted else " "
+    reason = f" {contradiction_text(made)}; " if made.is_contradicted else " "
     if made.predicted.probability >= requirement.probability:
         return (
             f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed: {made.config.swaths} swaths are predicted "
             f"to reach it with {made.predicted.probability:.0%}, but {len(made.simulated.rmse_m)} simulated surveys of other "
             f"ground do in {made.simulated_share:.0%}, which shows {made.simulated_bound:.0%} at least ({_shares(made)});"
-            f"{blame}--adaptive learns how rough the ground is from its first swaths."
+            f"{reason}--adaptive learns how rough the ground is from its first swaths."
         )
     best = reachable_class(made.reachable_m)
     return (
         f"an RMSE of {requirement.limit_m:.4g} m cannot be guaranteed with {requirement.probability:.0%} by up to "
         f"{made.config.swaths} swaths; with that probability they reach {made.reachable_m:.3g} m, "
-        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{blame}--adaptive "
+        f"{'which meets ' + best if best else 'which meets no class'} ({made.assumptions});{reason}--adaptive "
         "learns how rough the ground is from its first swaths."
     )
 

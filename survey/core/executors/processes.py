@@ -17,7 +17,7 @@ P = TypeVar("P", bound=Hashable)
 R = TypeVar("R")
 
 MOST_DEATHS = 8
-"""Deaths of workers in a row, without a piece finished, after which the work itself is to blame."""
+"""Deaths of workers in a row, without a piece finished, after which the work itself is the cause."""
 FAILED_TO_START = 1
 """Exit code of a new process whose imports raise; a process that is killed has a negative one."""
 UNGUARDED = (

@@ -142,7 +142,7 @@ def damaged(file: Path, error: Exception) -> InputError:
             f"{file} does not fit the memory ({first_line(error)}); cut a window (gdal_translate -projwin) first."
         )
     return InputError(
-        f"{file} is damaged or no raster of the kind that its suffix says ({first_line(error)}); get it again."
+        f"{file} is damaged or no raster of the format of its suffix ({first_line(error)}); get it again."
     )
 
 

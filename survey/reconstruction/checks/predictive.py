@@ -103,7 +103,20 @@ class HeldOutGroups(NamedTuple):
 
     @classmethod
     def mixture(cls, each: Sequence[Self], weights: FloatArray) -> Self:
-        """Return the groups of a mixture of maps, as in `HeldOut.mixture`."""
+        """Return the groups of a mixture of maps, as in `HeldOut.mixture`.
+
+        Parameters
+        ----------
+        each : sequence of HeldOutGroups
+            Groups of J maps, of the same points.
+        weights : (J,) ndarray
+            Probabilities of the maps.
+
+        Returns
+        -------
+        HeldOutGroups
+            Groups of the mixture.
+        """
         error, apart = _about_mean([one.error_m for one in each], weights)
         between = (weights * apart.T) @ apart
         variance = _average([one.variance_m2 for one in each], weights) + np.diag(between)

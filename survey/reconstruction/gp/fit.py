@@ -75,9 +75,9 @@ class TerrainFit:
         if variance is not data.variance:
             process, found = self._learn(data, mean, variance)
         z_scores = _z_scores(process)
-        treatment = "kept"
+        treatment = "retained"
         if self.config.robust:
-            variance, treatment = distrusted(variance, z_scores), "kept with less weight"
+            variance, treatment = distrusted(variance, z_scores), "retained with less weight"
             process, found = self._learn(data, mean, variance)
         outliers = Outliers.among(z_scores, numbers, treatment)
         return Learned(process, mean, found, self._calibration(data, mean, variance, found), outliers)

@@ -170,7 +170,8 @@ class JointTerrain:
             given, memory_mb = (alone.points, alone.bounds, one, slope, cells), 0.5 * self.joint.memory_mb
             solution = self._solution(*given, memory_mb=memory_mb, basis=basis)
             basis, maps[one] = solution.basis, solution.terrain
-            left_out[one] = held_out_swaths(solution)
+            if one in rivals:
+                left_out[one] = held_out_swaths(solution)
         predicted = [held_out for one in rivals if (held_out := left_out[one]) is not None]
         held_out = HeldOut.mixture(predicted, weights) if predicted else None
         return MapAverage(maps[found], tuple(maps[one] for one in rivals), weights, held_out)

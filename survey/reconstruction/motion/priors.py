@@ -108,6 +108,16 @@ def motion_from_rasters(
     ------
     InputError
         Fewer than six known cells, or rasters in different CRS.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 400.0, 400.0), 40.0)
+    >>> east, north, sigma = (Dem.on(grid, np.full(grid.shape, rate)) for rate in (0.3, 0.1, 0.02))
+    >>> rasters = VelocityRasters(east, north, sigma, sigma)
+    >>> motion = motion_from_rasters(rasters, grid.bounds, lowering_sigma=0.05, epoch_s=0.0)
+    >>> motion.rates(np.array([[200.0, 200.0]])).round(3).tolist()
+    [[0.3, 0.1, 0.0]]
     """
     for other in rasters[1:]:
         same_crs(rasters.east.crs, other.crs, "the rasters of the velocity")
@@ -169,6 +179,16 @@ def motion_from_slope(
     ------
     InputError
         A surface without a known slope.
+
+    Examples
+    --------
+    >>> from survey.data.grid import Grid
+    >>> grid = Grid((0.0, 0.0, 400.0, 400.0), 20.0)
+    >>> downhill_to_the_east = Dem.on(grid, 1000.0 - 0.1 * grid.xy[:, 0].reshape(grid.shape))
+    >>> motion = motion_from_slope(downhill_to_the_east, lowering_sigma=0.05, epoch_s=0.0)
+    >>> east, north, up = motion.rates(np.array([[200.0, 200.0]]))[0]
+    >>> bool(east > 0.0), abs(round(float(north), 6)), float(up)
+    (True, 0.0, 0.0)
     """
     east, north = (float(np.nanmean(part)) for part in dem.gradient())
     slope = float(np.hypot(east, north))

@@ -81,11 +81,11 @@ def test_swaths_are_never_farther_apart_than_five_cells_of_the_prior():
 def test_relief_of_the_prior_contradicts_a_class_that_is_too_smooth():
     rough = random_dem("diamond_square", Grid((0.0, 0.0, SIDE_M, SIDE_M), 5.0, CRS), stream(5), 40.0)
     wanted = MapRequirement(0.05, noise_m=0.1, surface="snow", n_simulations=10, max_swaths=8)
-    blamed, fitting = (guarantee(AREA, coarse(dem), wanted) for dem in (rough, smooth_terrain()))
-    assert not blamed.holds
-    assert blamed.is_contradicted
-    assert blamed.unstated_m == pytest.approx(0.74, abs=0.2)
-    text = refusal_text(blamed)
+    refused, fitting = (guarantee(AREA, coarse(dem), wanted) for dem in (rough, smooth_terrain()))
+    assert not refused.holds
+    assert refused.is_contradicted
+    assert refused.unstated_m == pytest.approx(0.74, abs=0.2)
+    text = refusal_text(refused)
     assert "contradicts surface snow" in text
     assert "leave --surface out" in text
     assert not fitting.is_contradicted

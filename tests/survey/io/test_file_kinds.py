@@ -1,4 +1,4 @@
-"""A file is opened as what its ending says, and leads nowhere else."""
+"""A file is opened in the format of its ending, and leads nowhere else."""
 
 from pathlib import Path
 

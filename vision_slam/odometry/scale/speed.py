@@ -9,7 +9,7 @@ from survey.core.arrays import BoolArray, FloatArray
 # Variance of the change of speed over a typical interval, over that of the error of a speed.
 _RATIOS = np.geomspace(1e-4, 1e2, 31)
 _LEAST_RUN = 10  # steps; fewer do not show how even the motion is
-_MOST_NOISE = 0.03  # of the speed; images are better than that, so that the clock is to blame
+_MOST_NOISE = 0.03  # of the speed; images are better than that, so that the clock is wrong
 
 
 class _Fit(NamedTuple):
