@@ -12,7 +12,7 @@ from pyproj import CRS
 from survey.core.arrays import Bounds, FloatArray, frozen, lattice_places
 from survey.core.crs.checks import projected_crs, refuse_far
 from survey.core.crs.choice import is_geographic
-from survey.core.crs.vertical_datum import UNSTATED
+from survey.core.crs.vertical_datum import UNSTATED, datum_of_file
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.data.conversions import to_dataset
@@ -165,7 +165,7 @@ class Dem(DataObject):
             raise InputError(
                 f"{path} states {raster.vertical_datum!r}, but {vertical_datum!r} was named; correct one of them."
             )
-        datum = raster.vertical_datum or vertical_datum or UNSTATED
+        datum = datum_of_file(raster.vertical_datum or vertical_datum or UNSTATED, crs, str(path))
         try:
             return cls(raster.values, raster.transform, raster.crs, datum)
         except InputError as error:

@@ -11,7 +11,7 @@ from pyproj import CRS
 
 from survey.core.arrays import BoolArray, FloatArray, checked, frozen
 from survey.core.crs.checks import projected_crs
-from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum
+from survey.core.crs.vertical_datum import UNSTATED, datum_of_file, same_vertical_datum
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.mappings import ReadOnlyMapping
@@ -232,7 +232,7 @@ class SurfacePoints(DataObject):
             for name in list(columns)
             if name.startswith(_VALUE_SIGMA)
         }
-        stated = table.vertical_datum
+        stated = datum_of_file(table.vertical_datum, crs, "the file")
         if stated and datum:
             same_vertical_datum(stated, datum, "the file and the request")
         return cls(

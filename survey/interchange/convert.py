@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.crs.agreement import agreed_crs
 from survey.core.crs.checks import projected_crs
+from survey.core.crs.vertical_datum import datum_of_file
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.parts.point_columns import projected_table
@@ -52,7 +53,8 @@ def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = N
         _raster(source, out, crs)
     elif kind == "points":
         table = projected_table(read_point_table(source), crs, str(source))
-        write_point_table(out, table._replace(crs=_one(table.crs, crs, source)))
+        datum = datum_of_file(table.vertical_datum, crs, str(source))
+        write_point_table(out, table._replace(crs=_one(table.crs, crs, source), vertical_datum=datum))
     elif kind == "area":
         SurveyArea.read(source, crs=crs).write(out)
     else:
@@ -68,7 +70,8 @@ def _raster(source: str | Path, out: str | Path, crs: Any) -> None:
     names = band_names(source)
     bands = [first.values] + [read_raster(source, band=k).values for k in range(2, band_count(source) + 1)]
     system = _one(first.crs, crs, source)
-    write_raster(out, dict(zip(names, bands, strict=True)), first.transform, system, first.vertical_datum)
+    datum = datum_of_file(first.vertical_datum, crs, str(source))
+    write_raster(out, dict(zip(names, bands, strict=True)), first.transform, system, datum)
 
 
 def _track(path: Trajectory, out: Path) -> None:

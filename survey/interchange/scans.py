@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from survey.core.arrays import FloatArray, checked
+from survey.core.crs.vertical_datum import UNSTATED, datum_of_file, same_vertical_datum, vertical_datum_of
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.data.surface_points import SurfacePoints
@@ -115,16 +116,25 @@ def read_scans(
     InputError
         Damaged or empty files, NaN, no CRS, no standard deviation, times beyond the trajectory.
     """
+    datum = UNSTATED
     for file in files:
-        suffix = file.suffix.lower()
-        if suffix in _BAGS:
-            yield from _read_bag(file, crs, sigma_m, track)
-        elif suffix in _NPZ:
-            yield _read_npz(file, crs, sigma_m)
-        elif suffix in _KITTI:
-            yield _read_kitti(file, crs, sigma_m, track)
-        else:
-            yield _read_table(file, crs, sigma_m, track)
+        for scan in _read(file, crs, sigma_m, track):
+            same_vertical_datum(datum, scan.vertical_datum, f"{file} and the scans before it")
+            datum = datum or scan.vertical_datum
+            yield scan
+
+
+def _read(file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None) -> Iterator[SurfacePoints]:
+    """Read the scans of one file."""
+    suffix = file.suffix.lower()
+    if suffix in _BAGS:
+        yield from _read_bag(file, crs, sigma_m, track)
+    elif suffix in _NPZ:
+        yield _read_npz(file, crs, sigma_m)
+    elif suffix in _KITTI:
+        yield _read_kitti(file, crs, sigma_m, track)
+    else:
+        yield _read_table(file, crs, sigma_m, track)
 
 
 def _read_npz(path: Path, crs: Any, sigma_m: float | None) -> SurfacePoints:
@@ -150,7 +160,8 @@ def _read_table(file: Path, crs: Any, sigma_m: float | None, track: SensorPath |
         )
     xyz = np.column_stack([columns[name] for name in PLACE])
     origins = track.place(time, f"the scan {file}")
-    return _points(file, xyz, origins, columns.get("sigma_z_m", sigma_m), table.crs or crs)
+    datum = datum_of_file(table.vertical_datum, crs, f"the scan {file}")
+    return _points(file, xyz, origins, columns.get("sigma_z_m", sigma_m), table.crs or crs, datum=datum)
 
 
 def _read_kitti(file: Path, crs: Any, sigma_m: float | None, track: SensorPath | None) -> SurfacePoints:
@@ -182,12 +193,15 @@ def _in_world(xyz: FloatArray, time_s: float, path: Path, track: SensorPath) -> 
     return world, np.broadcast_to(place, world.shape)
 
 
-def _points(path: Path, xyz: FloatArray, origins: Any, sigma_m: Any, crs: Any) -> SurfacePoints:
+def _points(
+    path: Path, xyz: FloatArray, origins: Any, sigma_m: Any, crs: Any, *, datum: str | None = None
+) -> SurfacePoints:
     if sigma_m is None:
         raise InputError(f"the scan {path} states no standard deviation; give one with --sigma.")
     if crs is None:
         raise InputError(f"the scan {path} names no CRS; give it with --crs.")
     try:
-        return SurfacePoints(xyz, sigma_m=sigma_m, origins=origins, crs=crs)
+        stated = vertical_datum_of(crs) if datum is None else datum
+        return SurfacePoints(xyz, sigma_m=sigma_m, origins=origins, crs=crs, vertical_datum=stated)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error

@@ -68,3 +68,35 @@ def same_vertical_datum(a: str, b: str, what: str) -> None:
             f"{what} have heights above different vertical datums, {a!r} and {b!r}; they differ by tens of metres, "
             "transform one of them first."
         )
+
+
+def datum_of_file(stated: str, crs: Any, where: str) -> str:
+    """Return the vertical datum of a file: its own, or that of the CRS that was named for it.
+
+    Parameters
+    ----------
+    stated : str
+        Name of the file's datum, ``""`` for an unstated one.
+    crs : str, int or pyproj.CRS, optional
+        CRS that was named for the file; None for none.
+    where : str
+        The file, for the message.
+
+    Returns
+    -------
+    str
+        Name of the datum, ``""`` where neither states one.
+
+    Raises
+    ------
+    InputError
+        Both state one, and they differ.
+
+    Examples
+    --------
+    >>> datum_of_file("", "EPSG:32608+5773", "dem.tif")
+    'EGM96 height'
+    """
+    named = UNSTATED if crs is None else vertical_datum_of(crs)
+    same_vertical_datum(stated, named, f"{where} and the CRS that was named for it")
+    return stated or named
