@@ -1,5 +1,6 @@
 """What an exported route takes along: area, terrain, autopilot, speed and the way home."""
 
+import logging
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +10,7 @@ from shapely import LineString, Polygon
 
 from survey.core.arrays import FloatArray
 from survey.core.crs.agreement import same_crs
+from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -17,6 +19,7 @@ from survey.data.route import Route
 FENCE_MARGIN_M = 10.0
 """Distance of the fence of an autopilot from the outline of the area, to its outside [m]."""
 _SIMPLIFIED_M = 1.0
+_logger = logging.getLogger(__name__)
 
 Autopilot = Literal["ardupilot", "px4"]
 
@@ -109,6 +112,11 @@ class Surroundings:
         """
         if self.terrain is None:
             return None
+        if self.terrain.vertical_datum == ELLIPSOIDAL:
+            _logger.warning(
+                "the heights of the mission count from the ellipsoid, and autopilots read them as heights above the geoid, "
+                "tens of metres apart; take a raster above the geoid"
+            )
         heights = self.terrain.at(xy)
         if not np.isfinite(heights).all():
             x, y = xy[np.flatnonzero(~np.isfinite(heights))[0]]

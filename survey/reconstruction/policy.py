@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from survey.core.arrays import Progress
+from survey.core.crs.agreement import same_crs
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.data.dem import Dem
@@ -98,6 +99,7 @@ def prepared(points: SurfacePoints, prior: Dem | None, landmark_errors: Landmark
 
 def within_prior(points: SurfacePoints, prior: Dem) -> SurfacePoints:
     """Leave out points beyond the prior's edge, where there is nothing to build around, and log their number."""
+    same_crs(points.crs, prior.crs, "the points and the prior")
     known = np.isfinite(prior.at(points.xy))
     if not known.any():
         raise InputError(

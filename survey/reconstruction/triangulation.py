@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 from pyproj import CRS
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 from survey.core.arrays import FloatArray
 from survey.core.crs.agreement import same_crs
@@ -23,6 +23,8 @@ from survey.reconstruction.terrain_model import Capabilities, TerrainModel, loca
 
 _FORMAT = "firnline triangulated terrain 1"
 _NEAR_M = 1.0
+# Points whose width is a smaller share of their length lie on one line.
+_NARROWEST = 1e-3
 _NOTE = (
     "the standard deviation carries the points' own errors through the linear interpolation; what the surface "
     "does between the points is not in it"
@@ -211,12 +213,10 @@ class _Triangles:
 def _mesh(xy: FloatArray) -> Delaunay:
     if len(xy) < 3:
         raise InputError(f"the points lie in {len(xy)} places; a triangulation needs at least 3.")
-    try:
-        return Delaunay(xy)
-    except QhullError as error:
-        raise InputError(
-            f"the {len(xy)} points lie on one line; a triangulation needs some beside it."
-        ) from error
+    along, across = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+    if across <= _NARROWEST * along:
+        raise InputError(f"the {len(xy)} points lie on one line; a triangulation needs some beside it.")
+    return Delaunay(xy)
 
 
 def _columns(data: Observations) -> tuple[FloatArray, FloatArray, FloatArray]:

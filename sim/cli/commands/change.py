@@ -170,6 +170,10 @@ def _print_change(facts: dict[str, Any], out: Path) -> None:
         typer.echo(
             f"coordinates shifted by {shift['east_m']:+.3f} m east, {shift['north_m']:+.3f} m north, {shift['up_m']:+.3f} m up"
         )
+    if facts["offset_m"]:
+        typer.echo(
+            f"{facts['offset_m']:+.3f} m subtracted, the mean difference of the unchanged ground (--no-level does not)"
+        )
     for row in facts["volumes"]:
         typer.echo(
             f"{printable(row['name'])}: {_signed(row['volume_change_m3'])} m³, 95 % between "

@@ -1,5 +1,6 @@
 """``firnline reconstruct --tiles``: a map of point files that do not fit the memory, tile by tile."""
 
+import logging
 import shutil
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from sim.cli.mapping.options import ReconstructOptions
 from sim.cli.progress import counted
 from sim.cli.rasters import read_about
 from survey.core.config import Section, validated, with_overrides
+from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.core.errors import InputError
 from survey.core.executors import open_workers
 from survey.core.files.reading import existing_file
@@ -105,7 +107,19 @@ def _bounds(options: ReconstructOptions) -> tuple[float, float, float, float] | 
 def _control(file: Path, job: TiledJob) -> Control:
     """Read control points with their standard deviations."""
     points = survey.SurfacePoints.read(file, crs=job.map_crs)
-    return Control(np.asarray(points.xyz), np.asarray(points.sigma_z))
+    same_vertical_datum(points.vertical_datum, job.vertical_datum, "the control points and the points")
+    every = Control(np.asarray(points.xyz), np.asarray(points.sigma_z))
+    control = every.within(job.layout.whole, job.layout.cell_m)
+    n_beside = len(every.xyz) - len(control.xyz)
+    if n_beside == len(every.xyz):
+        raise InputError(
+            f"none of the {n_beside} control points of {file} lies on the map; take points on it, or leave --control out."
+        )
+    if n_beside:
+        logging.getLogger(__name__).warning(
+            "%s: %d of %d control points lie beside the map and are left out.", file, n_beside, len(every.xyz)
+        )
+    return control
 
 
 def _store_prior(file: Path, job: TiledJob) -> None:

@@ -19,6 +19,8 @@ OUTPUTS = (
     "change.png",
 )
 """Files that the command writes into its folder."""
+# From fresh snow to rock debris.
+_DENSITIES_KG_M3 = (50.0, 3000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,11 +111,16 @@ class ChangeRequest:
 
     def _refuse_unused(self) -> None:
         """Refuse options of the flow without a flow, and a flow between terrain models."""
-        from survey.core.errors import InputError
+        from survey.core.errors import ConfigError, InputError
 
         stated = [
             name for name, value in {"--days": self.days, "--thickness": self.thickness}.items() if value
         ]
+        if not _DENSITIES_KG_M3[0] <= self.density_kg_m3 <= _DENSITIES_KG_M3[1]:
+            raise ConfigError(
+                f"--density is {self.density_kg_m3:g}; {_DENSITIES_KG_M3[0]:g} to {_DENSITIES_KG_M3[1]:,g} kg/m³ were expected, "
+                "such as 850 for ice and firn."
+            )
         if self.flow is None and stated:
             raise InputError(f"{stated[0]} belongs to --flow; add --flow, or leave {stated[0]} out.")
         if self.flow is not None and self.later.suffix == ".npz":

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 LARGE = 20_000_000
 """Rasters of more cells are scored in blocks."""
+# Ratio of the cells of reference and map from which a note is printed.
+_WIDER = 1.5
 
 
 def score_against_raster(request: ScoreRequest) -> None:
@@ -35,6 +37,7 @@ def score_against_raster(request: ScoreRequest) -> None:
     classes = _classes(request, map_, truth, area)
     _print(request, score, classes)
     _print_datums(request, map_, truth)
+    _print_cells(request, map_, truth)
     _print_age(request, map_)
     if request.report is not None:
         _write_report(request, (map_, truth), score, area, classes)
@@ -108,6 +111,18 @@ def _print_datums(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "D
         typer.echo(
             f"  note: the {stated} states {mean.vertical_datum or truth.vertical_datum}, and the {unstated} no vertical datum; "
             "tens of metres can hide there"
+        )
+
+
+def _print_cells(request: ScoreRequest, map_: "Reconstruction | Dem", truth: "Dem") -> None:
+    """Print a note where the cells of the reference are wider than those of the map."""
+    from survey import Dem
+
+    step_m = (map_ if isinstance(map_, Dem) else map_.mean).step_m
+    if truth.step_m > _WIDER * step_m and not request.as_json:
+        typer.echo(
+            f"  note: the cells of the reference are {truth.step_m:g} m wide and those of the map {step_m:g} m; "
+            "relief between the cells of the reference counts as an error of the map"
         )
 
 

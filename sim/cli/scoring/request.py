@@ -10,6 +10,7 @@ from sim.cli.options import RunOptions, columns_option, epoch_option
 
 SLOPE = "slope"
 """Value of ``--by`` for classes of slope; anything else is a file."""
+_STANDARDS = ["asprs-edition-2"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,7 @@ class ScoreRequest(RunOptions):
     standards: Annotated[
         list[str],
         typer.Option("--standard", help="Judge checkpoints by: asprs-edition-2, asprs-2014, nssda-1998, …"),
-    ] = field(default_factory=lambda: ["asprs-edition-2"])
+    ] = field(default_factory=lambda: list(_STANDARDS))
     class_m: Annotated[
         float | None, typer.Option("--class", help="Class wanted: the RMSE of the newer ASPRS standards [m].")
     ] = None
@@ -124,6 +125,7 @@ class ScoreRequest(RunOptions):
             raise InputError(
                 f"{self.source} cannot be judged alone; name the reference raster with --truth or points with --checkpoints."
             )
+        self._refuse_unused()
         if self.epoch_s is not None and not (self.source / ICE_MOTION).exists():
             raise InputError(
                 f"--epoch moves a map with the ice, and {self.source} holds no {ICE_MOTION}; name the folder of a map on moving ice, "
@@ -134,6 +136,35 @@ class ScoreRequest(RunOptions):
             standard_named(name)
         if self.report is not None:
             self._check_report(self.report)
+
+    def _refuse_unused(self) -> None:
+        """Refuse a reference beside checkpoints, options of checkpoints without them, and the map as its own reference."""
+        from survey.core.errors import InputError
+
+        if self.checkpoints is None:
+            options = {
+                "--standard": self.standards != _STANDARDS,
+                "--class": self.class_m is not None,
+                "--horizontal-class": self.horizontal_class_m is not None,
+                "--interval": self.interval_m is not None,
+                "--sigma": self.sigma_m is not None,
+                "--columns": bool(self.columns),
+                "--datum": self.datum is not None,
+                "--control": self.control is not None,
+            }
+            unused = next((name for name, is_given in options.items() if is_given), None)
+            if unused is not None:
+                raise InputError(
+                    f"{unused} belongs to --checkpoints, and the map is judged by a raster; leave {unused} out, or name checkpoints."
+                )
+        elif self.truth is not None:
+            raise InputError(
+                "--truth and --checkpoints were both given; judge the map by one of them at a time."
+            )
+        if self.truth is not None and self.truth.absolute() == self.source.absolute():
+            raise InputError(
+                f"{self.source} is the map and its own reference; name another raster with --truth."
+            )
 
     def _check_report(self, report: Path) -> None:
         from sim.cli.outputs import refuse_existing

@@ -75,7 +75,10 @@ def draw_relief(axes: Axes, dem: Dem, *, exaggeration: float) -> None:
 
 def relief_exaggeration(dem: Dem) -> float:
     """Return the factor that makes gentle terrain's shading readable: steep ground stays as it is."""
-    steepness = float(np.nanpercentile(np.hypot(*thinned(dem).gradient()), 90.0))
+    slopes = np.hypot(*thinned(dem).gradient())
+    if not np.isfinite(slopes).any():
+        return 1.0
+    steepness = float(np.nanpercentile(slopes, 90.0))
     return float(np.clip(math.tan(math.radians(30.0)) / max(steepness, 1e-6), 1.0, 10.0))
 
 

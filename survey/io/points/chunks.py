@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from survey.core.arrays import Bounds, FloatArray
+from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.io.points.columnar import parquet_chunks, parquet_facts, ply_chunks, ply_facts
@@ -19,11 +20,12 @@ CHUNKED_SUFFIXES = (".las", ".laz", ".ply", ".parquet")
 
 
 class PointFileFacts(NamedTuple):
-    """Number of points of a file, their bounds [m], and the CRS that the file states, if any."""
+    """Number of points of a file, their bounds [m], and the CRS and vertical datum that the file states, if any."""
 
     n_points: int
     bounds: Bounds
     crs: Any
+    vertical_datum: str = UNSTATED
 
 
 class PointChunk(NamedTuple):
@@ -160,13 +162,14 @@ def _chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:
 
 
 def _las_facts(file: Path) -> PointFileFacts:
-    from survey.io.points.las import opened_las  # here: laspy imports a client of the web
+    from survey.io.points.las import datum_of_header, opened_las  # here: laspy imports a client of the web
 
     with opened_las(file) as reader:
         header = reader.header
         low, high = header.mins, header.maxs
         bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        return PointFileFacts(header.point_count, bounds, header.parse_crs())
+        crs = header.parse_crs()
+        return PointFileFacts(header.point_count, bounds, crs, datum_of_header(header, crs))
 
 
 def _las_chunks(file: Path, first: int, n: int) -> Iterator[PointChunk]:

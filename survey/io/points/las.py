@@ -101,15 +101,21 @@ def read_las(path: Path) -> PointTable:
         column = np.asarray(las[name])
         if column.ndim == 1:
             add_column(columns, name, column, file)
-    datum = vertical_datum_of(crs) if crs is not None else UNSTATED
+    datum = datum_of_header(las.header, crs)
     for record in las.header.vlrs:
-        if record.user_id == _LAS_OWNER and record.record_id == _LAS_DATUM:
-            datum = record.record_data.decode("utf-8", "replace")
-        elif record.user_id == _LAS_OWNER and record.record_id == _LAS_CRC:
+        if record.user_id == _LAS_OWNER and record.record_id == _LAS_CRC:
             crc = record.record_data.decode("utf-8", "replace")
             refuse_altered(file, crc, columns.values(), f"its record {_LAS_OWNER} {_LAS_CRC}")
             return PointTable(columns, crs, datum)  # without classes
     return PointTable(columns, crs, datum, _is_ground(las))
+
+
+def datum_of_header(header: Any, crs: Any) -> str:
+    """Return the vertical datum that a header states: in its own record, or in its CRS."""
+    for record in header.vlrs:
+        if record.user_id == _LAS_OWNER and record.record_id == _LAS_DATUM:
+            return str(record.record_data.decode("utf-8", "replace"))
+    return UNSTATED if crs is None else vertical_datum_of(crs)
 
 
 def _is_ground(las: Any) -> BoolArray | None:

@@ -158,7 +158,7 @@ def renamed_header(header: Sequence[str], given: Mapping[str, str], where: str) 
     Raises
     ------
     InputError
-        A column that the file does not have.
+        A column that the file does not have, or one in feet for a length.
 
     Examples
     --------
@@ -170,6 +170,9 @@ def renamed_header(header: Sequence[str], given: Mapping[str, str], where: str) 
         raise InputError(
             f"{where} has no column {missing!r} (found {printable(', '.join(header))[:200]}); name one of those."
         )
+    for key, name in given.items():
+        if key.endswith("_m") and _FEET.search(normalized(name)):
+            raise InputError(_in_feet(name, where))
     own = {name: key for key, name in given.items()}
     return [own.get(name, f"({name})" if name in given else name) for name in header]
 
@@ -241,9 +244,11 @@ def refuse_feet(header: Sequence[str], where: str) -> None:
     for kind in ("easting", "northing", "height", "sigma_z"):
         feet = [name for name, plain in zip(header, found, strict=True) if _is_feet(plain, kind)]
         if feet and not any(spelled(name, kind) for name in header):
-            raise InputError(
-                f"{where}: the column {feet[0]} is in feet; convert it to metres (US survey or international feet) and rename it."
-            )
+            raise InputError(_in_feet(feet[0], where))
+
+
+def _in_feet(name: str, where: str) -> str:
+    return f"{where}: the column {name} is in feet; convert it to metres (US survey or international feet) and rename it."
 
 
 def _is_feet(plain: str, kind: str) -> bool:

@@ -18,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
 from survey.reconstruction.gp.covariance.kernels import Matern32, Matern52, SquaredExponential
 from survey.reconstruction.gp.covariance.stationary import Stationary
 from survey.reconstruction.payload.averaged_readings import AveragedReadings
@@ -30,6 +31,8 @@ _FIRST_SHARES = (0.05, 0.2)
 _LONGEST = 5.0
 _LEAST_WEIGHT = 0.01
 _DIFFERENCE = 0.1
+# Readings within less than this are taken as of one place [m].
+_LEAST_EXTENT_M = 1.0
 
 
 class PayloadHyperparameters(NamedTuple):
@@ -166,9 +169,19 @@ class _Peak(NamedTuple):
         return [(1.0 / 3.0, self.log_parameters), *((1.0 / 6.0, point) for point in around)]
 
 
+def _extent_m(readings: AveragedReadings) -> float:
+    """Return the diagonal of the box about the readings [m]; refuse readings in one place."""
+    extent_m = float(np.hypot(*np.ptp(readings.xy, axis=0)))
+    if extent_m < _LEAST_EXTENT_M:
+        raise InputError(
+            f"the readings lie within {extent_m:.2g} m; a map needs readings along a way, log them on a drive."
+        )
+    return extent_m
+
+
 def _peak(readings: AveragedReadings, columns: FloatArray, family: type[Stationary], ratio: float) -> _Peak:
     """Maximise the restricted likelihood of a family from two length scales."""
-    extent_m = float(np.hypot(*np.ptp(readings.xy, axis=0)))
+    extent_m = _extent_m(readings)
     spacing_m = float(np.median(np.hypot(*np.diff(readings.xy, axis=0).T)))
     bounds = [(np.log(max(spacing_m, 1e-3)), np.log(_LONGEST * extent_m)), (np.log(1e-8), np.log(1e4))]
     searches = [

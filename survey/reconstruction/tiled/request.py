@@ -11,7 +11,7 @@ from pyproj import CRS
 from survey.core.arrays import Bounds
 from survey.core.crs.agreement import same_crs
 from survey.core.crs.checks import projected_crs
-from survey.core.crs.vertical_datum import UNSTATED, same_vertical_datum, vertical_datum_of
+from survey.core.crs.vertical_datum import UNSTATED, datum_of_file, same_vertical_datum
 from survey.core.documents import read_json, write_json
 from survey.core.errors import InputError
 from survey.io.points.chunks import PointFileFacts, chunked_files, point_file_facts
@@ -92,7 +92,7 @@ def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: A
             raise InputError(f"the point file {file} names no CRS; give it with --crs.")
         whole = CRS.from_user_input(stated)
         own_crs = projected_crs(whole, f"the point file {file}")
-        own_datum = vertical_datum_of(whole)
+        own_datum = datum_of_file(own.vertical_datum, whole, f"the point file {file}")
         found = own_crs if found is None else found
         same_crs(found, own_crs, f"{files[0]} and {file}")
         same_vertical_datum(datum, own_datum, f"{file} and the files before it")

@@ -15,7 +15,7 @@ from survey.data.grid import Grid
 from survey.reconstruction.base import ELEVATION, Reconstruction
 from survey.scoring.change.along_flow import Thickness, change_along_flow
 from survey.scoring.change.coregistration import Shift, coregister
-from survey.scoring.change.notes import datum_notes, scale_notes
+from survey.scoring.change.notes import coverage_notes, datum_notes, scale_notes
 from survey.scoring.change.outline_volumes import ChangeErrors, OutlineVolumes, ground_step_m
 from survey.scoring.change.results import Change, significance
 from survey.scoring.change.unchanged_ground import BLUNDER, ComparedGround, Outlines, without_blunders
@@ -124,14 +124,15 @@ def _change(
     std = np.where(known, np.sqrt(variogram.variance_m2) * relative, np.nan)
     volumes = OutlineVolumes(levelled, ChangeErrors(relative, known, unchanged, variogram, is_levelled))
     n_blunders = int((known & ground.stable).sum() - unchanged.sum())
+    changes = tuple(
+        volumes.over(name, shape, inside)
+        for (name, shape), inside in zip(ground.outlines.items(), ground.inside, strict=True)
+    )
     return Change(
         levelled,
         std,
         significance(levelled.elevation, std),
-        tuple(
-            volumes.over(name, shape, inside)
-            for (name, shape), inside in zip(ground.outlines.items(), ground.inside, strict=True)
-        ),
+        changes,
         "variogram",
         offset,
         int(unchanged.sum()),
@@ -143,6 +144,7 @@ def _change(
             *_offset_notes(offset),
             *_error_notes(n_blunders, is_levelled=is_levelled),
             *scale_notes(levelled),
+            *coverage_notes(changes),
         ),
     )
 

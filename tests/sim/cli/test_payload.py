@@ -47,3 +47,10 @@ def test_logs_without_as_many_paths_are_refused(folder):
     assert code == 4
     assert "2 trajectories" in said
     assert not (folder / "payload").exists()
+
+
+def test_readings_in_one_place_are_refused(folder):
+    rows = "".join(f"100.0,100.0,{k % 3}\n" for k in range(20))
+    Path("log.csv").write_text("easting_m,northing_m,air_temperature\n" + rows)
+    code, said = run()
+    assert (code, "a map needs readings along a way" in said) == (3, True)

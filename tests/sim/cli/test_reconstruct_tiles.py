@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from sim.cli.main import app
+from survey import SurfacePoints
 from tests.survey.reconstruction.tiled.conftest import ground, strip_points, write_laz
 
 SMALL = ["--set", "tiles.tile_cells=80", "--set", "tiles.halo_cells=40", "--set", "tiles.n_draws=8"]
@@ -77,3 +78,19 @@ def test_foreign_files_in_the_folder_are_never_deleted(points: Path, tmp_path: P
     result = invoked(points, "--tiles", "--force", "-o", tmp_path / "map")
     assert result.exit_code == 3
     assert (tmp_path / "map" / "mine.txt").read_text() == "mine"
+
+
+def test_control_points_beside_the_map_are_refused(points: Path, tmp_path: Path) -> None:
+    control = tmp_path / "gnss.csv"
+    control.write_text("x_m,y_m,z_m,sigma_z_m\n9000.0,9000.0,5.0,0.01\n")
+    result = invoked(points, "--tiles", "--control", control, "--dry-run", "-o", tmp_path / "map", *SMALL)
+    assert result.exit_code == 3
+    assert "none of the 1 control points" in result.output
+
+
+def test_files_above_different_datums_are_refused(tmp_path: Path) -> None:
+    for name, datum in (("a.las", "EGM96 height"), ("b.las", "ellipsoidal height")):
+        xyz = strip_points(1, 0.0, 100.0, 0.0)[:50]
+        SurfacePoints(xyz, sigma_m=0.05, crs="EPSG:32608", vertical_datum=datum).write(tmp_path / name)
+    result = invoked(tmp_path / "a.las", tmp_path / "b.las", "--tiles", "-o", tmp_path / "map", *SMALL)
+    assert (result.exit_code, "different vertical datums" in result.output) == (3, True)

@@ -1,6 +1,7 @@
 """Checkpoints, exports and refusals from the command line."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 from sim.cli.main import app
 from survey import Dem, Grid, InputError
+from survey.io.points.formats import read_point_table
 from survey.io.vector import write_features
 from survey.scoring.change import large_surveys
 
@@ -199,4 +201,59 @@ def test_a_vertical_datum_that_one_raster_alone_states_is_noted(site: Path) -> N
     Dem(dem.elevation, dem.transform, dem.crs).write("unstated.tif")
     words = output_of("score", "map.tif", "--truth", "unstated.tif")
     assert "note: the map states EGM96 height, and the reference no vertical datum" in words
-    assert "vertical datum" not in output_of("score", "map.tif", "--truth", "map.tif")
+    dem.write("copy.tif")
+    assert "vertical datum" not in output_of("score", "map.tif", "--truth", "copy.tif")
+
+
+def test_the_datum_of_a_named_crs_counts(site: Path) -> None:
+    dem = Dem.read("map.tif")
+    Dem(dem.elevation, dem.transform, dem.crs).write("unstated.tif")
+    Dem(dem.elevation, dem.transform, dem.crs, "ellipsoidal height").write("ellipsoidal.tif")
+    refused = output_of("score", "unstated.tif", "--truth", "ellipsoidal.tif", "--crs", f"{UTM}+5773", code=3)
+    assert "vertical datums" in refused
+    Path("points.csv").write_text("x_m,y_m,z_m\n10.0,20.0,5.0\n")
+    output_of("export", "points.csv", "points.gpkg", "--as", "points", "--crs", f"{UTM}+5773")
+    assert read_point_table("points.gpkg").vertical_datum == "EGM96 height"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--truth", "reference.tif", "--class", "0.1"), "--class belongs to --checkpoints"),
+        (("--truth", "reference.tif", "--standard", "nssda-1998"), "--standard belongs to --checkpoints"),
+        (("--truth", "reference.tif", "--checkpoints", "all.csv"), "were both given"),
+        (("--truth", "map.tif"), "is the map and its own reference"),
+    ],
+)
+def test_options_that_would_have_no_effect_are_refused(
+    site: Path, options: tuple[str, ...], said: str
+) -> None:
+    assert said in " ".join(output_of("score", "map.tif", *options, code=3).split())
+
+
+def test_a_reference_of_wider_cells_is_noted(site: Path) -> None:
+    grid = Grid((0.0, 0.0, 600.0, 600.0), 100.0, UTM)
+    x, y = np.meshgrid(grid.x, grid.y)
+    Dem.on(grid, 100.0 + 0.1 * x - 0.05 * y, "EGM96 height").write("coarse.tif")
+    assert "cells of the reference are 100 m wide" in output_of("score", "map.tif", "--truth", "coarse.tif")
+
+
+def test_checkpoints_in_feet_are_refused_where_their_column_is_chosen(site: Path) -> None:
+    Path("feet.csv").write_text("Point,E,N,Elevation (ft),SDV\nA,45,45,330,0.01\n")
+    chosen = ("--columns", "z=Elevation (ft)")
+    assert "is in feet" in output_of("score", "map.tif", "--checkpoints", "feet.csv", *chosen, code=3)
+
+
+def test_a_change_states_the_subtracted_level_and_outlines_that_are_mapped_in_part(site: Path) -> None:
+    args = _surveys(site)
+    later = Dem.read("later.tif")
+    raised = later.elevation + 2.0
+    raised[:, 32:] = np.nan
+    Dem(raised, later.transform, later.crs, later.vertical_datum).write("later.tif")
+    words = output_of(*args)
+    assert re.search(r"\+(1\.99|2\.00)\d m subtracted, the mean difference of the unchanged ground", words)
+    assert "note: both surveys map 6" in words
+
+
+def test_a_density_that_is_no_material_is_refused(site: Path) -> None:
+    assert "kg/m³ were expected" in output_of(*_surveys(site), "--density", "0.85", code=4)

@@ -98,3 +98,10 @@ def test_a_seventh_rover_has_the_colour_of_the_first(tmp_path: Path) -> None:
         if style.find(f"{K}LineStyle") is not None
     }
     assert colours["swath-6"] == colours["swath-0"] != colours["swath-5"]
+
+
+def test_heights_above_the_ellipsoid_are_noted(caplog: pytest.LogCaptureFixture) -> None:
+    grid = Grid((0.0, 0.0, 100.0, 100.0), 10.0, CRS)
+    terrain = Dem.on(grid, np.full(grid.shape, 812.5), "ellipsoidal height")
+    assert Surroundings(terrain=terrain).heights(np.array([[50.0, 50.0]])) == pytest.approx([812.5])
+    assert "count from the ellipsoid" in caplog.text

@@ -124,3 +124,16 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     empty.mkdir()
     with pytest.raises(InputError, match="there is no scan"):
         scan_files([empty])
+
+
+def test_scans_above_different_datums_are_refused(tmp_path: Path) -> None:
+    for name, datum in (("a.ply", "EGM96 height"), ("b.ply", "ellipsoidal height")):
+        points = SurfacePoints(XYZ, sigma_m=0.02, origins=XYZ + 2.0, crs=CRS, vertical_datum=datum)
+        points.write(tmp_path / name)
+    with pytest.raises(InputError, match="different vertical datums"):
+        list(read_scans(scan_files([tmp_path]), crs=None, sigma_m=None))
+
+
+def test_the_datum_of_a_named_crs_is_that_of_the_scan(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", points=XYZ, origin=[0.0, 0.0, 2.0])
+    assert read(tmp_path / "a.npz", crs="EPSG:32608+5773").vertical_datum == "EGM96 height"

@@ -53,6 +53,7 @@ def test_measurements_of_one_place_are_averaged_by_weight() -> None:
         ([[0, 0], [5, 5]], "at least 3"),
         ([[0, 0], [0, 0], [5, 5]], "at least 3"),
         ([[0, 0], [5, 5], [10, 10]], "one line"),
+        ([[0, 0], [500, 0.1], [1000, 0]], "one line"),
         ([[900, 900], [910, 900], [900, 910]], "no node"),
     ],
 )
