@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from survey.core.arrays import BoolArray
+from survey.data.sensors.aiding import GpsFixes
+from survey.data.sensors.odometry import Odometry
 from vision_slam.agreement.disagreement import Agreement, reconcile
 from vision_slam.agreement.drive import Drive, align_heading
 from vision_slam.agreement.evidence import agrees_better_delayed, fitted_memory_s, fitted_turn_sigma_m
@@ -15,6 +18,8 @@ from vision_slam.fusion.visual_scale import fit_scale, scale_visual_odometry
 
 _MANY_REFUSED = 3
 _CLOCK_SIGMAS = 2.0
+# Steps of the odometry that take longer have no pose for the fixes within [s].
+_GAP_S = 1.5
 
 
 def drop_repeated_fixes(drive: Drive) -> Drive:
@@ -27,11 +32,45 @@ def drop_repeated_fixes(drive: Drive) -> Drive:
     return dropped.noted(f"{n} fixes repeat the one before to the last digit and were left out")
 
 
+def drop_fixes_in_gaps(drive: Drive) -> Drive:
+    """Remove fixes in gaps of the images that neither wheels nor gyro bridge, where no pose lies."""
+    path_s, is_gap = drive.recording.odometry.time_s, _gaps(drive.recording.odometry)
+    if not is_gap.any():
+        return drive
+    time_s = drive.recording.gps.time_s
+    step = np.clip(np.searchsorted(path_s, time_s) - 1, 0, len(is_gap) - 1)
+    inside = is_gap[step] & (time_s > path_s[step]) & (time_s < path_s[step + 1])
+    without = replace(drive, recording=select_fixes(drive.recording, ~inside))
+    return without.noted(
+        f"nothing bridges {int(is_gap.sum())} gaps between images (the longest of {np.diff(path_s)[is_gap].max():.1f} s); the "
+        f"path is not estimated there, and {int(inside.sum())} fixes within were left out"
+    )
+
+
+def _gaps(odometry: Odometry) -> BoolArray:
+    """Return which steps (N - 1,) of the odometry are unmeasured and too long for the fixes within."""
+    if odometry.step_sigma_m is None:
+        return np.zeros(len(odometry.step), dtype=np.bool_)
+    return (odometry.step_sigma_m > 0.0) & (np.diff(odometry.time_s) > _GAP_S)
+
+
+def _of_longest_run(odometry: Odometry, gps: GpsFixes) -> GpsFixes:
+    """Return the fixes of the run of images without gaps over which they spread most; all of them without gaps."""
+    ends = np.r_[odometry.time_s[:-1][_gaps(odometry)], odometry.time_s[-1]]
+    run = np.searchsorted(ends, gps.time_s)
+    spread = [
+        np.ptp(gps.position[run == k], axis=0).max(initial=0.0) if (run == k).any() else 0.0
+        for k in range(len(ends))
+    ]
+    return gps.select(run == int(np.argmax(spread)))
+
+
 def scale_to_fixes(drive: Drive) -> Drive:
     """Scale visual odometry without wheels to the extent of the fixes."""
     if drive.visual is None or drive.recording.wheels is not None:
         return drive
-    factor, sigma = fit_scale(drive.visual, drive.recording.start, drive.recording.gps)
+    gps = _of_longest_run(drive.visual.odometry, drive.recording.gps)
+    factor, sigma = fit_scale(drive.visual, drive.recording.start, gps)
     scaled = scale_visual_odometry(drive.visual, factor)
     widened = drive.config.model_copy(update={"scale_sigma": max(drive.config.scale_sigma, sigma)})
     recording = drive.recording.with_odometry(scaled.odometry, scaled.sightings)

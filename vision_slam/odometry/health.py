@@ -1,6 +1,7 @@
 """Frame health: image quality, tracking quality and loss of vision."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -10,6 +11,8 @@ from survey.data.camera.frames import Image
 
 _LOST_M = 20.0  # travel without images after which wheels and gyro alone are no pose any more
 _BRIDGED = 0.05  # relative error of the travel by wheels alone, beyond their scale
+_GUESSED = 0.5  # relative error of the travel at the speed before a gap, which a vehicle may leave
+_TURN_RAD_S, _MOST_TURN_RAD = 0.2, 1.0  # rate of an unmeasured turn, and the most that is assumed of it
 _FEW, _MANY = 0.25, 0.5  # of the corners that are wanted
 
 
@@ -106,15 +109,49 @@ class VisionHysteresis:
         return self.is_distrusted
 
 
-def bridged_sigma_m(steps: FloatArray, health: tuple[FrameHealth, ...]) -> FloatArray:
-    """Return the error of steps (N - 1,) bridged by wheels and gyro [m], fully correlated over each gap."""
+class BridgedErrors(NamedTuple):
+    """Errors of steps (N - 1,) [m] and of their turns (N - 1,) [rad], where images measured neither."""
+
+    step_m: FloatArray
+    turn_rad: FloatArray
+
+
+def bridged_errors(
+    steps: FloatArray,
+    seconds: FloatArray,
+    health: tuple[FrameHealth, ...],
+    *,
+    has_wheels: bool,
+    has_gyro: bool,
+) -> BridgedErrors:
+    """Return the errors of steps that images did not measure, fully correlated over each gap.
+
+    Wheels and gyro bridge a gap. Without wheels its length is that of the speed before it, which may change; without
+    wheels and gyro its turn is unknown.
+
+    Parameters
+    ----------
+    steps : (N - 1, 3) ndarray
+        Steps in any unit.
+    seconds : (N - 1,) ndarray
+        Their durations [s].
+    health : tuple of FrameHealth
+        Of the N images.
+    has_wheels, has_gyro : bool
+        What measured the motion beside the images.
+    """
     length = np.linalg.norm(steps, axis=1)
     is_blind = np.array([not frame.is_visual for frame in health[1:]], dtype=bool)
     edges = np.flatnonzero(np.diff(np.r_[False, is_blind, False]))
-    sigma = np.zeros(len(length))
+    share = _BRIDGED if has_wheels else _GUESSED
+    found = BridgedErrors(np.zeros(len(length)), np.zeros(len(length)))
     for first, end in edges.reshape(-1, 2).tolist():
-        sigma[first:end] = _BRIDGED * length[first:end] * (end - first) ** 0.5
-    return sigma
+        n_steps = (end - first) ** 0.5
+        found.step_m[first:end] = share * length[first:end] * n_steps
+        if not (has_wheels or has_gyro):
+            turn = min(_TURN_RAD_S * float(seconds[first:end].sum()), _MOST_TURN_RAD)
+            found.turn_rad[first:end] = turn / n_steps
+    return found
 
 
 def is_lost(poses: FloatArray, health: tuple[FrameHealth, ...], has_wheels: bool) -> BoolArray:

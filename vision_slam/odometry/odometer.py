@@ -15,7 +15,7 @@ from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.far_features import FarFeatures
-from vision_slam.odometry.health import FrameHealth, bridged_sigma_m, is_lost
+from vision_slam.odometry.health import FrameHealth, bridged_errors, is_lost
 from vision_slam.odometry.lens.self_calibration import (
     LensEstimate,
 )
@@ -223,7 +223,14 @@ def _corrected(
         steps, sightings, health = bridge_scale_jumps(steps, rolled_m, sightings, health, height_m)
         # The distance of ridges is assumed in metres, which images alone do not have.
         attitude[:, 2] -= far_features.drift_rad(*_levelled(slam, poses, attitude))
-    odometry = Odometry(times, steps, attitude, step_sigma_m=bridged_sigma_m(steps, health))
+    errors = bridged_errors(
+        steps,
+        np.diff(times),
+        health,
+        has_wheels=records.wheels is not None,
+        has_gyro=records.inertial is not None,
+    )
+    odometry = Odometry(times, steps, attitude, step_sigma_m=errors.step_m, turn_sigma_rad=errors.turn_rad)
     lost = is_lost(poses, health, has_wheels=records.wheels is not None)
     return VisualOdometry(odometry, sightings, health, lost)
 

@@ -67,8 +67,10 @@ def relocalize_segments(recording: Recording, visual: VisualOdometry) -> VisualO
     if len(starts) == 0:
         return visual
     n = len(odometry.time_s)
-    step_sigma_m = odometry.step_sigma_m
-    step_sigma, turn_sigma = np.zeros(n - 1) if step_sigma_m is None else step_sigma_m.copy(), np.zeros(n - 1)
+    step_sigma, turn_sigma = (
+        np.zeros(n - 1) if sigma is None else sigma.copy()
+        for sigma in (odometry.step_sigma_m, odometry.turn_sigma_rad)
+    )
     ends = [*starts[1:].tolist(), n]
     odometry = _rotated(odometry, 0, _first_turn(recording, odometry, int(starts[0])))
     for first, end in zip(starts.tolist(), ends, strict=True):
@@ -95,8 +97,11 @@ class _Alignment:
 
 
 def _first_turn(recording: Recording, odometry: Odometry, end: int) -> float:
+    """Return the rotation of the first segment that its fixes ask for."""
     first = Odometry(odometry.time_s[:end], odometry.step[: end - 1], odometry.attitude_rad[:end])
-    return heading_correction(dead_reckoning(first, recording.start), first.time_s, recording.gps)
+    turn = heading_correction(dead_reckoning(first, recording.start), first.time_s, recording.gps)
+    alignment = None if turn else _align_with_fixes(recording, odometry, 0, end)
+    return turn if alignment is None else alignment.turn_rad
 
 
 def _align_with_fixes(recording: Recording, odometry: Odometry, first: int, end: int) -> _Alignment | None:

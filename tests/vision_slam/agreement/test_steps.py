@@ -11,7 +11,13 @@ from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.agreement.disagreement import reconcile
 from vision_slam.agreement.drive import Drive
-from vision_slam.agreement.steps import align_drive, note_delay, scale_to_fixes, widen_errors
+from vision_slam.agreement.steps import (
+    align_drive,
+    drop_fixes_in_gaps,
+    note_delay,
+    scale_to_fixes,
+    widen_errors,
+)
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
@@ -92,3 +98,27 @@ def test_the_clock_that_precise_fixes_are_assumed_to_have_is_noted(wandering: Dr
     assert "clock of the images" in note_delay(wandering, path).notes[-1]
     stated = wandering.config.model_copy(update={"clock_sigma_s": 0.0})
     assert note_delay(replace(wandering, config=stated), path).notes == ()
+
+
+def test_fixes_in_a_gap_that_nothing_bridges_are_left_out_and_do_not_change_the_scale() -> None:
+    """Two straight runs at right angles, 10 s apart, of images without wheels that go straight on in between."""
+    times = np.r_[np.arange(0.0, 20.0, 0.5), np.arange(30.0, 60.0, 0.5)]
+    gap = int(np.flatnonzero(np.diff(times) > 1.0)[0])
+    real = np.column_stack([np.minimum(times, 25.0), np.maximum(times - 25.0, 0.0), np.zeros(len(times))])
+    steps = np.column_stack([0.4 * np.diff(times), np.zeros((len(times) - 1, 2))])
+    sigma = np.where(np.arange(len(steps)) == gap, 2.0, 0.0)
+    odometry = Odometry(times, steps, np.zeros((len(times), 3)), step_sigma_m=sigma)
+    fixes_s = np.arange(0.0, 60.0)
+    fixes = GpsFixes(
+        fixes_s, np.column_stack([np.minimum(fixes_s, 25.0), np.maximum(fixes_s - 25.0, 0.0), 0.0 * fixes_s])
+    )
+    sightings = Sightings([3], [[6.0, 0.0, 0.0]], [0.01 * np.eye(3)], [8.0])
+    recording = OdometryRecording("EPSG:32608", real[0], fixes, odometry=odometry, sightings=sightings)
+    visual = VisualOdometry(odometry, sightings, (), np.zeros(len(times), dtype=np.bool_))
+    without = drop_fixes_in_gaps(Drive(recording, LocalizationConfig(), visual))
+    assert not ((without.recording.gps.time_s > times[gap]) & (without.recording.gps.time_s < 30.0)).any()
+    assert "1 gaps between images (the longest of 10.5 s)" in without.notes[-1]
+    scaled = scale_to_fixes(without)
+    assert np.linalg.norm(scaled.recording.odometry.step, axis=1)[:gap] == pytest.approx(
+        np.full(gap, 0.5), abs=1e-3
+    )

@@ -117,3 +117,18 @@ def test_errors_of_unmeasured_steps_are_written_to_the_table(tmp_path: Path) -> 
     np.testing.assert_allclose(
         back.turn_sigma_rad, whole.turn_sigma_rad, atol=1e-6
     )  # six decimals are written
+
+
+def test_a_short_segment_before_a_gap_has_the_heading_of_its_fixes() -> None:
+    times = np.r_[np.arange(0.0, 15.0, 0.5), np.arange(25.0, 60.0, 0.5)]
+    place, attitude = _circle(times)
+    step = np.einsum("nji,nj->ni", rotations(attitude[:-1]), np.diff(place, axis=0))
+    first = int(np.flatnonzero(times >= 25.0)[0])
+    seen, blind = FrameHealth(5.0, 0.0, 20.0, 200, 180, is_visual=True), FrameHealth(5.0, 0.0, 20.0)
+    health = tuple(blind if k == first else seen for k in range(len(times)))
+    turned = attitude - np.where(times >= 25.0, 1.5, 0.6)[:, None] * [0.0, 0.0, 1.0]
+    found = VisualOdometry(Odometry(times, step, turned), NO_LANDMARKS, health, np.zeros(len(times), bool))
+    fixes_s = np.arange(0.0, 60.0)
+    recording = Recording(SITE, place[0], GpsFixes(fixes_s, _circle(fixes_s)[0]))
+    placed = relocalize_segments(recording, found)
+    np.testing.assert_allclose(dead_reckoning(placed.odometry, place[0]), place, atol=0.2)
