@@ -4,7 +4,6 @@ import csv
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
 from survey.data.sensors.aiding import GpsFixes
 from survey.io.tables import read_table
-from survey.io.tracks import read_track
+from survey.io.tracks import read_gpx
 from vision_slam.io.receivers.gnss_logger import read_gnss_logger
 from vision_slam.io.receivers.nmea import read_nmea
 from vision_slam.io.receivers.rows import ReceiverFixes
@@ -29,7 +28,6 @@ from vision_slam.io.receivers.ublox import SYNC, read_ublox
 from vision_slam.io.rtklib import read_positions
 
 WGS84 = CRS.from_epsg(4326)
-_GPX_EPOCH_S = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
 _DEGREES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 _METRES = ("time_s", "easting_m", "northing_m", "height_m")
 
@@ -177,8 +175,8 @@ def _kind_of(file: Path) -> str:
 
 
 def _from_gpx(file: Path) -> GpsLog:
-    time_s, place = read_track(file, WGS84)
-    return GpsLog(time_s + _GPX_EPOCH_S, place, is_dated=True)
+    unix_s, place = read_gpx(file, WGS84)
+    return GpsLog(unix_s, place, is_dated=True)
 
 
 def _from_positions(file: Path) -> GpsLog:

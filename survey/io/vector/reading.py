@@ -35,7 +35,11 @@ class Features(NamedTuple):
 
 
 def read_features(
-    path: str | Path, *, layer: str | int | None = None, what: str = "the vector file"
+    path: str | Path,
+    *,
+    layer: str | int | None = None,
+    what: str = "the vector file",
+    dates_as_text: bool = False,
 ) -> Features:
     """Read all features of a layer.
 
@@ -47,6 +51,8 @@ def read_features(
         Name or number of the layer; the only one by default.
     what : str
         What the file is, for the message.
+    dates_as_text : bool
+        Whether columns of dates become text, which has their offsets from UTC; as numbers they lose them.
 
     Returns
     -------
@@ -64,7 +70,9 @@ def read_features(
         if layer is None:
             _refuse_several_layers(gdal, file, what)
         _refuse_too_many(gdal, file, layer, what)
-        meta, _, geometry, columns = gdal.raw.read(_source(file, what), layer=layer)
+        meta, _, geometry, columns = gdal.raw.read(
+            _source(file, what), layer=layer, datetime_as_string=dates_as_text
+        )
     if geometry is None or len(geometry) == 0:
         raise InputError(f"{what} {file} holds no features; draw at least one and save it again.")
     try:
