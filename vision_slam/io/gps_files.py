@@ -3,7 +3,7 @@
 import csv
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from vision_slam.io.receivers.nmea import read_nmea
 from vision_slam.io.receivers.rows import ReceiverFixes
 from vision_slam.io.receivers.tables import read_fix_table
 from vision_slam.io.receivers.ublox import SYNC, read_ublox
+from vision_slam.io.receivers.usable import usable
 from vision_slam.io.rtklib import read_positions
 
 WGS84 = CRS.from_epsg(4326)
@@ -107,14 +108,14 @@ class GpsLog:
 
 
 def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
-    """Read a GPS file; records without a fix are left out and counted.
+    """Read a GPS file; records without a fix, without a finite place or that repeat the one before are left out and counted.
 
     ``.gpx``; ``.ubx`` of u-blox (NAV-PVT); RTKLIB's positions in degrees (``.pos``); logs of Android's
     GnssLogger; tables with the columns time_s, easting_m, northing_m, height_m or time_s,
     latitude_deg, longitude_deg, height_m, and with or without sigma_m, or with the usual names
     of other programs (lat, lon, alt, timestamp, hAcc …); NMEA 0183, bare or as phones log
     it, of which the GGA sentences give time of day, position, quality and height above the geoid, GST
-    sentences the standard deviation, and RMC sentences the date. Where no GST sentence states it,
+    sentences the standard deviation, and RMC and ZDA sentences the date. Where no GST sentence states it,
     fixed RTK solutions count as of 2 cm, float ones of 0.3 m. Other suffixes are recognized by their content.
 
     Parameters
@@ -132,7 +133,7 @@ def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
     Raises
     ------
     InputError
-        Missing, damaged, or no fix at all.
+        Missing, damaged, times that do not increase, or no fix at all.
     ConfigError
         Columns are named, and the file is no table.
     """
@@ -142,8 +143,17 @@ def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
     if columns and kind != ".csv":
         raise ConfigError(f"{file} is no table; leave --columns out.")
     if columns or (kind == ".csv" and not _has_own_columns(file)):
-        return GpsLog(**read_fix_table(file, columns)._asdict())
-    return _READERS[kind](file)
+        return _usable(GpsLog(**read_fix_table(file, columns)._asdict()), file)
+    return _usable(_READERS[kind](file), file)
+
+
+def _usable(log: GpsLog, file: Path) -> GpsLog:
+    """Leave out fixes that are not finite or repeat the one before, with notes."""
+    stays, notes = usable(log.time_s, log.place, log.sigma_m, str(file))
+    sigma_m = None if log.sigma_m is None else log.sigma_m[stays]
+    return replace(
+        log, time_s=log.time_s[stays], place=log.place[stays], sigma_m=sigma_m, notes=(*log.notes, *notes)
+    )
 
 
 def _has_own_columns(file: Path) -> bool:

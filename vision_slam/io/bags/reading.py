@@ -188,10 +188,10 @@ def _noted(found: _Found, kind: str, stamp: float, message: Any, msgtype: str) -
     elif kind == "calibration":
         found.calibration = message
     elif kind == "fixes":
-        if message.status.status < 0 or not np.isfinite([message.latitude, message.longitude]).all():
+        place = (message.longitude, message.latitude, message.altitude)
+        if message.status.status < 0 or not np.isfinite(place).all():
             found.n_without_fix += 1
         else:
-            place = (message.longitude, message.latitude, message.altitude)
             found.fixes.append((stamp, *place, decode_fix_sigma_m(message)))
     elif kind == "inertial":
         rate, force = message.angular_velocity, message.linear_acceleration

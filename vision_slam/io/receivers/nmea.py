@@ -1,29 +1,33 @@
 """NMEA 0183: fixes, their quality, standard deviations and dates."""
 
 from collections.abc import Iterator
-from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
+from vision_slam.io.receivers.nmea_clock import clock_s, midnight_s, sentence_times
 from vision_slam.io.receivers.rows import ReceiverFixes
 
-_DAY_S = 86400.0
 # Horizontal errors of RTK solutions by quality, fixed and float, and of other fixes beside them [m].
 _QUALITY_SIGMA_M = {4: 0.02, 5: 0.3}
 _USUAL_SIGMA_M = 1.1
 # Qualities of GGA sentences: dead reckoning, entered by hand, simulated.
 _NOT_MEASURED = {6, 7, 8}
 _MOST_DAMAGED = 0.1
+_ALL_SYSTEMS = "GN"
+_KINDS = {"GGA", "GST", "RMC", "ZDA"}
+_LEAST_WORDS = {"GGA": 10, "GST": 9, "RMC": 10, "ZDA": 5}
 
 
 def read_nmea(file: Path) -> ReceiverFixes:
-    """Return the fixes of the GGA sentences; times count from the first midnight where no RMC sentence has the date.
+    """Return the fixes of the GGA sentences; times count from the first midnight where no RMC or ZDA sentence has the date.
 
-    Damaged sentences are left out and counted, and so are places that no satellites gave: dead reckoning, places entered by
-    hand and simulated ones.
+    Damaged sentences are left out and counted, and so are fixes without a height and places that no satellites gave: dead
+    reckoning, places entered by hand and simulated ones. Of fixes of one time by several systems of satellites, that of
+    all systems (GN) is taken, else the first.
 
     Raises
     ------
@@ -41,7 +45,7 @@ def read_nmea(file: Path) -> ReceiverFixes:
     n_sentences = len(damaged) + found.n
     if damaged and len(damaged) > _MOST_DAMAGED * n_sentences:
         raise InputError(f"{damaged[0]} {len(damaged)} of {n_sentences} sentences of the log are damaged.")
-    if not found.rows:
+    if not found.fixes_of:
         raise InputError(
             f"{file} holds no GGA sentence with a fix of satellites ({found.n_without_fix} without a fix, "
             f"{found.n_not_measured} dead reckoned, entered by hand or simulated); record GGA, and wait for a fix."
@@ -53,58 +57,101 @@ class _Sentences:
     """What the sentences of a log state."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[float, float, float, float]] = []
-        self.qualities: list[int] = []
-        self.stated: dict[float, float] = {}
-        self.midnight_s: float | None = None
-        self.n = self.n_without_fix = self.n_not_measured = 0
+        self.clocks: list[float] = []
+        self.midnights: list[float | None] = []
+        self.fixes_of: dict[int, _Fix] = {}
+        self.sigma_of: dict[int, float] = {}
+        self.n = self.n_without_fix = self.n_not_measured = self.n_other_systems = 0
 
     def add(self, words: list[str], where: str) -> None:
         """Add a sentence; refuse one without numbers where they belong."""
         self.n += 1
         kind = words[0][2:]
-        last_s = self.rows[-1][0] if self.rows else 0.0
         try:
-            if kind == "RMC":
-                self.midnight_s = _midnight_s(words, last_s) if self.midnight_s is None else self.midnight_s
+            if kind == "GGA":
+                self._add_fix(words)
             elif kind == "GST":
-                self.stated |= _gst(words, last_s)
+                self._add_sigma(words)
             else:
-                self._add_fix(words, last_s)
+                self._add_date(words)
         except (ValueError, IndexError) as error:
             raise InputError(f"{where}: {error} in a {kind} sentence; correct or remove it.") from error
 
-    def _add_fix(self, words: list[str], last_s: float) -> None:
+    def _add_time(self, text: str, midnight: float | None = None) -> int:
+        """Add the time of a sentence, and return its number."""
+        self.clocks.append(clock_s(text))
+        self.midnights.append(midnight)
+        return len(self.clocks) - 1
+
+    def _add_date(self, words: list[str]) -> None:
+        midnight = midnight_s(words)
+        if midnight is not None:
+            self._add_time(words[1], midnight)
+
+    def _add_sigma(self, words: list[str]) -> None:
+        sigma_m = _gst(words)
+        if sigma_m is not None:
+            self.sigma_of[self._add_time(words[1])] = sigma_m
+
+    def _add_fix(self, words: list[str]) -> None:
         quality = int(words[6] or 0)
-        if quality == 0:
+        if quality == 0 or not words[9].strip():
             self.n_without_fix += 1
         elif quality in _NOT_MEASURED:
             self.n_not_measured += 1
         else:
-            self.rows.append(_gga(words, last_s))
-            self.qualities.append(quality)
+            self._take(_gga(words, quality), self._add_time(words[1]))
+
+    def _take(self, fix: "_Fix", number: int) -> None:
+        """Take a fix, unless another system of satellites gave the one before at the same time."""
+        last = next(reversed(self.fixes_of), None)
+        is_second = last is not None and self.clocks[last] == self.clocks[number]
+        if last is None or not is_second or self.fixes_of[last].system == fix.system:
+            self.fixes_of[number] = fix
+            return
+        self.n_other_systems += 1
+        if fix.system == _ALL_SYSTEMS:
+            del self.fixes_of[last]
+            self.fixes_of[number] = fix
 
     def fixes(self, note: str) -> ReceiverFixes:
-        """Return the fixes, with a note of damaged sentences and one of places that no satellites gave."""
-        table = np.array(self.rows)
-        left_out = (
-            f"{self.n_not_measured} places that are dead reckoned, entered by hand or simulated are left out"
-        )
+        """Return the fixes, with notes of damaged sentences and of fixes that are left out."""
+        times, is_dated = sentence_times(self.clocks, self.midnights)
+        fixes = list(self.fixes_of.values())
+        time_s = times[list(self.fixes_of)]
+        stated = dict(zip(times[list(self.sigma_of)].tolist(), self.sigma_of.values(), strict=True))
         return ReceiverFixes(
-            table[:, 0] + (self.midnight_s or 0.0),
-            table[:, 1:],
-            is_dated=self.midnight_s is not None,
+            time_s,
+            np.array([fix.place for fix in fixes]),
+            is_dated=is_dated,
             n_without_fix=self.n_without_fix,
-            sigma_m=_sigma_m(table[:, 0], self.qualities, self.stated),
-            notes=tuple(words for words in (note, left_out if self.n_not_measured else "") if words),
+            sigma_m=_sigma_m(time_s, [fix.quality for fix in fixes], stated),
+            notes=tuple(words for words in (note, *self._notes()) if words),
         )
+
+    def _notes(self) -> Iterator[str]:
+        """Yield a note of each kind of fixes that are left out."""
+        if self.n_not_measured:
+            yield f"{self.n_not_measured} places that are dead reckoned, entered by hand or simulated are left out"
+        if self.n_other_systems:
+            yield (
+                f"{self.n_other_systems} fixes by another system of satellites at the time of one that is taken are left out"
+            )
+
+
+class _Fix(NamedTuple):
+    """Longitude, latitude [deg] and height [m] of a GGA sentence, its quality and its system of satellites."""
+
+    place: tuple[float, float, float]
+    quality: int
+    system: str
 
 
 def _sentences(file: Path) -> Iterator[tuple[str, str]]:
     """Yield the place and the text of each sentence that is read."""
     for number, line in enumerate(file.read_text(encoding="ascii", errors="replace").splitlines(), start=1):
         sentence = line[max(line.rfind("$"), 0) :]
-        if sentence.startswith("$") and sentence[3:6] in {"GGA", "GST", "RMC"}:
+        if sentence.startswith("$") and sentence[3:6] in _KINDS:
             yield f"{file}, line {number}", sentence
 
 
@@ -115,12 +162,12 @@ def _damage_note(damaged: list[str], n_sentences: int) -> str:
     return f"{len(damaged)} of {n_sentences} sentences are damaged and left out; the first: {damaged[0].rstrip('.')}"
 
 
-def _gst(words: list[str], last_s: float) -> dict[float, float]:
-    """Return the horizontal standard deviation [m] by the time of a GST sentence; nothing where it is empty."""
+def _gst(words: list[str]) -> float | None:
+    """Return the horizontal standard deviation [m] of a GST sentence; None where it is empty."""
     if not words[6] or not words[7]:
-        return {}
+        return None
     sigma_m = float(np.hypot(float(words[6]), float(words[7])) / np.sqrt(2.0))
-    return {_clock_s(words[1], last_s): sigma_m} if sigma_m > 0.0 else {}
+    return sigma_m if sigma_m > 0.0 else None
 
 
 def _sigma_m(time_s: FloatArray, qualities: list[int], stated: dict[float, float]) -> FloatArray | None:
@@ -132,11 +179,11 @@ def _sigma_m(time_s: FloatArray, qualities: list[int], stated: dict[float, float
     return np.array([stated.get(t, sigma) for t, sigma in zip(time_s.tolist(), by_quality, strict=True)])
 
 
-def _gga(words: list[str], last_s: float) -> tuple[float, float, float, float]:
-    """Time since the first midnight [s], longitude, latitude [deg] and height [m] of a fix after one at `last_s`."""
+def _gga(words: list[str], quality: int) -> _Fix:
+    """Return the fix of a GGA sentence."""
     latitude = _degrees(words[2], 2) * _sign(words[3], "NS")
     longitude = _degrees(words[4], 3) * _sign(words[5], "EW")
-    return _clock_s(words[1], last_s), longitude, latitude, float(words[9])
+    return _Fix((longitude, latitude, float(words[9])), quality, words[0][:2])
 
 
 def _sign(letter: str, hemispheres: str) -> float:
@@ -144,21 +191,6 @@ def _sign(letter: str, hemispheres: str) -> float:
     if letter.strip().upper() not in tuple(hemispheres):
         raise ValueError(f"the hemisphere {letter!r} is neither {hemispheres[0]} nor {hemispheres[1]}")
     return 1.0 if letter.strip().upper() == hemispheres[0] else -1.0
-
-
-def _clock_s(text: str, last_s: float) -> float:
-    """Seconds since the first midnight of hhmmss.ss, which comes after `last_s`."""
-    clock = float(text[:2]) * 3600.0 + float(text[2:4]) * 60.0 + float(text[4:])
-    clock += _DAY_S * float(np.floor(last_s / _DAY_S))
-    return clock + _DAY_S if clock < last_s - 0.5 * _DAY_S else clock
-
-
-def _midnight_s(words: list[str], last_s: float) -> float | None:
-    """Unix time of the log's first midnight by an RMC sentence; None when the receiver does not know the date yet."""
-    if words[2] != "A" or len(words[9]) != 6:
-        return None
-    midnight = datetime.strptime(words[9] + "+0000", "%d%m%y%z").timestamp()
-    return midnight - _DAY_S * float(np.floor(_clock_s(words[1], last_s) / _DAY_S))
 
 
 def _words(sentence: str) -> tuple[list[str], str]:
@@ -169,7 +201,7 @@ def _words(sentence: str) -> tuple[list[str], str]:
     for letter in body:
         sum_of ^= ord(letter)
     words = body.split(",")
-    least = 9 if words[0][2:] == "GST" else 10
+    least = _LEAST_WORDS.get(words[0][2:], 10)
     if not star:
         return words, "the sentence has no checksum; log NMEA with checksums, so that damage is seen."
     if checksum.strip().upper() != f"{sum_of & 0xFF:02X}":
