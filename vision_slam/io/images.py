@@ -18,6 +18,7 @@ from vision_slam.io.photos.exif import read_photo
 
 PICTURES = (".png", ".jpg", ".jpeg", ".pgm", ".tif", ".tiff")
 _END_MARKS = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}
+_START_OF_SCAN = b"\xda"
 _DEPTHS = (8, 10, 12, 14, 16)
 _N_SAMPLED = 9
 
@@ -162,8 +163,28 @@ def refuse_cut_off(path: Path) -> None:
         head = stream.read(8)
         stream.seek(-min(32, path.stat().st_size), 2)
         tail = stream.read()
-    if any(head.startswith(mark) and end not in tail for mark, end in _END_MARKS.items()):
+    lacks_end = any(head.startswith(mark) and end not in tail for mark, end in _END_MARKS.items())
+    if lacks_end and not (head.startswith(b"\xff\xd8") and has_jpeg_end(path.read_bytes())):
         raise InputError(f"{path} is cut off: the end of the image is missing; get it again.")
+
+
+def has_jpeg_end(content: bytes) -> bool:
+    """Return whether the end of a JPEG image follows its start of scan; phones write more data, such as a video, after it.
+
+    Segments before the scan, such as EXIF, may hold a small image that has an end of its own.
+
+    Examples
+    --------
+    >>> has_jpeg_end(bytes.fromhex("ffd8 ffda0002 1234 ffd9 534546"))
+    True
+    >>> has_jpeg_end(bytes.fromhex("ffd8 ffe10004ffd9 ffda0002 1234"))
+    False
+    """
+    at = 2
+    while content[at : at + 1] == b"\xff" and content[at + 1 : at + 2] != _START_OF_SCAN:
+        is_fill = content[at + 1 : at + 2] == b"\xff"
+        at += 1 if is_fill else 2 + int.from_bytes(content[at + 2 : at + 4], "big")
+    return content.find(_END_MARKS[b"\xff\xd8\xff"], at) >= 0
 
 
 def refuse_other_sizes(files: Sequence[Path], camera: Camera) -> None:

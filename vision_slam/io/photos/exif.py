@@ -55,7 +55,7 @@ def read_photo(file: Path) -> Photo:
     InputError
         The file is no image, or its EXIF is damaged.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
         with Image.open(file) as image:
@@ -63,9 +63,9 @@ def read_photo(file: Path) -> Photo:
             exif = image.getexif()
             inner, gps = dict(exif.get_ifd(_EXIF_FOLDER)), dict(exif.get_ifd(_GPS_FOLDER))
             return _photo(file, width, height, {**dict(exif), **inner}, gps)
-    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
+    except (OSError, Image.DecompressionBombError) as error:
         raise InputError(
-            f"{file} is no image that can be read ({first_line(error)}); get it again."
+            f"{file} is no image that can be read ({first_line(error)}); it may be cut off, get it again."
         ) from error
     except (ValueError, TypeError, KeyError, SyntaxError, ZeroDivisionError, OverflowError) as error:
         raise InputError(
