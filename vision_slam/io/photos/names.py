@@ -17,6 +17,9 @@ _NUMBERED = re.compile(r"(.*?)(\d+)")
 _SECONDS = re.compile(r"\d+\.\d+")
 # No time since 1970 is as small, and no video has as many frames.
 _FIRST_TIME = 1e8
+_MILLIS_DIGITS = 3
+# No camera takes images at such an interval.
+_LEAST_STEP_MS = 5.0
 
 
 def natural_key(file: Path) -> tuple[tuple[int, int, str], ...]:
@@ -35,13 +38,19 @@ def natural_key(file: Path) -> tuple[tuple[int, int, str], ...]:
 def times_in_names(files: Sequence[Path]) -> FloatArray | None:
     """Return the times (N,) that all names state, as Unix times of UTC [s]; None where one does not.
 
+    Frames of a video that have its date and a number of their own state no times.
+
     Examples
     --------
     >>> times_in_names([Path("IMG_20240612_101502.jpg"), Path("PXL_20240612_101502500.jpg")]).tolist()
     [1718187302.0, 1718187302.5]
     >>> times_in_names([Path("DSC_0001.JPG")]) is None
     True
+    >>> times_in_names([Path("VID_20240612_101502_0001.png"), Path("VID_20240612_101502_0002.png")]) is None
+    True
     """
+    if _has_dated_numbers(files):
+        return None
     times = [_time_in(file.stem) for file in files]
     return None if any(time is None for time in times) else np.array(times, dtype=np.float64)
 
@@ -65,6 +74,16 @@ def frame_numbers(files: Sequence[Path]) -> FloatArray | None:
         return None
     numbers = np.array([float(match[2]) for match in found if match])
     return numbers if (np.diff(numbers) > 0.0).all() and numbers[-1] < _FIRST_TIME else None
+
+
+def _has_dated_numbers(files: Sequence[Path]) -> bool:
+    """Return whether all names have the same date and end in numbers that count frames, not milliseconds."""
+    numbers = frame_numbers(files)
+    first = _NUMBERED.fullmatch(files[0].stem)
+    if numbers is None or len(files) < 2 or first is None or _time_in(first[1]) is None:
+        return False
+    has_millis = all(len(file.stem) == len(first[1]) + _MILLIS_DIGITS for file in files)
+    return not has_millis or bool(np.median(np.diff(numbers)) < _LEAST_STEP_MS)
 
 
 def _time_in(name: str) -> float | None:

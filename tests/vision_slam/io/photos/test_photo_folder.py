@@ -115,6 +115,8 @@ def test_frames_of_a_video_need_a_rate(tmp_path):
         (["000010", "000011", "000014", "000015"], [0.0, 0.1, 0.4, 0.5], 2),
         (["f0", "f2", "f8", "f10"], [0.0, 0.1, 0.4, 0.5], 2),
         (["a", "b", "c", "d"], [0.0, 0.1, 0.2, 0.3], 0),
+        ([f"VID_20240612_101502_{k:04d}" for k in (1, 2, 4, 5)], [0.0, 0.1, 0.3, 0.4], 1),
+        ([f"VID_20240612_101502_{k:03d}" for k in (1, 2, 3, 4)], [0.0, 0.1, 0.2, 0.3], 0),
     ],
 )
 def test_numbers_of_frames_are_no_seconds_and_count_deleted_frames(tmp_path, names, times, n_missing):
@@ -127,6 +129,13 @@ def test_numbers_of_frames_are_no_seconds_and_count_deleted_frames(tmp_path, nam
     np.testing.assert_allclose(sequence.frames.time_s, times)
     stated = f"; {n_missing} that their numbers leave out count as images"
     assert sequence.notes[0].endswith(stated if n_missing else "in the order of the names")
+
+
+def test_milliseconds_in_the_names_of_one_second_remain_times(tmp_path):
+    for millis in (120, 153, 187):
+        photo(tmp_path / f"20240612_100000_{millis}.png", exif=False)
+    camera_file(tmp_path)
+    np.testing.assert_allclose(read_sequence(tmp_path).frames.time_s - NOON, [0.12, 0.153, 0.187], atol=1e-6)
 
 
 def test_a_rate_beside_times_is_refused(tmp_path):
