@@ -19,13 +19,16 @@ from vision_slam.io.sequence_files import (
 )
 from vision_slam.io.text import read_text
 
+# Times since 1970 are larger; times since another moment have larger steps, of 10 kHz at most.
+_SINCE_1970_NS, _LEAST_STEP_NS = 1e17, 1e5
+
 
 def read_euroc_sequence(place: Path, camera: Camera | None) -> ImageSequence:
     """Read images, inertial readings and reference poses in the EuRoC layout."""
     rows = _euroc_rows(place / "cam0" / "data.csv")
     files = [place / "cam0" / "data" / row[1] for row in rows]
     require_all_there(files)
-    times = _euroc_numbers(place / "cam0" / "data.csv", 1)[:, 0] * 1e-9
+    times = _seconds(_euroc_numbers(place / "cam0" / "data.csv", 1), place / "cam0" / "data.csv")
     turn = np.eye(4)
     if camera is None:
         camera = _euroc_camera(place / "cam0" / "sensor.yaml")
@@ -36,12 +39,24 @@ def read_euroc_sequence(place: Path, camera: Camera | None) -> ImageSequence:
     if (place / "imu0" / "data.csv").is_file():
         sensed = _euroc_numbers(place / "imu0" / "data.csv", 7)
         gyro, force = (sensed[:, k : k + 3] @ turn[:3, :3].T for k in (1, 4))
-        inertial = Inertial(sensed[:, 0] * 1e-9, gyro, force)
+        inertial = Inertial(_seconds(sensed, place / "imu0" / "data.csv"), gyro, force)
     for estimate in sorted(place.glob("state_*_estimate0/data.csv"))[:1]:
         posed = _euroc_numbers(estimate, 8)
         poses = poses_of(posed[:, 1:4], posed[:, [5, 6, 7, 4]], estimate) @ np.linalg.inv(turn)
-        reference = (posed[:, 0] * 1e-9, poses)
+        reference = (_seconds(posed, estimate), poses)
     return assemble_sequence(camera, times, files, inertial, reference)
+
+
+def _seconds(rows: FloatArray, path: Path) -> FloatArray:
+    """Return the first column of a table, which holds nanoseconds, in seconds; refuse times of another unit."""
+    times = rows[:, 0]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    if not (times[0] > _SINCE_1970_NS or step > _LEAST_STEP_NS):
+        raise InputError(
+            f"{path} holds times that are no nanoseconds: the first is {times[0]:.15g} and the next one comes {step:.6g} "
+            "later; write nanoseconds, as the EuRoC layout has them."
+        )
+    return times * 1e-9
 
 
 def _looks_ahead(camera: Camera) -> bool:
