@@ -19,13 +19,14 @@ from vision_slam.io.sequence_files import (
 )
 from vision_slam.io.text import read_text
 
+KITTI_IMAGES = ("image_0", "image_l", "image_2")
 _KITTI_HEIGHT_M = 1.65
 _KITTI_PERIOD_S = 0.1
 
 
 def read_kitti_sequence(place: Path, camera: Camera | None) -> ImageSequence:
     """Read images and reference poses in the layout of KITTI odometry."""
-    names = next((name for name in ("image_0", "image_l", "image_2") if (place / name).is_dir()), None)
+    names = next((name for name in KITTI_IMAGES if (place / name).is_dir()), None)
     if names is None:
         raise InputError(f"{place} has calib.txt and no image_0, image_l or image_2; get the images.")
     files = image_files(place / names)

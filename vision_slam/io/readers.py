@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
+from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames, ImageFiles
 from survey.data.sensors.aiding import Inertial, Wheels
 from vision_slam.io.euroc import read_euroc_sequence
 from vision_slam.io.image_folder import read_images, refuse_other_kinds
-from vision_slam.io.kitti import read_kitti_sequence
+from vision_slam.io.kitti import KITTI_IMAGES, read_kitti_sequence
 from vision_slam.io.kitti_raw import raw_camera_folder, read_kitti_raw
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import (
@@ -69,10 +69,11 @@ def read_sequence(
     place = Path(folder)
     if not place.is_dir():
         raise InputError(f"{place} is no folder; name the folder of a recording.")
-    if frame_rate_hz is None:
-        layout = _named_layout(place, camera)
-        if layout is not None:
-            return layout
+    if frame_rate_hz is not None:
+        _refuse_rate(place)
+    layout = _named_layout(place, camera) if frame_rate_hz is None else None
+    if layout is not None:
+        return layout
     for inner in (place, place / "images"):
         files = image_files(inner)
         if files:
@@ -92,18 +93,45 @@ def _named_layout(place: Path, camera: Camera | None) -> ImageSequence | None:
         return read_kitti_raw(place, camera)
     if (place / "rgb.txt").is_file():
         return _tum(place, camera)
-    for inner in (place / "mav0", place):
-        if (inner / "cam0" / "data.csv").is_file():
-            return read_euroc_sequence(inner, camera)
-    for inner in (place, place / "frames"):
-        if (inner / "frames.csv").is_file():
-            frames = Frames.read(inner)
+    for table in _euroc_tables(place):
+        if table.is_file():
+            return read_euroc_sequence(table.parent.parent, camera)
+    for table in _frame_tables(place):
+        if table.is_file():
+            frames = Frames.read(table.parent)
             assert isinstance(frames.images, ImageFiles)
             files = list(frames.images.files)
             return _with_motion(
                 assemble_sequence(camera or calibrated_camera(place), frames.time_s, files), place
             )
     return None
+
+
+def _refuse_rate(place: Path) -> None:
+    """Refuse a frame rate for a layout whose images have times."""
+    has_images = any((place / name).is_dir() for name in KITTI_IMAGES)
+    timed = {
+        "KITTI odometry": place / "calib.txt" if has_images else None,
+        "raw KITTI": raw_camera_folder(place),
+        "TUM": place / "rgb.txt",
+        "EuRoC": next((file for file in _euroc_tables(place) if file.is_file()), None),
+        "frames.csv": next((file for file in _frame_tables(place) if file.is_file()), None),
+    }
+    layout = next((name for name, file in timed.items() if file is not None and file.exists()), None)
+    if layout is not None:
+        raise ConfigError(
+            f"{place} has the layout {layout}, whose images have times of their own; leave --frame-rate out."
+        )
+
+
+def _euroc_tables(place: Path) -> tuple[Path, Path]:
+    """Return where a folder in the layout of EuRoC has its list of images."""
+    return place / "mav0" / "cam0" / "data.csv", place / "cam0" / "data.csv"
+
+
+def _frame_tables(place: Path) -> tuple[Path, Path]:
+    """Return where a folder has its table of images."""
+    return place / "frames.csv", place / "frames" / "frames.csv"
 
 
 def _with_motion(sequence: ImageSequence, place: Path) -> ImageSequence:

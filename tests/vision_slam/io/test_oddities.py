@@ -151,3 +151,40 @@ def test_poses_without_a_rotation_are_refused_with_their_line(tmp_path: Path) ->
     write("poses.txt", [*_POSES[:2], "2 0 0 0 0 2 0 0 0 0 2 0", _POSES[3]])
     with pytest.raises(FirnlineError, match="line 3: the pose holds no rotation"):
         read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("first", "step"), [(1.4e9, 0.25), (1.4e12, 250.0), (1.4e15, 250000.0), (0.0, 0.25), (0.0, 250.0)]
+)
+def test_times_of_euroc_in_other_units_than_nanoseconds_are_refused(
+    tmp_path: Path, first: float, step: float
+) -> None:
+    write = _Writer(tmp_path, "utf-8", "\n")
+    _euroc(write)
+    write("mav0/cam0/data.csv", [f"{first + step * k},{k:06d}.png" for k in range(N)])
+    with pytest.raises(FirnlineError, match=r"data\.csv holds times that are no nanoseconds: the first is"):
+        read_sequence(tmp_path)
+
+
+def test_inertial_readings_of_euroc_have_nanoseconds_too(tmp_path: Path) -> None:
+    write = _Writer(tmp_path, "utf-8", "\n")
+    _euroc(write)
+    write("mav0/imu0/data.csv", [f"{1.4e9 + 0.005 * k:.3f},0,0,0,0,0,9.81" for k in range(N)])
+    with pytest.raises(FirnlineError, match=r"imu0.data\.csv holds times that are no nanoseconds"):
+        read_sequence(tmp_path)
+
+
+def _listed(write: _Writer) -> None:
+    _images(write.place)
+    _camera().write(write.place / "camera.toml")
+    write("frames.csv", ["time_s,file", *(f"{0.25 * k},{k:06d}.png" for k in range(N)), ""])
+
+
+@pytest.mark.parametrize("layout", [*_LAYOUTS, _listed])
+def test_a_frame_rate_beside_times_of_a_layout_is_refused(
+    tmp_path: Path, layout: Callable[[_Writer], None]
+) -> None:
+    layout(_Writer(tmp_path, "utf-8", "\n"))
+    assert len(read_sequence(tmp_path).frames) == N
+    with pytest.raises(FirnlineError, match="have times of their own; leave --frame-rate out"):
+        read_sequence(tmp_path, frame_rate_hz=10.0)
