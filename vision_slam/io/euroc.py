@@ -19,16 +19,17 @@ from vision_slam.io.sequence_files import (
 )
 from vision_slam.io.text import read_text
 
-# Times since 1970 are larger; times since another moment have larger steps, of 10 kHz at most.
-_SINCE_1970_NS, _LEAST_STEP_NS = 1e17, 1e5
+# Times since 1970 are larger; times since another moment have larger steps, of 1 kHz for images and 10 kHz for other readings.
+_SINCE_1970_NS, _IMAGE_STEP_NS, _LEAST_STEP_NS = 1e17, 1e6, 1e5
 
 
 def read_euroc_sequence(place: Path, camera: Camera | None) -> ImageSequence:
     """Read images, inertial readings and reference poses in the EuRoC layout."""
-    rows = _euroc_rows(place / "cam0" / "data.csv")
+    listed = place / "cam0" / "data.csv"
+    rows = _euroc_rows(listed)
     files = [place / "cam0" / "data" / row[1] for row in rows]
     require_all_there(files)
-    times = _seconds(_euroc_numbers(place / "cam0" / "data.csv", 1), place / "cam0" / "data.csv")
+    times = _seconds(_euroc_numbers(listed, 1), listed, _IMAGE_STEP_NS)
     turn = np.eye(4)
     if camera is None:
         camera = _euroc_camera(place / "cam0" / "sensor.yaml")
@@ -47,11 +48,11 @@ def read_euroc_sequence(place: Path, camera: Camera | None) -> ImageSequence:
     return assemble_sequence(camera, times, files, inertial, reference)
 
 
-def _seconds(rows: FloatArray, path: Path) -> FloatArray:
+def _seconds(rows: FloatArray, path: Path, least_step_ns: float = _LEAST_STEP_NS) -> FloatArray:
     """Return the first column of a table, which holds nanoseconds, in seconds; refuse times of another unit."""
     times = rows[:, 0]
     step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
-    if not (times[0] > _SINCE_1970_NS or step > _LEAST_STEP_NS):
+    if not (times[0] > _SINCE_1970_NS or step > least_step_ns):
         raise InputError(
             f"{path} holds times that are no nanoseconds: the first is {times[0]:.15g} and the next one comes {step:.6g} "
             "later; write nanoseconds, as the EuRoC layout has them."
