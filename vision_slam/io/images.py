@@ -188,21 +188,26 @@ def has_jpeg_end(content: bytes) -> bool:
 
 
 def refuse_other_sizes(files: Sequence[Path], camera: Camera) -> None:
-    """Refuse images that are not of the calibration's size, by their headers alone where they are PNG or JPEG."""
-    for index, file in enumerate(files):
-        with file.open("rb") as stream:
-            head = stream.read(24)
-        if head.startswith(b"\x89PNG"):
-            size = struct.unpack(">II", head[16:24])
-        elif is_jpeg(file):
-            size = read_photo(file).upright_size
-        elif index == 0:
-            height, width = read_pixels(file).shape[:2]
-            size = (width, height)
-        else:
-            continue
+    """Refuse images that are not of the calibration's size, by their headers alone where these can be read."""
+    for file in files:
+        size = _size_of(file)
         if size != (camera.width, camera.height):
             raise InputError(
                 f"{file} has {size[0]} × {size[1]} pixels, its calibration {camera.width} × {camera.height}; "
                 "calibrate for this size, or give images as they were calibrated."
             )
+
+
+def _size_of(file: Path) -> tuple[int, int]:
+    """Return width and height [pixels] of an image as it is used: JPEG images are turned upright, others are not."""
+    with file.open("rb") as stream:
+        head = stream.read(24)
+    if head.startswith(b"\x89PNG"):
+        width, height = struct.unpack(">II", head[16:24])
+        return width, height
+    try:
+        photo = read_photo(file)
+    except InputError:
+        height, width = read_pixels(file).shape[:2]
+        return width, height
+    return photo.upright_size if is_jpeg(file) else (photo.width, photo.height)

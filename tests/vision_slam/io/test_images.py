@@ -2,12 +2,14 @@
 
 import io
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
 from survey.core.errors import InputError
-from vision_slam.io.images import images_of, refuse_cut_off
+from survey.data.camera.calibration import Camera
+from vision_slam.io.images import images_of, refuse_cut_off, refuse_other_sizes
 from vision_slam.io.photos.exif import read_photo
 
 PIXELS = np.random.default_rng(1).integers(0, 255, (24, 32), dtype=np.uint8)
@@ -44,3 +46,15 @@ def test_an_image_that_lacks_a_part_is_named(tmp_path):
     (tmp_path / "a.png").write_bytes(content[:300])
     with pytest.raises(InputError, match=r"a\.png is no image that can be read .* get it again"):
         read_photo(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("suffix", ["pgm", "tif"])
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_an_image_of_another_size_among_many_is_named(tmp_path, suffix, depth):
+    files = [tmp_path / f"{k}.{suffix}" for k in range(3)]
+    for file, pixels in zip(files, (PIXELS, PIXELS, PIXELS[:, :20]), strict=True):
+        cv2.imwrite(str(file), pixels.astype(depth))
+    camera = Camera("pinhole", 32, 24, np.diag([30.0, 30.0, 1.0]), np.zeros(5), np.eye(4))
+    refuse_other_sizes(files[:2], camera)
+    with pytest.raises(InputError, match=rf"2\.{suffix} has 20 × 24 pixels, its calibration 32 × 24"):
+        refuse_other_sizes(files, camera)
