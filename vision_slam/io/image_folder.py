@@ -24,6 +24,7 @@ from vision_slam.io.sequence_files import (
 
 _LISTS_OF_TIMES = ("times.txt", "timestamps.txt")
 _RAW = (".heic", ".heif", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".avif", ".webp")
+_BAGS = (".bag", ".mcap", ".db3")
 _VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".insv", ".360")
 
 
@@ -68,8 +69,13 @@ def read_images(
 
 
 def refuse_other_kinds(place: Path) -> None:
-    """Refuse a folder of photographs or videos of kinds that are not read, with the way to convert them."""
+    """Refuse a folder of bags, or of photographs or videos of kinds that are not read, with the next step."""
     files = [file for folder in (place, place / "images") if folder.is_dir() for file in folder.iterdir()]
+    bag = next((file for file in sorted(files) if file.suffix.lower() in _BAGS), None)
+    if bag is not None:
+        raise InputError(
+            f"{bag} is a bag in a folder that is no recording; name the bag instead of its folder."
+        )
     raw = next((file for file in sorted(files) if file.suffix.lower() in _RAW), None)
     if raw is not None:
         raise InputError(f"{raw} is of a kind that is not read; convert the images to JPEG or PNG.")

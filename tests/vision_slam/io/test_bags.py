@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from vision_slam.io.bags.reading import is_bag, read_bag
+from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import georeference
 
 NOISE = np.random.default_rng(3).integers(0, 255, (4, 12, 16), dtype=np.uint8)
@@ -95,7 +96,9 @@ class Bag:
     def turn(self, x: float, y: float, z: float, w: float) -> Any:
         return self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
-    def fix(self, second: float, latitude: float, status: int, sigma_m: float = 0.0) -> None:
+    def fix(
+        self, second: float, latitude: float, status: int, sigma_m: float = 0.0, altitude: float = 7.0
+    ) -> None:
         fix_status = self.make("sensor_msgs/msg/NavSatStatus", status=status, service=1)
         message = self.make(
             "sensor_msgs/msg/NavSatFix",
@@ -103,7 +106,7 @@ class Bag:
             status=fix_status,
             latitude=latitude,
             longitude=-135.0,
-            altitude=7.0,
+            altitude=altitude,
             position_covariance=np.diag([sigma_m**2, sigma_m**2, 4.0 * sigma_m**2]).ravel(),
             position_covariance_type=2 if sigma_m > 0.0 else 0,
         )
@@ -201,18 +204,62 @@ def test_a_bag_gives_back_what_was_written(tmp_path: Path, kind: str) -> None:
 
 
 def test_fixes_that_state_a_covariance_keep_it(tmp_path: Path) -> None:
-    for name, sigmas_m in (("stated", (0.02, 0.3)), ("partly", (0.02, 0.0))):
+    named = {"stated": (0.02, 0.3), "partly": (0.02, 0.3, 0.0), "seldom": (0.02, 0.0, 0.0)}
+    for name, sigmas_m in named.items():
         with second_bag(tmp_path / name) as bag:
             bag.calibration("/camera_info")
             bag.image("/image", 1.0, NOISE[0], "mono8")
             for k, sigma_m in enumerate(sigmas_m):
                 bag.fix(1.0 + k, 58.4, 0, sigma_m)
-    stated, partly = (read_bag(tmp_path / name).gps for name in ("stated", "partly"))
+    stated, partly, seldom = (read_bag(tmp_path / name).gps for name in named)
     assert stated is not None
     assert stated.sigma_m is not None
     assert stated.sigma_m.tolist() == pytest.approx([0.02, 0.3])
+    assert stated.notes == ()
     assert partly is not None
-    assert partly.sigma_m is None
+    assert partly.sigma_m is not None
+    assert partly.sigma_m.tolist() == pytest.approx([0.02, 0.3, 0.3])
+    assert partly.notes == (
+        "1 of 3 fixes state no covariance and take the largest standard deviation of the others, 0.3 m",
+    )
+    assert seldom is not None
+    assert seldom.sigma_m is None
+    assert seldom.notes == ("1 of 3 fixes state a covariance, which is not used",)
+
+
+def test_a_fix_without_an_altitude_is_left_out_and_counted(tmp_path: Path) -> None:
+    with second_bag(tmp_path / "drive") as bag:
+        bag.calibration("/camera_info")
+        bag.image("/image", 1.0, NOISE[0], "mono8")
+        for k, altitude in enumerate((7.0, np.nan, 8.0)):
+            bag.fix(1.0 + k, 58.4, 0, altitude=altitude)
+    gps = read_bag(tmp_path / "drive").gps
+    assert gps is not None
+    assert gps.place[:, 2].tolist() == [7.0, 8.0]
+    assert gps.n_without_fix == 1
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_file_of_a_bag_without_its_folder_is_read(tmp_path: Path, plugin: StoragePlugin) -> None:
+    with second_bag(tmp_path / "drive", plugin) as bag:
+        bag.calibration("/camera_info")
+        bag.image("/image", 1.0, NOISE[0], "mono8")
+    file = next(file for file in (tmp_path / "drive").iterdir() if file.name != "metadata.yaml")
+    (tmp_path / "drive" / "metadata.yaml").unlink()
+    sequence = read_bag(file)
+    assert np.array_equal(sequence.frames[0], NOISE[0])
+    with pytest.raises(InputError, match=rf"{file.name} is a bag .* name the bag instead of its folder"):
+        read_sequence(tmp_path / "drive")
+
+
+def test_a_calibration_that_is_not_beside_the_images_is_noted(tmp_path: Path) -> None:
+    with second_bag(tmp_path / "drive") as bag:
+        bag.calibration("/left/camera_info")
+        bag.image("/left/image_raw", 1.0, NOISE[0], "mono8")
+        bag.image("/right/image_raw", 1.0, NOISE[0], "mono8")
+    words = "no camera_info is beside /right/image_raw: that of /left/camera_info is taken"
+    assert any(note.startswith(words) for note in read_bag(tmp_path / "drive", ["/right/image_raw"]).notes)
+    assert not any("beside" in note for note in read_bag(tmp_path / "drive", ["/left/image_raw"]).notes)
 
 
 @pytest.mark.parametrize("is_split", [False, True])

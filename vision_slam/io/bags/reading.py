@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from survey.core.arrays import BoolArray, FloatArray, IntArray
-from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames, Image
 from survey.data.sensors.aiding import Inertial
 from survey.interchange.bags import opened_bag
+from vision_slam.io.bags.fixes import bag_fixes
 from vision_slam.io.bags.message_order import in_order
 from vision_slam.io.bags.messages import (
     COMPRESSED,
@@ -25,7 +25,6 @@ from vision_slam.io.bags.messages import (
     decode_wheels,
     stamp_s,
 )
-from vision_slam.io.gps_files import GpsLog
 from vision_slam.io.images import bits_used, eight_bits, scaling_note
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import FORWARD
@@ -73,8 +72,8 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     """Read a bag; topics are recognized by their type.
 
     Images are raw or compressed (`sensor_msgs`) and are decoded when they are used;
-    calibration, fixes, inertial readings and odometry are read at once. Fixes that all state a
-    covariance have its horizontal standard deviation. Poses of an odometry
+    calibration, fixes, inertial readings and odometry are read at once. Fixes most of which state a
+    covariance have its horizontal standard deviation, and those without one the largest, with a note. Poses of an odometry
     count as wheels: only the distance between them is used. Where ``/tf_static`` has the
     mounting of camera and inertial unit on ``base_link``, both are rotated into the body frame;
     else the camera is assumed level and forward, and the inertial unit aligned with the body,
@@ -83,7 +82,8 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
     Parameters
     ----------
     path : str or pathlib.Path
-        A ``.bag`` file, the folder of one that rosbag split (``…_0.bag``, ``…_1.bag``, …), or the folder of a ROS 2 bag.
+        A ``.bag`` file, the folder of one that rosbag split (``…_0.bag``, ``…_1.bag``, …), the folder of a ROS 2 bag, or one
+        of its files, which is read alone where ``metadata.yaml`` is not beside it.
     topics : sequence of str
         Which topics to take, for those kinds of which the bag has several.
     camera : Camera, optional
@@ -101,7 +101,8 @@ def read_bag(path: str | Path, topics: Sequence[str] = (), camera: Camera | None
         several topics of one kind of which none is named.
     """
     place = Path(path)
-    place = place.parent if place.suffix in {".mcap", ".db3"} else place
+    has_folder = place.suffix in {".mcap", ".db3"} and (place.parent / "metadata.yaml").is_file()
+    place = place.parent if has_folder else place
     with opened_bag(place, _split_files(place)) as reader:
         taken = _taken(reader.connections, topics, place)
         if "images" not in taken:
@@ -140,8 +141,7 @@ def _taken(connections: Sequence[Any], topics: Sequence[str], place: Path) -> di
         fitting = {connection.topic for connection in connections if connection.msgtype in types}
         named = fitting.intersection(topics) or fitting
         if kind == "calibration" and len(named) > 1 and "images" in taken:
-            stem = taken["images"].split("/image")[0]
-            named = {topic for topic in named if topic.rsplit("/", 1)[0] == stem} or named
+            named = {topic for topic in named if _is_beside(topic, taken["images"])} or named
         if len(named) > 1:
             raise InputError(
                 f"{place} has {len(named)} topics of {kind} ({', '.join(sorted(named))}); choose one with --topic."
@@ -149,6 +149,11 @@ def _taken(connections: Sequence[Any], topics: Sequence[str], place: Path) -> di
         if named:
             taken[kind] = next(iter(named))
     return taken
+
+
+def _is_beside(calibration: str, images: str) -> bool:
+    """Return whether a topic of calibration belongs to the camera of a topic of images by its name."""
+    return calibration.rsplit("/", 1)[0] == images.split("/image", maxsplit=1)[0]
 
 
 def _messages(reader: "AnyReader", connections: list[Any]) -> Iterator[tuple[Any, int, Any]]:
@@ -227,6 +232,10 @@ def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera 
     if camera is None:
         if found.calibration is None:
             raise InputError(f"{place} holds no camera_info; name a calibration with --camera.")
+        if not taken["images"].startswith(taken["calibration"].rsplit("/", 1)[0] + "/"):
+            notes.append(
+                f"no camera_info is beside {taken['images']}: that of {taken['calibration']} is taken, which may be another camera's"
+            )
         mounted = _on_body(found, found.image_frame)
         if mounted is None:
             notes.append("the bag has no mounting of the camera: it is assumed to look forward, level")
@@ -240,7 +249,7 @@ def _sequence(place: Path, taken: dict[str, str], found: _Found, camera: Camera 
         notes.append(scaling_note(found.shift))
     gps = None
     if found.fixes or found.n_without_fix:
-        gps = _log(found, place)
+        gps = bag_fixes(found.fixes, found.n_without_fix, place)
     inertial = None
     if found.inertial:
         rows, turned = np.array(found.inertial), _on_body(found, found.inertial_frame)
@@ -287,16 +296,6 @@ class _BagImages:
             for number, (connection, _, message) in enumerate(_messages(reader, chosen)):
                 where = f"{self._place}, image {number} of {self._topic}"
                 yield eight_bits(decode_pixels(message, connection.msgtype, where), self._shift, where)
-
-
-def _log(found: _Found, place: Path) -> GpsLog:
-    if not found.fixes:
-        raise InputError(
-            f"{place} holds {found.n_without_fix} NavSatFix messages and no fix among them; record again once there is one."
-        )
-    rows = np.array(found.fixes)
-    sigma_m = rows[:, 4] if (rows[:, 4] > 0.0).all() else None
-    return GpsLog(rows[:, 0], rows[:, 1:4], True, True, found.n_without_fix, ELLIPSOIDAL, sigma_m)
 
 
 def _on_body(found: _Found, frame: str) -> FloatArray | None:
