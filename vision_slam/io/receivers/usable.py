@@ -34,12 +34,12 @@ def usable(
     if len(bad):
         raise InputError(f"{where}: the time of fix {bad[0] + 1} is no finite number; correct or remove it.")
     values = place if sigma_m is None else np.column_stack([place, sigma_m])
-    stays: BoolArray = np.isfinite(values).all(axis=1)
+    stays: BoolArray = np.asarray(np.isfinite(values).all(axis=1), dtype=np.bool_)
     n_not_finite = int((~stays).sum())
     if not stays.any():
         raise InputError(f"{where} holds no fix with a finite place and error; record again, or correct it.")
     numbers = np.flatnonzero(stays)
-    is_same = (np.diff(time_s[numbers]) == 0.0) & (np.diff(place[numbers], axis=0) == 0.0).all(axis=1)
+    is_same = (np.diff(np.column_stack([time_s, place])[numbers], axis=0) == 0.0).all(axis=1)
     stays[numbers[1:][is_same]] = False
     _refuse_disorder(time_s, np.flatnonzero(stays), where)
     counted = (
