@@ -1,5 +1,6 @@
 """Recorded drive: images, fixes and inertial measurements with their localization."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,7 @@ from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.visual_odometry import visual_odometry
 from vision_slam.pipeline import image_config, localize, process_images
 
+logger = logging.getLogger(__name__)
 _UNIT = 1e-6
 
 
@@ -242,7 +244,10 @@ class RecordedDrive:
             return self._read_own_poses(path)
         if not is_receiver_file(path):
             return Trajectory.read(path, self.records.crs)
-        fixes, crs = read_gps(path).fixes(self.records.crs)
+        log = read_gps(path)
+        for note in log.notes:
+            logger.warning("%s: %s", path, note)
+        fixes, crs = log.fixes(self.records.crs)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(fixes), 1))
         return Trajectory(fixes.time_s, fixes.position, level, np.zeros((len(fixes), 3, 3)), crs)
 

@@ -50,6 +50,16 @@ def drive(folder: Path) -> RecordedDrive:
     return open_recording(folder, gps=folder / "phone.csv", crs=UTM)
 
 
+def test_what_is_left_out_of_a_reference_of_fixes_is_logged(
+    drive: RecordedDrive, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = ("1000,500000,6470000,5", "1001,500000,6470001,nan", "1002,500000,6470002,5")
+    (tmp_path / "rtk.csv").write_text("\n".join(["time_s,easting_m,northing_m,height_m", *rows, ""]))
+    reference = drive.read_reference(tmp_path / "rtk.csv")
+    assert reference.time_s.tolist() == [1000.0, 1002.0]
+    assert "rtk.csv: 1 fixes whose place or error is no finite number are left out" in caplog.text
+
+
 def test_images_without_wheels_take_scale_and_heading_from_the_fixes(
     drive: RecordedDrive, tmp_path: Path
 ) -> None:

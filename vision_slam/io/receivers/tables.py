@@ -68,7 +68,7 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     is_geodetic = "longitude" in names
     first, second = ("longitude", "latitude") if is_geodetic else ("easting", "northing")
     place = np.column_stack([_metres(table, names[kind]) for kind in (first, second, "height")])
-    if is_geodetic and (np.abs(place[:, 0]).max() > 360.0 or np.abs(place[:, 1]).max() > 90.0):
+    if is_geodetic and (np.abs(place[:, :2]) > (360.0, 90.0)).any():
         raise InputError(
             f"{table.where} holds places that are no degrees in {names[first]} and {names[second]}; "
             f"name columns of metres with --columns x={names[first]},y={names[second]}."

@@ -191,6 +191,7 @@ def test_a_mapping_names_columns_of_metres(tmp_path):
         ("time,lat,lon,alt\n0,46,8,500\n1,north,8,500\n", "line 3: 'north' in the column lat is no number"),
         ("time,lat,lon,alt\n2024-99-01,46,8,500\n1,46,8,500\n", "is no number and no date such as"),
         ("time,lat,lon,alt\n0,5100000,8,500\n1,5100000,8,500\n", "are no degrees"),
+        ("time,lat,lon,alt\n0,nan,nan,500\n1,5100000,8,500\n", "are no degrees"),
         ("time,lat,lon,alt,hacc\n0,46,8,500,0\n1,46,8,500,1\n", "an error that is not above 0"),
         ("time,lat,lon,alt\n", "no rows"),
     ],
