@@ -48,6 +48,7 @@ def track(request: TrackRequest) -> None:
       firnline track 2024.tif 2026.tif --days 730 -o velocity.gpkg
     """
     from sim.cli.outputs import refuse_existing
+    from survey.core.map_scale import MapScale
     from survey.data.dem import Dem
     from survey.scoring.motion.tracked_file import write_tracked
     from survey.scoring.motion.tracking import check_pair, track
@@ -67,18 +68,24 @@ def track(request: TrackRequest) -> None:
     )
     write_tracked(request.out, found, request.days, earlier.crs)
     if not request.quiet:
-        typer.echo(_summary(found, request.days))
+        scale = MapScale.over(earlier.crs, earlier.bounds).notable_factor
+        typer.echo(_summary(found, request.days * scale))
+        if scale != 1.0:
+            typer.echo(
+                f"note: {request.out.name} has displacements in metres of {earlier.crs.name}, {scale:.3f} of which are one metre on "
+                "the ground here; the speed above is on the ground"
+            )
 
 
-def _summary(found: "TrackedMotion", days: float) -> str:
-    """Return the number of windows, the median speed and its error as one sentence."""
+def _summary(found: "TrackedMotion", metres: float) -> str:
+    """Return the number of windows, the median speed and its error; `metres` of the CRS are one metre a day."""
     import numpy as np
 
     good = ~found.is_outlier
     if not good.any():
         return f"all {len(found)} windows are outliers; take larger windows, a wider search or surveys closer in time."
-    speed = np.hypot(*found.shift_m[good].T) / days
-    sigma = np.hypot(*found.sigma_m[good].T) / np.sqrt(2.0) / days
+    speed = np.hypot(*found.shift_m[good].T) / metres
+    sigma = np.hypot(*found.sigma_m[good].T) / np.sqrt(2.0) / metres
     return (
         f"{len(found)} windows, {int((~good).sum())} of them outliers; median speed {np.median(speed):.3g} m a day, "
         f"median standard deviation {np.median(sigma):.2g} m a day on either axis"

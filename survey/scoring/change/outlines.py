@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 from shapely.validation import explain_validity
@@ -13,7 +12,7 @@ from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
 from survey.io.vector import polygon_layer, read_features
 
-# Columns that carry a name, the first one present is taken: own files, the Randolph inventory, KML.
+# Columns of names, of which the first that is not empty is taken: own files, the Randolph inventory, KML.
 _NAMES = ("name", "Name", "NAME", "glac_name", "rgi_id", "RGIId", "id")
 
 
@@ -48,10 +47,11 @@ def read_outlines(path: str | Path, crs: Any) -> dict[str, Polygon | MultiPolygo
 
 
 def _names(columns: dict[str, Any], n: int) -> list[str]:
-    """Names as the file gives them, numbered where they are missing or repeated."""
-    column = next((columns[name] for name in _NAMES if name in columns), np.full(n, None, dtype=object))
+    """Return the names of the file, numbered where they are missing or repeated."""
+    present = [columns[name] for name in _NAMES if name in columns]
     names: list[str] = []
-    for index, value in enumerate(column, start=1):
-        name = "outline" if value is None or not str(value).strip() else str(value).strip()
+    for index in range(1, n + 1):
+        texts = (str(column[index - 1]).strip() for column in present if column[index - 1] is not None)
+        name = next((text for text in texts if text), "outline")
         names.append(f"{name} {index}" if name in names or name == "outline" else name)
     return names

@@ -42,3 +42,17 @@ def test_rasters_on_different_grids_are_refused_with_one_sentence():
     done = CliRunner().invoke(app, ["track", "a.tif", "c.tif", "--days", "4"])
     assert done.exit_code == 3
     assert "different grids" in done.output
+
+
+@pytest.mark.usefixtures("pair")
+def test_speeds_in_a_stretched_projection_are_those_on_the_ground():
+    for name in ("a.tif", "b.tif"):
+        dem = Dem.read(name)
+        # 60° N, where a metre on the ground is two of Web Mercator.
+        grid = Grid((0.0, 8_400_000.0, 300.0, 8_400_300.0), 3.0, "EPSG:3857")
+        Dem.on(grid, dem.elevation).write(f"mercator_{name}")
+    options = ["--days", "4", "--window", "21", "--search", "6", "-o", "m.gpkg"]
+    done = CliRunner().invoke(app, ["track", "mercator_a.tif", "mercator_b.tif", *options])
+    assert done.exit_code == 0, done.output
+    assert "median speed 0.79" in done.output
+    assert "of which are one metre on the ground here" in done.output

@@ -32,6 +32,13 @@ def test_missing_and_repeated_names_are_numbered(tmp_path: Path) -> None:
     assert list(read_outlines(file, UTM)) == ["ice", "ice 2", "outline 3"]
 
 
+def test_an_empty_name_gives_way_to_the_number_of_the_inventory(tmp_path: Path) -> None:
+    file = written(
+        tmp_path, [ICE, ICE], Name=["", "Hintereisferner"], RGIId=["RGI60-11.00001", "RGI60-11.00897"]
+    )
+    assert list(read_outlines(file, UTM)) == ["RGI60-11.00001", "Hintereisferner"]
+
+
 def test_outlines_are_moved_to_the_crs_of_the_surveys(tmp_path: Path) -> None:
     (outline,) = read_outlines(written(tmp_path, [ICE], name=["ice"]), CRS.from_epsg(32607)).values()
     assert outline.area == pytest.approx(2500.0, rel=0.01)
