@@ -16,6 +16,7 @@ from vision_slam.agreement.steps import (
     align_drive,
     check_start,
     correct_delay,
+    drop_far_fixes,
     drop_refused_fixes,
     drop_repeated_fixes,
     fit_memory,
@@ -100,7 +101,14 @@ def localize(
     if visual is not None and visual.ignores_wheels:
         recording = replace(recording, wheels=None)
     drive = measure_motion(recording, settings, visual)
-    for step in (drop_repeated_fixes, scale_to_fixes, check_start, align_drive, correct_delay):
+    for step in (
+        drop_far_fixes,
+        drop_repeated_fixes,
+        scale_to_fixes,
+        check_start,
+        align_drive,
+        correct_delay,
+    ):
         drive = step(drive)
     drive = widen_errors(drive)
     accepted = add_loop_closures(fit_turn_errors(fit_memory(drop_refused_fixes(drive))))

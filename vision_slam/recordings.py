@@ -12,7 +12,8 @@ from survey.data.camera.frames import ImageFiles
 from survey.data.recording import Recording
 from vision_slam.io.bags.reading import is_bag, read_bag
 from vision_slam.io.calibrations import read_calibration
-from vision_slam.io.gps_files import GpsLog, read_gps
+from vision_slam.io.gps_files import read_gps
+from vision_slam.io.gps_log import GpsLog
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.io.readers import read_sequence
 from vision_slam.io.sequence import ImageSequence, georeference, scale_by_reference

@@ -15,6 +15,25 @@ from vision_slam.fusion.visual_scale import fit_scale, scale_visual_odometry
 
 _MANY_REFUSED = 3
 _CLOCK_SIGMAS = 2.0
+_FARTHEST_M = 1e5  # farther than a rover drives in one recording
+
+
+def drop_far_fixes(drive: Drive) -> Drive:
+    """Remove fixes more than 100 km from the median of all, which no odometry explains; note how many.
+
+    A start that was not surveyed is the first remaining fix where it is as far away.
+    """
+    gps, start = drive.recording.gps, drive.recording.start
+    middle = np.median(gps.position, axis=0)
+    is_near = np.hypot(*(gps.position - middle)[:, :2].T) < _FARTHEST_M
+    n = int((~is_near).sum())
+    if n == 0 or is_near.sum() < gps.LEAST:
+        return drive
+    near = gps.select(is_near)
+    if not drive.recording.start_is_surveyed and np.hypot(*(start - middle)[:2]) >= _FARTHEST_M:
+        start = near.position[0]
+    dropped = replace(drive, recording=replace(drive.recording, gps=near, start=start))
+    return dropped.noted(f"{n} fixes lie more than 100 km from the others and were left out")
 
 
 def drop_repeated_fixes(drive: Drive) -> Drive:

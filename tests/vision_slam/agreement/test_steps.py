@@ -11,7 +11,7 @@ from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
 from vision_slam.agreement.disagreement import reconcile
 from vision_slam.agreement.drive import Drive
-from vision_slam.agreement.steps import align_drive, note_delay, scale_to_fixes, widen_errors
+from vision_slam.agreement.steps import align_drive, drop_far_fixes, note_delay, scale_to_fixes, widen_errors
 from vision_slam.config import LocalizationConfig
 from vision_slam.fusion.smoother import smooth
 from vision_slam.inertial.dead_reckoning import dead_reckoning
@@ -92,3 +92,16 @@ def test_the_clock_that_precise_fixes_are_assumed_to_have_is_noted(wandering: Dr
     assert "clock of the images" in note_delay(wandering, path).notes[-1]
     stated = wandering.config.model_copy(update={"clock_sigma_s": 0.0})
     assert note_delay(replace(wandering, config=stated), path).notes == ()
+
+
+@pytest.mark.parametrize("k", [0, 30])
+def test_fixes_that_no_drive_reaches_are_left_out(wandering: Drive, k: int) -> None:
+    gps = wandering.recording.gps
+    place = gps.position.copy()
+    place[k, :2] += [-7e5, -6.4e6]
+    recording = replace(wandering.recording, gps=replace(gps, position=place), start=place[0])
+    found = drop_far_fixes(replace(wandering, recording=recording))
+    assert found.notes == ("1 fixes lie more than 100 km from the others and were left out",)
+    np.testing.assert_array_equal(found.recording.gps.time_s, np.delete(gps.time_s, k))
+    assert np.abs(found.recording.start - gps.position[0]).max() < 10.0
+    assert drop_far_fixes(wandering) is wandering

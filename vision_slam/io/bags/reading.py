@@ -25,7 +25,7 @@ from vision_slam.io.bags.messages import (
     decode_wheels,
     stamp_s,
 )
-from vision_slam.io.gps_files import GpsLog
+from vision_slam.io.gps_log import GpsLog
 from vision_slam.io.images import bits_used, eight_bits, scaling_note
 from vision_slam.io.sequence import ImageSequence
 from vision_slam.io.sequence_files import FORWARD
@@ -296,7 +296,8 @@ def _log(found: _Found, place: Path) -> GpsLog:
         )
     rows = np.array(found.fixes)
     sigma_m = rows[:, 4] if (rows[:, 4] > 0.0).all() else None
-    return GpsLog(rows[:, 0], rows[:, 1:4], True, True, found.n_without_fix, ELLIPSOIDAL, sigma_m)
+    log = GpsLog(rows[:, 0], rows[:, 1:4], True, True, found.n_without_fix, ELLIPSOIDAL, sigma_m)
+    return log.without_zero_places(str(place))
 
 
 def _on_body(found: _Found, frame: str) -> FloatArray | None:
