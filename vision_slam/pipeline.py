@@ -124,6 +124,7 @@ def localize(
         n_fixes_refused=drive.online.n_fixes - int(drive.used_fixes.sum()),
         notes=accepted.notes,
         ice_motion=path.ice_motion,
+        landmarks_hold=not accepted.follows_fixes,
     )
 
 

@@ -140,10 +140,10 @@ def _with_all_fixes(drive: Drive, agreement: Agreement) -> Agreement:
 def follow_fixes(drive: Drive) -> Drive:
     """Replace odometry that predicts the fixes worse than their neighbours do by lines between them."""
     recording, config = along_fixes(drive.recording, drive.config)
-    followed = replace(drive, recording=recording, config=config)
+    followed = replace(drive, recording=recording, config=config, follows_fixes=True)
     return followed.noted(
-        "odometry and fixes disagree so much that lines between the fixes predict them better; the path is that of the fixes: "
-        "check focal length, lens distortion, order of the images and times"
+        "odometry and fixes disagree so much that lines between the fixes predict them better; the path is that of the fixes, "
+        "and landmarks are not to be mapped: check focal length, lens distortion, order of the images and times"
     )
 
 

@@ -43,6 +43,9 @@ def test_images_of_others_that_are_worse_than_none_are_replaced_by_lines_between
 ) -> None:
     found = widen_errors(wandering)
     assert "lines between the fixes" in found.notes[-1]
+    assert "landmarks are not to be mapped" in found.notes[-1]
+    assert found.follows_fixes
+    assert not wandering.follows_fixes
     path = dead_reckoning(found.recording.odometry, found.recording.start)
     assert np.abs(path[::5] - wandering.recording.gps.position).max() < 1e-6
 

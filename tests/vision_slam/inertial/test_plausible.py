@@ -51,7 +51,9 @@ def test_ticks_are_refused_and_coarse_encoders_are_not() -> None:
     rolled = 0.05 * np.floor(np.clip(times - 100.0, 0.0, None) / 0.05)
     refuse_other_units(None, Wheels(times, rolled, rolled))
     refuse_other_units(None, Wheels([0.0, 0.1], [0.0, 0.1], [0.0, 0.1]))
-    with pytest.raises(InputError, match=r"a median of 50 m/s.* ticks or millimetres, convert them to metres"):
+    with pytest.raises(
+        InputError, match=r"a median of 50 m/s.* ticks or millimetres, convert them to metres"
+    ):
         refuse_other_units(None, Wheels(times, 50.0 * rolled, 50.0 * rolled))
 
 
