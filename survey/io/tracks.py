@@ -81,6 +81,25 @@ def read_track(path: str | Path, crs: CRS) -> tuple[FloatArray, FloatArray]:
     return time_s, np.column_stack([xy, heights])
 
 
+def track_crs(path: str | Path) -> CRS | None:
+    """Return the CRS of a ``.gpx`` or ``.gpkg`` track as its file states it.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    pyproj.CRS or None
+        WGS 84 for ``.gpx``; None where the file states none.
+    """
+    if Path(path).suffix.lower() == ".gpx":
+        return _WGS84
+    stated = read_features(path, what="the track").crs
+    return None if stated is None else CRS(stated)
+
+
 def _write_gpx(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS) -> None:
     degrees = np.round(transformed(xyz[:, :2], crs, _WGS84, "the track"), 9)
     dates = [_EPOCH + timedelta(milliseconds=round(1e3 * t)) for t in time_s.tolist()]
