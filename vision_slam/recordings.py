@@ -10,7 +10,7 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import ImageFiles
 from survey.data.recording import Recording
-from vision_slam.inertial.plausible import refuse_other_units
+from vision_slam.inertial.units import refuse_other_units
 from vision_slam.io.bags.reading import is_bag, read_bag
 from vision_slam.io.calibrations import read_calibration
 from vision_slam.io.gps_files import read_gps
