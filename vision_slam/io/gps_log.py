@@ -16,6 +16,7 @@ from survey.data.sensors.aiding import GpsFixes
 
 WGS84 = CRS.from_epsg(4326)
 logger = logging.getLogger(__name__)
+_NEAR = 0.015  # 100 km over the radius of the Earth
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,11 @@ class GpsLog:
 
     @property
     def utm(self) -> CRS | None:
-        """The UTM zone of the first fix, polar stereographic near the poles; None where the file has metres already."""
-        return chosen_crs(self.place[:1, 0], self.place[:1, 1]) if self.is_geodetic else None
+        """The UTM zone of the first fix near the others, polar stereographic near the poles; None where the file has metres."""
+        if not self.is_geodetic:
+            return None
+        longitude, latitude = self.place[_first_near(self.place)][:2, None]
+        return chosen_crs(longitude, latitude)
 
     def fixes(self, crs: CRS | str | None = None) -> tuple[GpsFixes, CRS]:
         """Return the fixes in a projected CRS, and which one that is: the UTM zone of the first fix unless named.
@@ -133,3 +137,11 @@ class GpsLog:
             sigma_m=None if self.sigma_m is None else self.sigma_m[~is_zero],
             notes=(*self.notes, note),
         )
+
+
+def _first_near(place: FloatArray) -> int:
+    """Return the number of the first fix within 100 km of the median of all; 0 where none is."""
+    longitude, latitude = np.radians(place[:, 0]), np.radians(place[:, 1])
+    flat = np.cos(latitude)
+    upward = np.column_stack([flat * np.cos(longitude), flat * np.sin(longitude), np.sin(latitude)])
+    return int(np.argmax(np.linalg.norm(upward - np.median(upward, axis=0), axis=1) < _NEAR))

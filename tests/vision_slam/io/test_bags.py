@@ -102,7 +102,7 @@ class Bag:
             header=self.header(second),
             status=fix_status,
             latitude=latitude,
-            longitude=-135.0,
+            longitude=0.0 if latitude == 0.0 else -135.0,
             altitude=7.0,
             position_covariance=np.diag([sigma_m**2, sigma_m**2, 4.0 * sigma_m**2]).ravel(),
             position_covariance_type=2 if sigma_m > 0.0 else 0,
@@ -213,6 +213,18 @@ def test_fixes_that_state_a_covariance_keep_it(tmp_path: Path) -> None:
     assert stated.sigma_m.tolist() == pytest.approx([0.02, 0.3])
     assert partly is not None
     assert partly.sigma_m is None
+
+
+def test_fixes_of_a_bag_at_longitude_and_latitude_zero_are_left_out(tmp_path: Path) -> None:
+    with second_bag(tmp_path / "bag") as bag:
+        bag.calibration("/camera_info")
+        bag.image("/image", 1.0, NOISE[0], "mono8")
+        for k, latitude in enumerate((0.0, 58.4, 58.5)):
+            bag.fix(1.0 + k, latitude, 0, 0.02)
+    log = read_bag(tmp_path / "bag").gps
+    assert log is not None
+    assert log.place[:, 1].tolist() == [58.4, 58.5]
+    assert log.notes == ("1 fixes at longitude and latitude 0 are left out",)
 
 
 @pytest.mark.parametrize("is_split", [False, True])

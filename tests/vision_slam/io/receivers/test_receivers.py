@@ -321,3 +321,12 @@ def test_a_log_of_zeros_alone_is_refused_and_metres_may_be_zero(tmp_path):
         read_gps(file)
     file.write_text("time_s,easting_m,northing_m,height_m\n0,0,0,0\n1,1,0,0\n")
     assert len(read_gps(file).time_s) == 2
+
+
+def test_a_first_fix_far_from_the_others_does_not_choose_the_zone(tmp_path):
+    file = tmp_path / "log.csv"
+    rows = ["0,10,20,0", "1,46,179.99,500", "2,46,-179.99,500", "3,46,-179.98,500"]
+    file.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows, ""]))
+    assert read_gps(file).utm.to_epsg() == 32660
+    file.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows[2:], ""]))
+    assert read_gps(file).utm.to_epsg() == 32601
