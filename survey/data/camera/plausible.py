@@ -8,6 +8,7 @@ from survey.core.errors import InputError
 _LEAST_FOCAL = 0.1  # focal length over the width of the image; a fisheye lens of 180° has 0.3
 _MOST_UNEQUAL = 1.3
 _MOST_SKEW_PX = 1.0
+_FARTHEST_M = 50.0
 _TOLERANCE = 1e-6
 
 
@@ -82,7 +83,7 @@ def refuse_impossible_mounting(pose: FloatArray) -> None:
     Raises
     ------
     InputError
-        Transposed, or without a rotation.
+        Transposed, without a rotation, or farther from the body than 50 m.
 
     Examples
     --------
@@ -97,4 +98,9 @@ def refuse_impossible_mounting(pose: FloatArray) -> None:
         row = " ".join(f"{value:g}" for value in pose[3].tolist())
         raise InputError(
             f"T_body_camera of the camera has the bottom row {row}; 0 0 0 1 was expected, {remedy}."
+        )
+    shift_m = float(np.linalg.norm(pose[:3, 3]))
+    if shift_m > _FARTHEST_M:
+        raise InputError(
+            f"T_body_camera puts the camera {shift_m:.0f} m from the origin of the body; write its last column in metres."
         )

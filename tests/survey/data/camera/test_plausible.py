@@ -58,6 +58,10 @@ def test_a_mounting_that_is_none_is_refused_with_what_to_do() -> None:
         (shifted.T, "bottom row 0.5 0 1.2 1; 0 0 0 1 was expected, transpose it"),
         (np.diag([1.0, 1.0, 1.0, 2.0]), "bottom row 0 0 0 2; 0 0 0 1 was expected, correct it"),
         (np.diag([1.0, 1.0, -1.0, 1.0]), "holds no rotation"),
+        (
+            shifted * np.where(np.arange(4) == 3, [[1e3], [1e3], [1e3], [1.0]], 1.0),
+            "1300 m .* column in metres",
+        ),
     ):
         with pytest.raises(InputError, match=words):
             _camera(MATRIX, pose)
