@@ -29,7 +29,7 @@ class DriveEstimate:
     position, quaternion : (N, 3) and (N, 4) ndarray
         Poses of the body; the quaternion as x, y, z, w.
     landmarks : (M, 3) ndarray
-        Points of the surface.
+        Points of the surface; none where the fixes contradict the images too much.
     sigma_z_m : (M,) ndarray
         Standard deviation of their elevation [m].
     visual_odometry : VisualOdometry, optional
@@ -75,15 +75,15 @@ class DriveEstimate:
         Returns
         -------
         DriveEstimate
-            In the CRS of the recording.
+            In the CRS of the recording; without landmarks where these do not hold.
         """
-        path, points = result.trajectory, result.points
+        path, points = result.trajectory, result.points if result.landmarks_hold else None
         return cls(
             path.time_s,
             path.position,
             path.quaternion,
-            points.xyz,
-            points.sigma_z,
+            np.zeros((0, 3)) if points is None else points.xyz,
+            np.zeros(0) if points is None else points.sigma_z,
             result.visual_odometry,
             path,
             None,

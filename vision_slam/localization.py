@@ -34,6 +34,9 @@ class Localization(DataObject):
     ice_motion : IceMotion, optional
         Motion of the ice after all sensors, where the recording was reduced to an epoch; path and landmarks are then those
         of the epoch.
+    landmarks_hold : bool
+        False where the fixes contradict the images so much that the path is that of the fixes: `points` are then not to be
+        mapped.
     notes : tuple of str
         One sentence for each correction of the input or assumption about it.
     """
@@ -46,3 +49,4 @@ class Localization(DataObject):
     n_fixes_refused: int = 0
     notes: tuple[str, ...] = ()
     ice_motion: IceMotion | None = None
+    landmarks_hold: bool = True

@@ -16,6 +16,7 @@ from vision_slam.agreement.steps import (
     align_drive,
     check_start,
     correct_delay,
+    drop_far_fixes,
     drop_fixes_in_gaps,
     drop_refused_fixes,
     drop_repeated_fixes,
@@ -102,6 +103,7 @@ def localize(
         recording = replace(recording, wheels=None)
     drive = measure_motion(recording, settings, visual)
     for step in (
+        drop_far_fixes,
         drop_repeated_fixes,
         drop_fixes_in_gaps,
         scale_to_fixes,
@@ -124,6 +126,7 @@ def localize(
         n_fixes_refused=drive.online.n_fixes - int(drive.used_fixes.sum()),
         notes=accepted.notes,
         ice_motion=path.ice_motion,
+        landmarks_hold=not accepted.follows_fixes,
     )
 
 

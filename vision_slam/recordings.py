@@ -10,12 +10,14 @@ from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import ImageFiles
 from survey.data.recording import Recording
+from vision_slam.inertial.units import refuse_other_units
 from vision_slam.io.bags.reading import is_bag, read_bag
 from vision_slam.io.calibrations import read_calibration
-from vision_slam.io.gps_files import GpsLog, read_gps
+from vision_slam.io.gps_files import read_gps
+from vision_slam.io.gps_log import GpsLog
 from vision_slam.io.images import refuse_cut_off, refuse_other_sizes
 from vision_slam.io.readers import read_sequence
-from vision_slam.io.sequence import ImageSequence, georeference, scale_by_reference
+from vision_slam.io.sequence import ImageSequence, VisionRecords, georeference, scale_by_reference
 from vision_slam.recorded_drive import RecordedDrive
 
 
@@ -105,6 +107,7 @@ def _read_images(
         sequence = read_sequence(place, camera, frame_rate_hz)
     if len(sequence.frames) < 2:
         raise InputError(f"{place} holds one image; motion needs at least two.")
+    _refuse_other_units(sequence, place)
     return sequence
 
 
@@ -127,4 +130,13 @@ def _firnline_recording(place: Path) -> RecordedDrive:
         for file in frames.images.files:
             refuse_cut_off(file)
         refuse_other_sizes(frames.images.files, camera)
+    _refuse_other_units(recording, place)
     return RecordedDrive(recording)
+
+
+def _refuse_other_units(records: VisionRecords, place: Path) -> None:
+    """Refuse inertial readings and encoders in other units or axes, with the name of the recording."""
+    try:
+        refuse_other_units(records.inertial, records.wheels)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from error

@@ -39,7 +39,8 @@ def write_localization(folder: Path, estimate: DriveEstimate) -> None:
     """Write path, landmarks and frame health into an empty folder.
 
     With a CRS there are also ``trajectory.csv`` with covariances, ``online_trajectory.csv``
-    with the causal path, ``track.gpkg`` and ``landmarks.gpkg``; without, ``path.csv`` has the
+    with the causal path, ``track.gpkg`` and ``landmarks.gpkg``, but no landmarks where the fixes contradict the images
+    too much; without, ``path.csv`` has the
     standard deviations of the positions relative to the first. On moving ice they are those of the
     epoch; ``trajectory_fixed.csv`` is the path in fixed coordinates, ``ice_motion.json`` the motion.
 
@@ -79,6 +80,8 @@ def _write_landmarks(folder: Path, estimate: DriveEstimate) -> None:
     if estimate.points is not None:
         estimate.points.write(folder / "landmarks.csv")
         estimate.points.write(folder / "landmarks.gpkg")
+        return
+    if estimate.trajectory is not None:  # they do not hold
         return
     x, y, z = estimate.landmarks.T
     columns = {"x_m": x, "y_m": y, "z_m": z, "sigma_z_m": estimate.sigma_z_m}

@@ -47,7 +47,7 @@ from survey.core.errors import FirnlineError
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from vision_slam.drive_estimate import DriveEstimate
-from vision_slam.io.gps_files import GpsLog
+from vision_slam.io.gps_log import GpsLog
 from vision_slam.io.sequence import ImageSequence, georeference
 from vision_slam.odometry.odometer import VisualOdometry
 from vision_slam.odometry.visual_odometry import visual_odometry

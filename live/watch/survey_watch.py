@@ -38,7 +38,8 @@ class SurveyWatch:
     every_m : float
         Distance between updates of the map [m].
     grid_m : float, optional
-        Step of the map [m]; a sixtieth of the longer side by default.
+        Step of the map [m]; a sixtieth of the longer side by default. The map reaches beyond the area by less
+        than a step.
     advice : Advice, optional
         That of the last swath.
     samples : list of Sample
@@ -64,7 +65,7 @@ class SurveyWatch:
         self._warnings = RoverWarnings()
         self._mapped_m = 0.0
         step = self.grid_m or max(east - west, north - south) / _NODES_ACROSS
-        self.grid = Grid((west, south, east, north), step, self.area.crs)
+        self.grid = Grid.over((west, south, east, north), step, self.area.crs)
 
     def take(self, sample: Sample) -> list[Event]:
         """Take a sample, and return what it changes.

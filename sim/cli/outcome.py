@@ -22,6 +22,7 @@ UNUSABLE = 3
 NOT_MET = 5
 INTERRUPTED = 130
 OUTPUT_CLOSED = 141
+_TRACEBACK = "FIRNLINE_TRACEBACK"
 _INTERRUPTED_SENTENCE = (
     "interrupted; complete results stay as they were, and the same command can be run again."
 )
@@ -38,7 +39,8 @@ def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     Returns
     -------
     callable
-        The same command; with ``-vv`` an internal fault also prints its traceback.
+        The same command; with ``-vv``, or with FIRNLINE_TRACEBACK=1 in the environment, an internal fault also prints
+        its traceback.
     """
 
     @functools.wraps(command)
@@ -49,7 +51,7 @@ def with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
         except (typer.Exit, typer.Abort):
             raise
         except (Exception, KeyboardInterrupt) as error:
-            _end(error)
+            _end(error, has_verbose="verbose" in kwargs)
         return result
 
     return guarded
@@ -86,8 +88,8 @@ def run_guarded(run: Callable[[], None]) -> None:
             raise SystemExit(ending.exit_code) from error
 
 
-def _end(error: BaseException) -> NoReturn:
-    """Say what happened and leave with the exit code that belongs to it."""
+def _end(error: BaseException, *, has_verbose: bool = False) -> NoReturn:
+    """Print what happened and leave with the exit code that belongs to it."""
     if isinstance(error, KeyboardInterrupt):  # first, as it may have interrupted the imports of what follows
         _leave(_INTERRUPTED_SENTENCE, INTERRUPTED, error)
     if isinstance(error, BrokenPipeError):
@@ -102,11 +104,12 @@ def _end(error: BaseException) -> NoReturn:
     if sentence is not None:
         _leave(printable(sentence), UNUSABLE, error)
     logging.getLogger("firnline").debug("%s", traceback.format_exc())
-    if "-vv" in sys.argv:
+    if "-vv" in sys.argv or os.environ.get(_TRACEBACK):
         traceback.print_exception(error)
+    way = "-vv" if has_verbose else f"{_TRACEBACK}=1 before the command"
     _leave(
         printable(
-            f"internal fault, {type(error).__name__}: {error}; report it with the traceback that -vv prints."
+            f"internal fault, {type(error).__name__}: {error}; report it with the traceback that {way} prints."
         ),
         1,
         error,

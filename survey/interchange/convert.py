@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from survey.core.crs.agreement import agreed_crs
 from survey.core.crs.checks import projected_crs
+from survey.core.crs.choice import chosen_crs
 from survey.core.crs.vertical_datum import datum_of_file
 from survey.core.errors import InputError
 from survey.data.area import SurveyArea
@@ -25,8 +26,9 @@ from survey.io.raster import (
     write_raster,
 )
 from survey.io.raster.large.conversion import convert_in_windows
-from survey.io.tracks import write_track
+from survey.io.tracks import read_track, track_crs, write_track
 
+_TRACKS = (".gpx", ".gpkg")
 FileKind = Literal["raster", "points", "track", "area"]
 
 
@@ -37,7 +39,8 @@ def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = N
     ----------
     source, out : str or pathlib.Path
         Rasters are read from whatever GDAL knows and written as .tif, .asc or .nc; points as .csv, .gpkg,
-        .geojson, .las, .laz or .ply; trajectories (.csv, .tum) as .tum, .txt (KITTI), .gpx or .gpkg; areas
+        .geojson, .las, .laz or .ply; trajectories (.csv, .tum) as .tum, .txt (KITTI), .gpx or .gpkg; tracks of
+        places (.gpx, .gpkg) as .gpx or .gpkg; areas
         as .geojson, .gpkg, .kml or .shp.
     kind : {"raster", "points", "track", "area"}
         What the source holds.
@@ -57,6 +60,8 @@ def convert(source: str | Path, out: str | Path, kind: FileKind, *, crs: Any = N
         write_point_table(out, table._replace(crs=_one(table.crs, crs, source), vertical_datum=datum))
     elif kind == "area":
         SurveyArea.read(source, crs=crs).write(out)
+    elif Path(source).suffix.lower() in _TRACKS:
+        _places(source, Path(out), crs)
     else:
         _track(Trajectory.read(source, projected_crs(crs, str(source))), Path(out))
 
@@ -81,12 +86,30 @@ def _track(path: Trajectory, out: Path) -> None:
     elif suffix == ".txt":
         turn = Rotation.from_quat(path.quaternion).as_matrix()
         write_kitti(out, np.concatenate([turn, path.position[:, :, None]], axis=2))
-    elif suffix in (".gpx", ".gpkg"):
+    elif suffix in _TRACKS:
         write_track(out, path.time_s, path.position, path.crs)
     else:
         raise InputError(
             f"{out.name} ends in {suffix!r}; a track is written as .tum, .txt (KITTI), .gpx or .gpkg."
         )
+
+
+def _places(source: str | Path, out: Path, crs: Any) -> None:
+    """Write a track that has times and places, but no attitudes."""
+    if out.suffix.lower() not in _TRACKS:
+        raise InputError(
+            f"{source} holds places without attitudes, and {out.name} needs both; export the trajectory.csv that firnline "
+            "localize writes beside track.gpkg, or write .gpx or .gpkg."
+        )
+    stated = track_crs(source)
+    if stated is not None and stated.is_geographic:
+        degrees = read_track(source, stated)[1]
+        working = (
+            chosen_crs(degrees[:1, 0], degrees[:1, 1], stated) if crs is None else projected_crs(crs, "--crs")
+        )
+    else:
+        working = projected_crs(_one(stated, crs, source), str(source))
+    write_track(out, *read_track(source, working), working)
 
 
 def _one(stated: Any, named: Any, source: str | Path) -> Any:

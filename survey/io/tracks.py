@@ -112,6 +112,25 @@ def _places(shapes: Any, heights: FloatArray, source: Any, crs: CRS, path: str |
     return np.column_stack([xy, heights])
 
 
+def track_crs(path: str | Path) -> CRS | None:
+    """Return the CRS of a ``.gpx`` or ``.gpkg`` track as its file states it.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    pyproj.CRS or None
+        WGS 84 for ``.gpx``; None where the file states none.
+    """
+    if Path(path).suffix.lower() == ".gpx":
+        return _WGS84
+    stated = read_features(path, what="the track").crs
+    return None if stated is None else CRS(stated)
+
+
 def _write_gpx(path: str | Path, time_s: FloatArray, xyz: FloatArray, crs: CRS) -> None:
     degrees = np.round(transformed(xyz[:, :2], crs, _WGS84, "the track"), 9)
     unix_s = time_s if (time_s > _UNIX_FROM_S).all() else time_s + _EPOCH_S

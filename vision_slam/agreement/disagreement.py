@@ -20,6 +20,8 @@ _JUMPS = -15.0
 _FASTER = (0.5, 0.25, 0.125, 0.0625)
 # Squared Mahalanobis distance of a refused fix that agrees after all (χ² of two dimensions, 99 %).
 _GATE = 9.21
+# Least variance of a difference in any direction, as a share of the sum of both.
+_LEAST_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,19 @@ def _readmitted(
     own = variance[:, None, None] * np.eye(2)
     off = (gps.position - at)[:, :2]
     spread = smoothed.covariance[nearest, :2, :2] + own
-    squared = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[:, :, None])[:, :, 0])
+    squared = _squared_distance(off, spread)
     inside = (gps.time_s >= odometry.time_s[0]) & (gps.time_s <= odometry.time_s[-1])
     readmitted: BoolArray = used | (inside & (squared < _GATE))
     return readmitted
+
+
+def _squared_distance(off: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return squared Mahalanobis distances (N,) of differences (N, 2) with covariances (N, 2, 2), singular ones too.
+
+    A covariance that fixes thousands of kilometres away have widened may be singular to its last digit: its shorter axis
+    is at least a millionth of the longer one.
+    """
+    least = _LEAST_SHARE * np.trace(spread, axis1=1, axis2=2)
+    solved = np.linalg.solve(spread + least[:, None, None] * np.eye(2), off[:, :, None])
+    squared: FloatArray = np.einsum("ni,ni->n", off, solved[:, :, 0])
+    return squared

@@ -23,7 +23,7 @@ class Drive:
 
     ``visual`` is None where the odometry was processed elsewhere; ``used`` (M,) are the fixes to use
     where these are others than the filter accepted; ``undelayed`` is the drive with the fixes at their recorded
-    times, where a delay was corrected.
+    times, where a delay was corrected; ``follows_fixes`` whether lines between the fixes have replaced the odometry.
     """
 
     recording: OdometryRecording
@@ -32,6 +32,7 @@ class Drive:
     notes: tuple[str, ...] = ()
     used: BoolArray | None = None
     undelayed: "Drive | None" = None
+    follows_fixes: bool = False
 
     @cached_property
     def path(self) -> FloatArray:

@@ -20,6 +20,25 @@ _MANY_REFUSED = 3
 _CLOCK_SIGMAS = 2.0
 # Steps of the odometry that take longer have no pose for the fixes within [s].
 _GAP_S = 1.5
+_FARTHEST_M = 1e5  # farther than a rover drives in one recording
+
+
+def drop_far_fixes(drive: Drive) -> Drive:
+    """Remove fixes more than 100 km from the median of all, which no odometry explains; note how many.
+
+    A start that was not surveyed is the first remaining fix where it is as far away.
+    """
+    gps, start = drive.recording.gps, drive.recording.start
+    middle = np.median(gps.position, axis=0)
+    is_near = np.hypot(*(gps.position - middle)[:, :2].T) < _FARTHEST_M
+    n = int((~is_near).sum())
+    if n == 0 or is_near.sum() < gps.LEAST:
+        return drive
+    near = gps.select(is_near)
+    if not drive.recording.start_is_surveyed and np.hypot(*(start - middle)[:2]) >= _FARTHEST_M:
+        start = near.position[0]
+    dropped = replace(drive, recording=replace(drive.recording, gps=near, start=start))
+    return dropped.noted(f"{n} fixes lie more than 100 km from the others and were left out")
 
 
 def drop_repeated_fixes(drive: Drive) -> Drive:
@@ -160,10 +179,10 @@ def _with_all_fixes(drive: Drive, agreement: Agreement) -> Agreement:
 def follow_fixes(drive: Drive) -> Drive:
     """Replace odometry that predicts the fixes worse than their neighbours do by lines between them."""
     recording, config = along_fixes(drive.recording, drive.config)
-    followed = replace(drive, recording=recording, config=config)
+    followed = replace(drive, recording=recording, config=config, follows_fixes=True)
     return followed.noted(
-        "odometry and fixes disagree so much that lines between the fixes predict them better; the path is that of the fixes: "
-        "check focal length, lens distortion, order of the images and times"
+        "odometry and fixes disagree so much that lines between the fixes predict them better; the path is that of the fixes, "
+        "and landmarks are not to be mapped: check focal length, lens distortion, order of the images and times"
     )
 
 

@@ -3,23 +3,17 @@
 import csv
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pyproj import CRS
 
-from survey.core.arrays import FloatArray
-from survey.core.crs.checks import projected_crs
-from survey.core.crs.choice import chosen_crs
-from survey.core.crs.transformation import transformed
-from survey.core.crs.vertical_datum import UNSTATED
 from survey.core.errors import ConfigError, InputError
 from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
-from survey.data.sensors.aiding import GpsFixes
 from survey.io.tables import read_table
 from survey.io.tracks import read_gpx
+from vision_slam.io.gps_log import WGS84, GpsLog
 from vision_slam.io.receivers.gnss_logger import read_gnss_logger
 from vision_slam.io.receivers.nmea import read_nmea
 from vision_slam.io.receivers.rows import ReceiverFixes
@@ -28,87 +22,12 @@ from vision_slam.io.receivers.ublox import SYNC, read_ublox
 from vision_slam.io.receivers.usable import usable
 from vision_slam.io.rtklib import read_positions
 
-WGS84 = CRS.from_epsg(4326)
 _DEGREES = ("time_s", "latitude_deg", "longitude_deg", "height_m")
 _METRES = ("time_s", "easting_m", "northing_m", "height_m")
 
 
-@dataclass(frozen=True)
-class GpsLog:
-    """Fixes of a receiver as its file has them.
-
-    Parameters
-    ----------
-    time_s : (N,) ndarray
-        Times of the fixes [s]: Unix time when `is_dated`, else as the file counts.
-    place : (N, 3) ndarray
-        Longitude, latitude [deg] and height [m] where `is_geodetic`, else easting, northing
-        and height [m] in a CRS that the file does not name.
-    is_geodetic, is_dated : bool
-        See above.
-    n_without_fix : int
-        Records that the receiver itself marked as no fix; they are left out.
-    vertical_datum : str
-        What heights count from; ``""`` when the file does not state it.
-    sigma_m : (N,) ndarray, optional
-        Horizontal standard deviation of each fix [m], where the file states it or its quality.
-    notes : tuple of str
-        What the reader chose or left out, one sentence each.
-    """
-
-    time_s: FloatArray
-    place: FloatArray
-    is_geodetic: bool = True
-    is_dated: bool = False
-    n_without_fix: int = 0
-    vertical_datum: str = UNSTATED
-    sigma_m: FloatArray | None = None
-    notes: tuple[str, ...] = ()
-
-    @property
-    def utm(self) -> CRS | None:
-        """The UTM zone of the first fix, polar stereographic near the poles; None where the file has metres already."""
-        return chosen_crs(self.place[:1, 0], self.place[:1, 1]) if self.is_geodetic else None
-
-    def fixes(self, crs: CRS | str | None = None) -> tuple[GpsFixes, CRS]:
-        """Return the fixes in a projected CRS, and which one that is: the UTM zone of the first fix unless named.
-
-        Parameters
-        ----------
-        crs : str or pyproj.CRS, optional
-            Projected CRS; needed for files in metres.
-
-        Returns
-        -------
-        fixes : GpsFixes
-            Positions in the CRS [m].
-        crs : pyproj.CRS
-            The working CRS.
-
-        Raises
-        ------
-        ConfigError
-            The file has metres, and no CRS is named.
-        InputError
-            Fewer than two fixes, times that do not increase, or places beyond the CRS.
-
-        Examples
-        --------
-        >>> log = GpsLog(np.array([0.0, 1.0]), np.array([[-135.0, 58.4, 5.0], [-135.0, 58.5, 5.0]]))
-        >>> log.fixes()[1].to_epsg()
-        32608
-        """
-        if crs is None and self.utm is None:
-            raise ConfigError("the fixes are in metres, and the file names no CRS; name one with --crs.")
-        target = projected_crs(self.utm if crs is None else crs, "the fixes")
-        if not self.is_geodetic:
-            return GpsFixes(self.time_s, self.place, self.sigma_m), target
-        xy = transformed(self.place[:, :2], WGS84, target, "the fixes")
-        return GpsFixes(self.time_s, np.column_stack([xy, self.place[:, 2]]), self.sigma_m), target
-
-
 def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
-    """Read a GPS file; records without a fix, without a finite place or that repeat the one before are left out and counted.
+    """Read a GPS file; records without a fix, places that are not finite, at 0° N 0° E or repeated are left out and counted.
 
     ``.gpx``; ``.ubx`` of u-blox (NAV-PVT); RTKLIB's positions in degrees (``.pos``); logs of Android's
     GnssLogger; tables with the columns time_s, easting_m, northing_m, height_m or time_s,
@@ -148,12 +67,13 @@ def read_gps(path: str | Path, columns: Sequence[str] = ()) -> GpsLog:
 
 
 def _usable(log: GpsLog, file: Path) -> GpsLog:
-    """Leave out fixes that are not finite or repeat the one before, with notes."""
+    """Leave out fixes that are not finite, repeat the one before or lie at 0° N 0° E, with notes."""
     stays, notes = usable(log.time_s, log.place, log.sigma_m, str(file))
     sigma_m = None if log.sigma_m is None else log.sigma_m[stays]
-    return replace(
+    log = replace(
         log, time_s=log.time_s[stays], place=log.place[stays], sigma_m=sigma_m, notes=(*log.notes, *notes)
     )
+    return log.without_zero_places(str(file))
 
 
 def _has_own_columns(file: Path) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.camera.calibration import Camera
-from vision_slam.io.gps_files import GpsLog
+from vision_slam.io.gps_log import GpsLog
 from vision_slam.io.photos.exif import Photo
 from vision_slam.io.photos.folder import PhotoTimes, checked_photos, photo_camera, photo_fixes, photo_times
 from vision_slam.io.photos.names import frame_numbers, times_in_names
@@ -63,7 +63,7 @@ def read_images(
     fixes = photo_fixes(photos, times) if photos else None
     return replace(
         sequence,
-        gps=None if fixes is None else GpsLog(**fixes._asdict()),
+        gps=None if fixes is None else GpsLog(**fixes._asdict()).without_zero_places(str(inner)),
         notes=tuple(note for note in (times.note, camera_note, *sequence.notes) if note),
     )
 

@@ -16,7 +16,7 @@ from survey.data.sensors.aiding import (
     Inertial,
     Wheels,
 )
-from vision_slam.io.gps_files import GpsLog
+from vision_slam.io.gps_log import GpsLog
 
 _DATED_S = 1e8  # times of images beyond this count from 1970
 

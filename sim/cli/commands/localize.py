@@ -45,7 +45,8 @@ def localize(request: LocalizeRequest) -> None:
 
     Written are trajectory.tum and health.csv, landmarks.csv, the pictures map.png and tracks.png,
     with fixes also trajectory.csv (covariances), online_trajectory.csv (the causal path),
-    track.gpkg and landmarks.gpkg in their CRS, and with a reference errors.png. Without fixes the
+    track.gpkg and landmarks.gpkg in their CRS, and with a reference errors.png. No landmarks are
+    written where the fixes contradict the images so much that the path is that of the fixes. Without fixes the
     path is relative to the first image, and path.csv has its standard deviations. A folder of
     images takes its times from frames.csv (time_s,file), times.txt, the names of the files or
     EXIF, its calibration from camera.toml (see firnline calibrate) or the focal length in EXIF,
@@ -122,6 +123,10 @@ def _print(summary: dict[str, Any], notes: Sequence[str], out: Path, *, as_json:
     typer.echo(fact_line("pictures", ", ".join(str(file) for file in sorted(out.glob("*.png")))))
     if (out / "landmarks.gpkg").exists():
         typer.echo(fact_line("next", f"firnline reconstruct {out / 'landmarks.gpkg'} --prior DEM.tif"))
+    elif (out / "track.gpkg").exists():
+        typer.echo(
+            fact_line("next", "correct calibration or times as the notes name them, and localize again")
+        )
     else:
         typer.echo(fact_line("next", "name fixes with --gps for a path in a CRS, or wheels.csv for metres"))
 

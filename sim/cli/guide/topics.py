@@ -9,7 +9,7 @@ from sim.cli.outcome import with_exit_codes
 
 _EXIT_CODES = """\
 0    done
-1    internal fault; report it with the traceback that -vv prints
+1    internal fault; the message names how to print the traceback for a report
 2    wrong usage of the command line
 3    bad input or output: the message names the file and what to do
 4    bad configuration: the message names the setting

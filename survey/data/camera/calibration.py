@@ -13,6 +13,7 @@ from survey.core.data_object import DataObject
 from survey.core.errors import InputError
 from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
+from survey.data.camera.plausible import refuse_impossible_matrix, refuse_impossible_mounting
 from survey.data.camera.radial import undistorted
 
 
@@ -101,14 +102,8 @@ class Camera(DataObject):
         object.__setattr__(self, "distortion", checked(self.distortion, (n,), "the lens coefficients"))
         pose = checked(self.T_body_camera, (4, 4), "the camera's place on the body")
         object.__setattr__(self, "T_body_camera", pose)
-        rotation = pose[:3, :3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-            raise InputError("T_body_camera of the camera holds no rotation; check the order of its rows.")
-        if min(self.width, self.height) < 1 or self.matrix[0, 0] <= 0 or self.matrix[1, 1] <= 0:
-            raise InputError(
-                f"the camera has {self.width} × {self.height} pixels and focal lengths "
-                f"{self.matrix[0, 0]:g}, {self.matrix[1, 1]:g}; all must be above 0."
-            )
+        refuse_impossible_mounting(pose)
+        refuse_impossible_matrix(self.matrix, self.width, self.height)
 
     def project(self, xyz_camera: FloatArray) -> FloatArray:
         """Project points in the camera frame to pixels.

@@ -67,6 +67,17 @@ def watched() -> tuple[SurveyWatch, list[dict], list[str]]:
     return watch, events, lines
 
 
+@pytest.mark.parametrize("grid_m", [None, 7.0])
+def test_the_map_covers_an_area_whose_sides_are_no_multiples_of_the_step(grid_m):
+    area = SurveyArea.rectangle((0.3, 0.0, 100.3, 73.0), CRS)
+    grid = SurveyWatch(area, LIMITS, legs((10.0, 40.0)), grid_m=grid_m).grid
+    step_m = grid_m or 100.0 / 60.0
+    assert grid.step_m == pytest.approx(step_m)
+    assert grid.bounds[:2] == (0.3, 0.0)
+    assert 100.3 <= grid.bounds[2] + 1e-6 < 100.3 + step_m
+    assert 73.0 <= grid.bounds[3] < 73.0 + step_m
+
+
 def test_each_swath_is_seen_and_advice_follows_the_second(watched):
     _, events, _ = watched
     assert [event["swaths"] for event in events if event["event"] == "swath"] == [1, 2, 3, 4]

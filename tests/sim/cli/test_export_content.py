@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from planners import LawnmowerConfig, plan
 from sim.cli.main import app
 from survey import Route, SurveyArea, Trajectory
-from survey.io.tracks import read_track
+from survey.io.tracks import read_track, write_track
 from survey.io.vector import read_features, write_features
 
 UTM = "EPSG:32608"
@@ -81,3 +81,22 @@ def test_poses_with_times_are_a_track() -> None:
     Trajectory(times, place, turn, np.zeros((5, 3, 3)), UTM).write("path.csv")
     export("path.csv", "path.gpkg", "--crs", UTM)
     np.testing.assert_array_equal(read_track("path.gpkg", CRS(UTM))[0], times)
+
+
+@pytest.mark.usefixtures("route")
+def test_a_track_of_places_is_read_in_the_crs_that_it_states() -> None:
+    times = np.arange(5.0)
+    place = np.column_stack([times + 5e5, times + 6e6, times])
+    write_track("track.gpkg", times, place, CRS(UTM))
+    export("track.gpkg", "a.gpx", "--as", "track")
+    export("a.gpx", "back.gpkg", "--as", "track")
+    export("track.gpkg", "same.gpkg", "--as", "track", "--crs", UTM)
+    for name, tolerance_m in (("a.gpx", 1e-3), ("back.gpkg", 1e-3), ("same.gpkg", 0.0)):
+        found = read_track(name, CRS(UTM))
+        np.testing.assert_array_equal(found[0], times)
+        np.testing.assert_allclose(found[1], place, rtol=0.0, atol=tolerance_m)
+    assert read_features("back.gpkg").crs == CRS(UTM)
+    assert "export the trajectory.csv" in export("track.gpkg", "a.txt", "--as", "track", code=3)
+    assert "UTM zone 33N was named" in export(
+        "track.gpkg", "b.gpx", "--as", "track", "--crs", "EPSG:32633", code=3
+    )

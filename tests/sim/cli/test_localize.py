@@ -2,7 +2,9 @@
 
 import json
 import resource
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +18,9 @@ from survey.data.recording import Recording
 from survey.data.sensors.aiding import GpsFixes
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from vision_slam import recorded_drive
+from vision_slam.localization import Localization
+from vision_slam.pipeline import localize
 
 
 @pytest.fixture
@@ -183,6 +188,25 @@ def test_localizes_an_own_recording(recording: Path, tmp_path: Path) -> None:
     )
     assert wrong.exit_code == 4
     assert "of its own" in wrong.stderr
+
+
+def test_no_landmarks_are_written_where_the_path_is_that_of_the_fixes(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def contradicted(*words: Any, **options: Any) -> Localization:
+        return replace(localize(*words, **options), landmarks_hold=False)
+
+    words = ["localize", str(recording), "-o", str(tmp_path / "out"), "-q", "--force"]
+    before = CliRunner().invoke(app, words)
+    assert "firnline reconstruct" in before.output
+    monkeypatch.setattr(recorded_drive, "localize", contradicted)
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "reconstruct" not in result.output
+    assert "correct calibration or times" in result.output
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert {"trajectory.csv", "track.gpkg", "map.png"} <= names
+    assert not {"landmarks.csv", "landmarks.gpkg"} & names
 
 
 def test_photographs_of_a_phone_are_localized_from_their_own_exif(street: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from sim.cli.options import Verbose
 from sim.cli.outcome import INTERRUPTED, OUTPUT_CLOSED, with_exit_codes
 from survey.core.errors import CapacityError, ConfigError, InputError
 
@@ -110,3 +111,22 @@ def test_a_name_that_is_no_utf8_is_refused_or_printed_with_escapes(tmp_path):
         assert result.returncode in (0, 3), result.stderr
         assert b"Traceback" not in result.stderr
         assert b"m\\udcff.toml" in result.stdout + result.stderr
+
+
+@pytest.mark.parametrize("has_option", [True, False])
+def test_an_internal_fault_names_a_way_to_the_traceback_that_works(monkeypatch, has_option):
+    app = typer.Typer()
+
+    def quiet() -> None:
+        raise ZeroDivisionError("division by zero")
+
+    def detailed(verbose: Verbose = 0) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    app.command()(with_exit_codes(detailed if has_option else quiet))
+    err = CliRunner().invoke(app, []).stderr
+    assert ("that -vv prints" in err) == has_option
+    assert ("that FIRNLINE_TRACEBACK=1 before the command prints" in err) != has_option
+    assert "Traceback" not in err
+    monkeypatch.setenv("FIRNLINE_TRACEBACK", "1")
+    assert "Traceback" in CliRunner().invoke(app, []).stderr

@@ -97,7 +97,7 @@ def test_every_failure_has_a_usual_strength():
 def test_unknown_components_and_failures_are_refused():
     with pytest.raises(ConfigError, match="'radar' is not known; give one of camera, gps"):
         FaultConfig(component="radar", failure="off")
-    with pytest.raises(ConfigError, match="gps knows the failures off, frozen, jump, delayed"):
+    with pytest.raises(ConfigError, match="gps has the failures off, frozen, jump, delayed"):
         FaultConfig(component="gps", failure="whiteout")
 
 

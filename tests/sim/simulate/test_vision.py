@@ -247,7 +247,7 @@ def test_bad_drives_are_refused_before_anything_is_written(tmp_path):
     ("section", "said"),
     [
         ({"instruments": {"frame_rate_hz": 0.0}}, "frame_rate_hz"),
-        ({"faults": [{"component": "gps", "failure": "whiteout"}]}, "gps knows the failures off, frozen"),
+        ({"faults": [{"component": "gps", "failure": "whiteout"}]}, "gps has the failures off, frozen"),
         (
             {"faults": [{"component": "gps", "failure": "off", "from_s": 3.0, "until_s": 2.0}]},
             "end after it begins",

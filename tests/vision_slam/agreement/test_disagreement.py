@@ -12,6 +12,7 @@ from survey.data.recording import OdometryRecording
 from survey.data.sensors.aiding import GpsFixes, Inertial
 from survey.data.sensors.odometry import Odometry
 from survey.data.sensors.sightings import Sightings
+from vision_slam.agreement import disagreement
 from vision_slam.agreement.disagreement import reconcile
 from vision_slam.agreement.evidence import agrees_better_delayed, fitted_memory_s, fitted_turn_sigma_m
 from vision_slam.config import LocalizationConfig
@@ -217,3 +218,17 @@ def test_precise_fixes_show_that_turns_are_followed_better_than_assumed() -> Non
     assert fitted_turn_sigma_m(recording, path, loose) < 0.15
     coarse = loose.model_copy(update={"gps_bias_sigma_m": 1.0, "gps_white_sigma_m": 0.5})
     assert fitted_turn_sigma_m(recording, path, coarse) == 0.2
+
+
+@pytest.mark.parametrize("variance_m2", [1e24, np.nan])
+def test_a_path_of_no_certain_place_admits_no_refused_fix(
+    monkeypatch: pytest.MonkeyPatch, variance_m2: float
+) -> None:
+    """The covariance of the path is singular to its last digit, as after a fix thousands of kilometres away."""
+    recording, path = _hook()
+    smoothed = smooth(recording, path, RTK)
+    wide = np.full_like(smoothed.covariance, variance_m2)
+    aside = smoothed.position + [1e9, -1e9, 0.0]
+    monkeypatch.setattr(disagreement, "smooth", lambda *_: replace(smoothed, position=aside, covariance=wide))
+    used = np.arange(101) < 100
+    np.testing.assert_array_equal(disagreement._readmitted(recording, path, RTK, used), used)

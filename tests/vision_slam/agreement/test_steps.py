@@ -13,6 +13,7 @@ from vision_slam.agreement.disagreement import reconcile
 from vision_slam.agreement.drive import Drive
 from vision_slam.agreement.steps import (
     align_drive,
+    drop_far_fixes,
     drop_fixes_in_gaps,
     note_delay,
     scale_to_fixes,
@@ -49,6 +50,9 @@ def test_images_of_others_that_are_worse_than_none_are_replaced_by_lines_between
 ) -> None:
     found = widen_errors(wandering)
     assert "lines between the fixes" in found.notes[-1]
+    assert "landmarks are not to be mapped" in found.notes[-1]
+    assert found.follows_fixes
+    assert not wandering.follows_fixes
     path = dead_reckoning(found.recording.odometry, found.recording.start)
     assert np.abs(path[::5] - wandering.recording.gps.position).max() < 1e-6
 
@@ -122,3 +126,16 @@ def test_fixes_in_a_gap_that_nothing_bridges_are_left_out_and_do_not_change_the_
     assert np.linalg.norm(scaled.recording.odometry.step, axis=1)[:gap] == pytest.approx(
         np.full(gap, 0.5), abs=1e-3
     )
+
+
+@pytest.mark.parametrize("k", [0, 30])
+def test_fixes_that_no_drive_reaches_are_left_out(wandering: Drive, k: int) -> None:
+    gps = wandering.recording.gps
+    place = gps.position.copy()
+    place[k, :2] += [-7e5, -6.4e6]
+    recording = replace(wandering.recording, gps=replace(gps, position=place), start=place[0])
+    found = drop_far_fixes(replace(wandering, recording=recording))
+    assert found.notes == ("1 fixes lie more than 100 km from the others and were left out",)
+    np.testing.assert_array_equal(found.recording.gps.time_s, np.delete(gps.time_s, k))
+    assert np.abs(found.recording.start - gps.position[0]).max() < 10.0
+    assert drop_far_fixes(wandering) is wandering

@@ -105,7 +105,7 @@ class Bag:
             header=self.header(second),
             status=fix_status,
             latitude=latitude,
-            longitude=-135.0,
+            longitude=0.0 if latitude == 0.0 else -135.0,
             altitude=altitude,
             position_covariance=np.diag([sigma_m**2, sigma_m**2, 4.0 * sigma_m**2]).ravel(),
             position_covariance_type=2 if sigma_m > 0.0 else 0,
@@ -260,6 +260,18 @@ def test_a_calibration_that_is_not_beside_the_images_is_noted(tmp_path: Path) ->
     words = "no camera_info is beside /right/image_raw: that of /left/camera_info is taken"
     assert any(note.startswith(words) for note in read_bag(tmp_path / "drive", ["/right/image_raw"]).notes)
     assert not any("beside" in note for note in read_bag(tmp_path / "drive", ["/left/image_raw"]).notes)
+
+
+def test_fixes_of_a_bag_at_longitude_and_latitude_zero_are_left_out(tmp_path: Path) -> None:
+    with second_bag(tmp_path / "bag") as bag:
+        bag.calibration("/camera_info")
+        bag.image("/image", 1.0, NOISE[0], "mono8")
+        for k, latitude in enumerate((0.0, 58.4, 58.5)):
+            bag.fix(1.0 + k, latitude, 0, 0.02)
+    log = read_bag(tmp_path / "bag").gps
+    assert log is not None
+    assert log.place[:, 1].tolist() == [58.4, 58.5]
+    assert log.notes == ("1 fixes at longitude and latitude 0 are left out",)
 
 
 @pytest.mark.parametrize("is_split", [False, True])

@@ -8,7 +8,7 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.crs.vertical_datum import ELLIPSOIDAL
 from survey.core.errors import InputError
-from vision_slam.io.gps_files import GpsLog
+from vision_slam.io.gps_log import GpsLog
 
 _LEAST_STATED = 0.5
 
@@ -36,7 +36,8 @@ def bag_fixes(rows: Sequence[tuple[float, ...]], n_without_fix: int, place: Path
         )
     table = np.array(rows)
     sigma_m, notes = _stated_sigma_m(table[:, 4])
-    return GpsLog(table[:, 0], table[:, 1:4], True, True, n_without_fix, ELLIPSOIDAL, sigma_m, notes)
+    log = GpsLog(table[:, 0], table[:, 1:4], True, True, n_without_fix, ELLIPSOIDAL, sigma_m, notes)
+    return log.without_zero_places(str(place))
 
 
 def _stated_sigma_m(sigma_m: FloatArray) -> tuple[FloatArray | None, tuple[str, ...]]:

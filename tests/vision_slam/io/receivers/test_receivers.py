@@ -278,3 +278,56 @@ def test_seconds_that_could_be_a_clock_remain_seconds(tmp_path):
     rows = "".join(f"{t},46,8,5\n" for t in range(100000, 101000, 100))
     (tmp_path / "fixes.csv").write_text("time,lat,lon,alt\n" + rows)
     assert np.ptp(read_gps(tmp_path / "fixes.csv").time_s) == 900.0
+
+
+def _rmc_gga(second, latitude, longitude):
+    body = f"GPGGA,0000{second:02d}.00,{latitude},N,{longitude},E,1,8,1.0,500.0,M,0.0,M,,"
+    return f"${body}*{functools.reduce(operator.xor, body.encode()):02X}"
+
+
+ZERO_FIRST = {
+    "own.csv": "time_s,latitude_deg,longitude_deg,height_m,sigma_m\n0,0,0,0,9\n1,46,8,500,1\n2,46.1,8,500,1\n",
+    "other.csv": "t,lat,lon,alt\n0,0,0,0\n1,46,8,500\n2,46.1,8,500\n",
+    "log.nmea": "\n".join(
+        [_rmc_gga(0, "0000.0", "00000.0"), _rmc_gga(1, "4600.0", "00800.0"), _rmc_gga(2, "4606.0", "00800.0")]
+    ),
+    "rover.pos": "\n".join(
+        f"2024/05/01 12:00:0{k}.0 {latitude} {longitude} 500.0 5 9 1 1 1 0 0 0 0 0"
+        for k, (latitude, longitude) in enumerate([(0.0, 0.0), (46.0, 8.0), (46.1, 8.0)])
+    ),
+    "track.gpx": '<gpx version="1.1" creator="x" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>'
+    + "".join(
+        f'<trkpt lat="{latitude}" lon="{longitude}"><ele>500</ele><time>2024-05-01T12:00:0{k}Z</time></trkpt>'
+        for k, (latitude, longitude) in enumerate([(0.0, 0.0), (46.0, 8.0), (46.1, 8.0)])
+    )
+    + "</trkseg></trk></gpx>",
+}
+
+
+@pytest.mark.parametrize("name", list(ZERO_FIRST))
+def test_fixes_at_longitude_and_latitude_zero_are_left_out_and_counted(tmp_path, name):
+    (tmp_path / name).write_text(ZERO_FIRST[name])
+    log = read_gps(tmp_path / name)
+    np.testing.assert_allclose(log.place[:, :2], [[8.0, 46.0], [8.0, 46.1]], atol=1e-6)
+    assert len(log.time_s) == 2
+    assert log.sigma_m is None or len(log.sigma_m) == 2
+    assert log.notes[-1] == "1 fixes at longitude and latitude 0 are left out"
+    assert log.utm.to_epsg() == 32632
+
+
+def test_a_log_of_zeros_alone_is_refused_and_metres_may_be_zero(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time_s,latitude_deg,longitude_deg,height_m\n0,0,0,0\n1,0,0,0\n")
+    with pytest.raises(InputError, match="2 fixes, all at longitude and latitude 0"):
+        read_gps(file)
+    file.write_text("time_s,easting_m,northing_m,height_m\n0,0,0,0\n1,1,0,0\n")
+    assert len(read_gps(file).time_s) == 2
+
+
+def test_a_first_fix_far_from_the_others_does_not_choose_the_zone(tmp_path):
+    file = tmp_path / "log.csv"
+    rows = ["0,10,20,0", "1,46,179.99,500", "2,46,-179.99,500", "3,46,-179.98,500"]
+    file.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows, ""]))
+    assert read_gps(file).utm.to_epsg() == 32660
+    file.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows[2:], ""]))
+    assert read_gps(file).utm.to_epsg() == 32601

@@ -1,0 +1,111 @@
+"""Checks of inertial readings and encoders for wrong units and axes."""
+
+import numpy as np
+
+from survey.core.arrays import FloatArray
+from survey.core.errors import InputError
+from survey.data.sensors.aiding import Inertial, Wheels
+
+_GRAVITY_M_S2 = 9.81
+# Median length of the specific force over gravity; vibration makes it longer.
+_LEAST_FORCE, _MOST_FORCE = 0.8, 1.5
+_LEAST_UP = 0.5  # share of the force along z, that of a slope of 60°
+# No rover turns at more than 3 rad/s in a twentieth of a drive, or in full circles a second for three seconds.
+_OFTEN, _OFTEN_RAD_S = 95.0, 3.0
+_SECONDS, _SELDOM_RAD_S = 3, 2.0 * np.pi
+_FASTEST_M_S = 30.0
+_WINDOW_S = 1.0
+
+
+def refuse_other_units(inertial: Inertial | None, wheels: Wheels | None) -> None:
+    """Refuse readings of inertial unit and encoders whose units or axes are not those of a recording.
+
+    Parameters
+    ----------
+    inertial : Inertial, optional
+        In the body frame; a force of 0 throughout is that of a unit without accelerometer.
+    wheels : Wheels, optional
+        Distances rolled.
+
+    Raises
+    ------
+    InputError
+        Degrees per second, g, axes that do not point up, or ticks.
+
+    Examples
+    --------
+    >>> level = np.tile([0.0, 0.0, 9.81], (3, 1))
+    >>> refuse_other_units(Inertial(np.arange(3.0), np.zeros((3, 3)), level), None)
+    """
+    if inertial is not None:
+        _refuse_fast_turns(inertial)
+        if inertial.specific_force_m_s2.any():
+            _refuse_other_force(inertial.specific_force_m_s2)
+            # Without wheels the axes may be any that the mounting of the camera belongs to.
+            if wheels is not None:
+                _refuse_other_axes(inertial.specific_force_m_s2)
+    if wheels is not None and len(wheels) > 1:
+        _refuse_fast_wheels(wheels)
+
+
+def _refuse_fast_turns(inertial: Inertial) -> None:
+    """Refuse rates that no rover turns at for long; outliers of single readings do not count."""
+    rates = np.linalg.norm(inertial.gyro_rad_s, axis=1)
+    seconds = np.floor((inertial.time_s - inertial.time_s[0]) / _WINDOW_S)
+    parts = np.split(rates, np.flatnonzero(np.diff(seconds)) + 1)
+    medians = np.sort([np.median(part) for part in parts])
+    often, seldom = float(np.percentile(medians, _OFTEN)), float(medians[max(-_SECONDS, -len(medians))])
+    if often > _OFTEN_RAD_S or seldom > _SELDOM_RAD_S:
+        raise InputError(
+            f"the gyro turns at {max(often, seldom):.1f} rad/s for seconds, and no rover turns so fast; "
+            "where the rates are in degrees per second, multiply them by 0.0174533."
+        )
+
+
+def _refuse_other_force(force: FloatArray) -> None:
+    """Refuse forces (N, 3) whose median length is not that of gravity."""
+    length = float(np.median(np.linalg.norm(force, axis=1)))
+    share = length / _GRAVITY_M_S2
+    if _LEAST_FORCE <= share <= _MOST_FORCE:
+        return
+    remedy = "write m/s²"
+    if _LEAST_FORCE <= length <= _MOST_FORCE:
+        remedy = "it is in g, multiply it by 9.81"
+    elif share < _LEAST_FORCE:
+        remedy = "record it with gravity, and in m/s²"
+    raise InputError(
+        f"the specific force of the inertial readings has a median length of {length:.3g}, and 9.8 m/s² was expected; {remedy}."
+    )
+
+
+def _refuse_other_axes(force: FloatArray) -> None:
+    """Refuse forces (N, 3) that do not point along z."""
+    up = float(np.median(force[:, 2]))
+    length = float(np.median(np.linalg.norm(force, axis=1)))
+    if up >= _LEAST_UP * length:
+        return
+    if up <= -_LEAST_UP * length:
+        raise InputError(
+            f"the specific force along z has a median of {up:.2f} m/s², and +9.8 m/s² was expected; where the axes are x "
+            "forward, y right, z down, change the sign of y and z of gyro and force."
+        )
+    x, y, z = np.median(force, axis=0).tolist()
+    raise InputError(
+        f"the specific force has medians of {x:.2f}, {y:.2f}, {z:.2f} m/s² along x, y, z, and +9.8 m/s² along z was expected; "
+        "turn gyro and force into the axes of the body, x forward, y left, z up."
+    )
+
+
+def _refuse_fast_wheels(wheels: Wheels) -> None:
+    """Refuse encoders whose median speed, where they roll, is that of no rover."""
+    time_s = wheels.time_s
+    n_windows = max(1, int((time_s[-1] - time_s[0]) / _WINDOW_S))
+    at_s = np.linspace(time_s[0], time_s[-1], n_windows + 1)
+    rolled = np.interp(at_s, time_s, 0.5 * (wheels.left_m + wheels.right_m))
+    speed = np.abs(np.diff(rolled)) / np.diff(at_s)
+    rolling = speed[speed > 0.0]
+    if len(rolling) and np.median(rolling) > _FASTEST_M_S:
+        raise InputError(
+            f"the wheels roll at a median of {np.median(rolling):.0f} m/s, and no rover is faster than {_FASTEST_M_S:g} m/s; "
+            "where left_m and right_m are ticks or millimetres, convert them to metres."
+        )
