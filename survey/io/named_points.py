@@ -19,6 +19,7 @@ from survey.io.text_tables.delimited import TextTable, read_text_table
 from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
+    datum_of_column,
     metres_factor,
     one_column,
     refuse_feet,
@@ -94,7 +95,8 @@ def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple
     names = text.texts(original[used[_NAME]]) if _NAME in used else ()
     read = {own: original[name] for own, name in used.items()}
     say_columns(text.where, ColumnNames(read, tuple(n for n in text.header if n not in read.values())))
-    table = PointTable(*in_own_columns(numbers, text.where))
+    datum = datum_of_column(read[PLACE[2]])
+    table = PointTable(*in_own_columns(numbers, text.where), datum)
     if table.crs is not None:
         refuse_hemispheres(text, *(table.columns[name] for name in PLACE[:2]))
     return table, names

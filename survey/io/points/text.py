@@ -12,6 +12,7 @@ from survey.io.text_tables.delimited import TextTable, read_text_table
 from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
+    datum_of_column,
     metres_factor,
     one_column,
     refuse_feet,
@@ -76,10 +77,12 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
     unused = tuple(name for name in text.header if name not in names)
     say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
     _refuse_places_of_text(text, known, set(numbers))
+    height = place_columns(list(numbers), text.where).names[2]
+    datum = datum_of_column(next(name for name, own in names.items() if own == height))
     places, crs = in_own_columns(numbers, text.where)
     if crs is not None:
         refuse_hemispheres(text, *(places[name] for name in PLACE[:2]))
-    return PointTable(places, crs)
+    return PointTable(places, crs, datum)
 
 
 def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: set[str]) -> None:

@@ -15,6 +15,7 @@ from survey.io.point_columns import PLACE
 from survey.io.points.table import DATUM, PointTable, add_column
 from survey.io.text_tables.spellings import (
     ColumnNames,
+    datum_of_column,
     metres_factor,
     one_column,
     refuse_feet,
@@ -46,6 +47,7 @@ def read_vector(path: Path, columns: Mapping[str, str] | None = None) -> PointTa
     say_columns(where, ColumnNames(names))
     crs = features.crs
     stated = str(datum[0]) if datum is not None and datum[0] else vertical_datum_of(crs) if crs else UNSTATED
+    stated = stated or datum_of_column(names.get(_HEIGHT, ""))
     return PointTable(found, crs, stated)
 
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from survey.core.crs.vertical_datum import ELLIPSOIDAL, UNSTATED
 from survey.core.errors import ConfigError, InputError
 from survey.core.text import printable
 from survey.io.text_tables.usual_names import OWN_NAMES, SPELLINGS
@@ -207,6 +208,17 @@ def one_column(kind: str, header: Sequence[str], where: str) -> str | None:
     raise InputError(
         f"{where} has the columns {' and '.join(found)}, and either could be meant; choose one with --columns {key}={found[0]}."
     )
+
+
+def datum_of_column(name: str) -> str:
+    """Return the vertical datum that the name of a column of heights states, ``""`` for none.
+
+    Examples
+    --------
+    >>> datum_of_column("Ellipsoidal height"), datum_of_column("Elevation")
+    ('ellipsoidal height', '')
+    """
+    return ELLIPSOIDAL if "ellips" in normalized(name) else UNSTATED
 
 
 def without_unit(name: str) -> str:

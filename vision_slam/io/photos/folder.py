@@ -17,6 +17,8 @@ from vision_slam.io.receivers.rows import ReceiverFixes, axis_sigma_m
 # take it across the diagonal or across the width of their frame.
 _DIAGONAL_MM, _FOCAL_SHARE = 43.27, 0.03
 _SENSOR_SHARE = 0.02
+# Positions of phones are some seconds old; a smaller offset of the clocks is not noted [s].
+_LEAST_NOTED_S = 10.0
 _QUARTER_HOUR_S = 900.0
 _PHONE_RADIUS_M = 5.0
 _CHANGED_DEG = 1e-9
@@ -61,23 +63,35 @@ def _by_exif(photos: Sequence[Photo]) -> PhotoTimes:
     times = np.array([photo.time_s for photo in photos], dtype=np.float64)
     note = "times are those of EXIF"
     if not all(photo.has_offset for photo in photos):
-        offset_s = _clock_offset_s(photos)
+        offset_s = _whole_zones_s(_ahead_s([photo for photo in photos if not photo.has_offset]))
         times = times - offset_s
         note += f", {offset_s / 3600.0:+g} h from UTC by the clock of their positions" if offset_s else ""
         note += "" if offset_s else ", whose zone is not stated and taken for UTC"
+    ahead_s = _ahead_s(photos)
+    rest_s = ahead_s - _whole_zones_s(ahead_s)
+    if abs(rest_s) >= _LEAST_NOTED_S:
+        note += (
+            f"; the camera's clock is about {abs(rest_s):.0f} s {'ahead of' if rest_s > 0.0 else 'behind'} that of its positions, "
+            "which is not corrected: write corrected times into frames.csv"
+        )
     order = np.argsort(times, kind="stable")
     spread, spread_note = _spread(times[order], has_subseconds=all(photo.has_subseconds for photo in photos))
     return PhotoTimes(spread, order.tolist(), note + spread_note)
 
 
-def _clock_offset_s(photos: Sequence[Photo]) -> float:
-    """Return by how much the images' clock is ahead of that of their positions, in quarters of an hour [s]."""
+def _ahead_s(photos: Sequence[Photo]) -> float:
+    """Return by how much the images' clock is ahead of that of their positions [s], zones included; 0 without positions."""
     ahead = [
         photo.time_s - photo.gps_time_s
         for photo in photos
-        if photo.time_s is not None and photo.gps_time_s is not None and not photo.has_offset
+        if photo.time_s is not None and photo.gps_time_s is not None
     ]
-    return float(_QUARTER_HOUR_S * np.round(np.median(ahead) / _QUARTER_HOUR_S)) if ahead else 0.0
+    return float(np.median(ahead)) if ahead else 0.0
+
+
+def _whole_zones_s(ahead_s: float) -> float:
+    """Return the part of an offset between clocks that is a time zone [s]."""
+    return float(_QUARTER_HOUR_S * np.round(ahead_s / _QUARTER_HOUR_S))
 
 
 def _spread(times: FloatArray, *, has_subseconds: bool) -> tuple[FloatArray, str]:

@@ -83,7 +83,16 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
         _sigma_m(table, names, given),
         is_geodetic=is_geodetic,
         is_dated=bool(time_s[0] > _DATED_S),
-        notes=(read.sentence(str(file)).rstrip(".") + unit,),
+        notes=(read.sentence(str(file)).rstrip(".") + unit, *_gps_time_notes(read.columns["time"])),
+    )
+
+
+def _gps_time_notes(name: str) -> tuple[str, ...]:
+    """Return a note where the name of the column of times means GPS time, which is not UTC."""
+    if not normalized(name).startswith("gps"):
+        return ()
+    return (
+        f"the times of the column {name} are taken for UTC; GPS time is 18 s ahead of it, convert it where the column holds that",
     )
 
 

@@ -69,6 +69,7 @@ def test_a_mapping_chooses_between_two_heights(tmp_path: Path, ending: str) -> N
         [6700002.5],
         [961.25],
     ]
+    assert table.vertical_datum == "ellipsoidal height"
 
 
 def test_a_mapping_finds_columns_of_any_name(tmp_path: Path) -> None:

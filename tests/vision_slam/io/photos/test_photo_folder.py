@@ -213,3 +213,12 @@ def test_a_damaged_date_is_refused_in_one_sentence(tmp_path):
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "a.jpg", exif=header)
     with pytest.raises(InputError, match="damaged EXIF"):
         read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize(("behind_s", "is_noted"), [(25, True), (3, False)])
+def test_a_clock_that_differs_from_that_of_the_positions_is_noted(tmp_path, behind_s, is_noted):
+    for k in range(3):
+        tags = position(58.4, -134.6) | {7: (10.0, 0.0, float(behind_s + k)), 29: "2024:06:12"}
+        photo(tmp_path / f"{k}.jpg", second=k, gps=tags, subseconds="")
+    notes = " ".join(read_sequence(tmp_path).notes)
+    assert ("the camera's clock is about 25 s behind that of its positions" in notes) == is_noted

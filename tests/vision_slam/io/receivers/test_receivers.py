@@ -331,3 +331,10 @@ def test_a_first_fix_far_from_the_others_does_not_choose_the_zone(tmp_path):
     assert read_gps(file).utm.to_epsg() == 32660
     file.write_text("\n".join(["time_s,latitude_deg,longitude_deg,height_m", *rows[2:], ""]))
     assert read_gps(file).utm.to_epsg() == 32601
+
+
+def test_a_column_of_gps_times_is_noted(tmp_path):
+    rows = "".join(f"{1718187302.0 + k},58.4,-134.6,{5.0 + k}\n" for k in range(3))
+    for name, n_notes in (("gps_time", 2), ("timestamp", 1)):
+        (tmp_path / "fixes.csv").write_text(f"{name},latitude,longitude,altitude\n{rows}")
+        assert len(read_gps(tmp_path / "fixes.csv").notes) == n_notes
