@@ -10,8 +10,11 @@ from survey.core.arrays import FloatArray, checked
 from survey.core.config import Section
 from survey.core.data_object import DataObject
 from survey.core.errors import InputError
+from survey.core.files.reading import existing_file
+from survey.core.text import printable
 from survey.data.trajectory import Trajectory
 from survey.io.tables import read_table, write_table
+from survey.io.text_tables.delimited import read_text_table
 
 _TIME, _PLACE = "time_s", ("easting_m", "northing_m")
 _N_LEAST = 10
@@ -95,7 +98,9 @@ class PayloadLog(DataObject):
     def _check_placement(self) -> None:
         name = self.quantity.name
         if self.time_s is None and self.xy is None:
-            raise InputError(f"the readings of {name} have neither times nor places; give one of them.")
+            raise InputError(
+                f"the readings of {name} have neither times nor places; add the column {_TIME}, or {' and '.join(_PLACE)}."
+            )
         if self.time_s is None and self.quantity.lag_s > 0.0:
             raise InputError(
                 f"the sensor of {name} lags, which needs times; add {_TIME}, or set its lag to 0."
@@ -162,7 +167,7 @@ class PayloadLog(DataObject):
         InputError
             Missing, damaged, or without one of the columns.
         """
-        columns = read_table(path, (quantity.name,), what=f"the log of {quantity.name}")
+        columns = _columns(Path(path), quantity.name)
         _refuse_marks(columns[quantity.name], f"the log of {quantity.name} {path}")
         places = [columns.get(name) for name in _PLACE]
         xy: Any = None if any(place is None for place in places) else np.column_stack(places)  # type: ignore[arg-type]
@@ -180,6 +185,22 @@ class PayloadLog(DataObject):
         if self.xy is not None:
             columns |= dict(zip(_PLACE, self.xy.T, strict=True))
         write_table(path, columns | {self.quantity.name: self.value})
+
+
+def _columns(path: Path, name: str) -> dict[str, FloatArray]:
+    """Read the columns of a log: firnline's own, or a table with semicolons or tabs and decimal commas."""
+    what = f"the log of {name}"
+    file = existing_file(path, what)
+    with file.open(encoding="utf-8-sig", errors="replace") as stream:
+        header = stream.readline()
+    if ";" not in header and "\t" not in header:
+        return read_table(file, (name,), what=what)
+    table = read_text_table(file, what)
+    if name not in table.header:
+        raise InputError(
+            f"{table.where} has no column {name} (found {printable(', '.join(table.header))[:200]}); name one of those with --name."
+        )
+    return {own: table.numbers(own) for own in (name, _TIME, *_PLACE) if own in table.header}
 
 
 def _refuse_marks(values: FloatArray, where: str) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.io.point_columns import PLACE
 from survey.io.points.ply import read_ply, write_ply
@@ -17,6 +18,8 @@ from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_colu
 # No coordinate, covariance or temperature is larger; what is comes of flipped bits.
 _LARGEST = 1e15
 _SIGMA = "sigma_z_m"
+# Heights beside those of 0 that show these for missing ones, and the least distance between both [m].
+_N_OTHERS, _LEAST_GAP_M = 5, 20.0
 _TEXT_TABLES = (".csv", ".txt", ".tsv", ".xyz")
 TABLES = (*_TEXT_TABLES, *VECTOR_ENDINGS)
 """Endings of files with one row for each point, whose columns can be chosen."""
@@ -90,8 +93,9 @@ def refuse_marks(table: PointTable, path: str | Path) -> None:
     Raises
     ------
     InputError
-        A number such as -9999 or -32768, or a height of 9999 m.
+        A number such as -9999 or -32768, a height of 9999 m, or heights of 0 far from all others.
     """
+    _refuse_zeros(table.columns[PLACE[2]], path)
     for name, column in table.columns.items():
         marks = () if name in PLACE[:2] else MARKS + (MARKS_IN_METRES if name == PLACE[2] else ())
         found = next((mark for mark in marks if (column == mark).any()), None)
@@ -99,6 +103,20 @@ def refuse_marks(table: PointTable, path: str | Path) -> None:
             raise InputError(
                 f"the point file {path} holds {found:g} in {name}, which stands for a missing number; remove those rows."
             )
+
+
+def _refuse_zeros(height_m: FloatArray, path: str | Path) -> None:
+    """Refuse heights of exactly 0 that lie farther from the others than those lie apart."""
+    is_zero = height_m == 0.0
+    others = height_m[~is_zero & np.isfinite(height_m)]
+    if not is_zero.any() or len(others) < max(_N_OTHERS, int(is_zero.sum())):
+        return
+    gap_m = float(np.abs(others).min())
+    if gap_m > max(float(np.ptp(others)), _LEAST_GAP_M):
+        raise InputError(
+            f"the point file {path} holds heights of 0 in {int(is_zero.sum())} rows, and all others lie between {others.min():g} and "
+            f"{others.max():g} m; remove those rows, where 0 stands for a missing number."
+        )
 
 
 def write_point_table(path: str | Path, table: PointTable) -> None:

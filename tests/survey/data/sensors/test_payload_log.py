@@ -25,3 +25,14 @@ def test_marks_of_missing_readings_are_refused(tmp_path: Path, mark: float) -> N
 
 def test_a_low_reading_is_none(tmp_path: Path) -> None:
     assert PayloadLog.read(log(tmp_path / "log.csv", -40.0), AIR).value.min() == -40.0
+
+
+def test_logs_with_semicolons_and_decimal_commas_are_read(tmp_path: Path) -> None:
+    rows = "".join(f"{k},0;{-4 - k},5;ok\n" for k in range(12))
+    (tmp_path / "log.csv").write_text("time_s;air_temperature;flag\n" + rows)
+    found = PayloadLog.read(tmp_path / "log.csv", AIR)
+    assert found.value[:2].tolist() == [-4.5, -5.5]
+    assert found.time_s is not None
+    other = Quantity(name="albedo", unit="1", noise_sd=0.1)
+    with pytest.raises(InputError, match=r"has no column albedo \(found time_s, air_temperature, flag\)"):
+        PayloadLog.read(tmp_path / "log.csv", other)
