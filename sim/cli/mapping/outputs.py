@@ -122,6 +122,12 @@ def _print_findings(result: survey.Reconstruction) -> None:
 
     for sentence in own_claim(result) if result.quantity == ELEVATION else []:
         typer.echo(fact_line("map", sentence))
+    if result.method == "tin":
+        typer.echo(
+            fact_line(
+                "map", "σ is that of the points alone, without the relief between them; no class is stated."
+            )
+        )
     share = result.diagnostics.get("prior_covered_share")
     if share is not None:
         typer.echo(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
