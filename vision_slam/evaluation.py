@@ -132,7 +132,7 @@ def absolute_errors_m(
 def relative_errors(
     estimate: FloatArray, reference: FloatArray, distance_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Relative pose error over stretches of the estimated path: translation [m] and rotation [rad].
+    """Return the relative pose error over stretches of the estimated path: translation [m] and rotation [rad].
 
     The estimate is cut into stretches of `distance_m`, one after the other (as evo does,
     so that figures can be compared). Over each, E =
@@ -176,7 +176,7 @@ def relative_errors(
 
 
 def _inverse(poses: FloatArray) -> FloatArray:
-    """Inverse of rigid poses (N, 4, 4); text files round rotations, their transpose stays as good."""
+    """Return the inverse of rigid poses (N, 4, 4); text files round rotations, their transpose stays as good."""
     inverse = np.tile(np.eye(4), (len(poses), 1, 1))
     inverse[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
     inverse[:, :3, 3] = -np.einsum("nij,nj->ni", inverse[:, :3, :3], poses[:, :3, 3])

@@ -124,7 +124,7 @@ def _polar(x: float, y: float) -> tuple[float, float]:
 
 
 def _same_side(a: float, b: float, turn: float) -> Iterator[Word]:
-    """Words that begin and end on left circles: L S L, L R L and L R S L."""
+    """Return the words that begin and end on left circles: L S L, L R L and L R S L."""
     rho, angle = _polar(a, b)
     yield (1, angle), (0, rho), (1, _wrapped(turn - angle))
     if rho <= 4.0:
@@ -138,7 +138,7 @@ def _same_side(a: float, b: float, turn: float) -> Iterator[Word]:
 
 
 def _other_side(a: float, b: float, turn: float) -> Iterator[Word]:
-    """Words that begin left and end right: L S R, L R L R, L R S R and L R S L R."""
+    """Return the words that begin left and end right: L S R, L R L R, L R S R and L R S L R."""
     rho, angle = _polar(a, b)
     if rho >= 2.0:
         straight = np.sqrt(rho**2 - 4.0)
@@ -156,7 +156,7 @@ def _other_side(a: float, b: float, turn: float) -> Iterator[Word]:
 
 
 def _four_arcs(a: float, b: float, turn: float) -> Iterator[Word]:
-    """L R L R with the two middle arcs of equal length, driven in opposite or in the same direction."""
+    """Return L R L R with the two middle arcs of equal length, driven in opposite or in the same direction."""
     rho = 0.25 * (2.0 + np.hypot(a, b))
     if rho <= 1.0:
         u = float(np.arccos(rho))

@@ -130,7 +130,7 @@ class AdaptiveState:
         return self.legs[-1].xy[-1] if self.legs else None
 
     def offset_of(self, place: FloatArray | None) -> float:
-        """Distance of a place, the start at first, from the area's edge [m]."""
+        """Return the distance of a place, the start at first, from the area's edge [m]."""
         starts = self.lines.area.starts
         if place is None and not len(starts):
             return 0.0

@@ -142,19 +142,19 @@ class ErrorDistribution:
 
 @cache
 def _student() -> tuple[FloatArray, FloatArray]:
-    """Values of a number with Student's distribution, and their shares."""
+    """Return the values of a number with Student's distribution, and their shares."""
     share, weights = _nodes()
     return np.asarray(stdtrit(_FREEDOM, share), dtype=np.float64), weights
 
 
 @cache
 def _normal() -> tuple[FloatArray, FloatArray]:
-    """Values of a number with the normal distribution, and their shares."""
+    """Return the values of a number with the normal distribution, and their shares."""
     share, weights = _nodes()
     return np.asarray(ndtri(share), dtype=np.float64), weights
 
 
 def _nodes() -> tuple[FloatArray, FloatArray]:
-    """Nodes of a distribution function from 0 to 1, and their weights."""
+    """Return the nodes of a distribution function from 0 to 1, and their weights."""
     nodes, weights = np.polynomial.legendre.leggauss(_N_FACTORS)
     return 0.5 * (1.0 + nodes), 0.5 * weights

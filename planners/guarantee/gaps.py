@@ -73,7 +73,7 @@ class _Gap(NamedTuple):
         return self._replace(n_lines=self.n_lines + 1)
 
     def cost(self, growth: float) -> float:
-        """Squared error of the strip, up to a factor."""
+        """Return the squared error of the strip, up to a factor."""
         n_strips = self.n_lines + 1 - sum(0.5 for border in self.is_border if border)
         return float(max(n_strips, 0.5) * self.spacing_m**growth)
 

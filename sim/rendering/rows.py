@@ -228,7 +228,7 @@ def read_surface(n: int, at: Footprints, to: Aim, scene: RenderScene, origin: Do
 
 @row_loop
 def _extremes(n: int, at: Footprints) -> tuple[float, float]:
-    """Longest footprint and narrowest tap of a row."""
+    """Return the longest footprint and narrowest tap of a row."""
     longest, narrowest = f32(0), f32(1e9)
     for k in range(n):
         longest = max(longest, at.length_m[k])

@@ -158,7 +158,7 @@ class Route(DataObject):
         return RouteSamples(places, distance, owner[segment], np.arctan2(direction[:, 1], direction[:, 0]))
 
     def _vertices(self, rover: int) -> tuple[FloatArray, IntArray]:
-        """Waypoints without repeats and, for each segment between them, its leg."""
+        """Return the waypoints without repeats and, for each segment between them, its leg."""
         points: list[FloatArray] = []
         owner: list[int] = []
         for index, leg in enumerate(self.legs):

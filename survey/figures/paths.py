@@ -134,7 +134,7 @@ def _draw_lines(
 
 
 def _bounds(xy: FloatArray) -> tuple[float, float, float, float]:
-    """Box about places with a margin, wide enough for the title and the scale above it."""
+    """Return the box about places with a margin, wide enough for the title and the scale above it."""
     low, high = xy.min(axis=0), xy.max(axis=0)
     margin = 0.06 * max(float((high - low).max()), 5.0)
     half = 0.5 * (high - low) + margin

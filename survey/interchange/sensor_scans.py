@@ -96,7 +96,7 @@ def read_sensor_scans(
 
 
 def _is_bag(place: Path) -> bool:
-    """Whether a path is a ROS 1 bag, the folder of a ROS 2 bag, or the file in it."""
+    """Return whether a path is a ROS 1 bag, the folder of a ROS 2 bag, or the file in it."""
     if place.is_dir():
         return (place / _METADATA).is_file() and any(file.suffix in _BAGS for file in place.iterdir())
     return place.suffix in _BAGS

@@ -167,5 +167,5 @@ class Calibration:
 
 
 def _share_within(size: Any, deviation: Any, level: float) -> float:
-    """Share of errors that the central normal interval of a level holds."""
+    """Return the share of errors that the central normal interval of a level holds."""
     return float(np.mean(size <= ndtri(0.5 + 0.5 * level) * deviation))

@@ -128,14 +128,14 @@ class _Layer(NamedTuple):
         return values
 
     def centres(self, block: Any) -> tuple[FloatArray, FloatArray]:
-        """Easting (w,) and northing (h,) of a block's cell centres [m]."""
+        """Return the easting (w,) and northing (h,) of a block's cell centres [m]."""
         t = self.transform
         x = t.c + t.a * (block.col_off + np.arange(block.width) + 0.5)
         y = t.f + t.e * (block.row_off + np.arange(block.height) + 0.5)
         return x, y
 
     def at(self, xy: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Bilinear heights (h, w) on the nodes of two axes; NaN where the raster does not know."""
+        """Return the bilinear heights (h, w) on the nodes of two axes; NaN where the raster does not know."""
         from rasterio.windows import Window
 
         t = self.transform

@@ -111,7 +111,7 @@ class SampleCells:
 
 
 def science_coverage(samples: Any, possible: Any, reference: Any) -> float:
-    r"""Share of an area's scientific value that samples reach (Eq. 11 of the glacier paper).
+    r"""Return the share of an area's scientific value that samples reach (Eq. 11 of the glacier paper).
 
     .. math::  SCC = \sum_{m=1}^M \|x_m - x_{ref}\| \Big/ \sum_{s=1}^S \|x_s - x_{ref}\|
 

@@ -90,14 +90,14 @@ class ErrorSketch:
         )
 
     def _share_below(self, below: FloatArray, error_m: float) -> float:
-        """Share of the errors that are not above a value [m], even within a bin."""
+        """Return the share of the errors that are not above a value [m], even within a bin."""
         place = (math.asinh((error_m - self.centre_m) / _SCALE_M) + _FARTHEST) * (_N_BINS / (2.0 * _FARTHEST))
         k = int(min(max(place, 0.0), _N_BINS - 1))
         before = below[k - 1] if k else 0.0
         return float(before + (below[k] - before) * min(max(place - k, 0.0), 1.0)) / self.n
 
     def _within(self, below: FloatArray, centre_m: float, share: float) -> float:
-        """Distance from a centre within which a share of the errors lies [m]; from -inf, the value itself."""
+        """Return the distance from a centre within which a share of the errors lies [m]; from -inf, the value itself."""
         one_sided = centre_m == -np.inf
         low, high = (-self.worst_m if one_sided else 0.0), 2.0 * self.worst_m + 1e-12
         for _ in range(_N_BISECTIONS):

@@ -17,7 +17,7 @@ _STRAIGHT_M = 1e-6
 
 
 def centeredness(samples: Any, reference: Any, farthest_m: float) -> float:
-    r"""Distance of the samples' centre of mass from the reference, relative (α, Eqs. 12 and 13).
+    r"""Return the distance of the samples' centre of mass from the reference, relative (α, Eqs. 12 and 13).
 
     .. math::  \alpha = \| \tfrac{1}{M} \sum_m x_m - x_{ref} \| / D_{max}
 
@@ -54,7 +54,7 @@ def centeredness(samples: Any, reference: Any, farthest_m: float) -> float:
 
 
 def distribution(route: Route, tracks: Sequence[RouteSamples]) -> float | None:
-    r"""Mean distance from the swath over the mean step across it (β, Eqs. 14 to 16).
+    r"""Return the mean distance from the swath over the mean step across it (β, Eqs. 14 to 16).
 
     .. math::  \beta_a = \frac{1}{M} \sum_{m=1}^M |y_m|, \quad
                \beta_b = \frac{1}{K} \sum_{|y_m - y_{m+1}| \ge 1\,\mathrm{m}} |y_m - y_{m+1}|, \quad
@@ -103,7 +103,7 @@ def distribution(route: Route, tracks: Sequence[RouteSamples]) -> float | None:
 
 
 def _across(axis: FloatArray, xy: FloatArray) -> FloatArray:
-    """Signed distance (N,) of places from the straight line through both ends of an axis [m]."""
+    """Return the signed distance (N,) of places from the straight line through both ends of an axis [m]."""
     (x0, y0), (x1, y1) = axis
     length = float(np.hypot(x1 - x0, y1 - y0))
     if length == 0.0:

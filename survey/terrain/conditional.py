@@ -64,7 +64,7 @@ class CoarseCells:
         return np.asarray(centres[:, None, :] + offsets[None, :, :], dtype=np.float64)
 
     def covariance(self, kernel: Kernel) -> FloatArray:
-        """Covariance (C, C) of the cells' means, without their errors [m²].
+        """Return the covariance (C, C) of the cells' means, without their errors [m²].
 
         On a regular grid it depends on how many rows and columns two cells are apart, and on no more.
         """
@@ -88,7 +88,7 @@ class CoarseCells:
         return distinct, counts / len(lags)
 
     def covariance_with(self, kernel: Kernel, xy: FloatArray) -> FloatArray:
-        """Covariance (C, M) of the cells' means with the field at places (M, 2) [m²]."""
+        """Return the covariance (C, M) of the cells' means with the field at places (M, 2) [m²]."""
         n, per_cell, _ = self.places.shape
         fine = kernel.covariance(self.places.reshape(-1, 2), xy)
         means: FloatArray = fine.reshape(n, per_cell, -1).mean(axis=1)

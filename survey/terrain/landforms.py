@@ -221,6 +221,6 @@ def _divided(coarse: FloatArray, rng: np.random.Generator, size: float) -> Float
 
 
 def _unit_coordinates(grid: Grid) -> tuple[FloatArray, FloatArray]:
-    """Columns from west (0) to east (1) and rows from south (0) to north (1), in row order."""
+    """Return the columns from west (0) to east (1) and rows from south (0) to north (1), in row order."""
     xmin, ymin, xmax, ymax = grid.bounds
     return (grid.x - xmin) / (xmax - xmin), (grid.y - ymin) / (ymax - ymin)

@@ -40,7 +40,7 @@ _UNFILTERED_SD_M = 1.192
 
 
 def _share_of_short_waves() -> float:
-    """Share of the fitted field's variance in waves shorter than the longest (any direction)."""
+    """Return the share of the fitted field's variance in waves shorter than the longest (any direction)."""
     cut = 2.0 * np.pi / LONGEST_WAVE_M
     area = ALONG_CRESTS_M * ACROSS_CRESTS_M
 

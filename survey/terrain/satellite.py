@@ -125,7 +125,7 @@ def _extent(dem: Dem, cell_m: float) -> tuple[float, float, float, float]:
 
 
 def _overlaps(n_fine: int, fine_m: float, offset_m: float, coarse_m: float, n_coarse: int) -> FloatArray:
-    """Share (n_coarse, n_fine) of each coarse cell that each fine cell fills, along one axis."""
+    """Return the share (n_coarse, n_fine) of each coarse cell that each fine cell fills, along one axis."""
     fine = fine_m * np.arange(n_fine)
     coarse = offset_m + coarse_m * np.arange(n_coarse)[:, None]
     overlap = np.minimum(fine + fine_m, coarse + coarse_m) - np.maximum(fine, coarse)

@@ -81,7 +81,7 @@ class BlockTridiagonal:
 
 
 def _blocks(information: Any, n: int, n_nodes: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Diagonal blocks, blocks above them, coupling of nodes to globals, the globals' own block."""
+    """Return the diagonal blocks, blocks above them, coupling of nodes to globals, the globals' own block."""
     row, column, value = information.row, information.col, information.data
     last = n_nodes * n
     n_globals = information.shape[0] - last

@@ -154,7 +154,7 @@ class Hypotheses:
             self._update(sees, innovation, variance)
 
     def place(self) -> tuple[FloatArray, FloatArray]:
-        """Mean position (3,) and its covariance (3, 3) in the world."""
+        """Return the mean position (3,) and its covariance (3, 3) in the world."""
         weight, turn = self._weight(), _turns(self._heading)
         each = (turn @ self._mean[:, _PLACE, None])[:, :, 0]
         mean = weight @ each
@@ -164,14 +164,14 @@ class Hypotheses:
         return self._origin + mean, covariance
 
     def heading(self) -> tuple[float, float]:
-        """Mean turn of the odometry's frame in the world [rad], and how much they agree on it, 0 to 1."""
+        """Return the mean turn of the odometry's frame in the world [rad], and how much they agree on it, 0 to 1."""
         each = np.exp(1j * (self._heading - self._mean[:, _YAW]))
         mean = self._weight() @ each
         own = float(self._covariance[_YAW, _YAW])
         return float(np.angle(mean)), float(abs(mean) * np.exp(-0.5 * own))
 
     def scale(self) -> float:
-        """Mean of what the odometry's steps are to be multiplied by."""
+        """Return the mean of what the odometry's steps are to be multiplied by."""
         return float(1.0 - self._weight() @ self._mean[:, _SCALE])
 
     def _innovation(self, fix: FloatArray, sees: FloatArray) -> FloatArray:
@@ -289,7 +289,7 @@ class _Model:
         return transition, noise
 
     def roll_variance(self, step_m: float, turned_rad: float) -> float:
-        """Variance of the wheels' travel, beyond what lasts."""
+        """Return the variance of the wheels' travel, beyond what lasts."""
         config = self._config
         straight = config.wheel_step_sigma_m**2 * step_m
         return straight + config.wheel_skid_m**2 * turned_rad + _TICK_M**2

@@ -79,7 +79,7 @@ class Nodes:
         return sums
 
     def beyond_usual(self, errors: FloatArray | None) -> FloatArray:
-        """Errors of steps beyond the usual ones (N - 1,), summed from node to node (K - 1,)."""
+        """Return the errors of steps beyond the usual ones (N - 1,), summed from node to node (K - 1,)."""
         if errors is None:
             return np.zeros(len(self.index) - 1)
         return np.sqrt(self.summed(errors**2))

@@ -82,7 +82,7 @@ def _to_vertical(up: FloatArray) -> FloatArray:
 
 
 def _averaged(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
-    """Mean of readings within `_TIME_S` of each moment, on its side of any hole."""
+    """Return the mean of readings within `_TIME_S` of each moment, on its side of any hole."""
     total = np.r_[0.0, np.cumsum(values)]
     edges = np.r_[0, np.flatnonzero(np.diff(time_s) > _HOLE_S) + 1, len(time_s)]
     side = np.searchsorted(edges, _nearest(time_s, at_s), side="right")

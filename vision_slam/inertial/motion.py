@@ -169,12 +169,12 @@ def _turned(inertial: Inertial, first_s: float, last_s: float) -> Rotation:
 
 
 def _usual_s(records: Wheels | Inertial | None) -> float:
-    """Usual time between two readings [s]."""
+    """Return the usual time between two readings [s]."""
     return 0.0 if records is None or len(records) < 2 else float(np.median(np.diff(records.time_s)))
 
 
 def _covers(time_s: FloatArray, first_s: float, last_s: float, slack_s: float) -> bool:
-    """Whether readings reach over both moments, but for so much time.
+    """Return whether readings reach over both moments, but for so much time.
 
     Of a distance that must be less than one reading's: after its end nothing is added, which would be standing.
     """

@@ -61,7 +61,7 @@ def _seconds(rows: FloatArray, path: Path, least_step_ns: float = _LEAST_STEP_NS
 
 
 def _looks_ahead(camera: Camera) -> bool:
-    """Whether the camera looks along x and stands upright, within 45°.
+    """Return whether the camera looks along x and stands upright, within 45°.
 
     EuRoC's body is its inertial unit, however that lies; one that lies otherwise is turned to
     look where the camera looks.
@@ -71,7 +71,7 @@ def _looks_ahead(camera: Camera) -> bool:
 
 
 def _euroc_camera(path: Path) -> Camera:
-    """Pinhole (radial-tangential) or fisheye (equidistant), on the frame of the inertial unit."""
+    """Return the pinhole (radial-tangential) or fisheye (equidistant), on the frame of the inertial unit."""
     text = read_text(path, "the calibration").replace("%YAML:1.0", "")
     try:
         given = yaml.safe_load(text)

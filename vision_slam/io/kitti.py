@@ -55,7 +55,7 @@ def read_kitti_sequence(place: Path, camera: Camera | None) -> ImageSequence:
 
 
 def _kitti_matrix(file: Path) -> FloatArray:
-    """Left camera of a KITTI calibration: the first projection, with or without its label."""
+    """Return the left camera of a KITTI calibration: the first projection, with or without its label."""
     words = read_text(file, "the calibration").splitlines()[0].split()
     try:
         numbers = [float(word) for word in words if not word.endswith(":")]

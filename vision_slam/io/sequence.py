@@ -179,7 +179,7 @@ def _span(time_s: FloatArray) -> str:
 
 
 def _guess(log: GpsLog, times: FloatArray) -> str:
-    """Midnight before the first image, where the images are dated and the fixes have the time of day."""
+    """Return the midnight before the first image, where the images are dated and the fixes have the time of day."""
     if log.is_dated or times[0] < _DATED_S:
         return ""
     return f", such as {times[0] - times[0] % 86400.0:.0f} for times of day"

@@ -40,7 +40,7 @@ def detect(image: Image, taken: Pixels, n_wanted: int, config: VisualOdometryCon
 
 
 def _response(image: Image, config: VisualOdometryConfig) -> Any:
-    """Strength of the corner at each pixel; keypoint detectors fill in the places that they name."""
+    """Return the strength of the corner at each pixel; keypoint detectors fill in the places that they name."""
     if config.detector == "gftt":
         return cv2.cornerMinEigenVal(image, 5)
     if config.detector == "harris":

@@ -138,7 +138,7 @@ class VisualOdometer:
         self._follow(image, time_s)
 
     def _is_repeated(self, image: Image) -> bool:
-        """Whether an image is the same as the one before; blank images are all the same and show nothing."""
+        """Return whether an image is the same as the one before; blank images are all the same and show nothing."""
         if self._newest is None or not np.array_equal(image, self._newest):
             return False
         return self.slam.frames[-1].health.entropy_bits >= self.slam.config.least_entropy_bits

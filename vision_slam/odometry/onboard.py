@@ -127,7 +127,7 @@ class OnboardOdometry:
         return self._odometer.finish(records)
 
     def _is_ready(self) -> bool:
-        """Whether the next image can be processed: wheels and gyro reach its time, and the drive has begun."""
+        """Return whether the next image can be processed: wheels and gyro reach its time, and the drive has begun."""
         if len(self._waiting) > _MOST_WAITING:
             return True
         if not self._wheels or not self._inertial:

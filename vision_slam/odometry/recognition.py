@@ -278,11 +278,11 @@ def _match(one: Descriptors, other: Descriptors) -> tuple[IntArray, IntArray]:
 
 
 def _across(rays: FloatArray) -> FloatArray:
-    """Projections (N, 3, 3) on the planes across unit rays."""
+    """Return the projections (N, 3, 3) on the planes across unit rays."""
     across: FloatArray = np.eye(3) - rays[:, :, None] * rays[:, None, :]
     return across
 
 
 def _sigma_m(covariance: FloatArray) -> float:
-    """Largest standard deviation of the shift."""
+    """Return the largest standard deviation of the shift."""
     return float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))

@@ -120,12 +120,12 @@ class GroundMosaics:
         return within[np.unique(step, return_index=True)[1]]
 
     def level(self, pose: int) -> FloatArray:
-        """Axes (3, 3) of a pose's level frame, as columns in the world."""
+        """Return the axes (3, 3) of a pose's level frame, as columns in the world."""
         cosine, sine = np.cos(self._yaw[pose]), np.sin(self._yaw[pose])
         return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
     def _surface(self, pose: int) -> FloatArray:
-        """Height of the ground at the cells above the body, in its level frame."""
+        """Return the height of the ground at the cells above the body, in its level frame."""
         level = self.level(pose)
         near = np.abs(self._landmark_travel - self.travel_m[pose]) < _BEHIND_M + _SURFACE_M
         points = (self._landmark[near] - self._path[pose]) @ level
@@ -176,7 +176,7 @@ def _powers(xy: FloatArray) -> FloatArray:
 
 
 def _fitted(points: FloatArray, plane: FloatArray) -> FloatArray:
-    """Coefficients to add to a plane (6,) so that points (N, 3) lie on the surface; zero for too few."""
+    """Return the coefficients to add to a plane (6,) so that points (N, 3) lie on the surface; zero for too few."""
     if len(points) < _LEAST_LANDMARKS:
         return np.zeros(6)
     powers = _powers(points[:, :2])

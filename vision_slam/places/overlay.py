@@ -73,7 +73,7 @@ def match_overlay(first: GroundView, second: GroundView) -> Overlay | None:
 
 
 def _matched(first: GroundView, second: GroundView) -> tuple[FloatArray, FloatArray]:
-    """Places (M, 3) in both views of features that look alike, and like no other."""
+    """Return the places (M, 3) in both views of features that look alike, and like no other."""
     if min(len(first.xyz), len(second.xyz)) < _LEAST_MATCHES:
         return np.zeros((0, 3)), np.zeros((0, 3))
     likeness = first.descriptors @ second.descriptors.T  # descriptors are of unit length
@@ -92,7 +92,7 @@ def _matched(first: GroundView, second: GroundView) -> tuple[FloatArray, FloatAr
 
 
 def _largest_agreement(one: FloatArray, other: FloatArray) -> BoolArray:
-    """Which matches agree with the best guess from a pair of them."""
+    """Return which matches agree with the best guess from a pair of them."""
     i, j = np.triu_indices(len(one), 1)
     here, there = one[j] - one[i], other[j] - other[i]
     length = np.hypot(*here.T)

@@ -165,7 +165,7 @@ def match_ground(
 
 
 def _spaced(mosaics: GroundMosaics, poses: IntArray) -> list[int]:
-    """Poses a metre of travel apart."""
+    """Return the poses a metre of travel apart."""
     metre = (mosaics.travel_m[poses] / _KEY_SPACING_M).astype(int)
     spaced: list[int] = poses[np.unique(metre, return_index=True)[1]].tolist()
     return spaced

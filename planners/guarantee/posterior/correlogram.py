@@ -59,7 +59,7 @@ class Correlogram:
 
 @njit(cache=True)
 def _read(a: FloatArray, b: FloatArray, table: FloatArray, per_m: float) -> FloatArray:
-    """Correlations (A, B), linear between the entries of the table."""
+    """Return the correlations (A, B), linear between the entries of the table."""
     read = np.empty((len(a), len(b)))
     last = len(table) - 2
     for i in range(len(a)):

@@ -51,7 +51,7 @@ def gradients(image: Image, mask: Mask) -> FloatArray:
 
 
 def entropy_bits(image: Image, mask: Mask) -> float:
-    """Entropy of the histogram of grey levels."""
+    """Return the entropy of the histogram of grey levels."""
     share = np.bincount(image[mask], minlength=256) / mask.sum()
     return float(-(share[share > 0] * np.log2(share[share > 0])).sum())
 
@@ -62,7 +62,7 @@ def corners(image: Image, mask: Mask) -> FloatArray:
 
 
 def harris_corners(image: Image, mask: Mask) -> FloatArray:
-    """Harris's corners (k = 0.04) above the same threshold, squared as his measure is."""
+    """Return Harris's corners (k = 0.04) above the same threshold, squared as his measure is."""
     return _peaks(_opencv.cornerHarris(image, _WINDOW_PX, 3, 0.04), CORNER_STRENGTH**2, mask)
 
 
@@ -158,13 +158,13 @@ def by_tracking(detect: Callable[[Image, Mask], FloatArray]) -> Callable[[Pair],
 
 
 def by_orb(pair: Pair) -> Yield:
-    """ORB with its default, absolute threshold of 20 grey levels."""
+    """Return corners by ORB with its default, absolute threshold of 20 grey levels."""
     found, start, end = described(pair, cv2.ORB.create(3000), cv2.NORM_HAMMING, 0.9)
     return Yield(found, len(start), pair.correct(start, end))
 
 
 def by_sift(pair: Pair) -> Yield:
-    """SIFT with its default, absolute threshold on contrast."""
+    """Return corners by SIFT with its default, absolute threshold on contrast."""
     found, start, end = described(pair, cv2.SIFT.create(), cv2.NORM_L2, 0.8)
     return Yield(found, len(start), pair.correct(start, end))
 

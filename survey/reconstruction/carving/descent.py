@@ -246,7 +246,7 @@ def _covers(raster: FloatArray, step_m: float, x: float, y: float) -> bool:
 
 @njit(cache=True, fastmath=FAST, inline="always")
 def _on(raster: FloatArray, step_m: float, x: float, y: float) -> float:
-    """Height of a raster at a place that it covers, bilinear."""
+    """Return the height of a raster at a place that it covers, bilinear."""
     u, v = x / step_m, y / step_m
     i, j = int(u), int(v)
     s, t = u - i, v - j

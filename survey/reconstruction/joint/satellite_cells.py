@@ -171,7 +171,7 @@ class SatelliteCells:
         return len(self.height)
 
     def features(self, basis: FourierBasis, amplitudes: FloatArray) -> FloatArray:
-        r"""Means of the whitened waves over the cells (C, m).
+        r"""Return the means of the whitened waves over the cells (C, m).
 
         Over a parallelogram with sides u and v the mean of a wave is exactly
         ``sinc(ω·u/2) sinc(ω·v/2)`` of its value at the centre.

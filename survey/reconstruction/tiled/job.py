@@ -80,15 +80,15 @@ class TiledJob(NamedTuple):
         return self.work / "sorted"
 
     def cells_file(self, tile: MapTile) -> Path:
-        """File of the cells of a tile."""
+        """Return the file of the cells of a tile."""
         return self.work / "cells" / f"{tile.name}.npy"
 
     def summary_file(self, tile: MapTile) -> Path:
-        """File of what a tile contributes to the errors of strips and to the long relief."""
+        """Return the file of what a tile contributes to the errors of strips and to the long relief."""
         return self.work / "summaries" / f"{tile.name}.npz"
 
     def result_file(self, tile: MapTile) -> Path:
-        """File of the test of a tile by its withheld cells; the last file of a tile to be written."""
+        """Return the file of the test of a tile by its withheld cells; the last file of a tile to be written."""
         return self.work / "withheld" / f"{tile.name}.npz"
 
     @property

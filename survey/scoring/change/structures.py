@@ -25,7 +25,7 @@ def _gaussian(s: FloatArray) -> FloatArray:
 
 
 def _matern(s: FloatArray) -> FloatArray:
-    """Matérn of smoothness 3/2."""
+    """Return the Matérn correlation of smoothness 3/2."""
     at = 4.744 * s
     result: FloatArray = 1.0 - (1.0 + at) * np.exp(-at)
     return result

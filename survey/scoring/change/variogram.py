@@ -42,7 +42,7 @@ class Variogram:
         return self.nugget_m2 + sum(structure.sill_m2 for structure in self.structures)
 
     def at(self, lag_m: FloatArray) -> FloatArray:
-        """Half the mean square difference of two cells at the distances [m], as [m²].
+        """Return half the mean square difference of two cells at the distances [m], as [m²].
 
         Parameters
         ----------
@@ -60,7 +60,7 @@ class Variogram:
         return gamma
 
     def covariance(self, lag_m: FloatArray) -> FloatArray:
-        """Covariance of the errors of two cells at the distances [m], as [m²].
+        """Return the covariance of the errors of two cells at the distances [m], as [m²].
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class ErrorOfSum:
 def error_of_sum(
     weights: FloatArray, variogram: Variogram, learnt_on: BoolArray, step_m: float
 ) -> ErrorOfSum:
-    r"""Error of the weighted sum of a raster's errors, with their correlation.
+    r"""Return the error of the weighted sum of a raster's errors, with their correlation.
 
     .. math::  \operatorname{var} \sum_i w_i e_i = \sum_{ij} w_i w_j \, C(|x_i - x_j|) = \sum_k v_k, \qquad
                \nu = \Big(\frac{\sum_k v_k}{\sum_k v_k / \sqrt{\nu_k}}\Big)^2, \qquad
@@ -202,7 +202,7 @@ def _lag_lengths(shape: tuple[int, int], step_m: float) -> FloatArray:
 def _empirical(
     difference: FloatArray, known: BoolArray, step_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean lag, γ and weight of each bin, over all pairs of known cells."""
+    """Return the mean lag, γ and weight of each bin, over all pairs of known cells."""
     mask = known.astype(np.float64)
     z = np.where(known, difference - difference[known].mean(), 0.0)
     shape = _padded(z.shape)
@@ -227,5 +227,5 @@ def _empirical(
 
 
 def _edges(step_m: float, farthest_m: float) -> FloatArray:
-    """Edges of the bins of distance: every step at first, then growing."""
+    """Return the edges of the bins of distance: every step at first, then growing."""
     return np.geomspace(0.5 * step_m, max(farthest_m, 4.0 * step_m), _N_BINS + 1)

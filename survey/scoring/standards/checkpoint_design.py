@@ -103,7 +103,7 @@ def design_checkpoints(
 def _candidates(
     area: SurveyArea, terrain: Dem | None, max_slope_deg: float, route: Route | None, reach_m: float
 ) -> FloatArray:
-    """Places of a fine grid over the area that can be stood on and reached."""
+    """Return the places of a fine grid over the area that can be stood on and reached."""
     xmin, ymin, xmax, ymax = area.bounds
     x, y = (
         low + (np.arange(_N_CANDIDATES_A_SIDE) + 0.5) * (high - low) / _N_CANDIDATES_A_SIDE

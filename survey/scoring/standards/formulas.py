@@ -20,7 +20,7 @@ _LARGEST_SMALL_SCALE = 20_000.0
 
 
 def accuracy_z(rmse_z_m: float) -> float:
-    """Vertical accuracy at 95 % [m] (NSSDA, appendix 3-A): ``1.9600 · RMSE_z``, for normal errors without bias.
+    """Return the vertical accuracy at 95 % [m] (NSSDA, appendix 3-A): ``1.9600 · RMSE_z``, for normal errors without bias.
 
     Examples
     --------
@@ -31,7 +31,7 @@ def accuracy_z(rmse_z_m: float) -> float:
 
 
 def accuracy_r(rmse_x_m: float, rmse_y_m: float) -> float | None:
-    r"""Horizontal accuracy at 95 % [m] (NSSDA, appendix 3-A).
+    r"""Return the horizontal accuracy at 95 % [m] (NSSDA, appendix 3-A).
 
     .. math::  2.4477 \cdot \tfrac{1}{2}(RMSE_x + RMSE_y)
 
@@ -54,7 +54,7 @@ def accuracy_r(rmse_x_m: float, rmse_y_m: float) -> float | None:
 
 
 def rmse_v(fit_m: float, checkpoints_m: float) -> float:
-    r"""Vertical RMSE of ASPRS Edition 2 [m], with the error of the checkpoints' own survey.
+    r"""Return the vertical RMSE of ASPRS Edition 2 [m], with the error of the checkpoints' own survey.
 
     .. math::  RMSE_V = \sqrt{RMSE_{V1}^2 + RMSE_{V2}^2}
 
@@ -67,7 +67,7 @@ def rmse_v(fit_m: float, checkpoints_m: float) -> float:
 
 
 def rmse_h(rmse_x_m: float, rmse_y_m: float, checkpoints_m: float) -> float:
-    """Horizontal RMSE of ASPRS Edition 2 [m]; the checkpoints' error is that of one axis.
+    """Return the horizontal RMSE of ASPRS Edition 2 [m]; the checkpoints' error is that of one axis.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def rmse_h(rmse_x_m: float, rmse_y_m: float, checkpoints_m: float) -> float:
 
 
 def rmse_3d(rmse_h_m: float, rmse_v_m: float) -> float:
-    """Three-dimensional RMSE of ASPRS Edition 2 [m].
+    """Return the three-dimensional RMSE of ASPRS Edition 2 [m].
 
     Examples
     --------
@@ -90,7 +90,7 @@ def rmse_3d(rmse_h_m: float, rmse_v_m: float) -> float:
 
 
 def vmas(rmse_z_m: float) -> float:
-    """Vertical error at 90 % [m] as NMAS has it, ``1.6449 · RMSE_z``: a conversion, NMAS itself counts points.
+    """Return the vertical error at 90 % [m] as NMAS has it, ``1.6449 · RMSE_z``: a conversion, NMAS itself counts points.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def vmas(rmse_z_m: float) -> float:
 
 
 def cmas(rmse_x_m: float, rmse_y_m: float) -> float:
-    """Circular error at 90 % [m] as NMAS has it, for nearly equal axes: ``2.1460`` times their mean RMSE.
+    """Return the circular error at 90 % [m] as NMAS has it, for nearly equal axes: ``2.1460`` times their mean RMSE.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def cmas(rmse_x_m: float, rmse_y_m: float) -> float:
 
 
 def nmas_horizontal_limit_m(scale: float) -> float:
-    """Ground distance [m] that at most 10 % of well-defined points of a map 1:scale may be off (NMAS).
+    """Return the ground distance [m] that at most 10 % of well-defined points of a map 1:scale may be off (NMAS).
 
     1/30 inch on maps larger than 1:20,000, 1/50 inch on the others.
 
@@ -126,7 +126,7 @@ def nmas_horizontal_limit_m(scale: float) -> float:
 
 
 def asprs_1990_horizontal_limit_m(scale: float) -> float:
-    """Limit [m] of RMSE_x and of RMSE_y for class 1 of ASPRS 1990: a quarter of a millimetre on the map.
+    """Return the limit [m] of RMSE_x and of RMSE_y for class 1 of ASPRS 1990: a quarter of a millimetre on the map.
 
     Examples
     --------
@@ -137,7 +137,7 @@ def asprs_1990_horizontal_limit_m(scale: float) -> float:
 
 
 def nva_limit_m(class_m: float) -> float:
-    """Limit [m] of the non-vegetated accuracy at 95 % for a class of ASPRS 2014: ``1.96`` times the class.
+    """Return the limit [m] of the non-vegetated accuracy at 95 % for a class of ASPRS 2014: ``1.96`` times the class.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def nva_limit_m(class_m: float) -> float:
 
 
 def vva_limit_m(class_m: float) -> float:
-    """Limit [m] of the vegetated 95th percentile for a class of ASPRS 2014: ``3.00`` times the class.
+    """Return the limit [m] of the vegetated 95th percentile for a class of ASPRS 2014: ``3.00`` times the class.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def vva_limit_m(class_m: float) -> float:
 
 
 def equivalent_intervals_m(rmse_z_m: float) -> dict[str, float]:
-    """Contour intervals [m] that an RMSE just supports: ASPRS 1990 classes 1 and 2, and NMAS.
+    """Return the contour intervals [m] that an RMSE just supports: ASPRS 1990 classes 1 and 2, and NMAS.
 
     The factor of class 2 (1.5) could not be checked against the standard's own text.
 
@@ -173,7 +173,7 @@ def equivalent_intervals_m(rmse_z_m: float) -> dict[str, float]:
 
 
 def checkpoints_2014(area_km2: float) -> tuple[int, int]:
-    """Least numbers of non-vegetated and vegetated checkpoints for an area (ASPRS 2014).
+    """Return the least numbers of non-vegetated and vegetated checkpoints for an area (ASPRS 2014).
 
     Up to 500 km² 20 and 5; up to 2,500 km² five more of each for every 250 km² begun (rows in between could not
     be checked; both ends were); beyond, three and two more for every 500 km² begun.
@@ -195,7 +195,7 @@ def checkpoints_2014(area_km2: float) -> tuple[int, int]:
 
 
 def checkpoints_edition_2(area_km2: float) -> int:
-    """Least number of checkpoints for an area (ASPRS Edition 2), of either kind: 30 to 120.
+    """Return the least number of checkpoints for an area (ASPRS Edition 2), of either kind: 30 to 120.
 
     The steps in between, ten for every 1,000 km² begun beyond the first, could not be checked; both ends were.
 

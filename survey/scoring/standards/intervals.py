@@ -87,7 +87,7 @@ class RmseInterval:
 
 
 def _resampled(e: FloatArray) -> tuple[float, float]:
-    """Percentiles of the RMSE over samples drawn with replacement; always the same draws for equal errors."""
+    """Return the percentiles of the RMSE over samples drawn with replacement; always the same draws for equal errors."""
     rng = stream(len(e), "rmse bootstrap")
     squares = (e**2)[rng.integers(0, len(e), (_N_RESAMPLES, len(e)))].mean(axis=1)
     low, high = np.sqrt(np.percentile(squares, (2.5, 97.5)))

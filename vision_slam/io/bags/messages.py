@@ -40,7 +40,7 @@ _ENCODINGS: dict[str, tuple[int, int | None]] = {
 
 
 def decode_pixels(message: Any, msgtype: str, where: str) -> npt.NDArray[Any]:
-    """Pixels of an image message, grey or blue-green-red."""
+    """Return the pixels of an image message, grey or blue-green-red."""
     if msgtype == COMPRESSED:
         return decoded(bytes(message.data), where)
     if message.encoding not in _ENCODINGS:
@@ -64,7 +64,7 @@ def decode_pixels(message: Any, msgtype: str, where: str) -> npt.NDArray[Any]:
 
 
 def decode_camera(info: Any, mounted: FloatArray, place: Path) -> Camera:
-    """Calibration from a CameraInfo, whose fields are named in capitals in ROS 1."""
+    """Return the calibration from a CameraInfo, whose fields are named in capitals in ROS 1."""
     matrix, lens = (
         np.asarray(getattr(info, n, getattr(info, n.upper(), None)), dtype=float) for n in ("k", "d")
     )
@@ -92,7 +92,7 @@ def decode_camera(info: Any, mounted: FloatArray, place: Path) -> Camera:
 
 
 def decode_fix_sigma_m(message: Any) -> float:
-    """Horizontal standard deviation in each axis [m] of a NavSatFix; 0 where it states no covariance."""
+    """Return the horizontal standard deviation in each axis [m] of a NavSatFix; 0 where it states no covariance."""
     east_m2, north_m2 = message.position_covariance[0], message.position_covariance[4]
     is_stated = message.position_covariance_type > 0 and east_m2 > 0.0 and north_m2 > 0.0
     return float(np.sqrt(0.5 * (east_m2 + north_m2))) if is_stated else 0.0
@@ -104,7 +104,7 @@ def _padded(coefficients: FloatArray, n: int) -> FloatArray:
 
 
 def decode_wheels(rows: list[tuple[float, ...]]) -> Wheels:
-    """Distance along the body's own forward axis, summed."""
+    """Return the distance along the body's own forward axis, summed."""
     table = np.array(rows)
     forward = Rotation.from_quat(table[:-1, 4:]).apply([1.0, 0.0, 0.0])
     steps = np.einsum("ni,ni->n", forward, np.diff(table[:, 1:4], axis=0))
@@ -113,7 +113,7 @@ def decode_wheels(rows: list[tuple[float, ...]]) -> Wheels:
 
 
 def decode_transform(message: Any) -> tuple[str, FloatArray]:
-    """Parent frame, and the child's pose in it."""
+    """Return the parent frame, and the child's pose in it."""
     shift, turn = message.transform.translation, message.transform.rotation
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()

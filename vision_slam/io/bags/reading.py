@@ -299,7 +299,7 @@ class _BagImages:
 
 
 def _on_body(found: _Found, frame: str) -> FloatArray | None:
-    """Pose of a frame on the body by the static transforms; None where they do not reach it."""
+    """Return the pose of a frame on the body by the static transforms; None where they do not reach it."""
     pose: FloatArray = np.eye(4)
     for _ in range(len(found.mounted) + 1):
         if frame in _BASES:

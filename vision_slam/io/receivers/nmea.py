@@ -212,5 +212,5 @@ def _words(sentence: str) -> tuple[list[str], str]:
 
 
 def _degrees(text: str, n_digits: int) -> float:
-    """Degrees of ddmm.mmmm or dddmm.mmmm."""
+    """Return the degrees of ddmm.mmmm or dddmm.mmmm."""
     return float(text[:n_digits]) + float(text[n_digits:]) / 60.0

@@ -187,7 +187,7 @@ class Window:
                 track.point, track.is_far = direction, True
 
     def _agree(self, tracks: list[Track], was_used: list[bool]) -> list[bool]:
-        """Whether the newest sight of each track lies where its point is; unknown points do not object."""
+        """Return whether the newest sight of each track lies where its point is; unknown points do not object."""
         rotation, place = self._camera_pose(self.newest)
         rays = np.array([track.rays[-1] for track in tracks])
         judged = np.array(was_used) & [track.point is not None for track in tracks]
@@ -202,7 +202,7 @@ class Window:
         return agree
 
     def _level(self, tracks: list[Track]) -> list[bool]:
-        """Whether each track lies so near the horizon, or above, that it may be a mountain."""
+        """Return whether each track lies so near the horizon, or above, that it may be a mountain."""
         rotation, _ = self._camera_pose(self.newest)
         level: list[bool] = (np.array([track.rays[-1] for track in tracks]) @ rotation[2] > _LEVEL).tolist()
         return level

@@ -301,7 +301,7 @@ def _border(camera: Camera) -> FloatArray:
 
 
 def _is_one_to_one(camera: Camera) -> bool:
-    """Whether pixels move outwards with the angle, along the diagonals, up to the corners of the image."""
+    """Return whether pixels move outwards with the angle, along the diagonals, up to the corners of the image."""
     undistorted = replace(camera, distortion=np.zeros_like(camera.distortion))
     corners = np.array([[0.0, 0.0], [camera.width - 1.0, camera.height - 1.0]])
     for corner in undistorted.rays(corners):

@@ -146,7 +146,7 @@ def _most_likely(design: Any, value: FloatArray, sigma: FloatArray, may_lie: Boo
 
 
 def _turns(poses: FloatArray, seen: FloatArray) -> BoolArray:
-    """Whether the body turns on the way to the next keyframe (K - 1,)."""
+    """Return whether the body turns on the way to the next keyframe (K - 1,)."""
     travel = np.r_[0.0, np.cumsum(seen)]
     heading = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
     ahead, behind = (np.interp(travel + far, travel, heading) for far in (_TURN_WITHIN_M, -_TURN_WITHIN_M))

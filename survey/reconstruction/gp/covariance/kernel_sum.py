@@ -71,24 +71,24 @@ class Sum(Kernel):
         return type(self)(*changed)
 
     def covariance_of_lag(self, lag_m: FloatArray) -> FloatArray:
-        """Covariance [m²] at the lags (..., 2) [m]."""
+        """Return the covariance [m²] at the lags (..., 2) [m]."""
         total: FloatArray = np.sum([part.covariance_of_lag(lag_m) for part in self.parts], axis=0)
         return total
 
     def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
-        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
+        """Return the covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
         total = self.parts[0].covariance(xy_a, xy_b)
         for part in self.parts[1:]:
             total += part.covariance(xy_a, xy_b)
         return total
 
     def spectral_density(self, omega: FloatArray) -> FloatArray:
-        """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
+        """Return the spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
         total: FloatArray = np.sum([part.spectral_density(omega) for part in self.parts], axis=0)
         return total
 
     def log_spectral_gradient(self, omega: FloatArray) -> FloatArray:
-        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
+        """Return the gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
         densities = [part.spectral_density(omega) for part in self.parts]
         total = np.sum(densities, axis=0)
         # Where the whole spectrum has underflowed no part matters, and 0 / 0 must not appear.
@@ -101,7 +101,7 @@ class Sum(Kernel):
         )
 
     def decay_m(self, ratio: float) -> float:
-        """Distance [m] beyond which every part is below `ratio` times the variance of the sum."""
+        """Return the distance [m] beyond which every part is below `ratio` times the variance of the sum."""
         shares = [part.variance_m2 / self.variance_m2 for part in self.parts]
         reaches = [
             part.decay_m(ratio / share)

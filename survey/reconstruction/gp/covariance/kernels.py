@@ -83,7 +83,7 @@ class SquaredExponential(Stationary):
         return np.full_like(q2, -0.5)
 
     def decay_m(self, ratio: float) -> float:
-        """Distance [m] beyond which the covariance is below `ratio` times the variance."""
+        """Return the distance [m] beyond which the covariance is below `ratio` times the variance."""
         return self.length_scales_m[1] * float(np.sqrt(-2 * np.log(ratio)))
 
 

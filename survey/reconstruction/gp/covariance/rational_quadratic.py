@@ -78,7 +78,7 @@ class RationalQuadratic(Stationary):
         return slope
 
     def log_spectral_gradient(self, omega: FloatArray) -> FloatArray:
-        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
+        """Return the gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
         q_a, q_b = self._scaled_frequencies(omega)
         q2 = q_a**2 + q_b**2
         # The Bessel function has no elementary derivative in its order: a central difference, good to 1e-8.
@@ -93,7 +93,7 @@ _Q2_FLOOR = 1e-12
 
 
 def _log_rational_quadratic_spectrum(q2: FloatArray, shape: float) -> FloatArray:
-    """Logarithm of σ of the rational quadratic, by the scaled Bessel function."""
+    """Return the logarithm of σ of the rational quadratic, by the scaled Bessel function."""
     b = 0.5 * np.maximum(q2, _Q2_FLOOR)
     z = 2 * np.sqrt(shape * b)
     log_bessel = np.log(kve(shape - 1, z)) - z

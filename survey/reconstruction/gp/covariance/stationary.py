@@ -77,7 +77,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def covariance_of_lag(self, lag_m: FloatArray) -> FloatArray:
-        """Covariance [m²] at the lags (..., 2) [m].
+        """Return the covariance [m²] at the lags (..., 2) [m].
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class Kernel(ABC):
         """
 
     def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
-        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B).
+        """Return the covariance [m²] between the points (A, 2) and (B, 2), as (A, B).
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def spectral_density(self, omega: FloatArray) -> FloatArray:
-        """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m].
+        """Return the spectral density [m⁴] at the angular frequencies (..., 2) [rad/m].
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def log_spectral_gradient(self, omega: FloatArray) -> FloatArray:
-        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`.
+        """Return the gradient (P, ...) of the log spectral density with respect to `log_parameters`.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def decay_m(self, ratio: float) -> float:
-        """Distance [m] beyond which the covariance is below `ratio` times the variance.
+        """Return the distance [m] beyond which the covariance is below `ratio` times the variance.
 
         Parameters
         ----------
@@ -183,11 +183,11 @@ class Stationary(Kernel):
 
     @abstractmethod
     def _correlation(self, s2: FloatArray) -> FloatArray:
-        """Correlation at the squared scaled distance."""
+        """Return the correlation at the squared scaled distance."""
 
     @abstractmethod
     def _log_spectrum(self, q2: FloatArray) -> FloatArray:
-        """Logarithm of σ at the squared scaled frequency."""
+        """Return the logarithm of σ at the squared scaled frequency."""
 
     @abstractmethod
     def _log_spectrum_slope(self, q2: FloatArray) -> FloatArray:
@@ -254,11 +254,11 @@ class Stationary(Kernel):
         return self.variance_m2 * self._correlation(squared_m2 / self.length_scale_m**2)
 
     def covariance_of_lag(self, lag_m: FloatArray) -> FloatArray:
-        """Covariance [m²] at the lags (..., 2) [m]."""
+        """Return the covariance [m²] at the lags (..., 2) [m]."""
         return self.covariance_of_squared(self.squared_along(lag_m))
 
     def covariance(self, xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
-        """Covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
+        """Return the covariance [m²] between the points (A, 2) and (B, 2), as (A, B)."""
         (along_a, across_a), (along_b, across_b) = (self._along_and_across(xy) for xy in (xy_a, xy_b))
         s2 = np.square(along_a[:, None] - along_b)
         s2 += np.square(self.anisotropy * (across_a[:, None] - across_b))
@@ -268,14 +268,14 @@ class Stationary(Kernel):
         return covariance
 
     def spectral_density(self, omega: FloatArray) -> FloatArray:
-        """Spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
+        """Return the spectral density [m⁴] at the angular frequencies (..., 2) [rad/m]."""
         q_a, q_b = self._scaled_frequencies(omega)
         area = self.length_scale_m**2 / self.anisotropy
         density: FloatArray = self.variance_m2 * area * np.exp(self._log_spectrum(q_a**2 + q_b**2))
         return density
 
     def log_spectral_gradient(self, omega: FloatArray) -> FloatArray:
-        """Gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
+        """Return the gradient (P, ...) of the log spectral density with respect to `log_parameters`."""
         q_a, q_b = self._scaled_frequencies(omega)
         q2 = q_a**2 + q_b**2
         slope = self._log_spectrum_slope(q2)
@@ -287,7 +287,7 @@ class Stationary(Kernel):
         return np.stack(rows)
 
     def decay_m(self, ratio: float) -> float:
-        """Distance [m] beyond which the covariance is below `ratio` times the variance."""
+        """Return the distance [m] beyond which the covariance is below `ratio` times the variance."""
         s = np.geomspace(1e-2, 1e3, 2001)
         beyond = s[self._correlation(s**2) < ratio]
         return self.length_scales_m[1] * float(beyond[0] if beyond.size else s[-1])

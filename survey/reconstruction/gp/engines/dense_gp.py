@@ -229,7 +229,7 @@ class DenseGaussianProcess(Process):
         return surfaces
 
     def _half(self, xy: FloatArray) -> FloatArray:
-        """L⁻¹ k(X, x), whose squares are what the points explain."""
+        """Return L⁻¹ k(X, x), whose squares are what the points explain."""
         half: FloatArray = solve_triangular(
             self.factor,
             self.kernel.covariance(self.data.xy, xy),
@@ -246,7 +246,7 @@ class DenseGaussianProcess(Process):
         return whitened
 
     def _weights(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Whitened residual of the trend, the trend's coefficients and their covariance."""
+        """Return the whitened residual of the trend, the trend's coefficients and their covariance."""
         covariance, coefficients = self.trend_covariance, self.trend_coefficients
         residual = self.data.values - self.trend.columns(self.data.xy) @ coefficients
         whitened: FloatArray = solve_triangular(self.factor, residual, lower=True, check_finite=False)

@@ -41,7 +41,7 @@ class FourierBox:
 
     @classmethod
     def around(cls, bounds: tuple[float, float, float, float], halo_m: float) -> Self:
-        """Box around (xmin, ymin, xmax, ymax) [m] whose far sides lie `halo_m` apart."""
+        """Return the box around (xmin, ymin, xmax, ymax) [m] whose far sides lie `halo_m` apart."""
         low, high = np.array(bounds[:2]), np.array(bounds[2:])
         return cls((low + high) / 2, high - low + halo_m)
 
@@ -51,12 +51,12 @@ class FourierBox:
         return float(np.prod(self.period_m))
 
     def phases(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Phases (N,) of the lowest waves along x and y [rad]."""
+        """Return the phases (N,) of the lowest waves along x and y [rad]."""
         scaled = (xy - self.centre_m) * (2 * np.pi / self.period_m)
         return np.ascontiguousarray(scaled[:, 0]), np.ascontiguousarray(scaled[:, 1])
 
     def omega(self, lattice: IntArray) -> FloatArray:
-        """Angular frequencies (..., 2) of lattice points [rad/m]."""
+        """Return the angular frequencies (..., 2) of lattice points [rad/m]."""
         frequencies: FloatArray = lattice * (2 * np.pi / self.period_m)
         return frequencies
 
@@ -70,7 +70,7 @@ class FourierBox:
         return result
 
     def evaluate(self, xy: FloatArray, coefficients: ComplexArray) -> FloatArray:
-        """Value (N,) of ``Re Σ c exp(-i(p·x + q·y))`` at points; `coefficients` are centred on (0, 0)."""
+        """Return the value (N,) of ``Re Σ c exp(-i(p·x + q·y))`` at points; `coefficients` are centred on (0, 0)."""
         x, y = self.phases(xy)
         values: FloatArray = finufft.nufft2d2(
             x, y, coefficients, eps=TRANSFORM_ACCURACY, isign=-1, nthreads=1
@@ -78,7 +78,7 @@ class FourierBox:
         return values
 
     def evaluate_on_axes(self, x: FloatArray, y: FloatArray, coefficients: ComplexArray) -> FloatArray:
-        """Value (H, W) of ``Re Σ c exp(-i(p·x + q·y))`` on the nodes of two axes, by two matrix products."""
+        """Return the value (H, W) of ``Re Σ c exp(-i(p·x + q·y))`` on the nodes of two axes, by two matrix products."""
         half_p, half_q = (n // 2 for n in coefficients.shape)
         step_x, step_y = 2 * np.pi / self.period_m
         phase_x = np.outer(np.arange(-half_p, half_p + 1), (x - self.centre_m[0]) * step_x)
@@ -90,7 +90,7 @@ class FourierBox:
         return values
 
     def derivative(self, coefficients: ComplexArray, axis: int) -> ComplexArray:
-        """Coefficients of the derivative along x (`axis` 0) or y (1) [1/m]."""
+        """Return the coefficients of the derivative along x (`axis` 0) or y (1) [1/m]."""
         half = coefficients.shape[axis] // 2
         omega = np.arange(-half, half + 1) * (2 * np.pi / self.period_m[axis])
         derivative: ComplexArray = -1j * coefficients * (omega[:, None] if axis == 0 else omega)
@@ -117,7 +117,7 @@ class FourierBasis:
 
     @classmethod
     def of(cls, box: FourierBox, lattice: IntArray) -> Self:
-        """Basis of the lattice points of a half plane, given in the order of p, then q, from (0, 0)."""
+        """Return the basis of the lattice points of a half plane, given in the order of p, then q, from (0, 0)."""
         return cls(box, lattice, _runs(lattice))
 
     @property
@@ -137,13 +137,13 @@ class FourierBasis:
         return self.box.omega(self.lattice)
 
     def weights_of(self, transform: ComplexArray) -> FloatArray:
-        """Cosine and sine sums (m,) from a centred transform of points that reaches this basis or further."""
+        """Return the cosine and sine sums (m,) from a centred transform of points that reaches this basis or further."""
         centre_p, centre_q = (n // 2 for n in transform.shape)
         sums = transform[self.lattice[:, 0] + centre_p, self.lattice[:, 1] + centre_q]
         return np.concatenate([sums.real, sums.imag[1:]])
 
     def coefficients_of(self, weights: FloatArray) -> ComplexArray:
-        """Centred coefficients for `FourierBox.evaluate` from cosine and sine weights (m,)."""
+        """Return the centred coefficients for `FourierBox.evaluate` from cosine and sine weights (m,)."""
         (half_p, half_q), n = self.half, len(self.lattice)
         coefficients = np.zeros((2 * half_p + 1, 2 * half_q + 1), dtype=complex)
         waves = weights[:n] + 1j * np.concatenate([[0.0], weights[n:]])
@@ -156,7 +156,7 @@ class FourierBasis:
 
 
 def _runs(lattice: IntArray) -> IntArray:
-    """Bounds (R, 2) of the stretches in which q rises by one at constant p."""
+    """Return the bounds (R, 2) of the stretches in which q rises by one at constant p."""
     steps = np.diff(lattice, axis=0)
     breaks = np.flatnonzero((steps[:, 0] != 0) | (steps[:, 1] != 1)) + 1
     starts = np.concatenate([[0], breaks])

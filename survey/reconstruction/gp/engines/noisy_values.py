@@ -53,7 +53,7 @@ class NoisyValues:
         return replace(self, columns=self.columns[:, :0])
 
     def extent(self, bounds: tuple[float, float, float, float] | None) -> tuple[float, float, float, float]:
-        """Smallest rectangle (xmin, ymin, xmax, ymax) that holds the bounds, if any, and the points."""
+        """Return the smallest rectangle (xmin, ymin, xmax, ymax) that holds the bounds, if any, and the points."""
         low, high = self.xy.min(axis=0), self.xy.max(axis=0)
         if bounds is not None:
             low, high = np.minimum(low, bounds[:2]), np.maximum(high, bounds[2:])

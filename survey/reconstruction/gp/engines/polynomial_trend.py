@@ -28,7 +28,7 @@ class PolynomialTrend:
         return {"none": 0, "constant": 1, "plane": 3}[self.name]
 
     def columns(self, xy: FloatArray) -> FloatArray:
-        """Values (..., T) at places (..., 2) [m]."""
+        """Return the values (..., T) at places (..., 2) [m]."""
         scaled = 2 * (xy - self.box.centre_m) / self.box.period_m
         ones = np.ones((*xy.shape[:-1], 1))
         return np.concatenate([ones, scaled], axis=-1)[..., : self.n_columns]

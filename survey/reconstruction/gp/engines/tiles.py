@@ -146,7 +146,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         return mean[inside], variance[inside]
 
     def _tiles_of(self, xy: FloatArray) -> list[tuple[tuple[int, int], BoolArray]]:
-        """Tiles that hold places, each with the mask of its places."""
+        """Return the tiles that hold places, each with the mask of its places."""
         column, row = self._index(xy[:, 0], 0), self._index(xy[:, 1], 1)
         tiles = np.unique(np.column_stack([column, row]), axis=0)
         return [((int(c), int(r)), (column == c) & (row == r)) for c, r in tiles]
@@ -163,7 +163,7 @@ class TiledGaussianProcess(DividedGaussianProcess[tuple[int, int], BoolArray]):
         return (*corner.tolist(), *(corner + size).tolist())
 
     def _near(self, tile: tuple[int, int]) -> BoolArray:
-        """Mask of the points in a tile and its halo."""
+        """Return the mask of the points in a tile and its halo."""
         halo = HALO_LENGTHS * self.kernel.length_scales_m[1]
         xmin, ymin, xmax, ymax = self._bounds(tile)
         x, y = self.data.xy.T

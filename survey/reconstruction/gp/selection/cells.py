@@ -99,7 +99,7 @@ class FoundKernel:
 
 
 def blocks(n: int, size: int = 64) -> Iterator[slice]:
-    """Rows that are worked on together, so that they stay in the processor's cache."""
+    """Return the rows that are worked on together, so that they stay in the processor's cache."""
     return (slice(start, min(start + size, n)) for start in range(0, n, size))
 
 
@@ -109,12 +109,12 @@ def triangle(xy: FloatArray) -> Iterator[tuple[slice, FloatArray]]:
 
 
 def solved(factor: FloatArray, columns: FloatArray, *, transposed: bool = False) -> FloatArray:
-    """L⁻¹ B, or L⁻ᵀ B; a factor of a positive definite matrix has no zero that could fail."""
+    """Return L⁻¹ B, or L⁻ᵀ B; a factor of a positive definite matrix has no zero that could fail."""
     solved: FloatArray = lapack.dtrtrs(factor, columns, lower=1, trans=int(transposed))[0]
     return solved
 
 
 def factorized(matrix: FloatArray) -> FloatArray | None:
-    """Cholesky factor in the lower triangle, or None where rounding makes the matrix indefinite."""
+    """Return the Cholesky factor in the lower triangle, or None where rounding makes the matrix indefinite."""
     factor, failed = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
     return None if failed else factor

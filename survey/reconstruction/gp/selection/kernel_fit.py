@@ -206,7 +206,7 @@ class KernelFit:
         return value - np.log(1e4), value + np.log(1e4)
 
     def _negative(self, theta: FloatArray, kernel: Kernel) -> tuple[float, FloatArray]:
-        """Negative log likelihood (Eq. 9) and its gradient, ½ tr((K⁻¹ − αα') dK)."""
+        """Return the negative log likelihood (Eq. 9) and its gradient, ½ tr((K⁻¹ − αα') dK)."""
         candidate = kernel.with_log_parameters(theta[:-1])
         nugget_m2 = self.nugget_m**2 if self.nugget_m is not None else float(np.exp(theta[-1]))
         n = len(self.values)

@@ -180,7 +180,7 @@ class KernelSearch:
             pass
 
     def _neighbours(self, view: "LikelihoodView", step: int, within: float) -> Iterator[Wish]:
-        """Cells around the best of every family, for each survey its own.
+        """Return the cells around the best of every family, for each survey its own.
 
         A longer scale goes with a larger variance, thus with a smaller ratio: a ridge that no step along one
         axis follows. So neighbouring lengths are compared by the likeliest ratio of each.
@@ -200,7 +200,7 @@ class KernelSearch:
                         yield top._replace(ratio=ratio), its & mine & (first <= ratio) & (ratio <= last)
 
     def _around(self, within: float) -> Iterator[Wish]:
-        """Cells beside those of the first survey that are nearly as likely as its best."""
+        """Return the cells beside those of the first survey that are nearly as likely as its best."""
         low, high = self._lengths
         first, last = self._ratios[:, 0]
         alone = np.arange(self.heights.shape[1]) == 0

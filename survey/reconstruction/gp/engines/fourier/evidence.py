@@ -106,7 +106,7 @@ class MarginalLikelihood:
         return diagonal
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Mean [m] and variance [m²] (N,) that the other points predict for each value, its noise included.
+        """Return the mean [m] and variance [m²] (N,) that the other points predict for each value, its noise included.
 
         Exact, without refitting (Rasmussen and Williams 2006, Eqs. 5.10 to 5.12).
         """

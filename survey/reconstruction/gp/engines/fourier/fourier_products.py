@@ -33,7 +33,7 @@ class FourierProducts(Process):
         """Information matrix (T, T) of the trend's coefficients."""
 
     def sample_on_axes(self, x: FloatArray, y: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
-        """Joint samples (n, H, W) [m] of the terrain on the nodes of the axes x and y [m].
+        """Return joint samples (n, H, W) [m] of the terrain on the nodes of the axes x and y [m].
 
         Each is a draw from the prior, moved to the data by the answer to what it misses (Matheron's rule):
         ``f = f₀ + m(y - f₀(X) - ε)``.  It costs one solution for the mean, not a factorization.
@@ -57,7 +57,7 @@ class FourierProducts(Process):
         return samples
 
     def weighted_sum(self, xy: FloatArray, weights: FloatArray) -> tuple[float, float]:
-        """Mean and standard deviation of ``Σ w_i f(x_i)``, such as the volume over a polygon.
+        """Return the mean and standard deviation of ``Σ w_i f(x_i)``, such as the volume over a polygon.
 
         Parameters
         ----------

@@ -210,7 +210,7 @@ class FourierGaussianProcess(FourierProducts):
         return [self.system.coefficients(solution) for solution in self.solutions[1:]]
 
     def trend_variance(self, remainders: FloatArray) -> FloatArray:
-        """Variance from the trend's coefficients, given the unexplained part (..., T) of its columns."""
+        """Return the variance from the trend's coefficients, given the unexplained part (..., T) of its columns."""
         solved = np.linalg.solve(self.trend_precision, remainders.reshape(-1, remainders.shape[-1]).T).T
         variance: FloatArray = np.sum(remainders * solved.reshape(remainders.shape), axis=-1)
         return variance
@@ -231,7 +231,7 @@ class FourierGaussianProcess(FourierProducts):
     # -- questions --------------------------------------------------------------------------------
 
     def predict(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Posterior mean [m] and variance [m²] of the terrain at places (M, 2) on the site [m].
+        """Return the posterior mean [m] and variance [m²] of the terrain at places (M, 2) on the site [m].
 
         Raises
         ------
@@ -250,7 +250,7 @@ class FourierGaussianProcess(FourierProducts):
         return mean, np.maximum(variance, 0.0)
 
     def predict_on_axes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Posterior mean and standard deviation (H, W) [m] on the nodes of the axes x (W,) and y (H,) [m]."""
+        """Return the posterior mean and standard deviation (H, W) [m] on the nodes of the axes x (W,) and y (H,) [m]."""
         mean = self.mean_on_axes(x, y)
         box = self.resolution.box
         variance = box.evaluate_on_axes(x, y, self.variance_coefficients)
@@ -262,7 +262,7 @@ class FourierGaussianProcess(FourierProducts):
         return mean, np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
 
     def mean_on_axes(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Posterior mean (H, W) [m] on the nodes of the axes x (W,) and y (H,) [m]."""
+        """Return the posterior mean (H, W) [m] on the nodes of the axes x (W,) and y (H,) [m]."""
         self.refuse_outside(np.array([[x.min(), y.min()], [x.max(), y.max()]]))
         mean = self.resolution.box.evaluate_on_axes(x, y, self.mean_coefficients)
         if self.trend.n_columns:
@@ -271,7 +271,7 @@ class FourierGaussianProcess(FourierProducts):
         return mean
 
     def gradient(self, xy: FloatArray) -> FloatArray:
-        """Slope (M, 2) of the posterior mean at places: its derivatives along x and y [m/m]."""
+        """Return the slope (M, 2) of the posterior mean at places: its derivatives along x and y [m/m]."""
         xy = checked(xy, (None, 2), "places to predict")
         self.refuse_outside(xy)
         box = self.resolution.box
@@ -320,5 +320,5 @@ def _sums(data: NoisyValues, trend: PolynomialTrend, resolution: Resolution) -> 
 
 
 def _accuracy(kernel: Kernel, resolution: Resolution) -> float:
-    """Energy at which the iterative solver stops."""
+    """Return the energy at which the iterative solver stops."""
     return _SOLVER_SHARE * resolution.tolerance_m / float(np.sqrt(kernel.variance_m2))

@@ -43,7 +43,7 @@ class MeanSystem:
 
     @classmethod
     def of(cls, basis: FourierBasis, line_variance: FloatArray, gram: ComplexArray) -> Self:
-        """System of the waves of `basis`, whose lattice points have the prior variances `line_variance`."""
+        """Return the system of the waves of `basis`, whose lattice points have the prior variances `line_variance`."""
         half_p, half_q = basis.half
         n_p, n_q = (fft.next_fast_len(4 * n + 1, real=True) for n in (half_p, half_q))
         amplitudes = np.zeros((n_p // 2 + 1, n_q))
@@ -54,7 +54,7 @@ class MeanSystem:
         return cls((half_p, half_q), amplitudes, field)
 
     def product(self, z: ComplexArray) -> ComplexArray:
-        """Product of the system's matrix with a vector."""
+        """Return the product of the system's matrix with a vector."""
         n_p, n_q = self.noise_field.shape
         waves = fft.irfft2(self.amplitudes * z, s=(n_q, n_p), axes=(1, 0), norm="forward")
         waves *= self.noise_field
@@ -71,7 +71,7 @@ class MeanSystem:
         return side
 
     def coefficients(self, z: ComplexArray) -> ComplexArray:
-        """Centred coefficients for `FourierBox.evaluate` of the field with these weights."""
+        """Return the centred coefficients for `FourierBox.evaluate` of the field with these weights."""
         half_p, half_q = self.half
         columns = np.arange(-half_q, half_q + 1) % z.shape[1]
         half_plane = np.conj(self.amplitudes * z)[: half_p + 1, columns]
@@ -87,7 +87,7 @@ class MeanSystem:
         accuracy: float,
         starts: tuple[ComplexArray, ...] | None = None,
     ) -> tuple[ComplexArray, ...]:
-        """Weights for every data column, starting from given ones or from the fewer waves' own answer."""
+        """Return the weights for every data column, starting from given ones or from the fewer waves' own answer."""
         preconditioner = FourierPreconditioner(posterior)
         sides = [self.right_hand_side(moment) for moment in sums.moments]
         if starts is None:
@@ -147,7 +147,7 @@ class FourierPreconditioner:
         return self._put(residual.copy(), residual)
 
     def alone(self, side: ComplexArray) -> ComplexArray:
-        """Weights of the fewer waves alone; 0 for the others."""
+        """Return the weights of the fewer waves alone; 0 for the others."""
         return self._put(np.zeros_like(side), side)
 
     def _put(self, target: ComplexArray, residual: ComplexArray) -> ComplexArray:
@@ -189,7 +189,7 @@ class PointSums:
 
 
 def real_weights(z: ComplexArray, lattice: IntArray) -> FloatArray:
-    """Cosine and sine weights (m,) of complex ones in transform order."""
+    """Return the cosine and sine weights (m,) of complex ones in transform order."""
     picked = z[lattice[:, 0], lattice[:, 1]]
     cosines = np.sqrt(2) * picked.real
     cosines[0] = picked[0].real
@@ -214,6 +214,6 @@ def _place(target: FloatArray | ComplexArray, lattice: IntArray, values: FloatAr
 
 
 def inner(a: ComplexArray, b: ComplexArray) -> float:
-    """Inner product over the whole plane of two vectors given on half of it."""
+    """Return the inner product over the whole plane of two vectors given on half of it."""
     products = a.real * b.real + a.imag * b.imag
     return float(2 * products.sum() - products[0].sum())

@@ -65,7 +65,7 @@ class Resolution:
 
 
 def matrix_mb(n_modes: int) -> float:
-    """Memory of one matrix of that many modes squared [MB]."""
+    """Return the memory of one matrix of that many modes squared [MB]."""
     return 8e-6 * n_modes**2
 
 
@@ -190,7 +190,7 @@ def _affordable(box: FourierBox, kernel: Kernel, tail_m2: float, n_modes: int) -
 
 
 def _strongest(box: FourierBox, kernel: Kernel, wanted_m2: float, largest: int | None = None) -> FourierBasis:
-    """Strongest waves that hold at least `wanted_m2`, or those of the `largest` number of modes."""
+    """Return the strongest waves that hold at least `wanted_m2`, or those of the `largest` number of modes."""
     lattice = _lattice(box, kernel, wanted_m2, largest)
     variance = kernel.spectral_density(box.omega(lattice)) / box.area_m2
     order = np.argsort(-variance, kind="stable")
@@ -204,7 +204,7 @@ def _strongest(box: FourierBox, kernel: Kernel, wanted_m2: float, largest: int |
 
 
 def _lattice(box: FourierBox, kernel: Kernel, wanted_m2: float, largest: int | None) -> IntArray:
-    """Half plane of lattice points out to where the spectrum holds `wanted_m2`, or amply enough."""
+    """Return the half plane of lattice points out to where the spectrum holds `wanted_m2`, or amply enough."""
     reach = 4.0 / kernel.length_scales_m[0]
     while True:
         half = np.minimum(np.ceil(reach * box.period_m / (2 * np.pi)), LARGEST_HALF).astype(np.int64)

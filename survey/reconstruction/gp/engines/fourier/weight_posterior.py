@@ -76,7 +76,7 @@ class WeightPosterior:
         return variances
 
     def times(self, vector: FloatArray) -> FloatArray:
-        """Product of the covariance with one vector (m,)."""
+        """Return the product of the covariance with one vector (m,)."""
         product: FloatArray = blas.dsymv(1.0, self.covariance, vector, lower=1)
         if self.downdates.size:
             product -= self.downdates @ (self.downdates.T @ vector)
@@ -90,7 +90,7 @@ class WeightPosterior:
         return products
 
     def features(self, xy: FloatArray) -> FloatArray:
-        """Whitened features ``D φ`` (N, m) at points, for few points."""
+        """Return the whitened features ``D φ`` (N, m) at points, for few points."""
         x, y = self.basis.box.phases(xy)
         p, q = self.basis.lattice.T
         half_p, half_q = self.basis.half
@@ -100,7 +100,7 @@ class WeightPosterior:
         return np.concatenate([waves.real, waves.imag[:, 1:]], axis=1)
 
     def updated(self, xy: FloatArray, noise_variance: FloatArray) -> Self:
-        """Posterior after more points (Woodbury); for many fewer points than weights."""
+        """Return the posterior after more points (Woodbury); for many fewer points than weights."""
         features = np.asfortranarray(self.features(xy).T)
         seen = blas.dsymm(1.0, self.covariance, features, lower=1)
         if self.downdates.size:
@@ -118,7 +118,7 @@ class WeightPosterior:
         )
 
     def variance_coefficients(self, direction: FloatArray | None = None) -> ComplexArray:
-        """Coefficients of the map of the variance, for `FourierBox.evaluate_on_axes`.
+        """Return the coefficients of the map of the variance, for `FourierBox.evaluate_on_axes`.
 
         With a `direction` (2,), those of the variance of the derivative along it.
         """
@@ -170,7 +170,7 @@ def precision(basis: FourierBasis, amplitudes: FloatArray, gram: ComplexArray) -
 
 
 def _half_used_matrix(size: int) -> FloatArray:
-    """Square matrix in column order of which only the lower triangle will be touched.
+    """Return the square matrix in column order of which only the lower triangle will be touched.
 
     It is mapped in ordinary pages, so that the other half takes no memory; NumPy would ask for huge ones.
     """
