@@ -322,11 +322,16 @@ def _raster_cases() -> list[Case]:
 
 def _area_cases() -> list[Case]:
     return [
-        Case(f"odd area {name} · {command[0]}", both(raster("good.tif"), write), command, fine)
+        Case(
+            f"odd area {name} · {command[0]}",
+            both(both(raster("good.tif"), raster("map.tif", 0.1)), write),
+            command,
+            fine,
+        )
         for name, (file, write, fine) in _area_files().items()
         for command in (
             ["plan", file, "-q"],
-            ["score", "good.tif", "--truth", "good.tif", "--area", file, "-q"],
+            ["score", "map.tif", "--truth", "good.tif", "--area", file, "-q"],
             ["export", file, "out.gpkg", "--as", "area"],
         )
     ]

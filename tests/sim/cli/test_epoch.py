@@ -70,7 +70,7 @@ def test_path_map_and_score_are_those_of_the_epoch() -> None:
     ("words", "sentence"),
     [
         (["localize", "recording", "--set", "ice.velocity_sigma_m_per_day=1"], "add --epoch"),
-        (["score", "truth.tif", "--truth", "truth.tif", "--epoch", "0"], "holds no ice_motion.json"),
+        (["score", "truth.tif", "--truth", "reference.tif", "--epoch", "0"], "holds no ice_motion.json"),
         (
             ["reconstruct", "recording/sightings.csv", "--epoch", "0"],
             "no ice_motion.json stands beside a trajectory",
