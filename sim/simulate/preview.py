@@ -13,13 +13,13 @@ from survey.data.camera.frames import Frames, Image
 
 _WIDEST_PX = 480
 _FASTER = 4.0
-_MOST_FRAMES = 300
+_MOST_FRAMES = 150
 
 
 def write_preview(frames: Frames, path: Path) -> None:
     """Write a video (MPEG-4, .mp4) of frames at half size, four times as fast as they were taken.
 
-    Of a long drive every so many frames are shown, 300 in all.
+    Of a long drive every so many frames are shown, 150 in all.
 
     Raises
     ------

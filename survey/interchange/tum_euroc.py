@@ -8,6 +8,7 @@ from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.files.writing import replacing
 from survey.data.camera.calibration import Camera
+from survey.data.camera.frame_writer import png_of_frame
 from survey.data.camera.frames import Frames
 from survey.data.recording import Recording
 from survey.data.sensors.aiding import Inertial
@@ -55,17 +56,10 @@ def write_euroc(recording: Recording, folder: Path, reference: Trajectory | None
 
 
 def _write_camera(camera: Camera, frames: Frames, place: Path) -> None:
-    import cv2
-
     (place / "data").mkdir(parents=True, exist_ok=True)
     names = [f"{ns}.png" for ns in _nanoseconds(frames.time_s)]
     for k, name in enumerate(names):
-        whole, content = cv2.imencode(".png", frames[k], [cv2.IMWRITE_PNG_COMPRESSION, 1])
-        if not whole:
-            raise InputError(
-                f"the frame at {frames.time_s[k]} s could not be written as PNG; it must be 8-bit."
-            )
-        (place / "data" / name).write_bytes(content.tobytes())
+        (place / "data" / name).write_bytes(png_of_frame(frames[k], frames.time_s[k]))
     rows = [f"{name.removesuffix('.png')},{name}" for name in names]
     _write(place / "data.csv", ["#timestamp [ns],filename", *rows])
     matrix = camera.matrix

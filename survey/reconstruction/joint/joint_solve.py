@@ -83,7 +83,8 @@ class JointPosterior:
         alone = factor.solve(equations.right_shared)
         weights = WeightPosterior.inverted(basis, amplitudes, equations.weights)
         mean = weights.times(equations.right_weights - equations.coupling.T @ alone)
-        return cls(weights, mean, alone - reach @ mean, factor, reach)
+        # Products of sparse rows and an array in column order copy the array.
+        return cls(weights, mean, alone - reach @ mean, factor, np.ascontiguousarray(reach))
 
     def terrain(
         self, trend: PolynomialTrend, first: int, datum_m: float, finer_m2: float
