@@ -65,8 +65,8 @@ def write_contact_sheet(frames: Frames, path: Path, n_columns: int = 4, n_rows: 
     blank = np.full_like(tiles[0], 255)
     tiles += [blank] * (-len(tiles) % n_columns)
     rows = [np.hstack(tiles[k : k + n_columns]) for k in range(0, len(tiles), n_columns)]
-    whole, content = cv2.imencode(".png", np.vstack(rows))
-    if not whole:
+    is_encoded, content = cv2.imencode(".png", np.vstack(rows))
+    if not is_encoded:
         raise InputError(f"{path} cannot be written as PNG.")
     with replacing(path) as draft:
         draft.write_bytes(content.tobytes())

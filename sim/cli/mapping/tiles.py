@@ -109,7 +109,7 @@ def _control(file: Path, job: TiledJob) -> Control:
     points = survey.SurfacePoints.read(file, crs=job.map_crs)
     same_vertical_datum(points.vertical_datum, job.vertical_datum, "the control points and the points")
     every = Control(np.asarray(points.xyz), np.asarray(points.sigma_z))
-    control = every.within(job.layout.whole, job.layout.cell_m)
+    control = every.within(job.layout.extent, job.layout.cell_m)
     n_beside = len(every.xyz) - len(control.xyz)
     if n_beside == len(every.xyz):
         raise InputError(
@@ -137,12 +137,12 @@ def _store_prior(file: Path, job: TiledJob) -> None:
 def _facts(job: TiledJob) -> dict[str, str]:
     """Return the size of the work, for people."""
     rows, columns = job.layout.shape
-    whole = job.layout.whole
+    extent = job.layout.extent
     n_points = sum(piece.n for piece in job.pieces)
     return {
         "points": f"{n_points:,} points in {len({piece.file for piece in job.pieces})} files",
-        "map": f"{whole.rows:,} × {whole.columns:,} cells of {job.layout.cell_m:g} m in {rows * columns} tiles",
-        "disk": f"up to {disk_bytes(n_points, whole.rows * whole.columns) / 1e9:.3g} GB of disk while it runs",
+        "map": f"{extent.rows:,} × {extent.columns:,} cells of {job.layout.cell_m:g} m in {rows * columns} tiles",
+        "disk": f"up to {disk_bytes(n_points, extent.rows * extent.columns) / 1e9:.3g} GB of disk while it runs",
     }
 
 
@@ -159,8 +159,8 @@ def _print(result: TiledResult, job: TiledJob, options: ReconstructOptions) -> N
     if options.as_json:
         typer.echo((options.out / "reconstruction.json").read_text(encoding="utf-8"))
         return
-    whole = job.layout.whole
-    typer.echo(f"{whole.rows} × {whole.columns} cells in tiles, written to {options.out / 'dem.vrt'}")
+    extent = job.layout.extent
+    typer.echo(f"{extent.rows} × {extent.columns} cells in tiles, written to {options.out / 'dem.vrt'}")
     for line in figure_lines(result.facts["hyperparameters"]):
         typer.echo(line)
     n_strips = len(result.facts["diagnostics"]["strips"])

@@ -44,8 +44,8 @@ class SharedError:
         keyframe, by_pose = _levers(points, slope)
         rows = path.rows(keyframe, by_pose)
         kept = np.asarray(rows @ modes)
-        whole = np.einsum("ni,nij,nj->n", by_pose, path.pose_covariance(keyframe), by_pose)
-        rest = np.maximum(whole - np.sum(kept**2, axis=1), 0.0)
+        total = np.einsum("ni,nij,nj->n", by_pose, path.pose_covariance(keyframe), by_pose)
+        rest = np.maximum(total - np.sum(kept**2, axis=1), 0.0)
         unit = sparse.identity(modes.shape[1], format="csr")
         return cls(sparse.csr_array(kept), unit, rest, sparse.csr_array(_every_pose(path) @ modes))
 

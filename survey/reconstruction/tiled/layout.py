@@ -95,7 +95,7 @@ class TileLayout(NamedTuple):
         Side of a cell [m].
     tile_cells : int
         Cells along a side of a tile.
-    whole : CellWindow
+    extent : CellWindow
         All cells of the map.
 
     Examples
@@ -107,7 +107,7 @@ class TileLayout(NamedTuple):
 
     cell_m: float
     tile_cells: int
-    whole: CellWindow
+    extent: CellWindow
 
     @classmethod
     def over(cls, bounds: Bounds, cell_m: float, tile_cells: int) -> Self:
@@ -139,7 +139,7 @@ class TileLayout(NamedTuple):
     def shape(self) -> tuple[int, int]:
         """Rows and columns of tiles."""
         rest = self.tile_cells // _SMALLEST_SHARE
-        rows, columns = (max(-(-(n - rest) // self.tile_cells), 1) for n in self.whole.shape)
+        rows, columns = (max(-(-(n - rest) // self.tile_cells), 1) for n in self.extent.shape)
         return rows, columns
 
     @property
@@ -150,18 +150,18 @@ class TileLayout(NamedTuple):
 
     def window(self, tile: MapTile) -> CellWindow:
         """Return the cells of a tile."""
-        n, whole, (rows, columns) = self.tile_cells, self.whole, self.shape
+        n, extent, (rows, columns) = self.tile_cells, self.extent, self.shape
         south, west = tile.row * n, tile.column * n
         return CellWindow(
-            whole.west + west,
-            whole.south + south,
-            n if tile.column < columns - 1 else whole.columns - west,
-            n if tile.row < rows - 1 else whole.rows - south,
+            extent.west + west,
+            extent.south + south,
+            n if tile.column < columns - 1 else extent.columns - west,
+            n if tile.row < rows - 1 else extent.rows - south,
         )
 
     def near(self, tile: MapTile, cells: int) -> Iterator[MapTile]:
         """Yield the tiles that share a cell with a tile's window grown by so many cells, itself included."""
-        about = self.window(tile).grown(cells, self.whole)
+        about = self.window(tile).grown(cells, self.extent)
         reach, (rows, columns) = -(-cells // self.tile_cells), self.shape
         for j in range(max(tile.row - reach, 0), min(tile.row + reach + 1, rows)):
             for i in range(max(tile.column - reach, 0), min(tile.column + reach + 1, columns)):
@@ -170,9 +170,9 @@ class TileLayout(NamedTuple):
 
     def tile_numbers(self, cells: IntArray) -> IntArray:
         """Return the number of the tile (N,) of each cell (N, 2), column and row; -1 beyond the map."""
-        whole = self.whole
-        column, row = cells[:, 0] - whole.west, cells[:, 1] - whole.south
-        inside = (column >= 0) & (row >= 0) & (column < whole.columns) & (row < whole.rows)
+        extent = self.extent
+        column, row = cells[:, 0] - extent.west, cells[:, 1] - extent.south
+        inside = (column >= 0) & (row >= 0) & (column < extent.columns) & (row < extent.rows)
         rows, columns = self.shape
         row_of_tile = np.minimum(row // self.tile_cells, rows - 1)
         number = row_of_tile * columns + np.minimum(column // self.tile_cells, columns - 1)

@@ -90,9 +90,9 @@ def _common_crs(files: Sequence[Path], facts: Sequence[PointFileFacts], given: A
         stated = own.crs if own.crs is not None else given
         if stated is None:
             raise InputError(f"the point file {file} names no CRS; give it with --crs.")
-        whole = CRS.from_user_input(stated)
-        own_crs = projected_crs(whole, f"the point file {file}")
-        own_datum = datum_of_file(own.vertical_datum, whole, f"the point file {file}")
+        stated_crs = CRS.from_user_input(stated)
+        own_crs = projected_crs(stated_crs, f"the point file {file}")
+        own_datum = datum_of_file(own.vertical_datum, stated_crs, f"the point file {file}")
         found = own_crs if found is None else found
         same_crs(found, own_crs, f"{files[0]} and {file}")
         same_vertical_datum(datum, own_datum, f"{file} and the files before it")
@@ -121,9 +121,9 @@ def begin(job: TiledJob) -> int:
     for name in ("sorted", "cells", "summaries", "withheld"):
         (job.work / name).mkdir(parents=True, exist_ok=True)
     (job.folder / "tiles").mkdir(exist_ok=True)
-    whole = job.layout.whole
+    extent = job.layout.extent
     n_points = 0 if file.exists() else sum(piece.n for piece in job.pieces)
-    needed = require_disk(job.folder, n_points, whole.rows * whole.columns)
+    needed = require_disk(job.folder, n_points, extent.rows * extent.columns)
     write_json(file, stated)
     return needed
 
@@ -133,7 +133,7 @@ def _stated(job: TiledJob) -> dict[str, Any]:
     files = {piece.file: None for piece in job.pieces}
     return {
         "settings": job.config.model_dump(mode="json"),
-        "cells": list(job.layout.whole),
+        "cells": list(job.layout.extent),
         "crs": job.crs,
         "prior": job.prior,
         "files": {file: fingerprint(Path(file)) for file in files},

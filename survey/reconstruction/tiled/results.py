@@ -38,7 +38,7 @@ def write_results(
     tested = np.concatenate([np.asarray(each["tested"], np.float64) for each in found])
     counts = np.sum([np.asarray(each["counts"], np.int64) for each in found], axis=0)
     _write_mosaics(job, tiles)
-    coverage = coverage_map(tested, job.layout.whole, job.layout.cell_m)
+    coverage = coverage_map(tested, job.layout.extent, job.layout.cell_m)
     transform = coverage.blocks.transform(coverage.side_m)
     write_raster(job.folder / "coverage.tif", {"coverage_95": coverage.share[::-1]}, transform, job.map_crs)
     test = WithheldTest.of(tested[:, 2], tested[:, 3])
@@ -78,21 +78,21 @@ def _hyperparameters(shared: Shared, learnt: Learnt) -> dict[str, float]:
 
 
 def _write_mosaics(job: TiledJob, tiles: Sequence[MapTile]) -> None:
-    whole, cell_m = job.layout.whole, job.layout.cell_m
+    extent, cell_m = job.layout.extent, job.layout.cell_m
     for name, bands in (("dem", _DEM_BANDS), ("support", _SUPPORT_BANDS)):
         parts = []
         for tile in tiles:
             window = job.layout.window(tile)
-            row = whole.south + whole.rows - window.south - window.rows
+            row = extent.south + extent.rows - window.south - window.rows
             file = job.folder / "tiles" / f"{name}_{tile.name}.tif"
-            parts.append(MosaicTile(file, window.west - whole.west, row, window.columns, window.rows))
+            parts.append(MosaicTile(file, window.west - extent.west, row, window.columns, window.rows))
         datum = job.vertical_datum if name == "dem" else ""
-        transform = whole.transform(cell_m)
+        transform = extent.transform(cell_m)
         write_mosaic(
             job.folder / f"{name}.vrt",
             parts,
             bands,
-            shape=whole.shape,
+            shape=extent.shape,
             transform=transform,
             crs=job.map_crs,
             vertical_datum=datum,

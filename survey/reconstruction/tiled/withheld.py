@@ -76,14 +76,14 @@ class CoverageMap(NamedTuple):
         return west, south, west + columns, south + rows
 
 
-def coverage_map(tested: FloatArray, whole: CellWindow, cell_m: float) -> CoverageMap:
+def coverage_map(tested: FloatArray, extent: CellWindow, cell_m: float) -> CoverageMap:
     """Return how often the 95 % intervals held the withheld cells, in blocks of 250 cells, fewer on small maps.
 
     Parameters
     ----------
     tested : (N, 4) ndarray
         Easting, northing, error and standard deviation [m].
-    whole : CellWindow
+    extent : CellWindow
         Cells of the map.
     cell_m : float
         Side of a cell [m].
@@ -94,13 +94,13 @@ def coverage_map(tested: FloatArray, whole: CellWindow, cell_m: float) -> Covera
         Shares and blocks.
     """
     n = _BLOCK_CELLS
-    while n > _SMALLEST_BLOCK and min(whole.shape) < 2 * n:
+    while n > _SMALLEST_BLOCK and min(extent.shape) < 2 * n:
         n //= 2
     blocks = CellWindow(
-        whole.west // n,
-        whole.south // n,
-        (whole.west + whole.columns - 1) // n - whole.west // n + 1,
-        (whole.south + whole.rows - 1) // n - whole.south // n + 1,
+        extent.west // n,
+        extent.south // n,
+        (extent.west + extent.columns - 1) // n - extent.west // n + 1,
+        (extent.south + extent.rows - 1) // n - extent.south // n + 1,
     )
     column, row = np.floor(tested[:, :2].T / (cell_m * n)).astype(np.int64)
     flat = np.clip(row - blocks.south, 0, blocks.rows - 1) * blocks.columns

@@ -65,11 +65,11 @@ def learn(job: TiledJob, shared: Shared, tiles: Sequence[MapTile], run: Run) -> 
 
 def _places(job: TiledJob, tiles: Sequence[MapTile], side: int, n: int) -> list[Place]:
     """Return square windows that hold points, at random places of the map, the same ones for every size of the tiles."""
-    rng, whole, found = stream(0, "tiled map", side), job.layout.whole, dict[Place, None]()
-    columns, rows = min(side, whole.columns), min(side, whole.rows)
+    rng, extent, found = stream(0, "tiled map", side), job.layout.extent, dict[Place, None]()
+    columns, rows = min(side, extent.columns), min(side, extent.rows)
     for _ in range(_MOST_TRIES):
-        west = whole.west + int(rng.integers(whole.columns - columns + 1))
-        south = whole.south + int(rng.integers(whole.rows - rows + 1))
+        west = extent.west + int(rng.integers(extent.columns - columns + 1))
+        south = extent.south + int(rng.integers(extent.rows - rows + 1))
         middle = np.array([[west + columns // 2, south + rows // 2]])
         tile = MapTile(*divmod(int(job.layout.tile_numbers(middle)[0]), job.layout.shape[1]))
         place = Place(tile, CellWindow(west, south, columns, rows))

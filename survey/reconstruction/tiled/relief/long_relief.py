@@ -58,7 +58,7 @@ class LongRelief(NamedTuple):
 def coarse_nodes(layout: TileLayout, coarse_cells: int) -> NodeWindow:
     """Return the nodes of the long relief, at least four a side, over all cells."""
     step_m = coarse_cells * layout.cell_m
-    x, y = layout.whole.x(layout.cell_m), layout.whole.y(layout.cell_m)
+    x, y = layout.extent.x(layout.cell_m), layout.extent.y(layout.cell_m)
     spare = 2.0 * step_m
     return NodeWindow.over((x[0] - spare, y[0] - spare, x[-1] + spare, y[-1] + spare), step_m)
 

@@ -52,7 +52,7 @@ def map_tile(job: TiledJob, shared: Shared, learnt: Learnt, tile: MapTile) -> in
 def tile_map(job: TiledJob, shared: Shared, learnt: Learnt, tile: MapTile) -> tuple[TileMap, FloatArray]:
     """Return the map of a tile, and its withheld cells: easting, northing [m], error and standard deviation [m] (N, 4)."""
     window, cell_m = job.layout.window(tile), job.layout.cell_m
-    about = window.grown(job.config.halo_cells, job.layout.whole)
+    about = window.grown(job.config.halo_cells, job.layout.extent)
     found = measurements(job, shared, tile, about, job.config.withheld_share)
     used = found.points.where(~found.withheld)
     fine = fine_relief(used, about, cell_m, learnt.stiffness, job.config.n_draws)

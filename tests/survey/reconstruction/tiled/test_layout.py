@@ -9,9 +9,9 @@ from survey.reconstruction.tiled.layout import MapTile, TileLayout
 
 def test_every_cell_belongs_to_one_tile() -> None:
     layout = TileLayout.over((-150.0, 20.0, 310.0, 290.0), 1.0, 100)
-    counts = np.zeros(layout.whole.shape, int)
+    counts = np.zeros(layout.extent.shape, int)
     for tile in layout.tiles:
-        counts[layout.whole.part(layout.window(tile))] += 1
+        counts[layout.extent.part(layout.window(tile))] += 1
     assert (counts == 1).all()
 
 
