@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # Every process would compile all modules again where the environment forbids stored bytecode.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-walkthroughs test-exhaustive test-pythons wheel-check lint types imports check docs
+.PHONY: demo test test-long test-walkthroughs test-exhaustive test-pythons wheel-check lint types imports check docs
 
 demo: $(VENV)/.ready
 	$(BIN)/firnline run examples/srtm_ridge.toml
@@ -13,6 +13,10 @@ demo: $(VENV)/.ready
 
 test: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist loadfile
+
+# Tests of several seconds each: complete missions in images, killed processes and clusters, lossy links.
+test-long: $(VENV)/.ready
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -q -n auto --dist worksteal -m "long and not exhaustive"
 
 # What users do: every command of the pages, the scripts of examples/, first days with the wheel, the desk in a browser.
 test-walkthroughs: $(VENV)/.ready
@@ -43,7 +47,7 @@ types: $(VENV)/.ready
 imports: $(VENV)/.ready
 	$(BIN)/lint-imports
 
-check: lint types imports test test-walkthroughs
+check: lint types imports test test-long test-walkthroughs
 
 # Builds the pages with all notebooks and figures; open docs/_build/html/index.html. No network is used once the packages are there.
 docs: $(VENV)/.docs

@@ -1,5 +1,6 @@
 """CPU time of the two demos and of the test suite, from compiled loops that are not stored yet, as in a fresh clone.
 
+The suite is what ``make test`` runs; the tests that are marked ``long`` are measured apart.
 Python stores the bytecode of modules, as it does unless the environment forbids it.
 With ``--quick`` the demos alone, and a second time with the loops that the first run stored. Processors differ: where
 ``FIRNLINE_EARLIER`` names a checkout of commit e7dc4dd with an environment of its own, its demos and its test suite run
@@ -20,6 +21,7 @@ from benchmarks.report import Row, main
 ROOT = Path(__file__).parents[1]
 DEMOS = ("srtm_ridge.toml", "short_drive.toml")
 SUITE = ("-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider")
+LONG = (*SUITE, "-m", "long and not exhaustive")
 DEMOS_S, SUITE_S = 83.0, 640.0
 EARLIER = os.environ.get("FIRNLINE_EARLIER")
 
@@ -62,9 +64,13 @@ def _suites(folder: Path, earlier: Code | None) -> Iterator[Row]:
     spent, code = _measured(TODAY, SUITE, ROOT, folder / "suite")
     yield Row.of("test suite, first run", spent, "s", "<=", SUITE_S)
     yield Row.of("test suite, exit code", code, "1", "<=", 0.0)
+    long_s, code = _measured(TODAY, LONG, ROOT, folder / "suite")
+    yield Row("long tests, after the suite", long_s, "s")
+    yield Row.of("long tests, exit code", code, "1", "<=", 0.0)
     if earlier is not None:
         before, _ = _measured(earlier, SUITE, earlier.root, folder / "earlier-suite")
         yield from _ratio("test suite", spent, before)
+        yield Row("test suite and long tests over the test suite of e7dc4dd", (spent + long_s) / before, "x")
 
 
 def _ratio(what: str, today_s: float, before_s: float) -> Iterator[Row]:

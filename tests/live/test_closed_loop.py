@@ -37,6 +37,7 @@ def first_legs() -> list[Leg]:
     return [Leg("swath", one), Leg("transit", [one[1], other[0]]), Leg("swath", other)]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_the_survey_is_driven_swath_by_swath_until_it_is_stopped(start_rover, tmp_path):
     write_ground(tmp_path / "ground.tif")

@@ -132,6 +132,7 @@ def test_samples_of_a_guarantee_are_counted_before_they_are_drawn():
         guarantee(SITE, cells, MapRequirement(0.5, sample_step_m=1e-9, n_simulations=10))
 
 
+@pytest.mark.long
 def test_a_hundred_kilometres_are_too_large_to_simulate():
     rng = np.random.default_rng(2)
     cells = Dem(rng.standard_normal((12, 12)), Affine(1e4, 0, 0, 0, -1e4, 1.2e5), CRS)

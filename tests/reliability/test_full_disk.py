@@ -38,6 +38,7 @@ def said(result: Result) -> str:
     return sentence
 
 
+@pytest.mark.long
 @pytest.mark.reliability
 @pytest.mark.parametrize(
     ("n_bytes", "last_complete_stage", "until"), [(9_000, 0, "plan"), (150_000, 5, "report")]

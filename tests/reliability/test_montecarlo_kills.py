@@ -70,6 +70,7 @@ def undisturbed(folder: Path) -> dict[str, bytes]:
     return bytes_of(folder / "quiet")
 
 
+@pytest.mark.long
 @pytest.mark.reliability
 @pytest.mark.timeout(3600)  # every kill costs a start
 @pytest.mark.parametrize(
@@ -81,6 +82,7 @@ def test_killed_parents_and_workers_change_no_byte(tmp_path, n_kills, trials):
     assert bytes_of(tmp_path / "runs" / "small") == undisturbed(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.reliability
 @pytest.mark.filterwarnings("ignore")  # dask and tornado warn while their workers are being killed
 @pytest.mark.parametrize(
@@ -105,6 +107,7 @@ def test_a_cluster_whose_workers_die_gives_the_same_trials(tmp_path, killed_afte
     assert results == expected
 
 
+@pytest.mark.long
 @pytest.mark.reliability
 @pytest.mark.filterwarnings("ignore")  # tornado warns of the connection that breaks off
 def test_a_scheduler_that_dies_is_named(tmp_path):

@@ -33,6 +33,7 @@ def trial_of(server, place):
     return cache(lambda name: Trial(server, place, COMMANDS[name]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EVERY)
 def test_a_command_killed_while_it_replaces_leaves_the_old_output_or_the_new(trial_of, name):
     counts = kills(trial_of(name), name, N_KILLS)

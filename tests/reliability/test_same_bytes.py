@@ -36,6 +36,7 @@ def whole_run(server: ForkServer, runs: Path, within_s: float = 120.0) -> dict[s
     return products(runs)
 
 
+@pytest.mark.long
 @pytest.mark.reliability
 @pytest.mark.timeout(280)
 @pytest.mark.parametrize("n_kills", [3, pytest.param(20, marks=pytest.mark.exhaustive)])

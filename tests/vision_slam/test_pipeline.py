@@ -153,6 +153,7 @@ def test_aligning_the_heading_keeps_the_shape(walk: Recording, visual: VisualOdo
     np.testing.assert_allclose(np.linalg.norm(after, axis=1), np.linalg.norm(before, axis=1), atol=1e-9)
 
 
+@pytest.mark.long
 def test_api_and_command_give_the_same_bytes_on_real_images_without_wheels(
     real_data: Path, tmp_path: Path
 ) -> None:

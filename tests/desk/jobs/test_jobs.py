@@ -41,6 +41,7 @@ def test_the_curve_falls_with_the_number_of_swaths(page):
     assert [point["swaths"] for point in points if point["is_chosen"]] == [4]
 
 
+@pytest.mark.long
 def test_a_requirement_ends_with_a_plan_or_a_sentence(page):
     edit(page, requirement={"require": "1.5", "probability": 0.8, "surface": "snow", "max_swaths": 12})
     done = events_of(page, "guarantee")[-1]
@@ -70,6 +71,7 @@ def test_a_wrong_class_is_refused(page):
     assert "class-9" in events_of(page, "guarantee")[-1]["error"]
 
 
+@pytest.mark.long
 def test_a_mission_runs_with_its_stages_to_a_report(page, workspace):
     edit(page, planner={"pattern": "lawnmower", "swaths": 2})
     found = events_of(page, "mission")

@@ -31,6 +31,7 @@ DOCUMENTS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_the_same_bytes_by_desk_command_and_library(name, dem_file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -73,6 +73,7 @@ def test_the_rover_holds_the_items_of_the_exported_plan_and_the_fence(start_rove
     np.testing.assert_allclose(read_plan(back, CRS).path(), route().path(), atol=0.012)
 
 
+@pytest.mark.long
 def test_a_link_that_loses_a_third_of_its_packets_ends_equal(start_rover):
     rover = start_rover("--loss", "0.3", "--seed", "4")
     mission = AutopilotMission.of_route(route(12), Surroundings(site()))
@@ -143,6 +144,7 @@ def test_a_dry_run_sends_nothing(tmp_path):
     assert "udp://127.0.0.1:9" in said
 
 
+@pytest.mark.long
 @pytest.mark.reliability
 def test_a_killed_upload_leaves_the_former_mission_and_the_next_one_goes_on(start_rover, tmp_path):
     rover = start_rover()

@@ -28,6 +28,7 @@ def test_a_guarantee_holds_on_simulated_terrain_and_states_its_assumptions():
     assert "as stated" in stated.assumptions
 
 
+@pytest.mark.long
 def test_guaranteed_swaths_run_across_a_marked_grain():
     grid = Grid((0.0, 0.0, SIDE_M, SIDE_M), 50.0, CRS)
     ridges = Dem.on(grid, np.outer(5.0 * np.sin(np.arange(7.0)), np.ones(7)))

@@ -98,6 +98,7 @@ def test_a_run_has_a_qgis_project_of_its_own_files(runs):
         assert (project.parent / source).is_file()
 
 
+@pytest.mark.long
 def test_stages_can_be_repeated_and_shown(runs):
     mission = ("run", str(runs / "m.toml"), "--runs", str(runs / "runs"), "-q")
     firnline(*mission, "--from", "score", "--until", "score")

@@ -139,6 +139,7 @@ def test_a_start_in_a_no_go_zone_is_refused():
     assert "the start (526020.0, 6478020.0) is outside the area or in a no-go zone; move it" in err
 
 
+@pytest.mark.long
 def test_a_million_vertices_are_refused_with_the_remedy():
     angle = np.linspace(0.0, 2.0 * np.pi, 1_000_001)[:-1]
     circle = shapely.Polygon(

@@ -95,6 +95,7 @@ def test_options_that_the_guarantee_decides_are_refused(site):
     assert "leave out --set" in firnline(folder, "--require", "1", "--set", "aids.stakes=2", code=4).stderr
 
 
+@pytest.mark.long
 def test_shared_errors_are_predicted_with_swaths_and_stakes(site):
     folder, _ = site
     out = folder / "joint.geojson"
@@ -106,6 +107,7 @@ def test_shared_errors_are_predicted_with_swaths_and_stakes(site):
     assert "leave out --adaptive" in firnline(folder, *options, "--adaptive", code=4).stderr
 
 
+@pytest.mark.long
 def test_shared_errors_are_predicted_on_a_concave_area_of_any_size(site, tmp_path):
     folder, _ = site
     bay = shapely.Polygon(

@@ -153,6 +153,7 @@ def test_faults_and_settings_that_no_rover_can_have_are_refused():
         mission(fleet={"rovers": 2, "on_loss": "replan"}, rover={"battery_j": 1e9})
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_rovers_side_by_side_write_the_same_bytes_as_in_turn(surveyed, tmp_path):
     config = mission()
@@ -194,6 +195,7 @@ def in_images(**changes: object) -> MissionConfig:
     return mission(**sections | changes)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_rovers_in_images_share_one_map_that_holds_the_ground(tmp_path):
     # At 128 × 96 pixels one image in six shows enough of the ground to follow, and one landmark passes the gates.
@@ -212,6 +214,7 @@ def test_rovers_in_images_share_one_map_that_holds_the_ground(tmp_path):
     assert score["elevation"]["rmse_m"] < facts.claim.absolute.upper_m < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_rovers_drive_with_images_and_one_that_stalls_is_replaced(tmp_path):
     config = in_images(faults=(STOPPED | {"from_s": 12.0},), fleet={"rovers": 2, "on_loss": "replan"})

@@ -54,6 +54,7 @@ def test_the_prediction_on_moving_ice_counts_the_uncertain_motion_and_stakes_red
     assert errors[0] <= errors[1] < errors[2]
 
 
+@pytest.mark.long
 def test_crossing_lines_and_another_order_are_tried_on_moving_ice():
     moving = mission_with().model_copy(update={"ice": IceConfig()})
     found = list(surveys_within(moving, world(), limit_m=50.0, probability=0.1, most_swaths=2))

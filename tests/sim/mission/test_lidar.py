@@ -81,6 +81,7 @@ def test_scan_points_are_mapped_by_the_methods_of_scans(run: RunFolder, method: 
     assert Reconstruction.read(again.folder("reconstruct")).method == method
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_rover_in_images_scans_the_ground_that_it_drives_on(tmp_path: Path) -> None:
     settings = {

@@ -39,6 +39,7 @@ def mission(seed: int, **sensors: float) -> MissionConfig:
     return config.model_copy(update={"sensors": config.sensors.model_copy(update=sensors)})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("n_drives", "slack"), [(10, 1.5), pytest.param(30, 1.2, marks=pytest.mark.exhaustive)]
 )

@@ -78,6 +78,7 @@ def test_a_path_is_complete_after_its_last_swath() -> None:
     assert pursuit.is_done(pursuit.at(np.array([pursuit.length_m]))[0][0])
 
 
+@pytest.mark.long
 def test_a_drive_in_images_is_steered_by_its_own_accelerometer(tmp_path) -> None:
     pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python")
     grid = Grid((0.0, 0.0, 24.0, 24.0), 0.25, "EPSG:32608")

@@ -26,6 +26,7 @@ def state(folder):
     return {str(path.relative_to(folder)): path.read_text() for path in files}
 
 
+@pytest.mark.long
 def test_a_study_that_is_killed_at_any_change_of_a_file_is_the_old_or_the_new_one(tmp_path):
     folder = tmp_path / "out" / "study"
     outputs = {}

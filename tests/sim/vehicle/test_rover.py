@@ -129,6 +129,7 @@ def test_energy_balance_closes(engine):
     assert abs(balance.missing_j) < 0.02 * balance.motors_j
 
 
+@pytest.mark.long
 @contact
 def test_energy_balance_closes_where_the_patch_of_ground_changes(engine):
     from tests.sim.vehicle.energy_balance import EnergyBalance

@@ -53,6 +53,7 @@ grid_step_m = 10.0
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "epsg", "until"),
     [

@@ -67,6 +67,7 @@ def test_the_table_of_quantities_has_length_scale_and_scores(payload):
     assert payload_rows(()) == []
 
 
+@pytest.mark.long
 def test_the_page_shows_rovers_payload_and_hazards(tmp_path, site, scored, fleet, payload):
     probability = Dem.on(site.grid, np.full(site.grid.shape, 0.1))
     facts = {"no_go_share": 0.02, "route_worst_probability": 0.4}

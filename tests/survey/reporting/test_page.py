@@ -135,6 +135,7 @@ def test_results_settings_and_provenance_are_shown(page):
         assert text in page
 
 
+@pytest.mark.long
 def test_the_same_survey_gives_the_same_bytes(report, tmp_path, site, scored):
     again = write(tmp_path / "again", surveyed(site, scored))
     assert again.read_bytes() == report.read_bytes()

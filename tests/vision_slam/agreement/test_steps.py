@@ -45,6 +45,7 @@ def wandering() -> Drive:
     return Drive(recording, config, visual)
 
 
+@pytest.mark.long
 def test_images_of_others_that_are_worse_than_none_are_replaced_by_lines_between_the_fixes(
     wandering: Drive,
 ) -> None:
@@ -57,6 +58,7 @@ def test_images_of_others_that_are_worse_than_none_are_replaced_by_lines_between
     assert np.abs(path[::5] - wandering.recording.gps.position).max() < 1e-6
 
 
+@pytest.mark.long
 def test_a_delay_found_with_images_worse_than_the_fixes_is_undone(wandering: Drive) -> None:
     gps = wandering.recording.gps
     moved = replace(wandering.recording, gps=replace(gps, time_s=gps.time_s + 1.1))
@@ -67,6 +69,7 @@ def test_a_delay_found_with_images_worse_than_the_fixes_is_undone(wandering: Dri
     assert np.abs(path[::5] - gps.position).max() < 1e-6
 
 
+@pytest.mark.long
 def test_images_that_only_a_much_wider_error_fits_are_replaced_too() -> None:
     """51 images of a turn of 98 degrees at 10 m/s, of which the odometry makes a straight line that slows down."""
     east = np.array([0.0, 8.38, 17.07, 26.32, 34.42, 40.58])
@@ -90,6 +93,7 @@ def test_images_that_only_a_much_wider_error_fits_are_replaced_too() -> None:
     assert "lines between the fixes" in widen_errors(drive).notes[-1]
 
 
+@pytest.mark.long
 def test_a_surveyed_recording_keeps_its_odometry(wandering: Drive) -> None:
     surveyed = replace(wandering, recording=replace(wandering.recording, start_is_surveyed=True))
     found = widen_errors(surveyed)

@@ -184,6 +184,7 @@ def test_a_raw_recording_has_the_calibration_of_its_size_and_the_poses_of_its_in
         read_sequence(place)
 
 
+@pytest.mark.long
 def test_a_reference_is_read_as_kitti_or_tum_text_of_body_or_camera(
     tmp_path: Path, images: list[Image], camera: Camera, poses: FloatArray
 ) -> None:

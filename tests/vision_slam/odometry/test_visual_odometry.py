@@ -35,6 +35,7 @@ def test_real_camera_with_the_scale_of_its_first_metres(real_data: Path) -> None
     assert np.linalg.norm(path[-1] - reference[-1]) < 0.015 * length
 
 
+@pytest.mark.long
 def test_a_real_turn_keeps_its_scale_under_a_lens_that_nothing_states(real_data: Path) -> None:
     folder = real_data / "seq_kitti_turn" / "KITTI_sequence_2"
     if not folder.is_dir():

@@ -61,6 +61,7 @@ def test_outcomes_are_stored_and_not_computed_again(tmp_path: Path):
     assert summarized(found).n_runs == 3
 
 
+@pytest.mark.long
 def test_outcomes_do_not_depend_on_the_number_of_workers(tmp_path: Path):
     drawn = mission(fidelity="statistical")
     tables = [outcomes(rehearse(drawn, tmp_path / str(workers), 2, workers=workers), 2) for workers in (1, 2)]
@@ -97,6 +98,7 @@ def test_an_outcome_names_the_events_of_its_rovers(tmp_path: Path):
     assert found[0]["events"] == sorted([DRAWN_LOSS, "gps: jump", "stalled"])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_outcomes_on_dask_are_those_of_this_process(tmp_path: Path):
     pytest.importorskip("distributed")

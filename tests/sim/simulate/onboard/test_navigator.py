@@ -60,6 +60,7 @@ def drives(tmp_path_factory):
     return made
 
 
+@pytest.mark.long
 def test_a_computer_of_its_own_gives_the_same_bytes(drives):
     def digests(folder):
         files = sorted(file for file in folder.rglob("*") if file.is_file())

@@ -58,6 +58,7 @@ def test_points_without_lines_of_sight_are_refused() -> None:
         LiteralCarving(SpaceCarvingConfig()).fit(SurfacePoints(np.zeros((3, 3)), sigma_m=0.1, crs=CRS))
 
 
+@pytest.mark.long
 def test_the_comparison_is_written(tmp_path: Path) -> None:
     study("carving-algorithm1")(tmp_path, quick=True, progress=lambda *_: None)
     rows = list(csv.DictReader((tmp_path / "comparison.csv").read_text().splitlines()))

@@ -86,6 +86,7 @@ def test_a_companion_never_stands_beside_another_main_file(tmp_path: Path) -> No
     assert len(points) > 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", ["plan", "simulate"])
 def test_a_listed_stage_of_a_run_has_the_files_that_it_listed(tmp_path: Path, stage: str) -> None:
     def opened() -> RunFolder:

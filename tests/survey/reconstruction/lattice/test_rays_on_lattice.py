@@ -72,6 +72,7 @@ def quadratic_programme(operator: Operator, rhs: FloatArray, ceiling: Ceiling) -
     return np.asarray(solver.solve().x)[:n].reshape(rhs.shape)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("yield_m", [np.inf, 0.06])
 def test_the_constrained_optimum_is_that_of_a_quadratic_programme(yield_m: float) -> None:
     """On 30 x 30 nodes, with ceilings in a gap and ceilings that contradict the points."""

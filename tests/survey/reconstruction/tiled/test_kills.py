@@ -30,6 +30,7 @@ def quiet(laz_files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> st
     return digest(out)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, pytest.param(10, marks=pytest.mark.exhaustive)])
 @pytest.mark.parametrize("kill", [workers_killed, command_killed])
 def test_kills_change_no_byte(
@@ -40,6 +41,7 @@ def test_kills_change_no_byte(
     assert digest(out) == quiet
 
 
+@pytest.mark.long
 def test_after_a_killed_scheduler_the_same_command_goes_on_to_the_same_bytes(
     laz_files: list[Path], quiet: str, tmp_path: Path
 ) -> None:

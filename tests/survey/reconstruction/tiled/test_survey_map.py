@@ -100,6 +100,7 @@ def killed_after(n: int) -> Any:
     return run
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 4, 12, 16])
 def test_a_killed_run_goes_on_to_the_same_bytes(
     made: tuple[TiledResult, Path], laz_files: list[Path], tmp_path: Path, n: int
