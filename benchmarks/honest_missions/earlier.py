@@ -1,15 +1,9 @@
 """Maps of the same recordings by the code of commit e7dc4dd, in a checkout with an environment of its own."""
 
-import json
-import os
-import subprocess
-from pathlib import Path
-
+from benchmarks.earlier_code import CHECKOUT, facts_of
 from benchmarks.honest_missions.missions import FOLDER, driven
 from benchmarks.stored_parts import stored
 
-CHECKOUT = os.environ.get("FIRNLINE_EARLIER")
-"""Folder of the checkout, with ``.venv`` in it; without it stored errors are read, if there are any."""
 _SCRIPT = """
 import json, shutil, sys, tempfile, time
 from dataclasses import replace
@@ -69,16 +63,5 @@ def earlier_map(pattern: str, seed: int) -> dict[str, float] | None:
     file = FOLDER / "earlier" / f"{pattern}-{seed}.json"
     if CHECKOUT is None and not file.exists():
         return None
-    facts: dict[str, float] = stored(file, lambda: _mapped(Path(str(CHECKOUT)), driven(pattern, seed)))
-    return facts
-
-
-def _mapped(checkout: Path, run: Path) -> dict[str, float]:
-    """Map a recording with the earlier code."""
-    command = [str(checkout / ".venv" / "bin" / "python"), "-c", _SCRIPT, str(run.resolve())]
-    environment = os.environ | {"PYTHONPATH": str(checkout)}
-    done = subprocess.run(
-        command, check=True, stdout=subprocess.PIPE, text=True, cwd=checkout, env=environment
-    )
-    facts: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    facts: dict[str, float] = stored(file, lambda: facts_of(_SCRIPT, str(driven(pattern, seed).resolve())))
     return facts

@@ -10,20 +10,22 @@ priors; for one kind the class ``unbiased`` is stated, which is true, for anothe
 or too small. Maps are solved for once with the prior, with 6 MB of waves and a node of the path every 30 m; maps without a
 prior, with a truthful one and with one that has all errors are tested by leaving swaths out, as commands do. In every
 third survey an oracle is given the error model from which each prior was drawn and the receiver's memory; in every sixth
-one map is made with sizes of the sensors' errors that are wrong by factors of up to two. Ratios are those of mean errors
-over the same surveys.
+one map is made with sizes of the sensors' errors that are wrong by factors of up to two. Where ``FIRNLINE_EARLIER`` names a
+checkout of commit e7dc4dd with an environment of its own, its maps of moraine, ridges and SRTM windows with a truthful prior
+are compared. Ratios are those of mean errors over the same surveys.
 """
 
 from collections.abc import Iterator
 
 from benchmarks.honesty.figures import rows
-from benchmarks.honesty.parts import judged_seeds, outcomes
+from benchmarks.honesty.parts import earlier_outcomes, judged_seeds, outcomes
 from benchmarks.report import Row, main
 
 
 def measure(quick: bool) -> Iterator[Row]:
     """Yield the rows."""
-    yield from rows(outcomes(judged_seeds(quick=quick)))
+    seeds = judged_seeds(quick=quick)
+    yield from rows(outcomes(seeds), earlier_outcomes(seeds))
 
 
 if __name__ == "__main__":

@@ -13,10 +13,11 @@ from benchmarks.report import Row
 from survey.reconstruction.base import CHECK, CLAIM
 
 Outcomes = Sequence[dict[str, Any]]
+TRUTHFUL = ("truthful", "truthful, stated so")
 
 
-def rows(found: Outcomes) -> Iterator[Row]:
-    """Yield the rows of a run."""
+def rows(found: Outcomes, earlier: Outcomes) -> Iterator[Row]:
+    """Yield the rows of a run; `earlier` are maps of some of its surveys by the code of commit e7dc4dd."""
     yield Row("surveys", float(len({(one["terrain"], one["seed"]) for one in found})), "1")
     yield Row("landmarks, median", float(np.median([one["landmarks"] for one in found])), "1")
     yield from _coverage(found)
@@ -26,6 +27,7 @@ def rows(found: Outcomes) -> Iterator[Row]:
     yield from _certificates(found)
     yield from _errors(found)
     yield from _before(found)
+    yield from _over_earlier(found, earlier)
 
 
 def chosen(found: Outcomes, **values: Any) -> list[dict[str, Any]]:
@@ -153,35 +155,40 @@ def _before(found: Outcomes) -> Iterator[Row]:
         old = chosen(found, prior=NAME_BEFORE, terrain=terrain)
         if not old:
             continue
-        for kind in ("truthful", "truthful, stated so"):
+        for kind in TRUTHFUL:
             mine = chosen(found, prior=kind, terrain=terrain)
-            yield from _over_isotropic(terrain, kind, _of_surveys(mine, old), old)
+            over = f"{terrain}, {kind}: RMSE over that of an isotropic kernel and an exact level"
+            yield Row(over, _mean(_of_surveys(mine, old), "rmse_m") / _mean(old, "rmse_m"), "x")
             yield Row.of(f"{terrain}, {kind}: coverage", _mean(mine, "coverage"), "1", ">=", 0.92)
         plain = _of_surveys(chosen(found, prior=NO_PRIOR), old)
         cost = _mean(plain, "kernel_cpu_s") / _mean(old, "kernel_cpu_s")
-        yield Row(f"{terrain}, isotropic kernel: coverage", _mean(old, "coverage"), "1")
-        worst_m = max(one["rmse_m"] for one in old)
-        yield Row(f"{terrain}, isotropic kernel: RMSE, largest", worst_m, "m")
         yield Row.of(
             f"{terrain}: CPU time of the fit of kernels over that of isotropic ones", cost, "x", "<=", 1.5
         )
 
 
+def _over_earlier(found: Outcomes, earlier: Outcomes) -> Iterator[Row]:
+    """Compare with the maps of the earlier code; ridges and moraine also on the survey where it errs most."""
+    for terrain in BEFORE:
+        old = [one for one in earlier if one["terrain"] == terrain]
+        if not old:
+            continue
+        worst = max(old, key=lambda one: one["rmse_m"])
+        yield Row(f"{terrain}, e7dc4dd: coverage", _mean(old, "coverage"), "1")
+        yield Row(f"{terrain}, e7dc4dd: RMSE, largest", worst["rmse_m"], "m")
+        for kind in TRUTHFUL:
+            new = _of_surveys(chosen(found, prior=kind, terrain=terrain), old)
+            over = f"{terrain}, {kind}: RMSE over that of e7dc4dd"
+            mean = _mean(new, "rmse_m") / _mean(old, "rmse_m")
+            if terrain == "SRTM windows":
+                yield Row.of(over, mean, "x", "<=", 1.10)
+                yield Row(f"{over}, without the offset of each map", _relative_m(new) / _relative_m(old), "x")
+            else:
+                yield Row(over, mean, "x")
+                there = _mean(_of_surveys(new, [worst]), "rmse_m") / worst["rmse_m"]
+                yield Row.of(f"{over}, on its worst survey", there, "x", "<=", 0.35)
+
+
 def _relative_m(found: Outcomes) -> float:
     """Return the mean error of maps without their offset [m]."""
     return float(np.mean([np.sqrt(one["rmse_m"] ** 2 - one["offset_m"] ** 2) for one in found]))
-
-
-def _over_isotropic(terrain: str, kind: str, new: Outcomes, old: Outcomes) -> Iterator[Row]:
-    """Yield RMSE over that of the isotropic kernel on the mean, and on the seed where that one errs most."""
-    over = f"{terrain}, {kind}: RMSE over that of an isotropic kernel and an exact level"
-    mean = _mean(new, "rmse_m") / _mean(old, "rmse_m")
-    if terrain == "SRTM windows":
-        yield Row.of(over, mean, "x", "<=", 1.10)
-        shape = _relative_m(new) / _relative_m(old)
-        yield Row(f"{over}, without the offset of each map", shape, "x")
-    else:
-        worst = max(old, key=lambda one: one["rmse_m"])
-        there = _mean(_of_surveys(new, [worst]), "rmse_m") / worst["rmse_m"]
-        yield Row(over, mean, "x")
-        yield Row.of(f"{over}, on its worst seed", there, "x", "<=", 0.35)

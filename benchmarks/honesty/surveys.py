@@ -46,7 +46,7 @@ BEFORE = ("anisotropic ridges", "moraine ridges", "SRTM windows")
 CANDIDATES_BEFORE = ("matern-3/2", "two-scale-matern", "two-scale-mixed", "three-scale")
 CLASS_3_M = 0.4572
 _PROBABILITIES = np.linspace(0.1, 0.9, 9)
-_MEMORY_MB, _NODE_SPACING_M = 6.0, 30.0
+MEMORY_MB, TOLERANCE_M, NODE_SPACING_M = 6.0, 5e-3, 30.0
 _LANDMARKS_PER_M = 0.25
 _N_BEFORE, _ORACLE_EVERY, _MISMATCHED_EVERY = 4, 3, 6
 _TESTED = (NO_PRIOR, "truthful", "all together")
@@ -74,10 +74,8 @@ class Outcome:
 
 def survey_of(kind: str, seed: int) -> list[dict[str, Any]]:
     """Survey a terrain once, and return the outcomes of all its maps as plain facts."""
-    real = terrain(kind, seed)
-    tau_s = TAUS_S[(seed + KINDS.index(kind)) % len(TAUS_S)]
-    mission = _mission(100 * seed + KINDS.index(kind), tau_s)
-    recording, _ = simulate_statistical(real, planners.plan(AREA, None, mission.planner), mission)
+    real, mission, recording = recorded(kind, seed)
+    tau_s = mission.sensors.gps_correlation_time_s
     ordinary = _Localized.of(recording, mission, ASSUMED_TAU_S)
     start = time.process_time()
     fitted = ordinary.fitted()
@@ -95,6 +93,15 @@ def survey_of(kind: str, seed: int) -> list[dict[str, Any]]:
         oracle = _Localized.of(recording, mission, tau_s)
         outcomes += _of_oracle(oracle, oracle.fitted(fitted.candidates), real, kind, seed)
     return [asdict(one) | {"terrain": kind, "seed": seed, "tau_s": tau_s} for one in outcomes]
+
+
+def recorded(kind: str, seed: int) -> tuple[Dem, MissionConfig, Recording]:
+    """Return a terrain, the mission that surveys it, and its recording."""
+    real = terrain(kind, seed)
+    tau_s = TAUS_S[(seed + KINDS.index(kind)) % len(TAUS_S)]
+    mission = _mission(100 * seed + KINDS.index(kind), tau_s)
+    recording, _ = simulate_statistical(real, planners.plan(AREA, None, mission.planner), mission)
+    return real, mission, recording
 
 
 def _mismatched(mission: MissionConfig, real: Dem, kind: str, seed: int) -> Outcome:
@@ -135,7 +142,7 @@ class _Localized:
         """Localize with an assumed memory of the receiver's errors."""
         found = localize(recording, mission.assumed.model_copy(update={"gps_correlation_time_s": tau_s}))
         assert found.trajectory.error is not None
-        config = GaussianProcessConfig(tolerance_m=5e-3)
+        config = GaussianProcessConfig(tolerance_m=TOLERANCE_M)
         return cls(found.points, JointTerrain(found.trajectory.error, None, config, _joint(None)))
 
     def fitted(self, candidates: list[Hyperparameters] | None = None) -> PointsOnly:
@@ -153,13 +160,13 @@ def _mission(seed: int, tau_s: float) -> MissionConfig:
         terrain=RandomTerrain(source="random"),
         planner=LawnmowerConfig(swaths=4),
         sensors=SensorConfig(gps_correlation_time_s=tau_s, landmarks_per_m=_LANDMARKS_PER_M),
-        localization=LocalizationConfig(node_spacing_m=_NODE_SPACING_M),
+        localization=LocalizationConfig(node_spacing_m=NODE_SPACING_M),
     )
 
 
 def _joint(errors: SatelliteErrors | None) -> JointConfig:
     stated = {} if errors is None else {"satellite": errors}
-    return JointConfig(**stated, slope_passes=1, memory_mb=_MEMORY_MB)
+    return JointConfig(**stated, slope_passes=1, memory_mb=MEMORY_MB)
 
 
 def _mapped(
