@@ -60,6 +60,7 @@ def test_a_companion_may_be_absent_but_not_belong_to_another_output(trial_of):
     assert trial.outcome(mixed, 0, 1) == "other output"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EVERY)
 def test_both_variants_write_the_same_files_with_different_content_but_for_runs_and_studies(trial_of, name):
     before, new = trial_of(name).outputs

@@ -54,6 +54,7 @@ def visual(walk: Recording) -> VisualOdometry:
     return visual_odometry(walk)
 
 
+@pytest.mark.long
 def test_images_without_wheels_are_scaled_by_the_fixes(walk: Recording, visual: VisualOdometry) -> None:
     result = localize(walk, visual=visual)
     # 48 fixes of 0.1 m place the ends to centimetres; 0.5 m is what the errors assumed of the fixes allow.

@@ -36,6 +36,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     return run
 
 
+@pytest.mark.long
 def test_scans_are_recorded_and_their_points_are_mapped(run: RunFolder) -> None:
     recording = Recording.read(run.folder("simulate") / "recording")
     assert recording.lidar is not None
