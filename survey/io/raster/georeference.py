@@ -35,7 +35,8 @@ def check_transform(t: Affine) -> None:
         )
     if t.a <= 0.0 or t.e >= 0.0:
         raise InputError(
-            f"the raster's cell is {t.a:g} by {t.e:g} m; the first row must be the northern one, flip it first."
+            f"the raster's cell is {t.a:g} by {t.e:g} m; the first row must be the northern one and the first column the western "
+            "one, warp it to north-up first (gdalwarp does it)."
         )
     if abs(t.a + t.e) > 1e-3 * t.a:
         raise InputError(

@@ -30,7 +30,7 @@ class Raster(NamedTuple):
     Parameters
     ----------
     values : (H, W) ndarray
-        Values [m], NaN for nodata; the first row as the file has it.
+        Values [m], NaN for nodata; the first row is the northern one, unless the raster is rotated.
     transform : affine.Affine
         Maps (column, row) of a cell's upper left corner to the CRS.
     crs : str or pyproj.CRS or None
@@ -101,7 +101,18 @@ def read_raster(
         datum = datum or (vertical_datum_of(crs) if crs else UNSTATED)
     except CRSError as error:
         raise damaged(file, error) from error
+    values, transform = _north_up(values, transform)
     return Raster(values, transform, crs, datum, stored_as)
+
+
+def _north_up(values: FloatArray, transform: Affine) -> tuple[FloatArray, Affine]:
+    """Return a raster whose first row is the southern one with its rows the other way round; others as they are."""
+    t = transform
+    is_south_up = t.b == t.d == 0.0 and t.a > 0.0 and t.e > 0.0
+    if not is_south_up or t == Affine.identity():  # which stands for no georeference
+        return values, transform
+    turned = transform @ Affine.translation(0, len(values)) @ Affine.scale(1.0, -1.0)
+    return np.ascontiguousarray(values[::-1]), turned
 
 
 def _own_bounds(source: Any, bounds: Bounds | None, crs: CRS | None) -> Bounds | None:

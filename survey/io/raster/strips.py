@@ -42,7 +42,7 @@ def window_of(source: Any, file: Path, bounds: Bounds | None) -> tuple[int, int,
     """Return first column, first row, width and height of what is to be read, or refuse as too large."""
     window = (0, 0, int(source.width), int(source.height))
     t = source.transform
-    if bounds is not None and t.b == t.d == 0.0 and t.a > 0.0 > t.e:
+    if bounds is not None and t.b == t.d == 0.0 and t.a > 0.0 and t.e != 0.0:
         window = _window_over(bounds, t, source.width, source.height, file)
     _, _, width, height = window
     if height * width > LARGEST_CELLS:
@@ -57,11 +57,13 @@ def _window_over(bounds: Bounds, t: Affine, width: int, height: int, file: Path)
     """Return the cells from which heights within the bounds are interpolated: one more to each side."""
     west, south, east, north = bounds
     columns = _span((west - t.c) / t.a, (east - t.c) / t.a, width)
-    rows = _span((north - t.f) / t.e, (south - t.f) / t.e, height)
+    edges = sorted(((north - t.f) / t.e, (south - t.f) / t.e))  # the first row may be the southern one
+    rows = _span(edges[0], edges[1], height)
     if min(columns[1], rows[1]) < 2:
+        south, north = sorted((t.f, t.f + height * t.e))
         raise InputError(
             f"{file} lies elsewhere than the bounds ({', '.join(f'{b:.7g}' for b in bounds)}): it reaches from "
-            f"{t.c:.7g}, {t.f + height * t.e:.7g} to {t.c + width * t.a:.7g}, {t.f:.7g}; check both and their CRS."
+            f"{t.c:.7g}, {south:.7g} to {t.c + width * t.a:.7g}, {north:.7g}; check both and their CRS."
         )
     return columns[0], rows[0], columns[1], rows[1]
 

@@ -79,3 +79,39 @@ def test_other_suffixes_name_the_known_ones(name: str, tmp_path: Path) -> None:
 def test_coordinates_beyond_the_earth_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="none on Earth"):
         Dem(np.zeros((2, 2)), Affine(1.0, 0.0, 1e300, 0.0, -1.0, 0.0), UTM)
+
+
+def south_up(path: Path, elevation: np.ndarray, transform: Affine) -> Path:
+    rows, columns = elevation.shape
+    turned = transform @ Affine.translation(0, rows) @ Affine.scale(1.0, -1.0)
+    profile = {"height": rows, "width": columns, "count": 1, "dtype": "float64"}
+    with rasterio.open(path, "w", driver="GTiff", crs="EPSG:32608", transform=turned, **profile) as file:
+        file.write(elevation[::-1], 1)
+    return path
+
+
+def test_a_raster_whose_first_row_is_the_southern_one_is_read_from_north_to_south(tmp_path: Path) -> None:
+    elevation = 800.0 + np.arange(42.0).reshape(6, 7)
+    north_up = Affine(5.0, 0.0, 500_000.0, 0.0, -5.0, 6_700_030.0)
+    file = south_up(tmp_path / "south.tif", elevation, north_up)
+    dem = Dem.read(file)
+    assert dem.transform.almost_equals(north_up)
+    np.testing.assert_array_equal(dem.elevation, elevation)
+    window = Dem.read(file, bounds=(500_012.0, 6_700_012.0, 500_014.0, 6_700_014.0))
+    assert window.shape[0] < 6
+    np.testing.assert_array_equal(window.at([[500_013.0, 6_700_013.0]]), dem.at([[500_013.0, 6_700_013.0]]))
+    with pytest.raises(InputError, match="reaches from 500000, 6700000 to 500035, 6700030"):
+        Dem.read(file, bounds=(0.0, 0.0, 5.0, 5.0))
+
+
+def test_a_raster_without_a_georeference_is_not_taken_for_one_from_south_to_north(tmp_path: Path) -> None:
+    file = tmp_path / "none.tif"
+    with (
+        pytest.warns(rasterio.errors.NotGeoreferencedWarning),
+        rasterio.open(
+            file, "w", driver="GTiff", height=4, width=4, count=1, dtype="float64", crs="EPSG:32608"
+        ) as raster,
+    ):
+        raster.write(np.arange(16.0).reshape(4, 4), 1)
+    with pytest.raises(InputError, match="no georeference"):
+        Dem.read(file)
