@@ -14,11 +14,13 @@ from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
 from survey.core.text import printable
+from survey.io.last_line import refuse_cut_off
 
 LARGEST_ROWS = 30_000_000
 """Longest table that is read: 1 GB for four columns."""
 _ROWS_AT_ONCE = 50_000
 _LONGEST_CELL = 40
+_TAIL_BYTES = 65536
 
 
 def write_table(path: str | Path, columns: Mapping[str, FloatArray]) -> None:
@@ -79,7 +81,7 @@ def read_table(
             header = _header(next(rows, []), required, where)
             kept = [index for index, name in enumerate(header) if name not in texts]
             parts = list(_parts(rows, header, kept, where))
-        refuse_cut_off(_last_byte(file), where)
+        _refuse_cut_off(file, len(header), where)
     except (UnicodeError, csv.Error, OSError) as error:
         raise InputError(
             f"{where} is no text table ({first_line(error)}); a CSV file was expected."
@@ -166,15 +168,12 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def refuse_cut_off(last: bytes, where: str) -> None:
-    """Refuse a text whose last byte is not the end of a line."""
-    if last not in (b"\n", b"\r"):
-        raise InputError(
-            f"{where} ends in the middle of a line; it may be cut off, make it again or end it with a line break."
-        )
-
-
-def _last_byte(file: Path) -> bytes:
+def _refuse_cut_off(file: Path, n_columns: int, where: str) -> None:
+    """Refuse a table whose last line has no line break and could be cut off, by the lines at its end."""
     with file.open("rb") as stream:
-        stream.seek(-1, 2)
-        return stream.read(1)
+        size = stream.seek(0, 2)
+        stream.seek(max(size - _TAIL_BYTES, 0))
+        lines = stream.read().decode(errors="replace").splitlines(keepends=True)
+    # The first line is the header, or the rest of a line.
+    rows = [row for row in csv.reader(lines[1:]) if len(row) == n_columns]
+    refuse_cut_off(lines[-1], rows, where)

@@ -12,7 +12,8 @@ from survey.core.errors import CapacityError, InputError
 from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
 from survey.core.text import printable
-from survey.io.tables import refuse_cut_off, refuse_repeated_columns
+from survey.io.last_line import refuse_cut_off
+from survey.io.tables import refuse_repeated_columns
 
 LARGEST_BYTES = 200_000_000
 """Largest table of text that is read."""
@@ -99,6 +100,8 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     )
     if header_at is None:
         raise InputError(f"{where} is empty; a header such as Point,Easting,Northing,Elevation was expected.")
+    last = lines[-1]
+    lines = [line.rstrip("\r\n") for line in lines]
     separator = _separator(lines[header_at])
     cells = _cells(lines[header_at:], separator, where)
     has_header = not (len(cells[0]) == len(unnamed) and all(map(_is_decimal, cells[0])))
@@ -107,6 +110,7 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     numbered = numbered[1:] if has_header else numbered
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
+    refuse_cut_off(last, rows, where)
     has_commas = separator != "," and any("," in cell and _is_decimal(cell) for row in rows for cell in row)
     return TextTable(header, rows, [line for line, _ in numbered], has_commas, where)
 
@@ -122,8 +126,6 @@ def _lines(file: Path, where: str) -> list[str]:
         content = content.decode("utf-16", errors="replace").encode()
     if b"\0" in content:
         raise InputError(f"{where} is no text table (it holds bytes of 0); a CSV file was expected.")
-    if content.strip():
-        refuse_cut_off(content[-1:], where)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -133,7 +135,7 @@ def _lines(file: Path, where: str) -> list[str]:
             raise InputError(
                 f"{where} is no text table ({first_line(error)}); a CSV file was expected."
             ) from error
-    return text.splitlines()
+    return text.splitlines(keepends=True)
 
 
 def _separator(header: str) -> str:
