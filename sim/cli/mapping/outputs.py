@@ -14,6 +14,7 @@ from survey.core.files.replacing import replacing_folder
 from survey.data.ice.motion import IceMotion
 from survey.data.ice.motion_file import ICE_MOTION, write_motion
 from survey.reconstruction.base import ELEVATION
+from survey.reconstruction.beyond_points import beyond_sentences
 
 OWN_FILES = (
     *("dem.tif", "support.tif", "bounds.tif", "no_go.tif", "reconstruction.json"),
@@ -120,7 +121,7 @@ def _print_findings(result: survey.Reconstruction) -> None:
     """Print the check by points left out, the classes by the map's claim, and what is to be known of the input."""
     from survey.scoring.standards.certificate import own_claim
 
-    for sentence in own_claim(result) if result.quantity == ELEVATION else []:
+    for sentence in own_claim(result) if result.quantity == ELEVATION else beyond_sentences(result):
         typer.echo(fact_line("map", sentence))
     if result.method == "tin":
         typer.echo(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from survey.data.area import SurveyArea
-from survey.reconstruction.base import CLAIM, Reconstruction
+from survey.reconstruction.base import BEYOND, CLAIM, Reconstruction
 from survey.reconstruction.checks.rmse_claim import RmseClaim, sampled_nodes
 from survey.reconstruction.gp.learned import Learned
 
@@ -31,5 +31,6 @@ def with_claim(result: Reconstruction, learned: Learned, area: SurveyArea | None
     rows = sampled_nodes(inside)
     covariance = learned.process.joint_covariance(grid.xy[rows])
     covariance[np.diag_indices(len(rows))] += learned.found.nugget_m**2
-    claim = RmseClaim.of(covariance, std.ravel()[rows])
+    untested_share = result.diagnostics.get(BEYOND, {}).get("share", 0.0)
+    claim = replace(RmseClaim.of(covariance, std.ravel()[rows]), untested_share=untested_share)
     return replace(result, diagnostics={**result.diagnostics, CLAIM: claim.facts()})

@@ -11,6 +11,7 @@ from survey.data.area import SurveyArea
 from survey.data.dem import Dem
 from survey.data.grid import Grid
 from survey.reconstruction.base import CHECK, CLAIM, Reconstruction
+from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.checks.predictive import PredictiveCheck
 from survey.reconstruction.checks.rmse_claim import RmseClaim, sampled_nodes
 from survey.reconstruction.joint.left_out import check_by_swaths
@@ -34,6 +35,8 @@ def checked_map(solution: JointSolution, grid: Grid, area: SurveyArea | None, *,
     mapped = solution.on(grid)
     check = check_by_swaths(solution) if is_tested else None
     result = mapped.reconstruction if check is None else _widened(mapped.reconstruction, check, solution)
+    if is_tested and solution.cells is None:
+        result = widened_beyond(result, solution.points.xy, solution.points.z, area)
     claim = _claim(solution, result, area)
     if check is not None:
         claim = replace(claim, untested_share=_untested_share(solution, result, check, area))

@@ -8,6 +8,7 @@ from survey.core.crs.agreement import same_crs
 from survey.core.crs.vertical_datum import same_vertical_datum
 from survey.data.dem import Dem
 from survey.reconstruction.base import ELEVATION
+from survey.reconstruction.beyond_points import widened_beyond
 from survey.reconstruction.capacity import require_length_scale
 from survey.reconstruction.gp.config import GaussianProcessConfig, JointConfig
 from survey.reconstruction.gp.mean import Mean
@@ -38,7 +39,11 @@ def _run(task: MappingTask, *, engine: EngineName) -> MappedTerrain:
     model = GaussianProcessTerrain(config, prior, engine, task.quantity, task.grid.bounds, watch)
     fitted = model.fit(task.points)
     assert fitted.learned_ is not None
-    result = with_claim(fitted.grid(task.grid), fitted.learned_, task.area)
+    result = fitted.grid(task.grid)
+    if config.fit and prior is None:
+        data = fitted.learned_.process.data
+        result = widened_beyond(result, data.xy, data.values, task.area)
+    result = with_claim(result, fitted.learned_, task.area)
     return MappedTerrain(replace(result, diagnostics={**result.diagnostics, **facts}))
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from survey.reconstruction.base import Reconstruction
+from survey.reconstruction.beyond_points import beyond_sentences
 from survey.reconstruction.checks.rmse_claim import CONFIDENCE, RmseClaim, RmsePosterior
 from survey.reconstruction.motion.map_age import AGE, MapAge
 from survey.scoring.standards.map_classes import Verdict, judge
@@ -107,6 +108,7 @@ def own_claim(reconstruction: Reconstruction) -> list[str]:
     """
     check, certified = reconstruction.check, certificate(reconstruction)
     sentences = [] if check is None else [check.sentence]
+    sentences += beyond_sentences(reconstruction)
     sentences += [] if certified is None else [*certified.sentences]
     age = stated_age(reconstruction)
     return sentences + ([] if age is None else [age])
