@@ -19,6 +19,7 @@ from survey.io.text_tables.delimited import TextTable, read_text_table
 from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
+    axis_of,
     datum_of_column,
     metres_factor,
     one_column,
@@ -88,7 +89,7 @@ def _table(text: TextTable, given: Mapping[str, str]) -> tuple[PointTable, tuple
     original = dict(zip(renamed_header(text.header, given, text.where), text.header, strict=True))
     used = _used_columns(list(original), text.where)
     numbers = {
-        own: metres_factor(original[name]) * text.numbers(original[name])
+        own: metres_factor(original[name]) * text.numbers(original[name], axis_of(own))
         for own, name in used.items()
         if own != _NAME
     }

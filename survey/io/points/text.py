@@ -1,5 +1,6 @@
 """Points in text tables: firnline's own CSV of numbers, and exports of receivers and other programs."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -8,10 +9,11 @@ from survey.core.files.reading import existing_file
 from survey.io.point_columns import PLACE, in_own_columns, place_columns
 from survey.io.points.table import PointTable
 from survey.io.tables import read_table, write_table
-from survey.io.text_tables.delimited import TextTable, read_text_table
+from survey.io.text_tables.delimited import LARGEST_BYTES, TextTable, read_text_table
 from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
+    axis_of,
     datum_of_column,
     metres_factor,
     one_column,
@@ -25,6 +27,8 @@ _WHAT = "the point file"
 _SIGMA = "sigma_z_m"
 # Columns of a file .xyz, which has no header as a rule.
 _UNNAMED = ("x", "y", "z")
+# Digits with separators of thousands, in cells that commas part.
+_SEPARATED = re.compile(rb"\d('|\xe2\x80\x99)\d|\"[+-]?\d{1,3},\d{3}")
 
 
 def read_csv(path: Path, columns: Mapping[str, str] | None = None) -> PointTable:
@@ -47,6 +51,8 @@ def write_csv(path: Path, table: PointTable) -> None:
 
 def _is_plain(file: Path) -> bool:
     """Return whether a table has firnline's own columns, or commas, numbers alone and no standard deviation."""
+    if file.stat().st_size <= LARGEST_BYTES and _SEPARATED.search(file.read_bytes()):
+        return False
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
         header, first = stream.readline(), stream.readline()
     names = {name.strip() for name in header.split(",")}
@@ -71,9 +77,11 @@ def _read_export(file: Path, given: Mapping[str, str], unnamed: Sequence[str] = 
     known = dict(zip(text.header, renamed_header(text.header, given, text.where), strict=True))
     sigma = one_column("sigma_z", list(known.values()), text.where)
     asked = {*given, sigma}
-    names = {name: own for name, own in known.items() if own in asked or text.is_number(name, 0)}
+    names = {
+        name: own for name, own in known.items() if own in asked or text.is_number(name, 0, axis_of(own))
+    }
     names = {name: _SIGMA if own == sigma else own for name, own in names.items()}
-    numbers = {own: metres_factor(name) * text.numbers(name) for name, own in names.items()}
+    numbers = {own: metres_factor(name) * text.numbers(name, axis_of(own)) for name, own in names.items()}
     unused = tuple(name for name in text.header if name not in names)
     say_columns(text.where, ColumnNames({own: name for name, own in names.items()}, unused))
     _refuse_places_of_text(text, known, set(numbers))
@@ -92,4 +100,4 @@ def _refuse_places_of_text(text: TextTable, known: Mapping[str, str], numbers: s
     except InputError:
         names = place_columns(list(known.values()), text.where).names
         for name in (name for name, own in known.items() if own in names):
-            text.numbers(name)
+            text.numbers(name, axis_of(known[name]))

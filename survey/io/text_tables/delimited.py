@@ -1,6 +1,7 @@
 """Text tables of other programs: commas, semicolons, tabs or blanks between cells, decimal points or commas."""
 
 import csv
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,8 @@ from survey.core.files.reading import existing_file
 from survey.core.text import printable
 from survey.io.last_line import refuse_cut_off
 from survey.io.tables import refuse_repeated_columns
+from survey.io.text_tables.angles import Axis, degrees
+from survey.io.text_tables.number_marks import NumberMarks, is_decimal
 
 LARGEST_BYTES = 200_000_000
 """Largest table of text that is read."""
@@ -28,7 +31,7 @@ class TextTable(NamedTuple):
     header: list[str]
     rows: list[list[str]]
     lines: list[int]
-    has_decimal_commas: bool
+    marks: NumberMarks
     where: str
 
     def texts(self, name: str) -> tuple[str, ...]:
@@ -36,8 +39,8 @@ class TextTable(NamedTuple):
         index = self.header.index(name)
         return tuple(row[index].strip() for row in self.rows)
 
-    def numbers(self, name: str) -> FloatArray:
-        """Return a column of numbers (N,).
+    def numbers(self, name: str, axis: Axis | None = None) -> FloatArray:
+        """Return a column of numbers (N,); of angles [deg], in whatever way they are written, where an axis is named.
 
         Raises
         ------
@@ -46,24 +49,39 @@ class TextTable(NamedTuple):
         """
         values = np.empty(len(self.rows))
         for k, (line, cell) in enumerate(zip(self.lines, self.texts(name), strict=True)):
-            values[k] = self._number(cell, line, name)
+            number = self._number(cell, axis)
+            if number is None:
+                raise self._no_number(cell, line, name, axis)
+            values[k] = number
         return values
 
-    def is_number(self, name: str, row: int) -> bool:
-        """Return whether a cell of a column is a number, with the decimal mark of the table."""
-        cell = self.rows[row][self.header.index(name)].strip()
-        return _is_decimal(cell if self.has_decimal_commas else cell.replace(",", ";"))
+    def is_number(self, name: str, row: int, axis: Axis | None = None) -> bool:
+        """Return whether a cell of a column is a number, with the marks of the table."""
+        return self._number(self.rows[row][self.header.index(name)].strip(), axis) is not None
 
-    def _number(self, cell: str, line: int, name: str) -> float:
-        text = cell.replace(",", ".") if self.has_decimal_commas else cell
+    def _number(self, cell: str, axis: Axis | None) -> float | None:
+        text = self.marks.plain(cell)
         try:
-            if "_" not in text and not (self.has_decimal_commas and "." in cell):
+            if "_" not in text:
                 return float(text)
         except ValueError:
             pass
-        both = " (the table has decimal commas)" if self.has_decimal_commas else ""
-        raise InputError(
-            f"{self.where}, line {line}: {printable(cell)[:_LONGEST_CELL]!r} in the column {name} is no number{both}; correct it."
+        if axis is None:
+            return None
+        return degrees(cell.replace(",", ".") if self.marks.decimal == "," else cell, axis)
+
+    def _no_number(self, cell: str, line: int, name: str, axis: Axis | None) -> InputError:
+        kind, remedy = "number", "correct it"
+        if axis is not None:
+            kind, remedy = (
+                "angle",
+                f"write decimal degrees, or such as 46 30 12.5 {'N' if axis == 'latitude' else 'E'}",
+            )
+        elif re.search(r"\d[.,]\d{3}$", cell):
+            remedy = "write it without a separator of thousands and with a decimal point"
+        both = " (the table has decimal commas)" if self.marks.decimal == "," else ""
+        return InputError(
+            f"{self.where}, line {line}: {printable(cell)[:_LONGEST_CELL]!r} in the column {name} is no {kind}{both}; {remedy}."
         )
 
 
@@ -83,7 +101,8 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     Returns
     -------
     TextTable
-        The cells. Numbers have decimal commas where cells are not separated by commas and a number has one.
+        The cells. Numbers have decimal commas where cells are not separated by commas and a number has one;
+        `NumberMarks` tells how thousands are separated.
 
     Raises
     ------
@@ -104,15 +123,15 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     lines = [line.rstrip("\r\n") for line in lines]
     separator = _separator(lines[header_at])
     cells = _cells(lines[header_at:], separator, where)
-    has_header = not (len(cells[0]) == len(unnamed) and all(map(_is_decimal, cells[0])))
+    has_header = not (len(cells[0]) == len(unnamed) and all(map(is_decimal, cells[0])))
     header = _header(cells[0], where) if has_header else list(unnamed)
     numbered = [(header_at + k, row) for k, row in enumerate(cells, start=1) if any(map(str.strip, row))]
     numbered = numbered[1:] if has_header else numbered
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
     refuse_cut_off(last, rows, where)
-    has_commas = separator != "," and any("," in cell and _is_decimal(cell) for row in rows for cell in row)
-    return TextTable(header, rows, [line for line, _ in numbered], has_commas, where)
+    marks = NumberMarks.among((cell for row in rows for cell in row), has_commas=separator != ",")
+    return TextTable(header, rows, [line for line, _ in numbered], marks, where)
 
 
 def _lines(file: Path, where: str) -> list[str]:
@@ -158,7 +177,7 @@ def _header(cells: Sequence[str], where: str) -> list[str]:
     names = [cell.strip() for cell in cells]
     while names and not names[-1]:  # a separator at the end of the line
         names.pop()
-    if sum(map(_is_decimal, names)) >= 3:
+    if sum(map(is_decimal, names)) >= 3:
         raise InputError(
             f"{where} has no header line (it begins with {printable(', '.join(names))[:80]}); "
             "add one such as Point,Easting,Northing,Elevation."
@@ -178,12 +197,3 @@ def _check_rows(numbered: list[tuple[int, list[str]]], header: list[str], where:
                 f"{where}, line {line}: {len(row)} values where the header names {len(header)}; "
                 "remove lines before the header, or make the file again where it is cut off."
             )
-
-
-def _is_decimal(cell: str) -> bool:
-    """Return whether a cell is a number with a decimal point or a decimal comma."""
-    try:
-        float(cell.strip().replace(",", ".", 1))
-    except ValueError:
-        return False
-    return "_" not in cell

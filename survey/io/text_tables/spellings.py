@@ -6,11 +6,12 @@ Readers of points and of time series share this table, so that a spelling is add
 import logging
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from survey.core.crs.vertical_datum import ELLIPSOIDAL, UNSTATED
 from survey.core.errors import ConfigError, InputError
 from survey.core.text import printable
+from survey.io.text_tables.angles import Axis
 from survey.io.text_tables.usual_names import OWN_NAMES, SPELLINGS
 
 _FACTORS = {"mm": 1e-3, "cm": 1e-2}
@@ -102,6 +103,17 @@ def spelled(name: str, kind: str) -> bool:
     """
     plain = normalized(without_unit(name))
     return plain in SPELLINGS[kind] or without_metres(plain) in SPELLINGS[kind]
+
+
+def axis_of(name: str) -> Axis | None:
+    """Return which angle a column holds by its name; None for metres and all else.
+
+    Examples
+    --------
+    >>> axis_of("Latitude"), axis_of("Easting")
+    ('latitude', None)
+    """
+    return next((axis for axis in get_args(Axis) if spelled(name, axis)), None)
 
 
 def without_metres(plain: str) -> str:

@@ -10,11 +10,13 @@ import numpy as np
 from survey.core.arrays import FloatArray
 from survey.core.errors import InputError
 from survey.core.text import printable
+from survey.io.text_tables.angles import Axis
 from survey.io.text_tables.clock_numbers import refuse_clock_numbers
 from survey.io.text_tables.delimited import TextTable, read_text_table
 from survey.io.text_tables.hemispheres import refuse_hemispheres
 from survey.io.text_tables.spellings import (
     ColumnNames,
+    axis_of,
     metres_factor,
     normalized,
     one_column,
@@ -67,7 +69,8 @@ def read_fix_table(file: Path, columns: Sequence[str] = ()) -> ReceiverFixes:
     time_s, unit = _times(table, names["time"], date)
     is_geodetic = "longitude" in names
     first, second = ("longitude", "latitude") if is_geodetic else ("easting", "northing")
-    place = np.column_stack([_metres(table, names[kind]) for kind in (first, second, "height")])
+    kinds = (first, second, "height")
+    place = np.column_stack([_metres(table, names[kind], axis_of(kind)) for kind in kinds])
     if is_geodetic and (np.abs(place[:, :2]) > (360.0, 90.0)).any():
         raise InputError(
             f"{table.where} holds places that are no degrees in {names[first]} and {names[second]}; "
@@ -127,8 +130,8 @@ def _unused(table: TextTable, names: dict[str, str]) -> tuple[str, ...]:
     return tuple(name for name in table.header if name not in names.values())
 
 
-def _metres(table: TextTable, name: str) -> FloatArray:
-    return metres_factor(name) * table.numbers(name)
+def _metres(table: TextTable, name: str, axis: Axis | None = None) -> FloatArray:
+    return metres_factor(name) * table.numbers(name, axis)
 
 
 def _sigma_m(table: TextTable, names: dict[str, str], given: dict[str, str]) -> FloatArray | None:

@@ -188,7 +188,7 @@ def test_a_mapping_names_columns_of_metres(tmp_path):
     ("content", "words"),
     [
         ("time,lat,alt\n0,46,500\n", "no column of longitude .* name it with --columns lon=NAME"),
-        ("time,lat,lon,alt\n0,46,8,500\n1,north,8,500\n", "line 3: 'north' in the column lat is no number"),
+        ("time,lat,lon,alt\n0,46,8,500\n1,north,8,500\n", "line 3: 'north' in the column lat is no angle"),
         ("time,lat,lon,alt\n2024-99-01,46,8,500\n1,46,8,500\n", "is no number and no date such as"),
         ("time,lat,lon,alt\n0,5100000,8,500\n1,5100000,8,500\n", "are no degrees"),
         ("time,lat,lon,alt\n0,nan,nan,500\n1,5100000,8,500\n", "are no degrees"),
