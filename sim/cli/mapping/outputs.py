@@ -132,6 +132,8 @@ def _print_findings(result: survey.Reconstruction) -> None:
     share = result.diagnostics.get("prior_covered_share")
     if share is not None:
         typer.echo(fact_line("prior", f"covers {100.0 * share:.1f} % of the map; the rest has no height"))
+    for found in result.diagnostics.get("blunders", ()):
+        typer.echo(fact_line("left out", f"{found['file']}: {found['sentence']}"))
     n_low = result.diagnostics.get("n_low_returns", 0)
     if n_low:
         typer.echo(fact_line("left out", f"{n_low} isolated low returns"))

@@ -1,5 +1,6 @@
 """``firnline reconstruct POINTS``: a map from a table of points, from several drives, or from scans and their paths."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +18,12 @@ from survey.data.sensors.drive_ties import DriveTies
 from survey.interchange.sensor_scans import read_sensor_scans
 from survey.io.text_tables.spellings import parsed_columns
 from survey.reconstruction.base import ELEVATION
+from survey.reconstruction.checks.blunders import (
+    Blunders,
+    refuse_far_places,
+    refuse_feet_among_metres,
+    without_blunders,
+)
 from survey.reconstruction.joint.several_drives import SeveralDrives
 from survey.reconstruction.mapping import within
 from survey.reconstruction.method import MappedTerrain
@@ -35,13 +42,16 @@ class PointInputs(NamedTuple):
     area: survey.SurveyArea | None
     paths: list[survey.Trajectory]
     prior: survey.Dem | None
+    blunders: dict[str, Blunders]
 
     @property
     def facts(self) -> dict[str, str]:
         """What was read, for people."""
         rows, columns = self.grid.shape
+        left_out = "; ".join(f"{file}: {found.sentence()}" for file, found in self.blunders.items())
         return {
             "points": f"{len(self.drives.points)}, {self.drives.points.crs.name}",
+            **({"left out": left_out} if left_out else {}),
             "map": f"{rows} × {columns} nodes of {self.grid.step_m:g} m",
         }
 
@@ -49,16 +59,12 @@ class PointInputs(NamedTuple):
 def read_inputs(request: MapRequest) -> PointInputs:
     """Read the points, and with them area, paths and prior, onto the nodes of the map."""
     options = request.options
+    blunders: dict[str, Blunders] = {}
     if request.is_registered:
         paths = [_path(file, options.crs) for file in options.trajectories]
         parts = [_registered(request, *each) for each in zip(options.sources, paths, strict=True)]
     else:
-        parts = [
-            survey.SurfacePoints.read(
-                file, crs=options.crs, sigma_m=options.sigma_m, columns=parsed_columns(options.columns)
-            )
-            for file in options.sources
-        ]
+        parts = [_sound_points(request, file, blunders) for file in options.sources]
         paths = [_path(file, part.crs) for file, part in zip(options.trajectories, parts, strict=False)]
     errors = [path.error for path in paths] or [None]
     drives = SeveralDrives.of(list(zip(parts, errors, strict=True)))
@@ -68,12 +74,32 @@ def read_inputs(request: MapRequest) -> PointInputs:
     area = request.read_area(points.crs)
     grid = request.grid_over(_bounds(points) if area is None else area.bounds, points.crs)
     prior = None if options.prior is None else _prior(options.prior, grid)
-    return PointInputs(drives, grid, area, paths, prior)
+    return PointInputs(drives, grid, area, paths, prior, blunders)
+
+
+def _sound_points(request: MapRequest, file: Path, blunders: dict[str, Blunders]) -> survey.SurfacePoints:
+    """Read points without gross blunders of their heights, which are collected by file; refuse feet and far places."""
+    options = request.options
+    points = survey.SurfacePoints.read(
+        file, crs=options.crs, sigma_m=options.sigma_m, columns=parsed_columns(options.columns)
+    )
+    try:
+        if options.area is None:
+            refuse_far_places(points)
+        if options.value not in (None, ELEVATION):
+            return points
+        refuse_feet_among_metres(points)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    kept, found = without_blunders(points)
+    if len(found.rows):
+        blunders[str(file)] = found
+    return kept
 
 
 def map_points(request: MapRequest) -> MadeMap:
     """Map the points of a file, or of several drives, over the area, or over their bounding box."""
-    drives, grid, area, paths, prior = read_inputs(request)
+    drives, grid, area, paths, prior, blunders = read_inputs(request)
     with counted(quiet=request.options.quiet) as progress:
         mapped = map_landmarks(
             drives.points,
@@ -86,12 +112,22 @@ def map_points(request: MapRequest) -> MadeMap:
             area=area,
         )
     moved, motion = _on_ice(mapped, request)
-    result = moved if area is None else within(moved, area)
+    result = _with_blunders(moved if area is None else within(moved, area), blunders)
     corrected: list[survey.Trajectory] = []
     if mapped.correction is not None:
         parts = drives.corrections(mapped.correction)
         corrected = [part.applied(path) for part, path in zip(parts, paths, strict=True)]
     return MadeMap(result, f"by {request.method.name}", request.options.area, corrected, motion)
+
+
+def _with_blunders(result: survey.Reconstruction, blunders: dict[str, Blunders]) -> survey.Reconstruction:
+    """Return the map with the blunders that were left out in its record."""
+    if not blunders:
+        return result
+    facts = [
+        {"file": file, "sentence": found.sentence(), **found.facts()} for file, found in blunders.items()
+    ]
+    return replace(result, diagnostics={**result.diagnostics, "blunders": facts})
 
 
 def _on_ice(mapped: MappedTerrain, request: MapRequest) -> tuple[survey.Reconstruction, IceMotion | None]:

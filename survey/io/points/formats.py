@@ -20,6 +20,7 @@ _LARGEST = 1e15
 _SIGMA = "sigma_z_m"
 # Heights beside those of 0 that show these for missing ones, and the least distance between both [m].
 _N_OTHERS, _LEAST_GAP_M = 5, 20.0
+_HIGHEST_M = 12_000.0
 _TEXT_TABLES = (".csv", ".txt", ".tsv", ".xyz")
 TABLES = (*_TEXT_TABLES, *VECTOR_ENDINGS)
 """Endings of files with one row for each point, whose columns can be chosen."""
@@ -96,12 +97,14 @@ def refuse_marks(table: PointTable, path: str | Path) -> None:
         A number such as -9999 or -32768, a height of 9999 m, or heights of 0 far from all others.
     """
     _refuse_zeros(table.columns[PLACE[2]], path)
+    _refuse_impossible(table.columns[PLACE[2]], path)
     for name, column in table.columns.items():
         marks = () if name in PLACE[:2] else MARKS + (MARKS_IN_METRES if name == PLACE[2] else ())
         found = next((mark for mark in marks if (column == mark).any()), None)
         if found is not None:
             raise InputError(
-                f"the point file {path} holds {found:g} in {name}, which stands for a missing number; remove those rows."
+                f"the point file {path} holds {found:g} in {name}, first at point {int(np.argmax(column == found)) + 1}, which stands for a missing "
+                "number; remove those rows."
             )
 
 
@@ -114,8 +117,18 @@ def _refuse_zeros(height_m: FloatArray, path: str | Path) -> None:
     gap_m = float(np.abs(others).min())
     if gap_m > max(float(np.ptp(others)), _LEAST_GAP_M):
         raise InputError(
-            f"the point file {path} holds heights of 0 in {int(is_zero.sum())} rows, and all others lie between {others.min():g} and "
-            f"{others.max():g} m; remove those rows, where 0 stands for a missing number."
+            f"the point file {path} holds heights of 0 in {int(is_zero.sum())} rows, first at point {int(np.argmax(is_zero)) + 1}, and all "
+            f"others lie between {others.min():g} and {others.max():g} m; remove those rows, where 0 stands for a missing number."
+        )
+
+
+def _refuse_impossible(height_m: FloatArray, path: str | Path) -> None:
+    """Refuse heights that are all beyond any on Earth, as eastings in the column of heights or millimetres are."""
+    low, high = float(np.nanmin(np.abs(height_m))), float(np.nanmax(np.abs(height_m)))
+    if _HIGHEST_M < low < np.inf and high < np.inf:
+        raise InputError(
+            f"the point file {path} holds heights between {np.min(height_m):g} and {np.max(height_m):g} m, beyond all ground on Earth; "
+            "check which column holds the heights, and that they are in metres."
         )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from scipy import sparse
 from typer.testing import CliRunner
 
@@ -252,3 +253,45 @@ def test_a_mapping_that_was_not_understood_or_is_of_no_use_ends_at_once(folder: 
     assert run("points.gpkg", "--columns", "height")[0] == 4
     code, said = run("points.gpkg", "--columns", "z=h")
     assert (code, "has no column 'h'" in " ".join(said.split())) == (3, True)
+
+
+def _hills(n: int = 60) -> list[list[float]]:
+    rng = np.random.default_rng(1)
+    return [[x, y, 700.0 + np.sin(x / 9.0)] for x, y in rng.uniform(0.0, 40.0, (n, 2))]
+
+
+def _table(rows: list[list[float]]) -> str:
+    Path("rover.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in rows))
+    return "rover.csv"
+
+
+def test_a_blunder_is_named_left_out_and_recorded(folder: Path) -> None:
+    rows = _hills()
+    rows[16][2] += 100.0
+    options = (_table(rows), "--crs", CRS, "--sigma", 0.05, "--grid", 4, *GP)
+    code, said = run(*options)
+    assert code == 0, said
+    assert "rover.csv: 1 point stands alone in height and counts as a blunder: it is point 17, at" in said
+    result = Reconstruction.read(folder / "reconstruction")
+    assert result.diagnostics["blunders"][0]["rows"] == [16]
+    assert np.nanmax(result.mean.elevation) < 703.0
+    assert "1 point stands alone" in run(*options, "--dry-run", "--force")[1]
+
+
+def test_a_far_place_ends_at_once_unless_the_ground_is_named(folder: Path) -> None:
+    rows = _hills()
+    rows[16][:2] = [500_000.0, 6_700_000.0]
+    options = (_table(rows), "--crs", CRS, "--sigma", 0.05, "--grid", 4, *GP)
+    code, said = run(*options)
+    assert code == 3
+    assert "1 of 60 points lies far from all others: point 17 at 500000.00, 6700000.00" in said
+    SurveyArea(shapely.box(0.0, 0.0, 40.0, 40.0), CRS).write("area.gpkg")
+    assert run(*options, "--area", "area.gpkg")[0] == 0
+
+
+def test_feet_among_metres_end_at_once(folder: Path) -> None:
+    rows = _hills()
+    rows[16][2] /= 0.3048
+    code, said = run(_table(rows), "--crs", CRS, "--sigma", 0.05, "--grid", 4, *GP)
+    assert code == 3
+    assert "those are in feet, the first at point 17" in said

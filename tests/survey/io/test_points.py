@@ -113,10 +113,20 @@ def test_more_points_than_fit_the_memory_are_refused(tmp_path: Path, monkeypatch
             read_point_table(tmp_path / f"a.{ending}")
 
 
+@pytest.mark.parametrize("heights", [(500_000.0, 500_001.0), (812_125.0, 812_130.0), (-13_000.0, -12_999.0)])
+def test_heights_beyond_all_ground_are_refused(tmp_path: Path, heights: tuple[float, float]) -> None:
+    rows = "".join(f"1,{k},{height},0.1\n" for k, height in enumerate(heights))
+    (tmp_path / "p.csv").write_text("x_m,y_m,z_m,sigma_z_m\n" + rows)
+    with pytest.raises(InputError, match=r"beyond all ground on Earth; check which column holds the heights"):
+        read_point_table(tmp_path / "p.csv")
+
+
 @pytest.mark.parametrize("mark", [-9999, -32768, 9999, 65535])
 def test_a_height_that_stands_for_a_missing_one_is_refused(tmp_path: Path, mark: float) -> None:
     (tmp_path / "p.csv").write_text(f"x_m,y_m,z_m,sigma_z_m\n1,2,3,0.1\n4,5,{mark},0.1\n7,8,9,0.1\n")
-    with pytest.raises(InputError, match=f"holds {mark} in z_m, which stands for a missing number"):
+    with pytest.raises(
+        InputError, match=f"holds {mark} in z_m, first at point 2, which stands for a missing number"
+    ):
         SurfacePoints.read(tmp_path / "p.csv", crs=CRS)
 
 

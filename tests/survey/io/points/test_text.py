@@ -135,7 +135,10 @@ def test_xyz_files_of_more_columns_need_a_header(tmp_path: Path) -> None:
 
 def test_heights_of_zero_far_from_all_others_are_refused(tmp_path: Path) -> None:
     rows = "".join(f"{k},{k},{800 + k % 7}\n" for k in range(20))
-    with pytest.raises(InputError, match="heights of 0 in 1 rows, and all others lie between 800 and 806 m"):
+    with pytest.raises(
+        InputError,
+        match="heights of 0 in 1 rows, first at point 21, and all others lie between 800 and 806 m",
+    ):
         read_point_table(written(tmp_path, f"x,y,z\n{rows}3,4,0\n"))
     shore = "".join(f"{k},{k},{k}\n" for k in range(20))
     assert len(read_point_table(written(tmp_path, f"x,y,z\n{shore}")).columns["z_m"]) == 20

@@ -1,0 +1,184 @@
+"""Gross blunders among points: heights that stand alone among their neighbours, feet among metres, places far away."""
+
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from survey.core.arrays import FloatArray, IntArray
+from survey.core.errors import InputError
+from survey.data.surface_points import SurfacePoints
+from survey.io.raster.values import FOOT_M
+
+# Fewer points do not show what is usual among them.
+_LEAST_POINTS = 30
+_N_NEIGHBOURS, _N_WIDER = 12, 24
+# A blunder differs from its neighbours by so many times what is usual, there and in the whole survey, and by so much of the
+# relief of all points.
+_TIMES_USUAL, _USUAL_SHARE, _SHARE_OF_RELIEF = 5.0, 0.75, 0.5
+# What is lower could be a boulder [m].
+_LEAST_M = 5.0
+# More of them are no blunders.
+_MOST_SHARE = 0.02
+_N_NAMED = 20
+# A place is far where it lies so many extents of all others away.
+_FAR_EXTENTS = 50.0
+_FEET_TOLERANCE = 0.02
+
+
+class Blunders(NamedTuple):
+    """Points whose height is a blunder: rows (K,), places (K, 2) [m], and heights above their neighbours (K,) [m]."""
+
+    rows: IntArray
+    xy: FloatArray
+    above_m: FloatArray
+
+    @classmethod
+    def among(cls, points: SurfacePoints) -> Self:
+        """Return the blunders among points, the largest first.
+
+        Each stands alone: the points around it agree with one another, and it differs from all of them but one by more
+        than half of the relief of the survey. At a cliff, a tree or a building several points have the same height.
+        """
+        wider = _neighbours(points.xy)
+        around = wider[:, :_N_NEIGHBOURS]
+        above_m = points.z - np.median(points.z[around], axis=1)
+        size = np.abs(above_m)
+        alike_m = np.sort(np.abs(points.z[:, None] - points.z[wider]), axis=1)[:, 1]
+        rows = np.flatnonzero(np.minimum(size, alike_m) > _least_m(points, around, size))
+        if len(rows) > _n_most(points):
+            rows = rows[:0]
+        rows = rows[np.argsort(-size[rows], kind="stable")]
+        return cls(rows, points.xy[rows], above_m[rows])
+
+    def facts(self) -> dict[str, Any]:
+        """Return their number, and rows, places and sizes of the largest twenty, for the record."""
+        return {
+            "n": len(self.rows),
+            "rows": self.rows[:_N_NAMED],
+            "x_m": self.xy[:_N_NAMED, 0],
+            "y_m": self.xy[:_N_NAMED, 1],
+            "above_neighbours_m": np.round(self.above_m[:_N_NAMED], 2),
+        }
+
+    def sentence(self) -> str:
+        """State how many there are, and which is the largest."""
+        side = "above" if self.above_m[0] > 0.0 else "below"
+        which = f"{len(self.rows)} points stand alone in height and count as blunders: the largest is"
+        if len(self.rows) == 1:
+            which = "1 point stands alone in height and counts as a blunder: it is"
+        return (
+            f"{which} point {self.rows[0] + 1}, at {self.xy[0, 0]:.2f}, {self.xy[0, 1]:.2f}, {abs(self.above_m[0]):.2f} m {side} its "
+            "neighbours; correct or remove what is wrong in the file"
+        )
+
+
+def without_blunders(points: SurfacePoints) -> tuple[SurfacePoints, Blunders]:
+    """Return points without those whose height is a blunder, and the blunders.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Measured points.
+
+    Returns
+    -------
+    SurfacePoints, Blunders
+        The same points where there is none.
+
+    Examples
+    --------
+    >>> x, y = np.meshgrid(np.arange(10.0), np.arange(10.0))
+    >>> z = 0.1 * x
+    >>> z[4, 6] += 50.0
+    >>> points = SurfacePoints(np.stack([x, y, z], axis=-1).reshape(-1, 3), sigma_m=0.1, crs="EPSG:32608")
+    >>> kept, blunders = without_blunders(points)
+    >>> len(kept), blunders.rows, blunders.above_m.round()
+    (99, array([46]), array([50.]))
+    """
+    if len(points) < _LEAST_POINTS:
+        return points, Blunders(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros(0))
+    found = Blunders.among(points)
+    if not len(found.rows):
+        return points, found
+    kept = np.ones(len(points), dtype=bool)
+    kept[found.rows] = False
+    return points.select(kept), found
+
+
+def _neighbours(xy: FloatArray) -> IntArray:
+    """Return the nearest other points (N, 24) of each."""
+    index = np.asarray(cKDTree(xy).query(xy, k=_N_WIDER + 1)[1])
+    return index[:, 1:].astype(np.int64)
+
+
+def _least_m(points: SurfacePoints, around: IntArray, size_m: FloatArray) -> FloatArray:
+    """Return the least size of a blunder at each point (N,), from the differences (N,) of all and the points around (N, 12)."""
+    there = np.quantile(size_m[around], _USUAL_SHARE, axis=1)
+    usual_m = np.maximum(there, np.quantile(size_m, 1.0 - 2.0 * _MOST_SHARE))
+    low, high = np.sort(points.z)[[_n_most(points), -1 - _n_most(points)]]
+    of_relief_m = max(_SHARE_OF_RELIEF * float(high - low), _LEAST_M)
+    least: FloatArray = np.maximum(_TIMES_USUAL * np.maximum(usual_m, points.sigma_z), of_relief_m)
+    return least
+
+
+def _n_most(points: SurfacePoints) -> int:
+    """Return how many points may be blunders."""
+    return max(int(_MOST_SHARE * len(points)), 1)
+
+
+def refuse_feet_among_metres(points: SurfacePoints) -> None:
+    """Refuse heights of two groups of which one is 3.28 times as high as the other.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Measured points.
+
+    Raises
+    ------
+    InputError
+        Between the groups lies more than within either, and their medians have the ratio of a metre to a foot.
+    """
+    height = np.sort(points.z)
+    if len(height) < _LEAST_POINTS or height[0] <= 0.0:
+        return
+    last = int(np.argmax(np.diff(height)))
+    low, high = height[: last + 1], height[last + 1 :]
+    is_apart = high[0] - low[-1] > max(np.ptp(low), np.ptp(high))
+    ratio = float(np.median(high) / np.median(low)) * FOOT_M
+    if is_apart and abs(ratio - 1.0) < _FEET_TOLERANCE:
+        first = int(np.flatnonzero(points.z >= high[0])[0])
+        raise InputError(
+            f"{len(high)} of {len(height)} heights lie between {high[0]:g} and {high[-1]:g} and all others between {low[0]:g} and "
+            f"{low[-1]:g} m, 3.28 times lower: those are in feet, the first at point {first + 1}; convert them to metres."
+        )
+
+
+def refuse_far_places(points: SurfacePoints) -> None:
+    """Refuse few places that lie far from all others, as one with exchanged or missing coordinates does.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Measured points.
+
+    Raises
+    ------
+    InputError
+        At most 2 % of the points are more than 50 times as far away as the others extend.
+    """
+    if len(points) < _LEAST_POINTS:
+        return
+    low, middle, high = np.quantile(points.xy, [_MOST_SHARE, 0.5, 1.0 - _MOST_SHARE], axis=0)
+    away = np.abs(points.xy - middle).max(axis=1)
+    is_far = away > _FAR_EXTENTS * max(float((high - low).max()), 1.0)
+    if not is_far.any() or is_far.sum() > _MOST_SHARE * len(points):
+        return
+    worst = int(np.argmax(away))
+    (west, south), (east, north) = points.xy[~is_far].min(axis=0), points.xy[~is_far].max(axis=0)
+    raise InputError(
+        f"{int(is_far.sum())} of {len(points)} points {'lies' if is_far.sum() == 1 else 'lie'} far from all others: point {worst + 1} at "
+        f"{points.xy[worst, 0]:.2f}, {points.xy[worst, 1]:.2f}, while the others reach from {west:.2f}, {south:.2f} to {east:.2f}, "
+        f"{north:.2f}; correct or remove it, or name the ground with --area."
+    )
