@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
 from survey.core.errors import InputError
@@ -27,6 +28,9 @@ _WHAT = "the point file"
 _SIGMA = "sigma_z_m"
 # Columns of a file .xyz, which has no header as a rule.
 _UNNAMED = ("x", "y", "z")
+# A coordinate of 100 km or more with at most four digits, and how many rows are looked at.
+_SHORTENED = re.compile(r"(?<![\d.])\d([.,]\d{1,3})?E\+0*[5-9](?!\d)", re.IGNORECASE)
+_N_LOOKED_AT = 50
 # Digits with separators of thousands, in cells that commas part.
 _SEPARATED = re.compile(rb"\d('|\xe2\x80\x99)\d|\"[+-]?\d{1,3},\d{3}")
 
@@ -37,11 +41,27 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None) -> PointTable
     `columns` names columns of the file by own name, such as ``{"z_m": "Ellipsoidal height"}``.
     """
     file = existing_file(path, _WHAT)
+    _refuse_shortened(file)
     if path.suffix.lower() == ".xyz":
         return _read_export(file, columns or {}, _UNNAMED)
     if not columns and _is_plain(file):
-        return PointTable(*in_own_columns(read_table(file, (), what=_WHAT), f"{_WHAT} {path}"))
+        numbers = read_table(file, (), what=_WHAT)
+        refuse_feet(list(numbers), f"{_WHAT} {path}")
+        return PointTable(*in_own_columns(numbers, f"{_WHAT} {path}"))
     return _read_export(file, columns or {})
+
+
+def _refuse_shortened(file: Path) -> None:
+    """Refuse coordinates such as 5.00E+05, as a spreadsheet shows and exports them in narrow columns."""
+    with file.open(encoding="utf-8", errors="replace") as stream:
+        first = [line for line in islice(stream, 1, 1 + _N_LOOKED_AT) if line.strip()]
+    if len(first) > 1 and all(map(_SHORTENED.search, first)):
+        shown = _SHORTENED.search(first[0])
+        assert shown is not None
+        raise InputError(
+            f"{_WHAT} {file} holds coordinates that were shortened in all rows ({shown.group()}); "
+            "export it again with the columns formatted as numbers."
+        )
 
 
 def write_csv(path: Path, table: PointTable) -> None:
@@ -55,6 +75,8 @@ def _is_plain(file: Path) -> bool:
         return False
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
         header, first = stream.readline(), stream.readline()
+    if "\ufffd" in header:  # another encoding
+        return False
     names = {name.strip() for name in header.split(",")}
     if set(PLACE) <= names or not first.strip():
         return True

@@ -20,7 +20,10 @@ from survey.io.text_tables.number_marks import NumberMarks, is_decimal
 
 LARGEST_BYTES = 200_000_000
 """Largest table of text that is read."""
-_COMMENTS = ("#", "%")
+_COMMENTS = ("#", "%", "sep=")
+# Rows of so many numbers have no names.
+_LEAST_NUMBERS = 3
+_N_COLOURS = 3
 _LONGEST_CELL = 40
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
@@ -91,12 +94,13 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     Parameters
     ----------
     path : str or pathlib.Path
-        Text file in UTF-8, UTF-16 or Windows-1252. Lines before the header that begin with ``#`` or ``%``, and
-        empty lines, are skipped.
+        Text file in UTF-8, UTF-16 or Windows-1252. Lines before the header that begin with ``#`` or ``%``, the line
+        ``sep=;`` of spreadsheets and empty lines are skipped; the last of them is the header where it has as many names as
+        the first row has numbers.
     what : str
         What the table is, for the message.
     unnamed : sequence of str, optional
-        Names of the columns of a table without a header.
+        Names of the columns of a table without a header; colours may follow.
 
     Returns
     -------
@@ -123,10 +127,10 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     lines = [line.rstrip("\r\n") for line in lines]
     separator = _separator(lines[header_at])
     cells = _cells(lines[header_at:], separator, where)
-    has_header = not (len(cells[0]) == len(unnamed) and all(map(is_decimal, cells[0])))
-    header = _header(cells[0], where) if has_header else list(unnamed)
+    names = _names_of(cells[0], unnamed) or _names_in_comment(lines[:header_at], separator, cells[0])
+    header = _header(names or cells[0], where)
     numbered = [(header_at + k, row) for k, row in enumerate(cells, start=1) if any(map(str.strip, row))]
-    numbered = numbered[1:] if has_header else numbered
+    numbered = numbered if names else numbered[1:]
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
     refuse_cut_off(last, rows, where)
@@ -173,14 +177,38 @@ def _cells(lines: list[str], separator: str, where: str) -> list[list[str]]:
         ) from error
 
 
+def _are_numbers(cells: Sequence[str]) -> bool:
+    return sum(map(is_decimal, cells)) >= _LEAST_NUMBERS
+
+
+def _names_of(first: Sequence[str], unnamed: Sequence[str]) -> list[str]:
+    """Return names for a table without a header: those of its columns, and numbers for colours behind them."""
+    colours = first[len(unnamed) :]
+    has_colours = not colours or (len(colours) >= _N_COLOURS and all(map(_is_byte, colours[:_N_COLOURS])))
+    if not unnamed or len(first) < len(unnamed) or not all(map(is_decimal, first)) or not has_colours:
+        return []
+    return [*unnamed, *(f"column_{k}" for k in range(len(unnamed) + 1, len(first) + 1))]
+
+
+def _is_byte(cell: str) -> bool:
+    return cell.strip().isdecimal() and int(cell) <= 255
+
+
+def _names_in_comment(before: Sequence[str], separator: str, first: Sequence[str]) -> list[str]:
+    """Return the names that the last comment before a row of numbers holds; none where their number differs."""
+    comment = next((line for line in reversed(before) if line.strip()), "")
+    names = _cells([comment.lstrip("#% ")], separator, "")[0] if comment.startswith(_COMMENTS[:2]) else []
+    return names if len(names) == len(first) and _are_numbers(first) else []
+
+
 def _header(cells: Sequence[str], where: str) -> list[str]:
     names = [cell.strip() for cell in cells]
     while names and not names[-1]:  # a separator at the end of the line
         names.pop()
-    if sum(map(is_decimal, names)) >= 3:
+    if _are_numbers(names):
         raise InputError(
             f"{where} has no header line (it begins with {printable(', '.join(names))[:80]}); "
-            "add one such as Point,Easting,Northing,Elevation."
+            "add one that names its columns in their order, such as Point,Easting,Northing,Elevation."
         )
     refuse_repeated_columns(names, where)
     return names

@@ -16,7 +16,7 @@ from survey.io.text_tables.usual_names import OWN_NAMES, SPELLINGS
 
 _FACTORS = {"mm": 1e-3, "cm": 1e-2}
 _METRES = re.compile(r"_(m|met(er|re)s?)$")
-_FEET = re.compile(r"_(us_?)?(ft|feet|foot)$")
+_FEET = re.compile(r"_((us|survey|international|intl)_?)*(s?ft|ift|ftus|ft_us|feet|foot)$")
 
 
 def normalized(name: str) -> str:

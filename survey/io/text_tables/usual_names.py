@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 
 SPELLINGS: Mapping[str, tuple[str, ...]] = {
-    "x": ("x_m", "x", "x_coord", "x_coordinate"),
-    "y": ("y_m", "y", "y_coord", "y_coordinate"),
+    "x": ("x_m", "x", "x_coord", "x_coordinate", "point_x"),
+    "y": ("y_m", "y", "y_coord", "y_coordinate", "point_y"),
     "easting": (
         "easting_m",
         "easting",
+        "x_easting",
         "east_m",
         "east",
         "e",
@@ -24,6 +25,7 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
     "northing": (
         "northing_m",
         "northing",
+        "y_northing",
         "north_m",
         "north",
         "n",
@@ -39,6 +41,7 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
     "longitude": (
         "longitude_deg",
         "longitude",
+        "x_longitude",
         "lon_deg",
         "lon",
         "lng",
@@ -54,6 +57,7 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
     "latitude": (
         "latitude_deg",
         "latitude",
+        "y_latitude",
         "lat_deg",
         "lat",
         "latitud",
@@ -80,6 +84,9 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
         "ele",
         "z_coord",
         "z_coordinate",
+        "point_z",
+        "z_altitude",
+        "z_elevation",
         "orthometric_height",
         "orthometric_height_m",
         "ortho_height",
@@ -149,6 +156,8 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
         "v_acc",
         "verticalaccuracy",
         "v_accuracy",
+        "z_accuracy",
+        "accuracy_z",
     ),
     "sigma_xy": (
         "sigma_xy_m",

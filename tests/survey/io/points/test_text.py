@@ -142,3 +142,52 @@ def test_heights_of_zero_far_from_all_others_are_refused(tmp_path: Path) -> None
         read_point_table(written(tmp_path, f"x,y,z\n{rows}3,4,0\n"))
     shore = "".join(f"{k},{k},{k}\n" for k in range(20))
     assert len(read_point_table(written(tmp_path, f"x,y,z\n{shore}")).columns["z_m"]) == 20
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "OBJECTID,Shape,POINT_X,POINT_Y,POINT_Z\n1,Point ZM,500001.5,6700002.5,812.5\n",
+        "# CoordinateSystem: LOCAL\n#Label,X/Easting,Y/Northing,Z/Altitude\nA,500001.5,6700002.5,812.5\n",
+        "//X Y Z\n500001.5 6700002.5 812.5\n",
+        "sep=;\r\nPoint;Easting;Northing;Elevation\r\nA;500001,5;6700002,5;812,5\r\n",
+        '"","x","y","z"\n"1",500001.5,6700002.5,812.5\n',
+    ],
+)
+def test_tables_of_other_programs_are_read(tmp_path: Path, text: str) -> None:
+    found = read_point_table(written(tmp_path, text)).columns
+    assert [float(found[name][0]) for name in ("x_m", "y_m", "z_m")] == [500001.5, 6700002.5, 812.5]
+
+
+def test_colours_may_follow_the_places_of_a_table_without_a_header(tmp_path: Path) -> None:
+    (tmp_path / "cloud.xyz").write_text(
+        "500001.5 6700002.5 812.5 120 0 255\n500002.5 6700002.5 812.5 1 2 3\n"
+    )
+    found = read_point_table(tmp_path / "cloud.xyz").columns
+    assert [float(found[name][0]) for name in ("x_m", "y_m", "z_m")] == [500001.5, 6700002.5, 812.5]
+    (tmp_path / "cloud.xyz").write_text("1 500001.5 6700002.5 812.5\n2 500001.5 6700002.5 812.5\n")
+    with pytest.raises(InputError, match=r"no header line .* names its columns in their order"):
+        read_point_table(tmp_path / "cloud.xyz")
+
+
+@pytest.mark.parametrize(
+    "name", ["Elevation (US Survey Foot)", "Elev (sft)", "Elevation_USft", "Elevation [ift]"]
+)
+def test_every_name_of_feet_is_refused_as_such(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=r"is in feet; convert it to metres"):
+        read_point_table(written(tmp_path, f"Point,Northing,Easting,{name}\n1,6700002.5,500001.5,2665.7\n"))
+
+
+def test_coordinates_that_a_spreadsheet_shortened_are_refused(tmp_path: Path) -> None:
+    rows = "".join(f"P{k},5.00E+05,6.70E+06,{800 + k}\n" for k in range(5))
+    with pytest.raises(InputError, match=r"shortened in all rows \(5\.00E\+05\); export it again"):
+        read_point_table(written(tmp_path, f"Point,Easting,Northing,Elevation\n{rows}"))
+    whole = "x,y,z\n5e+05,6700001.5,812\n500001.5,6.7e+06,812\n500002.5,6700001.5,812\n"
+    assert len(read_point_table(written(tmp_path, whole)).columns["x_m"]) == 3
+
+
+def test_a_header_in_the_windows_encoding_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(
+        "Punkt,Rechtswert,Hochwert,Höhe\n1,500001.5,6700002.5,812.5\n".encode("cp1252")
+    )
+    assert read_point_table(tmp_path / "a.csv").columns["z_m"] == [812.5]
