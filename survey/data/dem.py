@@ -20,7 +20,7 @@ from survey.data.grid import Grid
 from survey.data.plots import draw_raster, html_table, value_range
 from survey.io.raster import Raster, read_raster, write_raster
 from survey.io.raster.georeference import check_transform
-from survey.io.raster.unmarked_cells import refuse_detached
+from survey.io.raster.unmarked_cells import refuse_detached, refuse_impossible
 from survey.io.raster.warping import in_metres, window_crs
 
 if TYPE_CHECKING:
@@ -160,6 +160,7 @@ class Dem(DataObject):
         if not mask:
             _refuse_mask(raster, path)
             refuse_detached(raster.values, _step_m(raster), str(path))
+            refuse_impossible(raster.values, str(path))
         raster = in_metres(raster, crs, str(path), bounds=bounds, nearest=mask)
         if vertical_datum and raster.vertical_datum and vertical_datum != raster.vertical_datum:
             raise InputError(

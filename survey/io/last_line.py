@@ -2,12 +2,22 @@
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from survey.core.errors import InputError
 
 # With fewer other rows, an equal number of decimals could be chance.
 _LEAST_ROWS = 3
+_TAIL_BYTES = 65536
 _FIXED_POINT = re.compile(r"[+-]?\d+[.,](\d+)")
+
+
+def last_lines(file: Path) -> list[str]:
+    """Return the lines at the end of a text file with their line breaks; the first of them may be the rest of one."""
+    with file.open("rb") as stream:
+        size = stream.seek(0, 2)
+        stream.seek(max(size - _TAIL_BYTES, 0))
+        return stream.read().decode(errors="replace").splitlines(keepends=True)
 
 
 def refuse_cut_off(last: str, rows: Sequence[Sequence[str]], where: str) -> None:

@@ -14,13 +14,12 @@ from survey.core.files.library_messages import first_line
 from survey.core.files.reading import existing_file
 from survey.core.files.writing import replacing
 from survey.core.text import printable
-from survey.io.last_line import refuse_cut_off
+from survey.io.last_line import last_lines, refuse_cut_off
 
 LARGEST_ROWS = 30_000_000
 """Longest table that is read: 1 GB for four columns."""
 _ROWS_AT_ONCE = 50_000
 _LONGEST_CELL = 40
-_TAIL_BYTES = 65536
 
 
 def write_table(path: str | Path, columns: Mapping[str, FloatArray]) -> None:
@@ -170,10 +169,7 @@ def _is_number(cell: str) -> bool:
 
 def _refuse_cut_off(file: Path, n_columns: int, where: str) -> None:
     """Refuse a table whose last line has no line break and could be cut off, by the lines at its end."""
-    with file.open("rb") as stream:
-        size = stream.seek(0, 2)
-        stream.seek(max(size - _TAIL_BYTES, 0))
-        lines = stream.read().decode(errors="replace").splitlines(keepends=True)
+    lines = last_lines(file)
     # The first line is the header, or the rest of a line.
     rows = [row for row in csv.reader(lines[1:]) if len(row) == n_columns]
     refuse_cut_off(lines[-1], rows, where)

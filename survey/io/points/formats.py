@@ -12,6 +12,7 @@ from survey.io.points.ply import read_ply, write_ply
 from survey.io.points.table import PointTable
 from survey.io.points.text import read_csv, write_csv
 from survey.io.points.vector import VECTOR_ENDINGS, read_vector, write_vector
+from survey.io.raster.unmarked_cells import HIGHEST_M, LOWEST_M
 from survey.io.raster.values import MARKS, MARKS_IN_METRES
 from survey.io.text_tables.spellings import ColumnNames, metres_factor, one_column, say_columns
 
@@ -20,7 +21,6 @@ _LARGEST = 1e15
 _SIGMA = "sigma_z_m"
 # Heights beside those of 0 that show these for missing ones, and the least distance between both [m].
 _N_OTHERS, _LEAST_GAP_M = 5, 20.0
-_HIGHEST_M = 12_000.0
 _TEXT_TABLES = (".csv", ".txt", ".tsv", ".xyz")
 TABLES = (*_TEXT_TABLES, *VECTOR_ENDINGS)
 """Endings of files with one row for each point, whose columns can be chosen."""
@@ -123,11 +123,11 @@ def _refuse_zeros(height_m: FloatArray, path: str | Path) -> None:
 
 
 def _refuse_impossible(height_m: FloatArray, path: str | Path) -> None:
-    """Refuse heights that are all beyond any on Earth, as eastings in the column of heights or millimetres are."""
-    low, high = float(np.nanmin(np.abs(height_m))), float(np.nanmax(np.abs(height_m)))
-    if _HIGHEST_M < low < np.inf and high < np.inf:
+    """Refuse heights that are all beyond any ground on Earth, as eastings in the column of heights or millimetres are."""
+    known = height_m[np.isfinite(height_m)]
+    if known.size and (known.min() > HIGHEST_M or known.max() < LOWEST_M):
         raise InputError(
-            f"the point file {path} holds heights between {np.min(height_m):g} and {np.max(height_m):g} m, beyond all ground on Earth; "
+            f"the point file {path} holds heights between {known.min():g} and {known.max():g} m, beyond all ground on Earth; "
             "check which column holds the heights, and that they are in metres."
         )
 

@@ -1,6 +1,7 @@
 """LAS and LAZ point files."""
 
 import datetime
+import logging
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,6 +28,7 @@ GROUND, NOISE = 2, (7, 18)
 """Classes of LAS."""
 # LAS stores coordinates as whole numbers of this many metres.
 _LAS_STEP_M = 1e-4
+_COARSE_STEP_M = 0.05
 _LAS_OWNER, _LAS_DATUM, _LAS_CRC = "firnline", 1, 2
 _LAS_FAULTS = (
     laspy.errors.LaspyException,
@@ -101,6 +103,7 @@ def read_las(path: Path) -> PointTable:
         column = np.asarray(las[name])
         if column.ndim == 1:
             add_column(columns, name, column, file)
+    _say_steps(las.header, file)
     datum = datum_of_header(las.header, crs)
     for record in las.header.vlrs:
         if record.user_id == _LAS_OWNER and record.record_id == _LAS_CRC:
@@ -108,6 +111,17 @@ def read_las(path: Path) -> PointTable:
             refuse_altered(file, crc, columns.values(), f"its record {_LAS_OWNER} {_LAS_CRC}")
             return PointTable(columns, crs, datum)  # without classes
     return PointTable(columns, crs, datum, _is_ground(las))
+
+
+def _say_steps(header: Any, file: Path) -> None:
+    """Log the steps of heights that are stored as coarse numbers: a map would take them for exact."""
+    step = float(header.scales[2])
+    if step >= _COARSE_STEP_M:
+        logging.getLogger(__name__).warning(
+            "the point file %s stores heights in steps of %g, which rounds them by up to half of that; export it with finer scales.",
+            file,
+            step,
+        )
 
 
 def datum_of_header(header: Any, crs: Any) -> str:

@@ -9,6 +9,8 @@ from survey.core.errors import InputError
 
 _LEAST_GAP_M = 100.0
 _LEAST_CELLS = 2
+LOWEST_M, HIGHEST_M = -12_000.0, 9_000.0
+"""Heights between which all ground on Earth lies."""
 
 
 def refuse_detached(elevation: FloatArray, step_m: float, name: str) -> None:
@@ -41,6 +43,30 @@ def refuse_detached(elevation: FloatArray, step_m: float, name: str) -> None:
     extremes = Extremes()
     extremes.add(elevation)
     extremes.refuse_detached(step_m, name)
+
+
+def refuse_impossible(elevation: FloatArray, name: str) -> None:
+    """Refuse elevations most of which are beyond any ground on Earth, as decimetres or millimetres without a unit are.
+
+    Parameters
+    ----------
+    elevation : (H, W) ndarray
+        Elevations [m], NaN where unknown.
+    name : str
+        Name of the file, for the message.
+
+    Raises
+    ------
+    InputError
+        The median is above 9000 m or below -12,000 m.
+    """
+    known = elevation[np.isfinite(elevation)]
+    middle_m = float(np.median(known)) if known.size else 0.0
+    if not LOWEST_M <= middle_m <= HIGHEST_M:
+        raise InputError(
+            f"{name} holds elevations about {middle_m:,.0f} m, beyond all ground on Earth; state the unit or the scale of its numbers "
+            "(gdal_edit.py -scale 0.1 for decimetres)."
+        )
 
 
 class Extremes:

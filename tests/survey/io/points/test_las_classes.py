@@ -13,6 +13,7 @@ from survey import SurfacePoints
 from survey.core.errors import InputError
 from survey.interchange.convert import convert
 from survey.io.points.chunks import read_chunks
+from survey.io.points.las import read_las
 from survey.io.points.ply import read_ply
 
 N = 40
@@ -82,3 +83,16 @@ def test_coordinates_that_32_bits_round_are_named(tmp_path: Path, caplog: pytest
         (tmp_path / "a.ply").write_text(f"{head}{properties}end_header\n500000.3 6700000.3 800.1\n")
         read_ply(tmp_path / "a.ply")
         assert ("rounds them to 0.5 m" in caplog.text) is is_named
+
+
+@pytest.mark.parametrize(("step", "is_named"), [(1.0, True), (0.1, True), (0.01, False), (0.001, False)])
+def test_coarse_steps_of_heights_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, step: float, is_named: bool
+) -> None:
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = np.full(3, step)
+    points = laspy.LasData(header)
+    points.x, points.y, points.z = np.arange(3.0), np.arange(3.0), np.full(3, 800.0)
+    points.write(str(tmp_path / "a.las"))
+    read_las(tmp_path / "a.las")
+    assert (f"stores heights in steps of {step:g}" in caplog.text) is is_named

@@ -46,3 +46,21 @@ def test_a_lake_a_pit_of_one_cell_and_cells_of_kilometres_pass(tmp_path: Path) -
     assert Dem.read(glacier(tmp_path / "lake.tif", 750.0)).elevation.min() == 750.0
     assert Dem.read(glacier(tmp_path / "pit.tif", 0.0, n_cells=1)).elevation.min() == 0.0
     assert Dem.read(glacier(tmp_path / "coarse.tif", 0.0, transform=coarse)).elevation.min() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1000.0, "about 824,500"), (-1000.0, "about -824,500"), (15.0, "about 12,368")]
+)
+def test_elevations_beyond_all_ground_are_refused(tmp_path: Path, factor: float, words: str) -> None:
+    elevation = factor * (810.0 + np.arange(30.0).reshape(5, 6))
+    file = tmp_path / "dem.tif"
+    profile = {"height": 5, "width": 6, "count": 1, "dtype": "int32", "crs": "EPSG:32608"}
+    with rasterio.open(
+        file, "w", driver="GTiff", transform=Affine(5, 0, 5e5, 0, -5, 67e5), **profile
+    ) as raster:
+        raster.write(elevation.astype("int32"), 1)
+    with pytest.raises(InputError, match=rf"{words}.* state the unit or the scale of its numbers"):
+        Dem.read(file)
+    with rasterio.open(file, "r+") as raster:
+        raster.scales = [1.0 / factor]
+    assert Dem.read(file).elevation[0, 0] == pytest.approx(810.0)

@@ -81,7 +81,7 @@ def test_a_packed_netcdf_is_read_and_exported_with_its_true_values(tmp_path: Pat
     ],
 )
 def test_units_of_length_become_metres(unit: str, metres: float, tmp_path: Path) -> None:
-    found = Dem.read(geotiff(tmp_path / "a.tif", units=(unit,))).elevation
+    found = read_raster(geotiff(tmp_path / "a.tif", units=(unit,))).values
     np.testing.assert_allclose(found, STORED * metres, rtol=1e-15)
 
 
