@@ -80,8 +80,8 @@ def rotated(folder: Path) -> None:
     write_raw(folder / "dem.tif", hills(), transform=Affine.rotation(20.0) @ Affine(3, 0, 0, 0, -3, 150))
 
 
-def south_up(folder: Path) -> None:
-    write_raw(folder / "dem.tif", hills(), transform=Affine(3, 0, 0, 0, 3, 0))
+def mirrored(folder: Path) -> None:
+    write_raw(folder / "dem.tif", hills(), transform=Affine(-3, 0, 150, 0, -3, 150))
 
 
 def oblong_cells(folder: Path) -> None:
@@ -141,7 +141,7 @@ MISSIONS: list[Case] = [
     ("all nodata", DEM_MISSION, all_nodata, RUN, 3, "no height at all"),
     ("1 × 1 raster", DEM_MISSION, one_cell, RUN, 3, "at least 2 × 2"),
     ("rotated raster", DEM_MISSION, rotated, RUN, 3, "rotated"),
-    ("south-up raster", DEM_MISSION, south_up, RUN, 3, "northern"),
+    ("mirrored raster", DEM_MISSION, mirrored, RUN, 3, "northern"),
     ("oblong cells", DEM_MISSION, oblong_cells, RUN, 3, "square"),
     ("nodata inside the area", DEM_MISSION, hole_inside, RUN, 3, "no known terrain"),
     ("NaN inside the area", DEM_MISSION, not_a_number_inside, RUN, 3, "no known terrain"),

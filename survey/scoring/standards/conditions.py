@@ -7,12 +7,19 @@ from survey.scoring.standards.formulas import (
     checkpoints_2014,
     checkpoints_edition_2,
 )
-from survey.scoring.standards.standards import ASPRS_2014, LEAST_COVERED, Standard
+from survey.scoring.standards.standards import ASPRS_2014, FOOT_M, LEAST_COVERED, Standard
 
 BLUNDER_FACTOR = 3.0
 """Errors beyond this many times the limit of the RMSE are to be investigated."""
 
 
+_NO_DATUM = (
+    "the map or the checkpoints do not state their vertical datum; datums can differ by tens of metres"
+)
+# Blunders: so many times the error that this share of at least so many checkpoints stays below; the worst are named.
+_TIMES_USUAL, _USUAL_SHARE, _LEAST_CHECKPOINTS, _N_NAMED = 10.0, 0.8, 10, 5
+# Heights in feet: their ratio to those of the map, to this share, where they are not near sea level.
+_FEET_TOLERANCE, _LEAST_FEET = 0.01, 300.0
 # Shares and spacings are compared with a hair of slack, so that 20 % of 30 points may be 6 of 30.
 _SLACK = 1e-9
 
@@ -96,11 +103,38 @@ def cautions_of(standard: Standard, errors: CheckpointErrors, limit_m: float | N
 
 
 def datum_cautions(errors: CheckpointErrors) -> list[str]:
-    """Return a caution where a vertical datum is not stated."""
-    if errors.has_datums:
+    """Return cautions where a vertical datum is not stated, and where heights are in feet or a few are blunders."""
+    if _are_feet(errors):
+        return [
+            "the heights of the checkpoints are 3.28 times those of the map, as feet are; convert them to metres"
+        ]
+    stated = [] if errors.has_datums else [_NO_DATUM]
+    return stated + _blunder_cautions(errors)
+
+
+def _are_feet(errors: CheckpointErrors) -> bool:
+    if errors.xyz is None or not len(errors.errors_m) or errors.xyz[:, 2].min() <= 0.0:
+        return False
+    height = errors.xyz[:, 2]
+    ratio = float(np.median((height + errors.errors_m) / height)) / FOOT_M
+    return bool(abs(ratio - 1.0) < _FEET_TOLERANCE and np.median(height) > _LEAST_FEET)
+
+
+def _blunder_cautions(errors: CheckpointErrors) -> list[str]:
+    """Return a caution where few checkpoints err by far more than all others; none is left out for its error."""
+    n = len(errors.errors_m)
+    size_m = np.abs(errors.errors_m - np.median(errors.errors_m))
+    usual_m = (
+        max(float(np.quantile(size_m, _USUAL_SHARE)), float(np.median(errors.sigma_z_m))) if n else np.inf
+    )
+    rows = np.flatnonzero(size_m > _TIMES_USUAL * usual_m)
+    if n < _LEAST_CHECKPOINTS or not len(rows):
         return []
+    worst = rows[np.argsort(-size_m[rows], kind="stable")][:_N_NAMED]
+    named = ", ".join(f"{errors.names[row]} ({errors.errors_m[row]:+.2f} m)" for row in worst)
     return [
-        "the map or the checkpoints do not state their vertical datum; datums can differ by tens of metres"
+        f"{len(rows)} of {n} checkpoints err by more than {_TIMES_USUAL:g} times as much as most others, and the statistics hang on "
+        f"them: {named}; check whether they are blunders"
     ]
 
 

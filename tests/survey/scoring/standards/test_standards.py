@@ -10,6 +10,7 @@ from benchmarks.accuracy_examples import examples, paper_tables, stored_examples
 from survey.core.errors import ConfigError, InputError
 from survey.scoring.standards.assessment import score_at
 from survey.scoring.standards.checkpoint_errors import CheckpointErrors, Spread
+from survey.scoring.standards.conditions import datum_cautions
 from survey.scoring.standards.findings import NOT_ASSESSED, Assessment
 from survey.scoring.standards.formulas import accuracy_r, accuracy_z, rmse_3d, rmse_h, rmse_v
 from survey.scoring.standards.intervals import RmseInterval
@@ -182,3 +183,23 @@ def test_every_standard_names_its_edition_and_unknown_ones_are_refused() -> None
         standard_named("asprs-2020")
     with pytest.raises(InputError, match="class"):
         score_at(errors_of(balanced(30, 0.1)), class_m=0.0)
+
+
+def test_a_checkpoint_that_errs_far_more_than_all_others_is_named_and_counted() -> None:
+    values = np.linspace(-0.1, 0.1, 30)
+    assert not any("blunders" in caution for caution in datum_cautions(errors_of(values)))
+    values[7] = -100.0
+    found = datum_cautions(errors_of(values))
+    assert found[-1].startswith("1 of 30 checkpoints err by more than 10 times as much as most others")
+    assert "P7 (-100.00 m)" in found[-1] or "7 (-100.00 m)" in found[-1]
+
+
+def test_checkpoints_in_feet_are_named_as_such() -> None:
+    height = np.linspace(780.0, 820.0, 12)
+    xyz = np.column_stack([height, height, height / 0.3048])
+    feet = errors_of(height - height / 0.3048, xyz=xyz)
+    assert datum_cautions(feet) == [
+        "the heights of the checkpoints are 3.28 times those of the map, as feet are; convert them to metres"
+    ]
+    metres = errors_of(np.zeros(12), xyz=np.column_stack([height, height, height]))
+    assert not any("feet" in caution for caution in datum_cautions(metres))
