@@ -11,7 +11,7 @@ _DEGREES = r"(?P<degrees>\d{1,3}(?:\.\d+)?)\s*(?:[°º˚d]|deg)?"
 _MINUTES = r"(?P<minutes>\d{1,2}(?:\.\d+)?)\s*(?:['′’‘´m]|min)?"
 _SECONDS = r"(?P<seconds>\d{1,2}(?:\.\d+)?)\s*(?:[\"″”“]|''|′′|’’|sec)?"
 # The letter s marks no seconds: it stands for the south. A mark or a blank has to part the numbers.
-_PARTED = r"(?:(?<=[^\d.])\s*|\s+|:)"
+_PARTED = r"(?:(?<=[^\d.])\s*|\s+|[:-])"
 _ANGLE = re.compile(
     rf"(?P<before>[NSEW])?\s*(?P<sign>[+-])?\s*{_DEGREES}(?:{_PARTED}{_MINUTES}(?:{_PARTED}{_SECONDS})?)?\s*(?P<after>[NSEW])?",
     re.IGNORECASE,
@@ -24,7 +24,7 @@ def degrees(text: str, axis: Axis) -> float | None:
     Parameters
     ----------
     text : str
-        Such as ``46°30'12.5"N``, ``46 30 12.5 N``, ``S 46 30.208``, ``46:30:12.5`` or ``-46.5035°``, decimal points alone.
+        Such as ``46°30'12.5"N``, ``46 30 12.5 N``, ``S 46 30.208``, ``46-30-12.5``, ``46:30:12.5`` or ``-46.5035°``, decimal points alone.
     axis : {"longitude", "latitude"}
         Which angle it is: one with the letter of the other axis is none.
 

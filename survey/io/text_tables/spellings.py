@@ -230,7 +230,7 @@ def datum_of_column(name: str) -> str:
     >>> datum_of_column("Ellipsoidal height"), datum_of_column("Elevation")
     ('ellipsoidal height', '')
     """
-    return ELLIPSOIDAL if "ellips" in normalized(name) else UNSTATED
+    return ELLIPSOIDAL if re.search(r"(^|_)ell(ip|_)", normalized(name)) else UNSTATED
 
 
 def without_unit(name: str) -> str:

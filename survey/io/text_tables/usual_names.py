@@ -93,6 +93,8 @@ SPELLINGS: Mapping[str, tuple[str, ...]] = {
         "ellipsoidal_height",
         "ellipsoidal_height_m",
         "ellipsoid_height",
+        "ellip_height",
+        "ell_height",
         "msl_height",
         "gps_altitude",
         "altitudemeters",

@@ -12,6 +12,7 @@ from survey.core.crs.checks import projected_crs
 from survey.core.crs.transformation import transformed
 from survey.data.path_error import PathError
 from survey.reconstruction import GaussianProcessConfig, reconstruct
+from survey.reconstruction.base import BEYOND
 from survey.reconstruction.gp.config import JointConfig
 from survey.reconstruction.gp.covariance.kernels import Matern32, SquaredExponential
 from survey.reconstruction.gp.engines.fourier.resolution import amplitudes, resolve
@@ -389,3 +390,19 @@ def test_a_fine_prior_is_used_in_blocks():
     # 100 × 100 cells meet the site; blocks of 3 × 3 err by 0.1 m.
     assert found.reconstruction.diagnostics["satellite_sigma_m"] == pytest.approx(0.1)
     assert np.sqrt(np.mean(error**2)) < 0.1
+
+
+def test_far_beyond_the_landmarks_the_joint_map_states_what_they_do_not_show() -> None:
+    points, wide = seen_points(), Grid((0.0, -400.0, 200.0, 600.0), 50.0, CRS)
+    about = Grid((20.0, 40.0, 180.0, 160.0), 20.0, CRS)
+    model = JointTerrain(path_error(0.02), None, GaussianProcessConfig(family="matern-3/2"), TWO_M)
+    near, far = (model.map(points, grid).reconstruction for grid in (about, wide))
+    assert BEYOND not in near.diagnostics
+    assert far.diagnostics[BEYOND]["farthest_m"] == pytest.approx(440.0, abs=5.0)
+    claim = far.claim
+    assert claim is not None
+    assert claim.untested_share > 0.5
+    # Ground that rises by 3 cm/m over the landmarks may do so, or turn, beyond them.
+    assert far.std.at([[100.0, 590.0]])[0] > 0.03 * 400.0
+    given = JointTerrain(path_error(0.02), None, KNOWN, TWO_M).map(points, wide).reconstruction
+    assert BEYOND not in given.diagnostics
