@@ -47,7 +47,7 @@ def test_far_beyond_the_points_the_standard_deviation_holds(
     far = distance > 0.5 * EXTENT_M
     assert np.mean(error[far] < 1.96 * plain_map.std.elevation[far]) < 0.7
     assert np.mean(error[far] < 1.96 * mapped.std.elevation[far]) > 0.93
-    near = distance < 0.12 * EXTENT_M
+    near = distance < 0.25 * EXTENT_M
     np.testing.assert_array_equal(mapped.std.elevation[near], plain_map.std.elevation[near])
     np.testing.assert_array_equal(mapped.mean.elevation, plain_map.mean.elevation)
     np.testing.assert_array_equal(mapped.support, plain_map.support)
@@ -55,10 +55,10 @@ def test_far_beyond_the_points_the_standard_deviation_holds(
 
 def test_the_record_and_the_claim_name_the_share_and_the_distance(mapped: Reconstruction) -> None:
     facts = mapped.diagnostics[BEYOND]
-    assert facts["share"] == pytest.approx(0.97, abs=0.02)
+    assert facts["share"] == pytest.approx(0.946, abs=0.001)
     assert facts["farthest_m"] == pytest.approx(1200.0 * 2.0**0.5)
     assert beyond_sentences(mapped)[0] in own_claim(mapped)
-    assert beyond_sentences(mapped)[0].startswith("97 % of the ground lies 50 to 1,697 m beyond")
+    assert beyond_sentences(mapped)[0].startswith("95 % of the ground lies 100 to 1,697 m beyond")
     certified = certificate(mapped)
     assert certified is not None
     assert not any(verdict.met for verdict in (*certified.absolute, *certified.relative))
@@ -85,7 +85,7 @@ def test_the_share_counts_within_the_area(points: SurfacePoints) -> None:
     about = SurveyArea(shapely.box(0.0, 0.0, 400.0, 400.0), CRS_UTM)
     assert widened_beyond(result, points.xy, points.z, about) is result
     half = SurveyArea(shapely.box(-1000.0, 0.0, 400.0, 400.0), CRS_UTM)
-    assert 0.6 < widened_beyond(result, points.xy, points.z, half).diagnostics[BEYOND]["share"] < 0.8
+    assert 0.5 < widened_beyond(result, points.xy, points.z, half).diagnostics[BEYOND]["share"] < 0.8
 
 
 @pytest.mark.parametrize(
