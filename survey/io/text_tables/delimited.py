@@ -131,6 +131,7 @@ def read_text_table(path: str | Path, what: str, unnamed: Sequence[str] = ()) ->
     header = _header(names or cells[0], where)
     numbered = [(header_at + k, row) for k, row in enumerate(cells, start=1) if any(map(str.strip, row))]
     numbered = numbered if names else numbered[1:]
+    header, numbered = _as_counted(header, numbered)
     _check_rows(numbered, header, where)
     rows = [row for _, row in numbered]
     refuse_cut_off(last, rows, where)
@@ -212,6 +213,22 @@ def _header(cells: Sequence[str], where: str) -> list[str]:
         )
     refuse_repeated_columns(names, where)
     return names
+
+
+def _as_counted(
+    header: list[str], numbered: list[tuple[int, list[str]]]
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Return header and rows without a line that counts the rows (CloudCompare), and with a name for those of R.
+
+    R numbers the rows in quotes and leaves the name of that column out.
+    """
+    if numbered and numbered[0][1] == [str(len(numbered) - 1)]:
+        numbered = numbered[1:]
+    if numbered and all(
+        len(row) == len(header) + 1 and row[0] == f'"{k}"' for k, (_, row) in enumerate(numbered, start=1)
+    ):
+        header = ["row", *header]
+    return header, numbered
 
 
 def _check_rows(numbered: list[tuple[int, list[str]]], header: list[str], where: str) -> None:

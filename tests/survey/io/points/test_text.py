@@ -150,6 +150,8 @@ def test_heights_of_zero_far_from_all_others_are_refused(tmp_path: Path) -> None
         "OBJECTID,Shape,POINT_X,POINT_Y,POINT_Z\n1,Point ZM,500001.5,6700002.5,812.5\n",
         "# CoordinateSystem: LOCAL\n#Label,X/Easting,Y/Northing,Z/Altitude\nA,500001.5,6700002.5,812.5\n",
         "//X Y Z\n500001.5 6700002.5 812.5\n",
+        "//X Y Z\n1\n500001.5 6700002.5 812.5\n",
+        '"x" "y" "z"\n"1" 500001.5 6700002.5 812.5\n',
         "sep=;\r\nPoint;Easting;Northing;Elevation\r\nA;500001,5;6700002,5;812,5\r\n",
         '"","x","y","z"\n"1",500001.5,6700002.5,812.5\n',
     ],
@@ -157,6 +159,19 @@ def test_heights_of_zero_far_from_all_others_are_refused(tmp_path: Path) -> None
 def test_tables_of_other_programs_are_read(tmp_path: Path, text: str) -> None:
     found = read_point_table(written(tmp_path, text)).columns
     assert [float(found[name][0]) for name in ("x_m", "y_m", "z_m")] == [500001.5, 6700002.5, 812.5]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "//X Y Z\n2\n500001.5 6700002.5 812.5\n",
+        '"x" "y" "z"\n500001.5 6700002.5 812.5 7\n',
+        '"x" "y" "z"\n"1" 500001.5 6700002.5 812.5\n"3" 500001.5 6700002.5 812.5\n',
+    ],
+)
+def test_rows_that_are_longer_or_fewer_than_stated_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r"line 2: . values where the header names 3"):
+        read_point_table(written(tmp_path, text))
 
 
 def test_colours_may_follow_the_places_of_a_table_without_a_header(tmp_path: Path) -> None:
