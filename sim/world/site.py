@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -42,7 +43,6 @@ class World(DataObject):
     area: SurveyArea
 
 
-@lru_cache(maxsize=1)  # checked once, then used by two stages
 def build_world(mission: MissionConfig) -> World:
     """Build the world of a mission: terrain, satellite prior, and survey area.
 
@@ -61,6 +61,24 @@ def build_world(mission: MissionConfig) -> World:
     InputError
         The area leaves the terrain or holds unknown ground.
     """
+    return _built(
+        mission, tuple((str(file.absolute()), *_state(file)) for file in mission.input_files.values())
+    )
+
+
+def _state(file: Path) -> tuple[int, int]:
+    """Return time of the last change [ns] and size of a file; zeros of one that is missing."""
+    try:
+        facts = file.stat()
+    except OSError:
+        return 0, 0
+    return facts.st_mtime_ns, facts.st_size
+
+
+@lru_cache(maxsize=1)  # checked once, then used by two stages
+def _built(mission: MissionConfig, files: tuple[tuple[str, int, int], ...]) -> World:
+    """Build a world; the key of the cache holds the state of its input files."""
+    del files
     match mission.terrain:
         case RandomTerrain() as config:
             terrain = _random_terrain(config, mission.seed)

@@ -148,3 +148,15 @@ def test_a_prior_elsewhere_is_refused(tmp_path):
         mission(
             DemTerrain(source="dem", file="truth.tif", role="prior"), satellite=SatelliteConfig(file="p.tif")
         )
+
+
+def test_equal_missions_in_two_folders_and_after_a_change_have_their_own_terrain(tmp_path, monkeypatch):
+    heights_m = []
+    config = mission(DemTerrain(source="dem", file="dem.tif", role="truth"))
+    low = hilly()
+    for folder, raised_m in (("one", 0.0), ("two", 100.0), ("two", 200.0)):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        monkeypatch.chdir(tmp_path / folder)
+        Dem(low.elevation + raised_m, low.transform, low.crs).write("dem.tif")
+        heights_m.append(build_world(config).terrain.elevation.mean())
+    np.testing.assert_allclose(np.diff(heights_m), 100.0)
