@@ -12,6 +12,8 @@ from survey.io.raster.values import FOOT_M
 
 # Fewer points do not show what is usual among them.
 _LEAST_POINTS = 30
+# Clouds of more points are not tested: the neighbours of a million take 5 s and 0.8 GB.
+_MOST_POINTS = 300_000
 _N_NEIGHBOURS, _N_WIDER = 12, 24
 # A blunder differs from its neighbours by so many times what is usual, there and in the whole survey, and by so much of the
 # relief of all points.
@@ -84,7 +86,8 @@ def without_blunders(points: SurfacePoints) -> tuple[SurfacePoints, Blunders]:
     Returns
     -------
     SurfacePoints, Blunders
-        The same points where there is none.
+        The same points where there is none, where they are fewer than 30, and where they are more than 300,000, which are not
+        tested.
 
     Examples
     --------
@@ -96,7 +99,7 @@ def without_blunders(points: SurfacePoints) -> tuple[SurfacePoints, Blunders]:
     >>> len(kept), blunders.rows, blunders.above_m.round()
     (99, array([46]), array([50.]))
     """
-    if len(points) < _LEAST_POINTS:
+    if not _LEAST_POINTS <= len(points) <= _MOST_POINTS:
         return points, Blunders(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros(0))
     found = Blunders.among(points)
     if not len(found.rows):
