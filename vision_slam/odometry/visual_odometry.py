@@ -9,6 +9,8 @@ from survey.core.errors import InputError
 from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from vision_slam.io.sequence import VisionRecords
+from vision_slam.odometry.checks.gyro import refuse_other_gyro
+from vision_slam.odometry.checks.turns import largest_turns
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.lens.bundle_adjustment import LensChange
 from vision_slam.odometry.lens.self_calibration import (
@@ -53,12 +55,16 @@ def visual_odometry(
     Raises
     ------
     InputError
-        No images, fewer than two, or images that do not fit their calibration.
+        No images, fewer than two, images that do not fit their calibration, or a gyro whose axes or unit they
+        contradict.
     """
     if recording.frames is None or recording.camera is None:
         raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
     if len(recording.frames) < 2:
         raise InputError("the recording has one frame; motion needs at least two.")
+    if recording.inertial is not None:
+        settings = config or VisualOdometryConfig()
+        refuse_other_gyro(largest_turns(recording.frames, recording.camera, recording.inertial, settings))
     if wheels_are_idle(recording):
         without = _estimated(WithoutWheels(recording), recording.frames, recording.camera, config, progress)
         if (np.linalg.norm(without.odometry.step, axis=1) > 0.0).mean() >= _MOVES:

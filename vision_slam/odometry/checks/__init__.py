@@ -1,0 +1,1 @@
+"""Checks of gyro and mounting of the camera against the motion that the images themselves show."""
