@@ -10,6 +10,7 @@ from survey.data.camera.calibration import Camera
 from survey.data.camera.frames import Frames
 from vision_slam.io.sequence import VisionRecords
 from vision_slam.odometry.checks.gyro import refuse_other_gyro
+from vision_slam.odometry.checks.travel import refuse_other_travel
 from vision_slam.odometry.checks.turns import largest_turns
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.lens.bundle_adjustment import LensChange
@@ -55,21 +56,29 @@ def visual_odometry(
     Raises
     ------
     InputError
-        No images, fewer than two, images that do not fit their calibration, or a gyro whose axes or unit they
-        contradict.
+        No images, fewer than two, images that do not fit their calibration, or that contradict gyro, wheels or
+        mounting.
     """
     if recording.frames is None or recording.camera is None:
         raise InputError("the recording has no images; visual odometry needs frames and camera.toml.")
     if len(recording.frames) < 2:
         raise InputError("the recording has one frame; motion needs at least two.")
-    if recording.inertial is not None:
-        settings = config or VisualOdometryConfig()
-        refuse_other_gyro(largest_turns(recording.frames, recording.camera, recording.inertial, settings))
+    _refuse_contradictions(recording, recording.frames, recording.camera, config or VisualOdometryConfig())
     if wheels_are_idle(recording):
         without = _estimated(WithoutWheels(recording), recording.frames, recording.camera, config, progress)
         if (np.linalg.norm(without.odometry.step, axis=1) > 0.0).mean() >= _MOVES:
             return replace(without, ignores_wheels=True)
     return _estimated(recording, recording.frames, recording.camera, config, progress)
+
+
+def _refuse_contradictions(
+    recording: VisionRecords, frames: Frames, camera: Camera, config: VisualOdometryConfig
+) -> None:
+    """Refuse gyro, wheels and mounting that the images' own motion contradicts."""
+    if recording.wheels is not None:
+        refuse_other_travel(frames, camera, recording.wheels, config)
+    if recording.inertial is not None:
+        refuse_other_gyro(largest_turns(frames, camera, recording.inertial, config))
 
 
 def _estimated(
