@@ -14,6 +14,7 @@ from vision_slam.agreement.drive import Drive
 from vision_slam.agreement.sanity_checks import refuse_swapped_images
 from vision_slam.agreement.steps import (
     align_drive,
+    check_shape,
     check_start,
     correct_delay,
     drop_far_fixes,
@@ -106,6 +107,7 @@ def localize(
         drop_far_fixes,
         drop_repeated_fixes,
         drop_fixes_in_gaps,
+        check_shape,
         scale_to_fixes,
         check_start,
         align_drive,

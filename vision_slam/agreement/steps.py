@@ -12,6 +12,7 @@ from vision_slam.agreement.drive import Drive, align_heading
 from vision_slam.agreement.evidence import agrees_better_delayed, fitted_memory_s, fitted_turn_sigma_m
 from vision_slam.agreement.fixes_alone import along_fixes, is_worse_than_fixes
 from vision_slam.agreement.sanity_checks import check_start_by_fixes, fix_delay_s, remove_repeated_fixes
+from vision_slam.agreement.shape import refuse_other_wheel_scale, tilt_note
 from vision_slam.fusion.online import gate_fixes, select_fixes
 from vision_slam.fusion.smoother import SmoothedPath
 from vision_slam.fusion.visual_scale import fit_scale, scale_visual_odometry
@@ -94,6 +95,20 @@ def scale_to_fixes(drive: Drive) -> Drive:
     widened = drive.config.model_copy(update={"scale_sigma": max(drive.config.scale_sigma, sigma)})
     recording = drive.recording.with_odometry(scaled.odometry, scaled.sightings)
     return replace(drive, recording=recording, config=widened, visual=scaled)
+
+
+def check_shape(drive: Drive) -> Drive:
+    """Refuse wheels of another scale and a camera that is tilted far from its mounting, by the extent of the fixes.
+
+    A smaller tilt is noted.
+    """
+    if drive.visual is None or drive.is_interrupted:
+        return drive
+    shapes = (drive.path, drive.recording.odometry.time_s, drive.recording.gps, drive.config)
+    if drive.recording.wheels is not None:
+        refuse_other_wheel_scale(*shapes)
+    note = tilt_note(*shapes)
+    return drive if note is None else drive.noted(note)
 
 
 def check_start(drive: Drive) -> Drive:

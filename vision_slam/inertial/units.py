@@ -14,6 +14,8 @@ _LEAST_UP = 0.5  # share of the force along z, that of a slope of 60°
 _OFTEN, _OFTEN_RAD_S = 95.0, 3.0
 _SECONDS, _SELDOM_RAD_S = 3, 2.0 * np.pi
 _FASTEST_M_S = 30.0
+# No rover turns on the spot for so long, and goes nowhere in between.
+_ROLLED_M, _OPPOSED = 20.0, 0.1
 _WINDOW_S = 1.0
 
 
@@ -30,7 +32,7 @@ def refuse_other_units(inertial: Inertial | None, wheels: Wheels | None) -> None
     Raises
     ------
     InputError
-        Degrees per second, g, axes that do not point up, or ticks.
+        Degrees per second, g, axes that do not point up, ticks, or one side reversed.
 
     Examples
     --------
@@ -46,6 +48,7 @@ def refuse_other_units(inertial: Inertial | None, wheels: Wheels | None) -> None
                 _refuse_other_axes(inertial.specific_force_m_s2)
     if wheels is not None and len(wheels) > 1:
         _refuse_fast_wheels(wheels)
+        _refuse_opposed_wheels(wheels)
 
 
 def _refuse_fast_turns(inertial: Inertial) -> None:
@@ -108,4 +111,16 @@ def _refuse_fast_wheels(wheels: Wheels) -> None:
         raise InputError(
             f"the wheels roll at a median of {np.median(rolling):.0f} m/s, and no rover is faster than {_FASTEST_M_S:g} m/s; "
             "where left_m and right_m are ticks or millimetres, convert them to metres."
+        )
+
+
+def _refuse_opposed_wheels(wheels: Wheels) -> None:
+    """Refuse encoders of which one side counts backward whenever the other counts forward."""
+    left, right = np.diff(wheels.left_m), np.diff(wheels.right_m)
+    sides_m = [float(np.abs(side).sum()) for side in (left, right)]
+    together_m = 0.5 * float(np.abs(left + right).sum())
+    if min(sides_m) > _ROLLED_M and together_m < _OPPOSED * min(sides_m):
+        raise InputError(
+            f"the left wheels roll {sides_m[0]:.0f} m and the right ones {sides_m[1]:.0f} m, in opposite directions from the "
+            "start to the end; change the sign of the side that counts backward."
         )

@@ -73,3 +73,10 @@ def test_degrees_per_second_are_refused_on_a_drive_with_one_slow_turn_and_outlie
         refuse_other_units(Inertial(times, np.degrees(gyro), level), None)
     gyro[::500] = 1e3
     refuse_other_units(Inertial(times, gyro, level), None)
+
+
+def test_wheels_of_which_one_side_counts_backward_are_refused() -> None:
+    refuse_other_units(None, Wheels(TIMES, TIMES, 0.7 * TIMES))
+    refuse_other_units(None, Wheels(TIMES, 0.2 * TIMES, -0.2 * TIMES))  # 12 m on the spot
+    with pytest.raises(InputError, match="in opposite directions from the start to the end; change the sign"):
+        refuse_other_units(None, Wheels(TIMES, TIMES, -0.98 * TIMES))
