@@ -161,7 +161,9 @@ def measure_motion(
     if visual.lens is not None:
         recording = replace(recording, camera=visual.lens.camera)
     with_images = recording.with_odometry(visual.odometry, visual.sightings)
-    return Drive(with_images, image_config(settings, visual.scale_drift_sigma), visual, visual.notes)
+    drive = Drive(with_images, image_config(settings, visual.scale_drift_sigma), visual, visual.notes)
+    note = None if recording.camera is None else visual.mounting_note(recording.camera)
+    return drive if note is None else drive.noted(note)
 
 
 def _foreign(config: LocalizationConfig, visual: VisualOdometry | None) -> LocalizationConfig:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -175,7 +175,9 @@ class RecordedDrive:
         # Without wheels the scale is the unit of the path; with them it is theirs.
         scale_sigma = errors.wheel_scale_sigma if has_wheels else _UNIT
         errors = errors.model_copy(update={"scale_sigma": scale_sigma})
-        return DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
+        estimate = DriveEstimate.in_first_frame(visual, predicted_covariance(visual.odometry, errors))
+        note = visual.mounting_note(self.records.camera)
+        return estimate if note is None else replace(estimate, notes=(*estimate.notes, note))
 
     def _localized_on_ice(
         self,

@@ -13,6 +13,7 @@ from survey.data.sensors.sightings import Sightings
 from vision_slam.inertial.attitude import initial_pose, world_attitudes
 from vision_slam.inertial.motion import MotionSensors
 from vision_slam.io.sequence import VisionRecords
+from vision_slam.odometry.checks.upright import mounting_note
 from vision_slam.odometry.config import VisualOdometryConfig
 from vision_slam.odometry.far_features import FarFeatures
 from vision_slam.odometry.health import FrameHealth, bridged_errors, is_lost
@@ -79,6 +80,11 @@ class VisualOdometry(DataObject):
         wheels = (IDLE_WHEELS,) if self.ignores_wheels else ()
         repeated = f"images repeated to the last byte were left out: {self.n_repeated}"
         return (*lens, *wheels, repeated) if self.n_repeated else (*lens, *wheels)
+
+    def mounting_note(self, camera: Camera) -> str | None:
+        """Return a note where the landmarks lie on a side of the camera on which its mounting has no ground."""
+        place_m = camera.T_body_camera[:3, 3] if self.lever_arm_m is None else 0.0
+        return mounting_note(self.sightings.offset - place_m, camera.T_body_camera)
 
     @property
     def scale_drift_sigma(self) -> float:
