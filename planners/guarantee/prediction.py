@@ -21,9 +21,9 @@ from scipy.spatial import cKDTree
 from planners.guarantee.error_distribution import ErrorDistribution, ErrorMoments
 from planners.guarantee.posterior.correlogram import Correlogram
 from planners.guarantee.posterior.kernel_posterior import KernelPosterior, WeightedKernel
+from planners.prediction.map_places import spread_places
 from planners.swaths.wavy import slope_length_m
 from survey.core.arrays import FloatArray
-from survey.core.errors import InputError
 from survey.data.area import SurveyArea
 from survey.reconstruction.gp.selection.cells import Cell
 
@@ -32,10 +32,6 @@ _N_NODES = 200
 
 # The first nodes give the covariance of errors at different nodes.
 _N_IN_COMMON = 120
-
-
-# The plastic number, whose powers spread places evenly over the plane (Roberts 2018).
-_PLASTIC = 1.324717957244746
 
 
 FITTED_KERNEL_INFLATION = 1.02
@@ -104,14 +100,7 @@ class LimitPredictor:
     @cached_property
     def nodes(self) -> FloatArray:
         """Places (M, 2) on the free ground [m], in no step with any swaths; any first part of them is spread evenly."""
-        low, high = np.array(self.area.bounds[:2]), np.array(self.area.bounds[2:])
-        n = int(_N_NODES * np.prod(high - low) / max(self.area.free.area, 1e-9))
-        share = (0.5 + np.arange(1, min(n, 100 * _N_NODES) + 1)[:, None] / _PLASTIC ** np.array([1, 2])) % 1.0
-        nodes = low + share * (high - low)
-        inside: FloatArray = nodes[self.area.contains(nodes)]
-        if not len(inside):
-            raise InputError("the area is so thin that no node of its map lies on free ground; widen it.")
-        return inside
+        return spread_places(self.area, _N_NODES)
 
     @cached_property
     def _reach_m(self) -> float:

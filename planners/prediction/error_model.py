@@ -1,10 +1,12 @@
 """Error model: predicted error of a map from the places of its samples."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from planners.capacity import require_nodes, require_samples
+from planners.prediction.map_places import spread_places
 from survey.core.arrays import BoolArray, FloatArray
 from survey.core.errors import ConfigError, InputError
 from survey.data.area import SurveyArea
@@ -15,7 +17,11 @@ from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.engines.dense_gp import DenseGaussianProcess
 
 _N_NODES_ALONG = 30
+_LEAST_NODES = 200
 _MOST_SAMPLES = 2000
+# Places in a cell, in shares of it from its centre: no two in one row or column, so that swaths as far apart as
+# the cells are seen.
+_IN_CELL = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
 # Relative to the prior standard deviation: keeps the matrix positive definite, a centimetre on 25 m of relief.
 _LEAST_NOISE = 1e-3
 
@@ -27,11 +33,12 @@ class PredictedError:
     Parameters
     ----------
     std : Dem
-        Standard deviation at the nodes of a coarse grid [m]; NaN off the free ground.
+        Standard deviation in the cells of a coarse grid [m]: the root mean square over the free ground of the cell;
+        NaN off the free ground.
     rmse_m : float
-        Its root mean square: the expected error over the area [m].
+        Expected root mean square error over the area [m].
     p95_m, worst_m : float
-        Its 95th percentile and its largest value [m].
+        95th percentile and largest value of the standard deviation [m].
     """
 
     std: Dem
@@ -47,15 +54,15 @@ class ErrorModel:
     .. math::  v(x) = k(x, x) - k(x, X) [K(X, X) + \sigma^2 I]^{-1} k(X, x) + \ldots
 
     at the nodes x for samples X along the route (glacier paper, Eq. 5); the dots stand
-    for the unknown constant mean, which is integrated out. Nodes lie at the centres of
-    square cells.
+    for the unknown constant mean, which is integrated out. Nodes are spread over the area
+    in no step with the swaths.
 
     Parameters
     ----------
+    area : SurveyArea
+        Where the map is wanted.
     grid : Grid
-        The nodes.
-    inside : (N,) ndarray of bool
-        Which nodes are on the free ground.
+        Centres of the cells in which the standard deviation is drawn.
     kernel : Kernel
         Covariance of the terrain [m²], with lengths in grid metres.
     noise_m : float
@@ -64,8 +71,8 @@ class ErrorModel:
         Distance between samples, in grid metres.
     """
 
+    area: SurveyArea
     grid: Grid
-    inside: BoolArray
     kernel: Kernel
     noise_m: float
     sample_step_m: float
@@ -93,7 +100,8 @@ class ErrorModel:
         sample_step_m : float
             Distance between samples, in grid metres.
         cell_m : float, optional
-            Distance between nodes; a thirtieth of the longer side by default.
+            Side of a cell, about as many of which lie on the area as there are nodes; a thirtieth of the longer
+            side by default.
 
         Returns
         -------
@@ -104,8 +112,6 @@ class ErrorModel:
         ------
         ConfigError
             A negative noise, a sample spacing that is not greater than 0.
-        InputError
-            Cells too large for the area.
         CapacityError
             More nodes than can be computed.
         """
@@ -119,18 +125,17 @@ class ErrorModel:
         n_x, n_y = (max(int(np.ceil(side / cell - 1e-9)), 2) for side in (xmax - xmin, ymax - ymin))
         x0, y0 = xmin + 0.5 * cell, ymin + 0.5 * cell
         grid = Grid((x0, y0, x0 + (n_x - 1) * cell, y0 + (n_y - 1) * cell), cell, area.crs)
-        inside = area.contains(grid.xy)
-        if not inside.any():
-            raise InputError(f"no node of {cell:g} m cells lies on the free ground; take smaller cells.")
-        return cls(grid, inside, kernel, noise_m, sample_step_m)
+        return cls(area, grid, kernel, noise_m, sample_step_m)
 
-    @property
+    @cached_property
     def nodes(self) -> FloatArray:
         """Nodes (M, 2) on the free ground [m]."""
-        nodes: FloatArray = self.grid.xy[self.inside]
-        return nodes
+        n_cells = int(self.area.free.area / self.grid.step_m**2)
+        return spread_places(self.area, max(n_cells, _LEAST_NODES))
 
-    def variance(self, xy: FloatArray, noise_m: float | None = None) -> FloatArray:
+    def variance(
+        self, xy: FloatArray, noise_m: float | None = None, at: FloatArray | None = None
+    ) -> FloatArray:
         """Return the predicted variance at the nodes, given samples at places.
 
         Parameters
@@ -139,22 +144,24 @@ class ErrorModel:
             Easting and northing of the samples [m].
         noise_m : float, optional
             Standard deviation of a sample [m]; that of the model by default.
+        at : (M, 2) ndarray, optional
+            Other places than the nodes [m].
 
         Returns
         -------
         (M,) ndarray
-            Variance at the nodes on the free ground [m²].
+            Variance at the nodes [m²].
         """
         least = _LEAST_NOISE * float(np.sqrt(self.kernel.variance_m2))
         sigma = np.full(len(xy), max(self.noise_m if noise_m is None else noise_m, least))
         gp = DenseGaussianProcess.fit(xy, np.zeros(len(xy)), sigma, self.kernel, trend="constant")
-        return gp.predict(self.nodes)[1]
+        return gp.predict(self.nodes if at is None else at)[1]
 
-    def _variance_of(self, route: Route, most_samples: int) -> FloatArray:
-        """Return the variance at the nodes; fewer, better samples stand for all where there would be too many."""
+    def _variance_of(self, route: Route, most_samples: int, at: FloatArray | None = None) -> FloatArray:
+        """Return the variance at the nodes or other places; fewer, better samples stand for all where there would be too many."""
         step = max(self.sample_step_m, route.length_m / most_samples)
         noise = self.noise_m * float(np.sqrt(self.sample_step_m / step))
-        return self.variance(places(route, step), noise)
+        return self.variance(places(route, step), noise, at)
 
     def rmse_m(self, route: Route, most_samples: int = _MOST_SAMPLES) -> float:
         """Return the expected root-mean-square error over the area [m].
@@ -177,7 +184,7 @@ class ErrorModel:
         return float(np.sqrt(self._variance_of(route, most_samples).mean()))
 
     def error(self, route: Route) -> PredictedError:
-        """Return the predicted error of a route, node by node.
+        """Return the predicted error of a route, with its map.
 
         Parameters
         ----------
@@ -188,16 +195,36 @@ class ErrorModel:
         -------
         PredictedError
             The map of the standard deviation with its summary.
+
+        Raises
+        ------
+        InputError
+            Cells so large that none of their places lies on the free ground.
         """
-        std = np.full(self.grid.shape, np.nan)
-        std[self.inside.reshape(self.grid.shape)] = np.sqrt(self._variance_of(route, _MOST_SAMPLES))
-        known = std[np.isfinite(std)]
+        cells, offsets = self.grid.xy[:, None], self.grid.step_m * _IN_CELL
+        xy = (cells + offsets).reshape(-1, 2)
+        inside = self.area.contains(xy)
+        if not inside.any():
+            raise InputError(
+                f"no place of {self.grid.step_m:g} m cells lies on the free ground; take smaller cells."
+            )
+        variance = self._variance_of(route, _MOST_SAMPLES, np.vstack([self.nodes, xy[inside]]))
+        of_nodes, of_cells = np.split(variance, [len(self.nodes)])
+        std = np.sqrt(_means(of_cells, inside.reshape(len(cells), -1))).reshape(self.grid.shape)
         return PredictedError(
             Dem.on(self.grid, std),
-            float(np.sqrt(np.mean(known**2))),
-            float(np.percentile(known, 95.0)),
-            float(known.max()),
+            float(np.sqrt(of_nodes.mean())),
+            float(np.sqrt(np.percentile(of_nodes, 95.0))),
+            float(np.sqrt(variance.max())),
         )
+
+
+def _means(values: FloatArray, inside: BoolArray) -> FloatArray:
+    """Return the mean of each cell's values (of all True elements in order), NaN in cells without one."""
+    n, total = inside.sum(axis=1), np.zeros(len(inside))
+    np.add.at(total, np.nonzero(inside)[0], values)
+    means: FloatArray = np.divide(total, n, out=np.full(len(n), np.nan), where=n > 0)
+    return means
 
 
 def places(route: Route, step_m: float) -> FloatArray:

@@ -18,7 +18,8 @@ from planners.driving.rover import Crew
 from planners.ground.traversability import drivable
 from planners.guarantee.search import fewest
 from planners.planning import planned_on
-from planners.prediction.prior_cover import cell_centres, require_cover
+from planners.prediction.map_places import spread_places
+from planners.prediction.prior_cover import require_cover
 from planners.swaths.counting import count_lines
 from sim.config.mission import MissionConfig
 from sim.mission.drives import localized
@@ -35,7 +36,7 @@ from survey.reconstruction.gp.selection.families import likeliest
 from survey.reconstruction.joint.joint_map import JointTerrain
 from survey.reconstruction.joint.solution import JointSolution
 
-_NODES_ALONG = 20
+_N_NODES = 400
 _BEYOND_M = 60.0
 _STEP_M = 5.0
 _UNSTATED_SIGMA_M, _UNSTATED_NUGGET_M = 1.0, 0.15
@@ -118,7 +119,7 @@ def predicted_survey(mission: MissionConfig, world: World, *, limit_m: float) ->
             "the ideal fidelity has no errors of position to predict; set fidelity = 'statistical'."
         )
     solution, route = _rehearsed(mission, world)
-    covariance = solution.terrain.covariance(cell_centres(world.area, _NODES_ALONG))
+    covariance = solution.terrain.covariance(spread_places(world.area, _N_NODES))
     n = len(covariance)
     mean, variance = float(np.trace(covariance)) / n, 2.0 * float(np.sum(covariance**2)) / n**2
     tie_lines = mission.planner.tie_lines if isinstance(mission.planner, _SIZED) else 0

@@ -10,7 +10,7 @@ from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.proof.grounds import GROUNDS
 from planners.guarantee.requirement import MapRequirement
 from planners.prediction.error_model import places
-from planners.prediction.prior_cover import cell_centres
+from planners.prediction.map_places import spread_places
 from survey.core.arrays import FloatArray
 from survey.core.streams import stream
 from survey.data.area import SurveyArea
@@ -21,7 +21,7 @@ from survey.reconstruction.gp.selection.common_maps import mapped
 from survey.reconstruction.gp.selection.kernel_search import ALL, KernelSearch
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 
-_NODES_ALONG = 16
+_N_NODES = 256
 _STEPS_ALONG = 60
 _CELLS_ALONG = 16
 _MOST_SAMPLES = 900
@@ -93,7 +93,7 @@ class SimulatedSurveys:
         self.requirement = requirement
         self.part = _part(area, prior)
         xmin, ymin, xmax, ymax = self.part.bounds
-        self.nodes = cell_centres(self.part, _NODES_ALONG)
+        self.nodes = spread_places(self.part, _N_NODES)
         step_m = max(xmax - xmin, ymax - ymin) / _STEPS_ALONG
         cells = CoarseCells(_cells_on(self.part, prior), requirement.prior_sigma_m)
         self._weighted = posterior.likeliest

@@ -53,15 +53,14 @@ def test_infinite_lines_of_a_separable_kernel_agree_with_one_dimension():
     kernel = SquaredExponential(1.0, 100.0)
     route = plan(area, None, LawnmowerConfig(swaths=8))
     model = ErrorModel.of(area, kernel, noise_m=0.0, sample_step_m=12.5, cell_m=25.0)
-    y = np.unique(model.nodes[:, 1])
+    y = model.grid.y
     lines = 62.5 + 125.0 * np.arange(8)
     k = np.exp(-0.5 * ((lines[:, None] - lines) / 100.0) ** 2)
     cross = np.exp(-0.5 * ((y[:, None] - lines) / 100.0) ** 2)
     one_dimensional = 1.0 - np.einsum("ij,jk,ik->i", cross, np.linalg.inv(k), cross)
-    middle = np.abs(model.nodes[:, 0] - 500.0) < 30.0
-    of_rows = np.array(
-        [model.variance(route.sample(12.5).xy)[middle & (model.nodes[:, 1] == v)].mean() for v in y]
-    )
+    x = model.grid.x[np.abs(model.grid.x - 500.0) < 30.0]
+    rows = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    of_rows = model.variance(route.sample(12.5).xy, at=rows).reshape(len(y), len(x)).mean(axis=1)
     inner = (y > 150.0) & (y < 850.0)
     # Unknown mean and the millesimal noise that keeps the matrix regular add a few 1e-4 of the variance.
     assert of_rows[inner] == pytest.approx(one_dimensional[inner], abs=2e-3)
@@ -98,6 +97,23 @@ def test_few_good_samples_stand_for_many_on_long_routes():
     many = ErrorModel.of(SITE, KERNEL, noise_m=0.3 * np.sqrt(5.0), sample_step_m=1.0)
     # Five times the samples with five times the variance carry the same information, up to how samples meet at ends.
     assert many.rmse_m(route) == pytest.approx(few.rmse_m(route), rel=0.01)
+
+
+@pytest.mark.parametrize("swaths", [15, 30])
+def test_swaths_as_far_apart_as_the_cells_predict_no_other_map(swaths):
+    """Thirty swaths meet the centres of all cells, of which thirty lie along the side."""
+    rough = SquaredExponential(30.0, 15.0)
+    before, meant, after = (
+        predict_error(
+            plan(SITE, None, LawnmowerConfig(swaths=n)), SITE, rough, noise_m=0.1, sample_step_m=20.0
+        )
+        for n in (swaths - 1, swaths, swaths + 1)
+    )
+    for number in ("rmse_m", "p95_m"):
+        errors = [getattr(error, number) for error in (before, meant, after)]
+        assert errors[1] == pytest.approx(0.5 * (errors[0] + errors[2]), rel=0.05)
+    drawn = np.sqrt(np.mean(np.square(meant.std.elevation)))
+    assert drawn == pytest.approx(meant.rmse_m, rel=0.02)
 
 
 def test_every_rover_s_samples_count():

@@ -2,11 +2,14 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from planners import LawnmowerConfig, plan
 from planners.guarantee.posterior.kernel_posterior import KernelPosterior
 from planners.guarantee.proof.grounds import GROUNDS
-from planners.guarantee.proof.simulation import SimulatedErrors
-from survey import Grid
+from planners.guarantee.proof.simulation import SimulatedErrors, SimulatedSurveys
+from planners.guarantee.requirement import MapRequirement
+from survey import Grid, SurveyArea
 from survey.core.streams import stream
+from survey.reconstruction.gp.selection.cells import Cell
 from survey.terrain.conditional import CoarseCells, ConditionalTerrain
 from tests.planners.guarantee.smooth_site import CRS, SIDE_M, SMOOTH, coarse, smooth_terrain
 
@@ -19,6 +22,18 @@ def test_simulated_ground_agrees_with_the_prior(name):
     assert np.sqrt(np.mean((cells.seen_in(drawn) - cells.height_m) ** 2)) < 0.5
     other = GROUNDS[name](world, SMOOTH.kernel, stream(6))
     assert np.std(drawn.elevation - other.elevation) > 0.02
+
+
+def test_simulated_maps_of_swaths_as_far_apart_as_cells_err_as_those_of_others():
+    area = SurveyArea.rectangle((0.0, 0.0, SIDE_M, SIDE_M), CRS)
+    rough = SMOOTH._replace(cell=Cell.of("squared-exponential", 12.0, -12.0))
+    surveys = SimulatedSurveys(
+        area, coarse(smooth_terrain()), KernelPosterior((rough,)), MapRequirement(1.0, n_simulations=10)
+    )
+    before, meant, after = (
+        surveys.errors(plan(area, None, LawnmowerConfig(swaths=n))).rmse_m[:10].mean() for n in (15, 16, 17)
+    )
+    assert meant == pytest.approx(0.5 * (before + after), rel=0.2)
 
 
 def _errors(n_met, n_missed):
