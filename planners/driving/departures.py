@@ -53,7 +53,7 @@ def departures(legs: Sequence[Leg], mobility: Mobility, separation_m: float) -> 
             waits[rover] += max(10.0, step_s)
             if waits[rover] > longest_s:
                 raise InputError(
-                    f"rover {rover} cannot keep {separation_m:g} m from the others without waiting for their end; separate the depots."
+                    f"rover {rover + 1} cannot keep {separation_m:g} m from the others without waiting for their end; separate the depots."
                 )
     return waits
 

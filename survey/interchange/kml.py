@@ -95,7 +95,7 @@ def _rover_folder(document: ET.Element, route: Route, rover: int, around: Surrou
     for order, leg in enumerate(route.legs):
         if leg.rover != rover:
             continue
-        mark = _placemark(folder, f"{order + 1} {leg.kind}, rover {rover}", f"{leg.kind}-{rover}")
+        mark = _placemark(folder, f"{order + 1} {leg.kind}, rover {rover + 1}", f"{leg.kind}-{rover}")
         data = ET.SubElement(ET.SubElement(mark, "ExtendedData"), "SchemaData", schemaUrl="#route")
         facts = {"order": order, "kind": leg.kind, "rover": rover, "length_m": lengths[order]}
         for name, value in facts.items():

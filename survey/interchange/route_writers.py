@@ -40,7 +40,7 @@ def _write_geojson(route: Route, path: Path, around: Surroundings) -> None:
     features = []
     for order, (leg, length_m) in enumerate(zip(route.legs, route.ground_leg_lengths_m, strict=True)):
         facts = {
-            "name": f"{order + 1} {leg.kind}, rover {leg.rover}",
+            "name": f"{order + 1} {leg.kind}, rover {leg.rover + 1}",
             "order": order,
             "kind": leg.kind,
             "rover": leg.rover,
@@ -63,8 +63,8 @@ def _places(route: Route, xy: FloatArray, path: Path, around: Surroundings) -> F
 def _write_gpx(route: Route, path: Path, around: Surroundings) -> None:
     rovers = range(route.n_rovers)
     lines = [LineString(np.round(_places(route, route.path(k), path, around), 9)) for k in rovers]
-    names = np.array([f"{route.pattern}, rover {rover}" for rover in rovers], dtype=object)
-    columns = {"name": names, "number": np.array(rovers, dtype=np.int32)}
+    names = np.array([f"{route.pattern}, rover {rover + 1}" for rover in rovers], dtype=object)
+    columns = {"name": names, "number": np.array(rovers, dtype=np.int32) + 1}
     write_features(path, lines, columns, WGS84, layer="routes")
 
 

@@ -83,12 +83,12 @@ class Surroundings:
             outside = LineString(path).difference(fence).length
             if outside > 0.0:
                 raise InputError(
-                    f"{outside:.0f} m of the route of rover {rover} lie more than {FENCE_MARGIN_M:g} m outside the area; "
+                    f"{outside:.0f} m of the route of rover {rover + 1} lie more than {FENCE_MARGIN_M:g} m outside the area; "
                     "name the area that it was planned for."
                 )
             if self.returns and not self.area.free.buffer(0.01).covers(LineString(path[[-1, 0]])):
                 raise InputError(
-                    f"the straight way back of rover {rover} leaves the area or crosses no-go ground; plan it with "
+                    f"the straight way back of rover {rover + 1} leaves the area or crosses no-go ground; plan it with "
                     "--set fleet.return_to_start=true instead."
                 )
 

@@ -45,6 +45,17 @@ def to_metres(lonlat: np.ndarray) -> np.ndarray:
     return np.column_stack([east, north])
 
 
+@pytest.mark.parametrize("ending", [".geojson", ".kml", ".gpx"])
+def test_names_count_rovers_from_1_as_plan_sheets_and_missions_do(
+    tmp_path: Path, two_rovers: Route, ending: str
+) -> None:
+    write_plan(two_rovers, tmp_path / f"plan{ending}")
+    text = (tmp_path / f"plan{ending}").read_text()
+    assert "rover 1" in text
+    assert "rover 2" in text
+    assert "rover 0" not in text
+
+
 @pytest.mark.parametrize("ending", [".geojson", ".json", ".kml", ".gpkg"])
 def test_gdal_reads_every_leg_with_its_kind(tmp_path: Path, route: Route, ending: str) -> None:
     write_plan(route, tmp_path / f"plan{ending}")
