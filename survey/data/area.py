@@ -20,10 +20,11 @@ from survey.data.conversions import to_geodataframe
 from survey.data.parts.area_parts import (
     ROLES,
     check_polygon,
-    in_crs,
     points_of,
     polygon_parts,
+    prepared,
     roles_of,
+    simple_rings,
     united,
 )
 from survey.io.vector import Features, polygon_layer, read_features, write_features
@@ -70,6 +71,7 @@ class SurveyArea(DataObject):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "crs", projected_crs(self.crs, "the survey area"))
+        object.__setattr__(self, "polygon", simple_rings(self.polygon))
         check_polygon(self.polygon, "the survey area")
         for index, polygon in enumerate(self.no_go, start=1):
             check_polygon(polygon, f"no-go zone {index}")
@@ -116,7 +118,7 @@ class SurveyArea(DataObject):
         """Read an area from GeoJSON, GeoPackage, KML, KMZ, Shapefile or FlatGeobuf.
 
         Features have the role ``area``, ``no-go`` or ``start`` in a text column ``role``;
-        without it every polygon is area and every point a start.
+        without it every polygon is area and every point a start. Rings may touch themselves, not cross.
 
         Parameters
         ----------
@@ -136,12 +138,12 @@ class SurveyArea(DataObject):
         Raises
         ------
         InputError
-            The file is missing or damaged, or holds no polygon.
+            The file is missing or damaged, or holds no polygon; without roles, a polygon inside another one.
         """
         chosen = polygon_layer(path, what="the area file") if layer is None else layer
         features = read_features(path, layer=chosen, what="the area file")
         try:
-            return cls._from_features(in_crs(features, crs, f"the area file {path}"), roles_of(features))
+            return cls._from_features(prepared(features, crs, f"the area file {path}"), roles_of(features))
         except InputError as error:
             message = str(error)
             raise InputError(message if str(path) in message else f"{path}: {message}") from error

@@ -19,6 +19,8 @@ from survey.core.errors import InputError
 from survey.io.vector import Features
 
 ROLES = ("area", "no-go", "start")
+_SAME_AREA = 1e-9
+"""Share of an area by which rounding changes it."""
 
 
 def roles_of(features: Features) -> list[str]:
@@ -29,10 +31,68 @@ def roles_of(features: Features) -> list[str]:
             "start" if shape is not None and "Point" in shape.geom_type else "area"
             for shape in features.geometry
         ]
-    for value in column:
+    for number, value in enumerate(column, start=1):
         if value not in ROLES:
-            raise InputError(f"a feature has the role {value!r}; one of {', '.join(ROLES)} was expected.")
+            role = f"the role {value!r}" if value else "no role"
+            raise InputError(f"feature {number} has {role}; one of {', '.join(ROLES)} was expected.")
     return [str(value) for value in column]
+
+
+def refuse_nested(features: Features) -> None:
+    """Refuse a polygon inside another one where no column states roles: it may well be ground to stay off."""
+    if "role" in features.attributes:
+        return
+    shapes = np.array([shape for shape in features.geometry if isinstance(shape, Polygon | MultiPolygon)])
+    inner, outer = (
+        shapely.STRtree(shapes).query(shapes, predicate="covered_by") if len(shapes) > 1 else ((), ())
+    )
+    for number, around in zip(inner, outer, strict=True):
+        if number != around and not shapes[number].equals(shapes[around]):
+            raise InputError(
+                f"polygon {number + 1} lies inside polygon {around + 1} and adds nothing to the area; give every feature a "
+                f"role ({', '.join(ROLES)}) in a text column 'role' if no rover may drive there, or delete it."
+            )
+
+
+def with_simple_rings(features: Features) -> Features:
+    """Return the features with rings that touch themselves as simple rings; refuse polygons that cross themselves."""
+    shapes = np.array([simple_rings(shape) for shape in features.geometry], dtype=object)
+    for number, shape in enumerate(shapes, start=1):
+        for part in shapely.get_parts(shape) if isinstance(shape, Polygon | MultiPolygon) else ():
+            if not part.is_valid and np.isfinite(shapely.get_coordinates(part)).all():
+                raise InputError(
+                    f"feature {number} is not a simple polygon ({explain_validity(part)}); correct it in a GIS."
+                )
+    return features._replace(geometry=shapes)
+
+
+def simple_rings(shape: Any) -> Any:
+    """Return the same ground bounded by rings that do not touch themselves, or the shape where its rings cross.
+
+    Outlines of glaciers often touch themselves at a point, such as where a nunatak meets the margin. The ground that
+    they bound is the same however it is counted: the sum of their corners gives its area.
+    """
+    if not isinstance(shape, Polygon | MultiPolygon) or shape.is_valid:
+        return shape
+    parts = [_simple_part(part) for part in shapely.get_parts(shape)]
+    polygons = [polygon for part in parts for polygon in shapely.get_parts(part)]
+    return polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
+
+
+def _simple_part(polygon: Polygon) -> Polygon | MultiPolygon:
+    if polygon.is_valid or not np.isfinite(shapely.get_coordinates(polygon)).all():
+        return polygon
+    found = [part for part in shapely.get_parts(shapely.make_valid(polygon)) if part.geom_type == "Polygon"]
+    simple = MultiPolygon(found)
+    is_same = len(found) > 0 and abs(simple.area - polygon.area) <= _SAME_AREA * polygon.area
+    return simple if is_same else polygon
+
+
+def prepared(features: Features, crs: Any, where: str) -> Features:
+    """Return checked features with simple rings, in the named CRS, else in their own (`in_crs`)."""
+    features = with_simple_rings(features)
+    refuse_nested(features)
+    return in_crs(features, crs, where)
 
 
 def in_crs(features: Features, crs: Any, where: str) -> Features:

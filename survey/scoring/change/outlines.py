@@ -10,6 +10,7 @@ from shapely.validation import explain_validity
 from survey.core.crs.checks import projected_crs
 from survey.core.crs.transformation import transformed
 from survey.core.errors import InputError
+from survey.data.parts.area_parts import simple_rings
 from survey.io.vector import polygon_layer, read_features
 
 # Columns of names, of which the first that is not empty is taken: own files, the Randolph inventory, KML.
@@ -35,9 +36,8 @@ def read_outlines(path: str | Path, crs: Any) -> dict[str, Polygon | MultiPolygo
         if not isinstance(shape, Polygon | MultiPolygon) or shape.is_empty:
             kind = "nothing" if shape is None else f"a {shape.geom_type}"
             raise InputError(f"{path}: the outline {name!r} is {kind}; a polygon was expected.")
-        moved = shapely.transform(
-            shapely.force_2d(shape), lambda xy: transformed(xy, features.crs, target, str(path))
-        )
+        flat = shapely.force_2d(simple_rings(shape))
+        moved = shapely.transform(flat, lambda xy: transformed(xy, features.crs, target, str(path)))
         if not moved.is_valid or moved.area <= 0.0:
             raise InputError(
                 f"{path}: the outline {name!r} is not a simple polygon ({explain_validity(moved)}); correct it in a GIS."

@@ -2,11 +2,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 import shapely
 from shapely import Polygon
 
 from survey import InputError, SurveyArea
+from survey.io.vector import read_features, write_features
 
 CRS = "EPSG:32608"
 SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
@@ -82,13 +84,60 @@ def test_refuses_an_unknown_role(tmp_path):
         SurveyArea.read(tmp_path / "a.geojson")
 
 
-def test_real_outlines_are_read_and_broken_ones_are_named(real_data):
+# A square in which a rock meets the margin at a point, and two lobes that meet at a point.
+_ROCK = [(0, 0), (50, 0), (40, 20), (60, 20), (50, 0), (100, 0), (100, 100), (0, 100)]
+_LOBES = [(0, 0), (50, 50), (0, 100), (100, 100), (50, 50), (100, 0)]
+
+
+def _written(path, shapes, name, values, crs=CRS):
+    columns = {name: np.array(values, dtype=object)}
+    write_features(path, shapes, columns, pyproj.CRS(crs), layer="area")
+    return path
+
+
+def _in_the_zone(shape):
+    return shapely.transform(shape, lambda xy: xy + [500_000.0, 6_700_000.0])
+
+
+@pytest.mark.parametrize(("ring", "area_m2"), [(_ROCK, 9800.0), (_LOBES, 5000.0)])
+def test_rings_that_touch_themselves_bound_the_same_ground(tmp_path, ring, area_m2):
+    for polygon in (Polygon(ring), Polygon(ring[::-1]), shapely.MultiPolygon([Polygon(ring)])):
+        area = SurveyArea(polygon, CRS)
+        assert area.polygon.is_valid
+        assert area.polygon.area == pytest.approx(area_m2)
+        file = _written(tmp_path / "a.gpkg", [_in_the_zone(polygon)], "name", ["ice"])
+        assert SurveyArea.read(file).polygon.area == pytest.approx(area_m2)
+
+
+def test_a_ring_that_crosses_itself_is_named_with_its_place_in_the_file(tmp_path):
+    bow = Polygon([(10.0, 46.0), (10.01, 46.01), (10.01, 46.0), (10.0, 46.01)])
+    shapes = [shapely.box(10.02, 46.0, 10.03, 46.01), bow]
+    file = _written(tmp_path / "a.geojson", shapes, "name", ["a", "b"], "EPSG:4326")
+    with pytest.raises(
+        InputError, match=r"feature 2 is not a simple polygon \(Self-intersection\[10.005 46.005\]"
+    ):
+        SurveyArea.read(file)
+
+
+def test_a_polygon_inside_another_is_asked_for_its_role(tmp_path):
+    shapes = [_in_the_zone(shape) for shape in (SQUARE, shapely.box(40, 40, 60, 60))]
+    kinds = ["area", "no-go"]
+    with pytest.raises(InputError, match="polygon 2 lies inside polygon 1 and adds nothing"):
+        SurveyArea.read(_written(tmp_path / "a.gpkg", shapes, "kind", kinds))
+    assert len(SurveyArea.read(_written(tmp_path / "b.gpkg", shapes, "role", kinds)).no_go) == 1
+    twice = _written(tmp_path / "c.gpkg", shapes[:1] * 2, "kind", kinds)
+    assert SurveyArea.read(twice).polygon.area == pytest.approx(1e4)
+
+
+def test_real_outlines_are_read(real_data):
     release = SurveyArea.read(real_data / "dem_avaframe_tirol" / "polygons" / "relHit.shp")
     assert release.crs.to_epsg() == 31287
     assert release.polygon.area == pytest.approx(213_814, abs=1.0)
-    # Rings of the glacier inventory's outlines touch themselves.
-    with pytest.raises(InputError, match=r"oetztal.*Ring Self-intersection"):
-        SurveyArea.read(real_data / "dem_oggm_glaciers" / "outlines" / "rgi_oetztal.shp", crs="EPSG:32632")
+    # Rings of three of these twenty outlines touch themselves; the inventory's own areas are in square kilometres.
+    glaciers = real_data / "dem_oggm_glaciers" / "outlines" / "rgi_oetztal.shp"
+    stated_km2 = read_features(glaciers).attributes["Area"].sum()
+    area = SurveyArea.read(glaciers, crs="EPSG:32632")
+    assert area.ground_area_m2 == pytest.approx(1e6 * stated_km2, rel=1e-3)
     with pytest.raises(InputError, match="empty shapes alone"):
         SurveyArea.read(real_data / "coverage_fields2cover" / "strips.geojson", crs="EPSG:32632")
 

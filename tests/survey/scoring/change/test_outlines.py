@@ -54,3 +54,11 @@ def test_an_outline_that_crosses_itself_is_refused(tmp_path: Path) -> None:
     bow = shapely.Polygon([(500_000.0, 6_700_000.0), (500_100.0, 6_700_100.0), (500_100.0, 6_700_000.0), (500_000.0, 6_700_100.0)])  # fmt: skip
     with pytest.raises(InputError, match="not a simple polygon"):
         read_outlines(written(tmp_path, [bow], name=["ice"]), UTM)
+
+
+def test_an_outline_that_touches_itself_is_read(tmp_path: Path) -> None:
+    lobes = shapely.Polygon([(0, 0), (50, 50), (0, 100), (100, 100), (50, 50), (100, 0)])
+    moved = shapely.transform(lobes, lambda xy: xy + [500_000.0, 6_700_000.0])
+    outline = read_outlines(written(tmp_path, [moved], name=["ice"]), UTM)["ice"]
+    assert outline.is_valid
+    assert outline.area == pytest.approx(5000.0)
