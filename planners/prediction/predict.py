@@ -1,6 +1,7 @@
 """Predicted error of the map of a route, from the covariance of the terrain and the places of the samples."""
 
 import numpy as np
+import shapely
 
 from planners.capacity import require_cells
 from planners.prediction.error_model import ErrorModel, PredictedError
@@ -15,6 +16,7 @@ from survey.reconstruction.gp.covariance.stationary import Kernel
 from survey.reconstruction.gp.selection.families import likeliest
 
 _LEAST_CELLS = 9
+_LEAST_ABOUT = 36
 # Of more cells than this, so many groups along each side are used, with cells at these offsets from their first.
 _MOST_CELLS = 10_000
 _N_GROUPS = 5
@@ -89,7 +91,7 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     prior : Dem
         Coarse elevations.
     area : SurveyArea
-        Cells within its bounds are used.
+        Cells on its free ground, and next to it, are used; of fewer than 36, those within its bounds.
 
     Returns
     -------
@@ -123,6 +125,9 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
     require_cells(prior.elevation.size)
     xy, height = prior.xy, prior.elevation.ravel()
     near = (xy >= [xmin, ymin]).all(axis=1) & (xy <= [xmax, ymax]).all(axis=1) & np.isfinite(height)
+    about = near & _about(area, prior)
+    if about.sum() >= _LEAST_ABOUT:
+        near = about
     if near.sum() < _LEAST_CELLS:
         raise InputError(
             f"{int(near.sum())} known cells of the prior lie on the area; at least {_LEAST_CELLS} are needed to fit a length scale."
@@ -135,6 +140,14 @@ def terrain_kernel(prior: Dem, area: SurveyArea) -> Kernel:
         likeliest(xy[near], height[near], noise, GaussianProcessConfig(family=family)) for family in _FAMILIES
     ]
     return max(fitted, key=lambda found: found.score).kernel
+
+
+def _about(area: SurveyArea, prior: Dem) -> BoolArray:
+    """Return which cells (R · C,) are on the free ground or next to it: valley sides are rougher than a glacier."""
+    about = area.free.buffer(prior.step_m)
+    shapely.prepare(about)
+    inside: BoolArray = shapely.contains_xy(about, prior.xy)
+    return inside
 
 
 def _in_groups(shape: tuple[int, int]) -> BoolArray:

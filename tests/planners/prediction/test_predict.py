@@ -156,6 +156,19 @@ def test_a_kernel_of_many_cells_is_that_of_groups_of_them(rng):
     assert np.sqrt(kernel.variance_m2) == pytest.approx(terrain.elevation.std(), rel=0.3)
 
 
+def test_rough_ground_around_the_area_does_not_enter_its_kernel(rng):
+    grid = Grid((10.0, 10.0, 590.0, 590.0), 20.0, CRS)
+    smooth = squared_exponential_field(grid, rng, length_scale_m=150.0)
+    disc = SurveyArea(shapely.Point(300.0, 300.0).buffer(250.0), CRS)
+    far = ~shapely.contains_xy(disc.polygon.buffer(25.0), smooth.xy).reshape(grid.shape)
+    walls = Dem.on(grid, smooth.elevation + 40.0 * far * rng.standard_normal(grid.shape))
+    route = plan(disc, None, LawnmowerConfig(swaths=4))
+    errors = [
+        predict_error(route, disc, terrain_kernel(dem, disc), noise_m=0.1).rmse_m for dem in (smooth, walls)
+    ]
+    assert errors[1] == pytest.approx(errors[0], rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [({"noise_m": -0.1}, "noise"), ({"noise_m": 0.1, "sample_step_m": 0.0}, "sample spacing")],
